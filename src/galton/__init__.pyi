@@ -1,0 +1,10 @@
+from . import envs as envs
+from . import targets as targets
+from .bins import Bins as Bins
+from .errors import UsageError as UsageError
+from .losses import LOSSES as LOSSES
+from .training.devices import use_all_cores as use_all_cores
+from .training.train import Result as Result
+from .training.train import train as train
+from .types import Config as Config
+from .types import Hypers as Hypers

@@ -1,0 +1,1 @@
+"""Learning algorithms: pure functions init, act and update on pytrees."""

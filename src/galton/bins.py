@@ -1,0 +1,80 @@
+"""The uniform discretisation of a box-shaped action space (§4.1)."""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+from numpy.typing import ArrayLike
+
+from galton.errors import require
+
+
+@dataclasses.dataclass(frozen=True, init=False, eq=False)
+class Bins:
+    """k bins of equal width in each of d action dimensions.
+
+    Bin i holds low + i·width ≤ action < low + (i + 1)·width: a value on an inner edge belongs to the bin above
+    it, `high` to the last bin, and what lies outside the box to the bin at that end.
+
+    Args:
+        low: the box's lower bounds, `[d]` or a scalar for d = 1.
+        high: its upper bounds, of the same shape. Bounds may differ per dimension and need not be symmetric.
+        n_bins: k, at least 2.
+
+    Raises:
+        UsageError: bounds that are not finite, not ordered, or too close for k bins in this precision.
+    """
+
+    low: Float[np.ndarray, " d"]
+    high: Float[np.ndarray, " d"]
+    n_bins: int
+    edges: Float[np.ndarray, "d k+1"]
+    edges_rest: Float[np.ndarray, "d k+1"]
+    """What rounding took from the edges: edges + edges_rest is exact to twice the precision."""
+    centers: Float[np.ndarray, "d k"]
+    width: Float[np.ndarray, " d"]
+
+    def __init__(self, low: ArrayLike, high: ArrayLike, n_bins: int) -> None:
+        low64, high64 = np.atleast_1d(np.asarray(low, np.float64)), np.atleast_1d(np.asarray(high, np.float64))
+        require(
+            low64.shape == high64.shape and low64.ndim == 1,
+            f"low has shape {low64.shape} and high {high64.shape}; both must be [d]",
+        )
+        require(
+            bool(np.isfinite(low64).all() and np.isfinite(high64).all()),
+            f"low is {low} and high is {high}; a box that is cut into bins needs finite bounds",
+        )
+        require(bool((low64 < high64).all()), f"low is {low} and high is {high}; each low must lie below its high")
+        require(n_bins >= 2, f"n_bins is {n_bins}; a histogram needs at least 2")
+        dtype = jax.dtypes.canonicalize_dtype(np.float64)
+        width = (high64 - low64) / n_bins
+        spacing = np.finfo(dtype).eps * np.maximum(abs(low64), abs(high64))
+        require(
+            bool((width > 4 * spacing).all()),
+            f"{n_bins} bins between {low} and {high} are too narrow for {dtype.name}; lower n_bins or shift the box",
+        )
+        edges = np.linspace(low64, high64, n_bins + 1, axis=-1)
+        for name, value in {
+            "low": low64,
+            "high": high64,
+            "edges": edges,
+            "edges_rest": edges - edges.astype(dtype),
+            "centers": (edges[:, 1:] + edges[:, :-1]) / 2,
+            "width": width,
+        }.items():
+            object.__setattr__(self, name, value.astype(dtype))
+        object.__setattr__(self, "n_bins", n_bins)
+
+    def encode(self, action: Float[Array, "*batch d"]) -> Int[Array, "*batch d"]:
+        """The index, 0 … k − 1, of the bin that holds each entry of an action."""
+        return (action[..., None] >= self.edges[:, 1:-1]).sum(-1)
+
+    def decode(self, index: Int[Array, "*batch d"]) -> Float[Array, "*batch d"]:
+        """The center of each indexed bin."""
+        return jnp.asarray(self.centers)[jnp.arange(len(self.low)), index]
+
+    def clip(self, action: Float[Array, "*batch d"]) -> Float[Array, "*batch d"]:
+        """The nearest action inside the box."""
+        return jnp.clip(action, self.low, self.high)

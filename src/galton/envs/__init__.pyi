@@ -1,0 +1,7 @@
+from .acrobot import Acrobot as Acrobot
+from .bandit import Bandit as Bandit
+from .base import Environment as Environment
+from .lqr import LQR as LQR
+from .mountain_car import MountainCar as MountainCar
+from .registry import ENVS as ENVS
+from .registry import make as make

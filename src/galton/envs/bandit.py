@@ -1,0 +1,63 @@
+"""The continuous bandit (§5.2.2, App. C.1)."""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Key
+
+from galton.envs.base import box
+from galton.errors import require
+
+
+@dataclasses.dataclass(frozen=True)
+class Bandit:
+    """One state, one step, reward 25 − (1/d) Σ (a_i − 5)² + ε with ε ~ N(0, noise_std²), actions in [−10, 10]^d.
+
+    The paper leaves the box and the observation open; the observation is 0, so a linear policy is its biases.
+    """
+
+    d: int = 2
+    noise_std: float = 1.0
+
+    max_episode_steps = 1
+
+    def __post_init__(self) -> None:
+        require(self.d >= 1, f"d is {self.d}; actions need at least 1 dimension")
+        require(self.noise_std >= 0, f"noise_std is {self.noise_std}; it must be 0 or more")
+
+    @property
+    def action_low(self) -> Float[np.ndarray, " d"]:
+        """−10."""
+        return box(-10, self.d)
+
+    @property
+    def action_high(self) -> Float[np.ndarray, " d"]:
+        """10."""
+        return box(10, self.d)
+
+    observation_low = box(-1, 1)
+    observation_high = box(1, 1)
+    optimal_return = 25.0
+    random_return = 25.0 - (25.0 + 100.0 / 3)
+    """E (a − 5)² = 5² + Var a."""
+
+    def reset(self, key: Key[Array, ""]) -> Float[Array, " 1"]:
+        """The one state."""
+        del key
+        return jnp.zeros(1)
+
+    def noise(self, key: Key[Array, ""]) -> Float[Array, ""]:
+        """ε."""
+        return self.noise_std * jax.random.normal(key)
+
+    def step(
+        self, state: Float[Array, " 1"], action: Float[Array, " d"], noise: Float[Array, ""]
+    ) -> tuple[Float[Array, " 1"], Float[Array, ""], Bool[Array, ""]]:
+        """Reward the action and end."""
+        return state, 25.0 - jnp.mean((action - 5.0) ** 2) + noise, jnp.array(True)
+
+    def observe(self, state: Float[Array, " 1"]) -> Float[Array, " 1"]:
+        """Zero."""
+        return state

@@ -1,0 +1,62 @@
+"""What an environment in pure JAX has to offer."""
+
+from typing import Any, Protocol
+
+import numpy as np
+from jaxtyping import Array, Bool, Float, Key, PyTree
+
+
+class Environment(Protocol):
+    """A task as pure functions of one state; constants are fields of a frozen record.
+
+    The randomness of a step is drawn ahead by `noise`, so that `step` is deterministic: s' = f(s, a, w). Episodes
+    end when `step` terminates or after `max_episode_steps`, which the caller counts. Actions arrive clipped into
+    the box.
+    """
+
+    @property
+    def action_low(self) -> Float[np.ndarray, " d"]:
+        """Lower bounds of the action box."""
+
+    @property
+    def action_high(self) -> Float[np.ndarray, " d"]:
+        """Upper bounds of the action box."""
+
+    @property
+    def observation_low(self) -> Float[np.ndarray, " o"]:
+        """Lower bounds of the observations."""
+
+    @property
+    def observation_high(self) -> Float[np.ndarray, " o"]:
+        """Upper bounds of the observations."""
+
+    @property
+    def max_episode_steps(self) -> int:
+        """The time limit."""
+
+    @property
+    def optimal_return(self) -> float | None:
+        """The best expected undiscounted return, where it is known."""
+
+    @property
+    def random_return(self) -> float | None:
+        """The expected undiscounted return of uniformly random actions, where it is known."""
+
+    def reset(self, key: Key[Array, ""]) -> Any:
+        """A first state: any pytree of arrays."""
+
+    def noise(self, key: Key[Array, ""]) -> PyTree[Array]:
+        """The randomness of one step; () for a deterministic task."""
+
+    def step(
+        self, state: Any, action: Float[Array, " d"], noise: PyTree[Array]
+    ) -> tuple[Any, Float[Array, ""], Bool[Array, ""]]:
+        """The next state, the reward and whether the task ended."""
+
+    def observe(self, state: Any) -> Float[Array, " o"]:
+        """What the agent sees of a state."""
+
+
+def box(bound: float, size: int) -> Float[np.ndarray, " size"]:
+    """The same bound in every dimension."""
+    return np.full(size, bound, np.float32)

@@ -1,0 +1,121 @@
+"""The linear quadratic regulator (App. C.1), and its solution by the Riccati recursion."""
+
+import dataclasses
+import math
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Key
+
+from galton.envs.base import box
+from galton.errors import require
+
+Matrix = tuple[tuple[float, ...], ...]
+
+
+def _rotation(angle: float, scale: float) -> Matrix:
+    c, s = scale * math.cos(angle), scale * math.sin(angle)
+    return ((c, -s), (s, c))
+
+
+@dataclasses.dataclass(frozen=True)
+class LQR:
+    """x' = A x + B u + noise_std · N(0, I), reward −(xᵀQ x + uᵀR u), u in [−1, 1]^m, x₀ ~ U(−1, 1)^n.
+
+    The paper gives no matrices. The defaults are a slightly damped rotation, at which the optimal controller
+    never meets the bounds of u, so that its return is the optimum of the bounded task too.
+    """
+
+    A: Matrix = _rotation(0.1, scale=0.98)
+    B: Matrix = ((0.1, 0.0), (0.0, 0.1))
+    Q: Matrix = ((1.0, 0.0), (0.0, 1.0))
+    R: Matrix = ((1.0, 0.0), (0.0, 1.0))
+    noise_std: float = 0.05
+    max_episode_steps: int = 100
+
+    def __post_init__(self) -> None:
+        for name in "ABQR":
+            matrix = np.asarray(getattr(self, name), np.float64)
+            require(matrix.ndim == 2, f"{name} has shape {matrix.shape}; it must be a matrix")
+            object.__setattr__(self, name, tuple(map(tuple, matrix.tolist())))
+        n, m = np.shape(self.B)
+        for name, shape in {"A": (n, n), "Q": (n, n), "R": (m, m)}.items():
+            found = np.shape(getattr(self, name))
+            require(found == shape, f"{name} has shape {found}; beside B {(n, m)} it must have {shape}")
+        for name in "QR":
+            matrix = np.array(getattr(self, name))
+            require(np.allclose(matrix, matrix.T), f"{name} is {matrix.tolist()}; it must be symmetric")
+        require(bool((np.linalg.eigvalsh(self.Q) >= 0).all()), f"Q is {self.Q}; it must be positive semidefinite")
+        require(bool((np.linalg.eigvalsh(self.R) > 0).all()), f"R is {self.R}; it must be positive definite")
+        require(self.noise_std >= 0, f"noise_std is {self.noise_std}; it must be 0 or more")
+        require(self.max_episode_steps >= 1, f"max_episode_steps is {self.max_episode_steps}; it must be 1 or more")
+
+    @property
+    def action_low(self) -> Float[np.ndarray, " m"]:
+        """−1."""
+        return box(-1, len(self.R))
+
+    @property
+    def action_high(self) -> Float[np.ndarray, " m"]:
+        """1."""
+        return box(1, len(self.R))
+
+    @property
+    def observation_low(self) -> Float[np.ndarray, " n"]:
+        """The state is unbounded: the least float32."""
+        return box(np.finfo(np.float32).min, len(self.A))
+
+    @property
+    def observation_high(self) -> Float[np.ndarray, " n"]:
+        """The greatest float32."""
+        return box(np.finfo(np.float32).max, len(self.A))
+
+    def reset(self, key: Key[Array, ""]) -> Float[Array, " n"]:
+        """x₀ ~ U(−1, 1)^n."""
+        return jax.random.uniform(key, (len(self.A),), minval=-1.0, maxval=1.0)
+
+    def noise(self, key: Key[Array, ""]) -> Float[Array, " n"]:
+        """The process noise."""
+        return self.noise_std * jax.random.normal(key, (len(self.A),))
+
+    def step(
+        self, state: Float[Array, " n"], action: Float[Array, " m"], noise: Float[Array, " n"]
+    ) -> tuple[Float[Array, " n"], Float[Array, ""], Bool[Array, ""]]:
+        """One step; the cost is that of the state before it."""
+        A, B, Q, R = (jnp.array(matrix) for matrix in (self.A, self.B, self.Q, self.R))  # noqa: N806
+        cost = state @ Q @ state + action @ R @ action
+        return A @ state + B @ action + noise, -cost, jnp.array(False)
+
+    def observe(self, state: Float[Array, " n"]) -> Float[Array, " n"]:
+        """The whole state."""
+        return state
+
+    def optimal_gains(self) -> Float[np.ndarray, "T m n"]:
+        """K_t of the optimal controller u_t = −K_t x_t, unbounded u, for each step of the episode."""
+        return self._riccati()[0]
+
+    @property
+    def optimal_return(self) -> float:
+        """E −Σ_t cost under the optimal controller: exact where it stays inside the box, else an upper bound."""
+        return self._riccati()[1]
+
+    @property
+    def random_return(self) -> float:
+        """The same under u ~ U(−1, 1)^m: uncorrelated with x, so second moments S of x are all it takes."""
+        A, B, Q, R = (np.array(matrix) for matrix in (self.A, self.B, self.Q, self.R))  # noqa: N806
+        second_moment, total = np.eye(len(A)) / 3, 0.0
+        for _ in range(self.max_episode_steps):
+            total -= np.trace(Q @ second_moment) + np.trace(R) / 3
+            second_moment = A @ second_moment @ A.T + B @ B.T / 3 + self.noise_std**2 * np.eye(len(A))
+        return float(total)
+
+    def _riccati(self) -> tuple[Float[np.ndarray, "T m n"], float]:
+        """Backwards from P_T = 0: the cost to go from x is xᵀP_t x + c_t."""
+        A, B, Q, R = (np.array(matrix) for matrix in (self.A, self.B, self.Q, self.R))  # noqa: N806
+        P, c, gains = np.zeros_like(A), 0.0, []  # noqa: N806
+        for _ in range(self.max_episode_steps):
+            c += self.noise_std**2 * np.trace(P)
+            gains.append(np.linalg.solve(R + B.T @ P @ B, B.T @ P @ A))
+            P = Q + A.T @ P @ (A - B @ gains[-1])  # noqa: N806
+        return np.array(gains[::-1]), -float(np.trace(P) / 3 + c)

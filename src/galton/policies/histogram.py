@@ -1,0 +1,115 @@
+"""The softmax policy over bins, one independent softmax per action dimension (§4.1)."""
+
+import dataclasses
+import math
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int, Key
+
+from galton.bins import Bins
+from galton.policies.exploration import gaussian_action, init_gaussian_logits
+from galton.types import Config, Params
+
+
+@dataclasses.dataclass(frozen=True)
+class Histogram:
+    """Π_l softmax(logits_l) over the bins of each dimension l."""
+
+    bins: Bins
+    logits: Float[Array, "*batch d k"]
+    config: Config
+
+    @property
+    def probs(self) -> Float[Array, "*batch d k"]:
+        """π(i | s) of each bin."""
+        return jax.nn.softmax(self.logits)
+
+    @property
+    def samples_centers(self) -> bool:
+        """Whether every sampled action is the center of a bin."""
+        return self.config.exploration == "softmax" and self.config.bin_sample == "center"
+
+    def sample(self, noise: Float[Array, "*batch n"]) -> Float[Array, "*batch d"]:
+        """An action, from the noise that HistogramPolicy.noise drew for this configuration."""
+        d = self.logits.shape[-2]
+        if self.config.exploration == "gaussian":
+            return gaussian_action(self.bins, self.probs, noise)
+        index = sample_bin(self.logits, noise[..., :d])
+        if self.config.bin_sample == "center":
+            return self.bins.decode(index)
+        return self.bins.decode(index) + self.bins.width * (noise[..., d:] - 0.5)
+
+    def entropy(self) -> Float[Array, "*batch"]:
+        """−Σ_l Σ_i π log π."""
+        log_probs = jax.nn.log_softmax(self.logits)
+        return -(jnp.exp(log_probs) * log_probs).sum((-2, -1))
+
+    def deterministic_action(self) -> Float[Array, "*batch d"]:
+        """The center of the most likely bin, the mean of the centers, or the median's center."""
+        if self.config.deterministic_action == "mode":
+            return self.bins.decode(self.logits.argmax(-1))
+        if self.config.deterministic_action == "mean":
+            return (self.probs * self.bins.centers).sum(-1)
+        return self.bins.decode(sample_bin(self.logits, jnp.full(self.logits.shape[:-1], 0.5)))
+
+
+def sample_bin(logits: Float[Array, "*batch k"], u: Float[Array, "*batch"]) -> Int[Array, "*batch"]:
+    """The bin where the cumulative distribution passes u in [0, 1): inverse-CDF sampling.
+
+    In two levels of about √k, first among blocks of bins, then inside one: cumulative sums are what sampling
+    costs, and short ones are cheap.
+    """
+    k = logits.shape[-1]
+    size = math.isqrt(k - 1) + 1
+    weights = jnp.exp(logits - logits.max(-1, keepdims=True))
+    padding = [(0, 0)] * (weights.ndim - 1) + [(0, -k % size)]
+    blocks = jnp.pad(weights, padding).reshape(*u.shape, -1, size)
+
+    mass = blocks.sum(-1)
+    cumulative = jnp.cumsum(mass, -1)
+    threshold = u * cumulative[..., -1]
+    block = (cumulative[..., :-1] <= threshold[..., None]).sum(-1)
+
+    here = block[..., None]
+    before = jnp.take_along_axis(cumulative - mass, here, -1)
+    inside = jnp.cumsum(jnp.take_along_axis(blocks, here[..., None], -2)[..., 0, :], -1)
+    offset = (inside[..., :-1] <= threshold[..., None] - before).sum(-1)
+    return jnp.minimum(block * size + offset, k - 1)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class HistogramPolicy:
+    """The network gives d · k logits."""
+
+    bins: Bins
+    config: Config
+
+    @classmethod
+    def create(cls, config: Config, low: Float[np.ndarray, " d"], high: Float[np.ndarray, " d"]) -> "HistogramPolicy":
+        """The policy for actions in the box [low, high]."""
+        return cls(Bins(low, high, config.n_bins), config)
+
+    @property
+    def n_outputs(self) -> int:
+        """k logits per action dimension."""
+        return self.bins.centers.size
+
+    def init(self) -> tuple[Float[Array, " dk"], Params]:
+        """Uniform, or close to the Gaussian policy's N(0, 1)."""
+        if self.config.initial_policy == "gaussian":
+            return init_gaussian_logits(self.bins).ravel(), {}
+        return jnp.zeros(self.n_outputs), {}
+
+    def noise(self, key: Key[Array, ""], shape: tuple[int, ...]) -> Float[Array, "*batch n"]:
+        """Uniform numbers, two per dimension where the place inside the bin is drawn too; normal if a Gaussian explores."""
+        d = len(self.bins.low)
+        if self.config.exploration == "gaussian":
+            return jax.random.normal(key, (*shape, d))
+        return jax.random.uniform(key, (*shape, d if self.config.bin_sample == "center" else 2 * d))
+
+    def distribution(self, outputs: Float[Array, "*batch dk"], params: Params) -> Histogram:
+        """Softmax policies with these logits."""
+        del params
+        return Histogram(self.bins, outputs.reshape(*outputs.shape[:-1], *self.bins.centers.shape), self.config)

@@ -1,0 +1,52 @@
+"""Advantages and returns of one trajectory; callers batch with vmap. Rewards r_t, values v_t, t = 0 … T − 1.
+
+`next_value` is the value of the observation that follows each step *before* any reset, so a time limit bootstraps
+from the state where it struck and a termination from nothing.
+"""
+
+import jax.numpy as jnp
+from jax import lax
+from jaxtyping import Array, Bool, Float
+
+Scalar = float | Float[Array, ""]
+
+
+def gae(
+    reward: Float[Array, " T"],
+    value: Float[Array, " T"],
+    next_value: Float[Array, " T"],
+    terminated: Bool[Array, " T"],
+    truncated: Bool[Array, " T"],
+    gamma: Scalar,
+    gae_lambda: Scalar,
+) -> Float[Array, " T"]:
+    """Generalised advantage estimates: A_t = δ_t + γλ A_{t+1} with δ_t = r_t + γ v(s_{t+1}) − v_t.
+
+    The sum stops where an episode does; λ = 1 gives the n-step advantages of §5.1.
+    """
+    delta = reward + gamma * jnp.where(terminated, 0.0, next_value) - value
+    decay = gamma * gae_lambda * ~(terminated | truncated)
+
+    def step(advantage: Array, inputs: tuple[Array, Array]) -> tuple[Array, Array]:
+        delta, decay = inputs
+        advantage = delta + decay * advantage
+        return advantage, advantage
+
+    return lax.scan(step, jnp.zeros_like(delta[0]), (delta, decay), reverse=True, unroll=len(reward))[1]
+
+
+def n_step_returns(
+    reward: Float[Array, " T"],
+    next_value: Float[Array, " T"],
+    terminated: Bool[Array, " T"],
+    truncated: Bool[Array, " T"],
+    gamma: Scalar,
+) -> Float[Array, " T"]:
+    """Discounted rewards up to the end of the episode or of the rollout, plus the value found there (§5.1)."""
+    zero = jnp.zeros_like(next_value)
+    return gae(reward, zero, next_value * _last(terminated | truncated), terminated, truncated, gamma, 1.0)
+
+
+def _last(done: Bool[Array, " T"]) -> Bool[Array, " T"]:
+    """Where a return bootstraps: at the end of an episode and of the rollout."""
+    return done.at[-1].set(True)

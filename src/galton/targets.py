@@ -1,0 +1,61 @@
+"""From a continuous action to the histogram that a softmax policy is trained towards (§2.3, §4.2)."""
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+from jax.scipy.special import erf
+from jaxtyping import Array, Float, Int
+
+from galton.bins import Bins
+from galton.errors import require
+
+_SQRT2 = 2**0.5
+
+
+def one_hot(bins: Bins, action: Float[Array, "*batch d"]) -> Float[Array, "*batch d k"]:
+    """All mass on the bin that holds the action: q_a(i) = [a in bin i]."""
+    return jax.nn.one_hot(bins.encode(action), bins.n_bins, dtype=action.dtype)
+
+
+def hl_gauss(
+    bins: Bins, action: Float[Array, "*batch d"], eta: float | Float[Array, ""]
+) -> Float[Array, "*batch d k"]:
+    """The histogram of a Gaussian around the action, cut off at the box and rescaled to sum to one.
+
+    q_a(i) = (Φ((e_{i+1} − a)/σ) − Φ((e_i − a)/σ)) / (Φ((high − a)/σ) − Φ((low − a)/σ)) with σ = η · width, the
+    bin edges e and the action a clipped into the box, so that the mass inside is never less than about a half
+    or, for a wide Gaussian, than its share of the box.
+
+    Args:
+        bins: k bins in each of d dimensions.
+        action: any real values.
+        eta: η > 0, the standard deviation in bin widths.
+    """
+    _check(eta)
+    # The difference to an edge nearby is exact in floating point; then add what rounding took from the edge.
+    distance = (bins.edges - bins.clip(action)[..., None]) + bins.edges_rest
+    cdf = erf(distance / (eta * _SQRT2 * bins.width[:, None]))
+    return jnp.diff(cdf) / (cdf[..., -1:] - cdf[..., :1])
+
+
+def hl_gauss_of_center(
+    n_bins: int, index: Int[Array, "*batch"], eta: float | Float[Array, ""]
+) -> Float[Array, "*batch k"]:
+    """`hl_gauss` where the action is the center of bin `index`, at a fraction of the work.
+
+    In bin widths all centers see the same Gaussian: every target is a window of one vector of 2k − 1 bin masses,
+    rescaled.
+    """
+    _check(eta)
+    scale = eta * _SQRT2
+    cdf = erf((jnp.arange(2 * n_bins) - n_bins + 0.5) / scale)
+    mass = jnp.diff(cdf)
+    start = (n_bins - 1) - index
+    inside = cdf[start + n_bins] - cdf[start]
+    window = jnp.vectorize(lambda i: lax.dynamic_slice(mass, (i,), (n_bins,)), signature="()->(k)")
+    return window(start) / inside[..., None]
+
+
+def _check(eta: float | Float[Array, ""]) -> None:
+    if isinstance(eta, (int, float)):
+        require(eta > 0, f"eta is {eta}; the target's width must be greater than 0")

@@ -1,0 +1,1 @@
+"""From algorithm and environment to trained runs: rollouts, evaluation, the loop over many runs."""

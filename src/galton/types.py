@@ -1,0 +1,128 @@
+"""The records that everything shares. Shapes: T steps, N environments, o observation and d action entries."""
+
+import dataclasses
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int, PyTree
+
+from galton.errors import require
+
+Params = dict[str, Any]
+"""A nested dictionary of arrays."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Config:
+    """What changes shapes or code: static, hashable, one compiled program each."""
+
+    loss: str = "hl-gauss"
+    """A key of LOSSES."""
+    n_bins: int = 100
+    """Bins per action dimension, k (§4.1); the Gaussian has none."""
+    n_steps: int = 20
+    """Steps per environment and update."""
+    n_envs: int = 1
+    """Copies of the environment that one run steps side by side."""
+    net_arch: tuple[int, ...] = (64, 64)
+    """Units of the hidden tanh layers, the same for actor and critic; () is linear."""
+    initial_policy: Literal["uniform", "gaussian"] = "uniform"
+    """How a softmax policy starts: uniform, or like the Gaussian policy ("Init Gaussian", §5.2.3)."""
+    exploration: Literal["softmax", "gaussian"] = "softmax"
+    """What a softmax policy samples from: itself, or the Gaussian with its moments (§5.2.3)."""
+    bin_sample: Literal["center", "uniform"] = "center"
+    """Which action of a sampled bin is taken: its center (§4.1) or any (footnote 3)."""
+    deterministic_action: Literal["mode", "mean", "median"] = "mode"
+    """The action of a softmax policy that does not explore."""
+    normalize_advantage: bool = False
+    """Standardise the advantages of each batch."""
+
+    def __post_init__(self) -> None:
+        require(self.n_bins >= 2, f"n_bins is {self.n_bins}; a histogram needs at least 2")
+        require(self.n_steps >= 1, f"n_steps is {self.n_steps}; an update needs at least 1 step")
+        require(self.n_envs >= 1, f"n_envs is {self.n_envs}; a run needs at least 1 environment")
+        require(all(n >= 1 for n in self.net_arch), f"net_arch is {self.net_arch}; layers need at least 1 unit")
+        for field, choices in _CHOICES.items():
+            value = getattr(self, field)
+            require(value in choices, f"{field} is {value!r}; choose from {', '.join(choices)}")
+        require(
+            not self.normalize_advantage or self.n_steps * self.n_envs > 1,
+            "normalize_advantage needs more than one step per update: raise n_steps or n_envs",
+        )
+
+
+_CHOICES = {
+    "initial_policy": ("uniform", "gaussian"),
+    "exploration": ("softmax", "gaussian"),
+    "bin_sample": ("center", "uniform"),
+    "deterministic_action": ("mode", "mean", "median"),
+}
+
+
+class Hypers(NamedTuple):
+    """Numbers that one compiled program takes as data: scalars, or arrays `[R]` for R runs."""
+
+    learning_rate: float | Float[Array, "*runs"] = 7e-4
+    """Adam's step size."""
+    eta: float | Float[Array, "*runs"] = 0.75
+    """HL-Gauss's width η = σ / bin width (§4.2)."""
+    gamma: float | Float[Array, "*runs"] = 0.99
+    """Discount."""
+    gae_lambda: float | Float[Array, "*runs"] = 1.0
+    """λ of GAE; 1 gives n-step returns."""
+    vf_coef: float | Float[Array, "*runs"] = 0.5
+    """Weight of the critic's loss."""
+    ent_coef: float | Float[Array, "*runs"] = 0.0
+    """Weight of the entropy bonus."""
+    max_grad_norm: float | Float[Array, "*runs"] = 0.5
+    """The gradient, actor's and critic's joined, is scaled down to this norm."""
+
+
+def check_hypers(hypers: Hypers) -> None:
+    """Raise UsageError where a number is outside the range that means something."""
+    at_least_zero = ("learning_rate", "vf_coef", "ent_coef")
+    for name, value in hypers._asdict().items():
+        numbers = np.asarray(value, np.float64)
+        if name in ("gamma", "gae_lambda"):
+            right, wanted = (numbers >= 0) & (numbers <= 1), "between 0 and 1"
+        elif name in at_least_zero:
+            right, wanted = numbers >= 0, "0 or more"
+        else:
+            right, wanted = numbers > 0, "greater than 0"
+        shown = numbers[~right].flat[0] if not right.all() else None
+        require(shown is None, f"{name} is {shown}; it must be {wanted}")
+
+
+class Transition(NamedTuple):
+    """One step, or with leading axes `[T, N]` a rollout of them."""
+
+    observation: Float[Array, "*batch o"]
+    action: Float[Array, "*batch d"]
+    """As sampled, before the environment clips it."""
+    reward: Float[Array, "*batch"]
+    next_observation: Float[Array, "*batch o"]
+    """Before any reset."""
+    terminated: Bool[Array, "*batch"]
+    """The task ended: the next state has no value."""
+    truncated: Bool[Array, "*batch"]
+    """The time limit cut the episode: the next state keeps its value."""
+
+
+class Learner(NamedTuple):
+    """What an update changes."""
+
+    params: Params
+    """`actor` and `critic` networks, and for the Gaussian `log_std` `[d]`."""
+    optimizer: PyTree[Array]
+    """Adam's moments, shaped like params."""
+
+
+class EpisodeState(NamedTuple):
+    """N environments in the middle of their episodes."""
+
+    env: PyTree[Array]
+    """The environments' own states, each leaf `[N, ...]`."""
+    length: Int[Array, " N"]
+    """Steps taken in this episode."""
+    undiscounted_return: Float[Array, " N"]
+    """Reward collected in this episode."""
