@@ -1,9 +1,10 @@
 """The records that everything shares. Shapes: T steps, N environments, o observation and d action entries."""
 
 import dataclasses
-from typing import Any, Literal, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
+import tyro
 from jaxtyping import Array, Bool, Float, Int, PyTree
 
 from galton.errors import require
@@ -16,8 +17,8 @@ Params = dict[str, Any]
 class Config:
     """What changes shapes or code: static, hashable, one compiled program each."""
 
-    loss: str = "hl-gauss"
-    """A key of LOSSES."""
+    loss: Annotated[str, tyro.conf.Suppress] = "hl-gauss"
+    """A key of LOSSES. (The commands have options of their own for it.)"""
     n_bins: int = 100
     """Bins per action dimension, k (§4.1); the Gaussian has none."""
     n_steps: int = 20
@@ -59,22 +60,35 @@ _CHOICES = {
 }
 
 
+Number = Annotated[
+    float | Float[Array, "*runs"],
+    tyro.constructors.PrimitiveConstructorSpec(
+        nargs=1,
+        metavar="FLOAT",
+        instance_from_str=lambda words: float(words[0]),
+        is_instance=lambda value: isinstance(value, (int, float)),
+        str_from_instance=lambda value: [str(value)],
+    ),
+]
+"""One number, or one for each run; on the command line the former."""
+
+
 class Hypers(NamedTuple):
     """Numbers that one compiled program takes as data: scalars, or arrays `[R]` for R runs."""
 
-    learning_rate: float | Float[Array, "*runs"] = 7e-4
+    learning_rate: Number = 7e-4
     """Adam's step size."""
-    eta: float | Float[Array, "*runs"] = 0.75
+    eta: Number = 0.75
     """HL-Gauss's width η = σ / bin width (§4.2)."""
-    gamma: float | Float[Array, "*runs"] = 0.99
+    gamma: Number = 0.99
     """Discount."""
-    gae_lambda: float | Float[Array, "*runs"] = 1.0
+    gae_lambda: Number = 1.0
     """λ of GAE; 1 gives n-step returns."""
-    vf_coef: float | Float[Array, "*runs"] = 0.5
+    vf_coef: Number = 0.5
     """Weight of the critic's loss."""
-    ent_coef: float | Float[Array, "*runs"] = 0.0
+    ent_coef: Number = 0.0
     """Weight of the entropy bonus."""
-    max_grad_norm: float | Float[Array, "*runs"] = 0.5
+    max_grad_norm: Number = 0.5
     """The gradient, actor's and critic's joined, is scaled down to this norm."""
 
 

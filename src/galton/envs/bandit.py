@@ -15,7 +15,7 @@ from galton.errors import require
 class Bandit:
     """One state, one step, reward 25 − (1/d) Σ (a_i − 5)² + ε with ε ~ N(0, noise_std²), actions in [−10, 10]^d.
 
-    The paper leaves the box and the observation open; the observation is 0, so a linear policy is its biases.
+    The paper leaves the box and the observation open; the observation is the constant 1.
     """
 
     d: int = 2
@@ -37,7 +37,7 @@ class Bandit:
         """10."""
         return box(10, self.d)
 
-    observation_low = box(-1, 1)
+    observation_low = box(0, 1)
     observation_high = box(1, 1)
     optimal_return = 25.0
     random_return = 25.0 - (25.0 + 100.0 / 3)
@@ -46,7 +46,7 @@ class Bandit:
     def reset(self, key: Key[Array, ""]) -> Float[Array, " 1"]:
         """The one state."""
         del key
-        return jnp.zeros(1)
+        return jnp.ones(1)
 
     def noise(self, key: Key[Array, ""]) -> Float[Array, ""]:
         """ε."""
@@ -59,5 +59,5 @@ class Bandit:
         return state, 25.0 - jnp.mean((action - 5.0) ** 2) + noise, jnp.array(True)
 
     def observe(self, state: Float[Array, " 1"]) -> Float[Array, " 1"]:
-        """Zero."""
+        """The constant 1."""
         return state

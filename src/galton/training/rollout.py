@@ -4,13 +4,12 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Key
+from jaxtyping import Array, Bool, Float, Key, PyTree
 
 from galton.algorithms import a2c
 from galton.envs.base import Environment
 from galton.policies import Policy
 from galton.types import Config, EpisodeState, Params, Transition
-
 
 class Finished(NamedTuple):
     """The episodes that ended in a rollout."""
@@ -26,25 +25,37 @@ def start_episodes(key: Key[Array, ""], env: Environment, n_envs: int) -> Episod
     return EpisodeState(states, jnp.zeros(n_envs, jnp.int32), jnp.zeros(n_envs))
 
 
-def rollout(
-    key: Key[Array, ""], env: Environment, policy: Policy, params: Params, episodes: EpisodeState, config: Config
-) -> tuple[EpisodeState, Transition, Finished]:
-    """T = n_steps steps of each environment, reset where an episode ends.
+class Noise(NamedTuple):
+    """All that is random in a rollout, drawn before it: inside the scan that would cost more than the networks."""
 
-    All random numbers are drawn before the scan, in one go: inside it they would cost more than the networks.
-    """
+    action: Float[Array, "T N n"]
+    step: PyTree[Array]
+    """What the environments' steps need, each leaf `[T, N, ...]`."""
+    fresh_states: PyTree[Array]
+    """Where the next episode starts should one end here, each leaf `[T, N, ...]`."""
+
+
+def draw_noise(key: Key[Array, ""], env: Environment, policy: Policy, config: Config) -> Noise:
+    """For one rollout of T = n_steps steps of N = n_envs environments."""
     batch = (config.n_steps, config.n_envs)
     action_key, step_key, reset_key = jax.random.split(key, 3)
-    action_noise = policy.noise(action_key, batch)
-    step_noise = jax.vmap(jax.vmap(env.noise))(jax.random.split(step_key, batch))
-    fresh_states = jax.vmap(jax.vmap(env.reset))(jax.random.split(reset_key, batch))
+    return Noise(
+        policy.noise(action_key, batch),
+        jax.vmap(jax.vmap(env.noise))(jax.random.split(step_key, batch)),
+        jax.vmap(jax.vmap(env.reset))(jax.random.split(reset_key, batch)),
+    )
 
-    def step(episodes: EpisodeState, drawn: tuple[Array, Array, Array]) -> tuple[EpisodeState, tuple[Transition, Finished]]:
-        action_noise, step_noise, fresh_states = drawn
+
+def rollout(
+    env: Environment, policy: Policy, params: Params, episodes: EpisodeState, noise: Noise
+) -> tuple[EpisodeState, Transition, Finished]:
+    """T steps of each environment, reset where an episode ends."""
+
+    def step(episodes: EpisodeState, noise: Noise) -> tuple[EpisodeState, tuple[Transition, Finished]]:
         observation = jax.vmap(env.observe)(episodes.env)
-        action = a2c.act(policy, params, observation, action_noise)
+        action = a2c.act(policy, params, observation, noise.action)
         clipped = jnp.clip(action, env.action_low, env.action_high)
-        states, reward, terminated = jax.vmap(env.step)(episodes.env, clipped, step_noise)
+        states, reward, terminated = jax.vmap(env.step)(episodes.env, clipped, noise.step)
 
         length = episodes.length + 1
         collected = episodes.undiscounted_return + reward
@@ -55,12 +66,12 @@ def rollout(
         )
         following = EpisodeState(
             jax.vmap(lambda d, fresh, state: jax.tree.map(lambda f, s: jnp.where(d, f, s), fresh, state))(
-                done, fresh_states, states
+                done, noise.fresh_states, states
             ),
             jnp.where(done, 0, length),
             jnp.where(done, 0.0, collected),
         )
         return following, (transition, Finished(done, collected))
 
-    episodes, (transitions, finished) = jax.lax.scan(step, episodes, (action_noise, step_noise, fresh_states))
+    episodes, (transitions, finished) = jax.lax.scan(step, episodes, noise)
     return episodes, transitions, finished

@@ -17,7 +17,7 @@ from galton.algorithms import a2c
 from galton.envs.base import Environment
 from galton.errors import require
 from galton.training.evaluate import evaluate
-from galton.training.rollout import rollout, start_episodes
+from galton.training.rollout import Noise, draw_noise, rollout, start_episodes
 from galton.types import Config, EpisodeState, Hypers, Learner, check_hypers
 
 
@@ -27,7 +27,7 @@ class RunState(NamedTuple):
     learner: Learner
     episodes: EpisodeState
     key: Key[Array, ""]
-    """Of everything random in training."""
+    """Of everything random in training; the step, folded in, gives each rollout its own."""
     evaluation_key: Key[Array, ""]
     """Of the evaluations, so that they never touch training."""
     step: Int[Array, ""]
@@ -113,17 +113,8 @@ def train(
     Raises:
         UsageError: a number out of range.
     """
+    check_arguments(hypers, seeds, total_timesteps, n_logs, n_eval_episodes)
     n_runs = len(seeds)
-    require(n_runs >= 1, "seeds is empty; give at least 1")
-    require(all(0 <= seed < 2**32 for seed in seeds), f"seeds are {list(seeds)}; each must be in 0 … 2³² − 1")
-    require(total_timesteps >= 1, f"total_timesteps is {total_timesteps}; it must be 1 or more")
-    require(n_logs >= 1, f"n_logs is {n_logs}; it must be 1 or more")
-    require(n_eval_episodes >= 0, f"n_eval_episodes is {n_eval_episodes}; it must be 0 or more")
-    check_hypers(hypers)
-    for name, numbers in hypers._asdict().items():
-        shape = np.shape(numbers)
-        require(shape in ((), (n_runs,)), f"{name} has shape {shape}; it must be a number or one for each of {n_runs} runs")
-
     n_updates = math.ceil(total_timesteps / (config.n_steps * config.n_envs))
     updates_per_log = math.ceil(n_updates / min(n_logs, n_updates))
     n_logs = math.ceil(n_updates / updates_per_log)
@@ -163,6 +154,23 @@ def train(
         compile_seconds,
         train_seconds,
     )
+
+
+def check_arguments(
+    hypers: Hypers, seeds: Sequence[int], total_timesteps: int, n_logs: int, n_eval_episodes: int
+) -> None:
+    """Raise UsageError for what `train` can't take."""
+    require(len(seeds) >= 1, "seeds is empty; give at least 1")
+    for seed in seeds:
+        require(0 <= seed < 2**32, f"seed is {seed}; it must be in 0 … 2³² − 1")
+    require(total_timesteps >= 1, f"total_timesteps is {total_timesteps}; it must be 1 or more")
+    require(n_logs >= 1, f"n_logs is {n_logs}; it must be 1 or more")
+    require(n_eval_episodes >= 0, f"n_eval_episodes is {n_eval_episodes}; it must be 0 or more")
+    check_hypers(hypers)
+    for name, numbers in hypers._asdict().items():
+        shape = np.shape(numbers)
+        fits = shape in ((), (len(seeds),))
+        require(fits, f"{name} has shape {shape}; it must be a number, or [{len(seeds)}]: one for each run")
 
 
 @functools.lru_cache(maxsize=64)
@@ -206,20 +214,28 @@ def _advance(
 ) -> tuple[RunState, Log]:
     """Train one run up to its next log point and evaluate it there."""
     policy = a2c.make_policy(config, env.action_low, env.action_high)
+    batch_size = config.n_steps * config.n_envs
 
-    def iteration(state: RunState, _: None) -> tuple[RunState, tuple[Array, ...]]:
-        key, rollout_key = jax.random.split(state.key)
-        episodes, batch, finished = rollout(rollout_key, env, policy, state.learner.params, state.episodes, config)
+    def iteration(state: RunState, noise: Noise) -> tuple[RunState, tuple[Array, ...]]:
+        episodes, batch, finished = rollout(env, policy, state.learner.params, state.episodes, noise)
         learner, diagnostics = a2c.update(config, policy, state.learner, batch, hypers)
 
-        step = state.step + config.n_steps * config.n_envs
+        step = state.step + batch_size
         fine = jnp.isfinite(diagnostics.grad_norm) | (state.diverged_at >= 0)
         diverged_at = jnp.where(fine, state.diverged_at, step)
         sum_of_returns = jnp.where(finished.done, finished.undiscounted_return, 0.0).sum()
         record = (sum_of_returns, finished.done.sum(dtype=jnp.float32), *diagnostics)
-        return RunState(learner, episodes, key, state.evaluation_key, step, diverged_at), record
+        return RunState(learner, episodes, state.key, state.evaluation_key, step, diverged_at), record
 
-    state, records = jax.lax.scan(iteration, state, length=n_updates)
+    def iterations(state: RunState, _: None) -> tuple[RunState, tuple[Array, ...]]:
+        steps = state.step + jnp.arange(n_drawn) * batch_size
+        keys = jax.vmap(jax.random.fold_in, in_axes=(None, 0))(state.key, steps)
+        noise = jax.vmap(lambda key: draw_noise(key, env, policy, config))(keys)
+        return jax.lax.scan(iteration, state, noise)
+
+    # A generator call costs as much for several updates as for one; each update has its own key all the same.
+    n_drawn = max(n for n in range(1, 17) if n_updates % n == 0)
+    state, records = jax.lax.scan(iterations, state, length=n_updates // n_drawn)
     sum_of_returns, n_episodes = records[0].sum(), records[1].sum()
     diagnostics = a2c.Diagnostics(*(record.mean() for record in records[2:]))
 

@@ -1,0 +1,5 @@
+"""`python -m galton`."""
+
+from galton.cli import main
+
+main()

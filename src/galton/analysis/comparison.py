@@ -1,0 +1,113 @@
+"""Several losses on one task: the table, the verdicts and the numbers behind them."""
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+from rich import box
+from rich.table import Table
+
+from galton.analysis.statistics import Interval, difference_interval, mean_interval
+from galton.envs.base import Environment
+from galton.losses import LOSSES
+from galton.training.train import Log, Result
+
+Results = Mapping[str, Result]
+"""By loss."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Row:
+    """One loss in the table."""
+
+    loss: str
+    training_return: Interval
+    """Over the last 5% of training."""
+    evaluation_return: Interval
+    share_of_optimum: float | None
+    """Of the evaluation return, on a scale where random actions are 0 and the optimum is 1."""
+    steps_per_second: float
+    compile_seconds: float
+    diverged: int
+    runs: int
+
+
+def summarise(results: Results, env: Environment) -> list[Row]:
+    """A row per loss. Diverged runs are counted and left out of the means."""
+    rows = []
+    for loss, result in results.items():
+        evaluation = mean_interval(result.final("evaluation_return"))
+        share = None
+        if env.optimal_return is not None and env.random_return is not None:
+            share = float((evaluation.mean - env.random_return) / (env.optimal_return - env.random_return))
+        rows.append(
+            Row(
+                loss,
+                mean_interval(result.final("training_return")),
+                evaluation,
+                share,
+                result.steps_per_second,
+                result.compile_seconds,
+                int((result.diverged_at >= 0).sum()),
+                len(result.seeds),
+            )
+        )
+    return rows
+
+
+def table(rows: list[Row], env: Environment) -> Table:
+    """The rows for a terminal."""
+    shares = any(row.share_of_optimum is not None for row in rows)
+    notes = ["final returns: mean over runs ± 95% CI, last 5% of training"]
+    if shares:
+        notes.append(f"of optimum: random actions {env.random_return:.2f} are 0%, the optimum {env.optimal_return:.2f} is 100%")
+    notes.append("steps/s: training and evaluation; compiling apart: " + ", ".join(f"{row.compile_seconds:.1f} s" for row in rows))
+    view = Table(box=box.SIMPLE_HEAD, pad_edge=False, caption="\n".join(notes).replace("-", "−"), caption_justify="left")
+    view.add_column("loss")
+    for heading in ("training\nreturn", "evaluation\nreturn", *["of\noptimum"] * shares, "steps/s", "diverged"):
+        view.add_column(heading, justify="right", no_wrap=True)
+    for row in rows:
+        share = [f"{row.share_of_optimum:.1%}" if row.share_of_optimum is not None else "—"] * shares
+        view.add_row(
+            LOSSES[row.loss].label,
+            f"{row.training_return:.2f}",
+            f"{row.evaluation_return:.2f}",
+            *share,
+            f"{row.steps_per_second:,.0f}",
+            str(row.diverged),
+        )
+    return view
+
+
+def verdicts(results: Results, baseline: str = "gaussian") -> list[str]:
+    """What the final returns say of each loss against the baseline: a sentence each, none if it was not trained."""
+    if baseline not in results:
+        return []
+    sentences = []
+    for loss, result in results.items():
+        if loss == baseline:
+            continue
+        for metric, name in (("training_return", "training"), ("evaluation_return", "evaluation")):
+            gap = difference_interval(result.final(metric), results[baseline].final(metric))
+            verdict = "better" if gap.low > 0 else "worse" if gap.high < 0 else "no clear difference"
+            if not np.isnan(gap.low):
+                sentences.append(f"{LOSSES[loss].label} − {LOSSES[baseline].label}, {name} return: {gap:+.2f}: {verdict}")
+    return sentences
+
+
+def curves(results: Results) -> pa.Table:
+    """All that was recorded, a row per loss, seed and log point."""
+    parts = []
+    for loss, result in results.items():
+        n_runs, n_logs = len(result.seeds), len(result.steps)
+        columns: dict[str, Any] = {
+            "loss": [loss] * (n_runs * n_logs),
+            "seed": np.repeat(result.seeds, n_logs),
+            "step": np.tile(result.steps, n_runs),
+            "diverged_at": np.repeat(result.diverged_at, n_logs),
+        }
+        columns |= {name: getattr(result.log, name).ravel() for name in Log._fields}
+        parts.append(pa.table(columns))
+    return pa.concat_tables(parts)

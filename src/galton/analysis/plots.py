@@ -1,0 +1,71 @@
+"""Figures."""
+
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import EngFormatter
+
+from galton.analysis.comparison import Results
+from galton.analysis.statistics import fill_forward, mean_interval
+from galton.envs.base import Environment
+from galton.losses import LOSSES
+
+# Okabe and Ito's colours, told apart by readers of every colour vision.
+COLORS = dict(zip(LOSSES, ("#000000", "#E69F00", "#0072B2", "#009E73"), strict=False))
+
+_STYLE = {
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "grid.color": "#e6e6e6",
+    "font.size": 10,
+    "legend.frameon": False,
+    "svg.hashsalt": "galton",
+}
+
+
+def learning_curves(results: Results, env: Environment, title: str) -> Figure:
+    """Training and evaluation return over environment steps: mean over runs and its 95% CI."""
+    with mpl.rc_context(_STYLE):
+        figure = Figure(figsize=(9.5, 4.2), layout="constrained")
+        left, right = figure.subplots(1, 2, sharey=True)
+        figure.suptitle(title)
+        for axes, metric, heading in (
+            (left, "training_return", "training return"),
+            (right, "evaluation_return", "evaluation return, deterministic policy"),
+        ):
+            _draw(axes, results, metric)
+            axes.set_title(heading, fontsize=10)
+            axes.set_xlabel("environment steps")
+            axes.xaxis.set_major_formatter(EngFormatter(sep=""))
+            if env.optimal_return is not None:
+                axes.axhline(env.optimal_return, color="#777777", linestyle="--", linewidth=1, label="optimum")
+        left.set_ylabel("undiscounted return")
+        handles, labels = left.get_legend_handles_labels()
+        figure.legend(handles, labels, loc="outside lower center", ncols=len(handles))
+    return figure
+
+
+def _draw(axes: Axes, results: Results, metric: str) -> None:
+    means = []
+    for loss, result in results.items():
+        interval = mean_interval(fill_forward(getattr(result.log, metric).astype(np.float64)))
+        style = {"color": COLORS.get(loss), "linestyle": "-" if LOSSES[loss].in_paper else "-."}
+        axes.plot(result.steps, interval.mean, label=LOSSES[loss].label, linewidth=1.6, **style)
+        axes.fill_between(result.steps, interval.low, interval.high, color=style["color"], alpha=0.18, linewidth=0)
+        means.append(interval.mean)
+    axes.set_xlim(0, max(result.steps[-1] for result in results.values()))
+    known = np.concatenate(means)[~np.isnan(np.concatenate(means))]
+    if len(known):  # a single run's crash must not flatten everybody's curve
+        low, high = known.min(), known.max()
+        axes.set_ylim(low - 0.05 * (high - low) - 1e-9, high + 0.1 * (high - low) + 1e-9)
+
+
+def save(figure: Figure, stem: Path) -> None:
+    """As stem.png and stem.svg, the same bytes for the same figure."""
+    with mpl.rc_context(_STYLE):
+        figure.savefig(stem.with_suffix(".png"), dpi=160)
+        figure.savefig(stem.with_suffix(".svg"), metadata={"Date": None})

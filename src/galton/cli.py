@@ -1,0 +1,48 @@
+"""The galton command. Each subcommand is a module of galton.commands, loaded when it is called for."""
+
+import importlib
+import sys
+
+COMMANDS = {
+    "train": "train one policy and keep it in a run folder",
+    "compare": "train several losses over many seeds and say which is best",
+}
+
+HELP = f"""\
+usage: galton COMMAND ...
+
+Policy gradients for continuous control: classification against regression.
+
+commands:
+{chr(10).join(f"  {name:10}{summary}" for name, summary in COMMANDS.items())}
+
+galton COMMAND --help lists the options of a command.
+"""
+
+
+def main() -> None:
+    """Run a command. Exit codes: 0 done, 2 a wrong argument, 130 interrupted."""
+    name, arguments = (sys.argv[1], sys.argv[2:]) if len(sys.argv) > 1 else ("--help", [])
+    if name in ("--help", "-h"):
+        print(HELP, end="")
+        return
+    if name == "--version":
+        print(importlib.import_module("importlib.metadata").version("galton"))
+        return
+    if name not in COMMANDS:
+        sys.exit(_complain(f"command is {name!r}; choose from {', '.join(COMMANDS)}"))
+
+    from galton.errors import UsageError
+
+    try:
+        importlib.import_module(f"galton.commands.{name}").main(arguments)
+    except UsageError as error:
+        sys.exit(_complain(str(error)))
+    except KeyboardInterrupt:
+        print("galton: interrupted; nothing was written", file=sys.stderr)
+        sys.exit(130)
+
+
+def _complain(message: str) -> int:
+    print(f"galton: {message}", file=sys.stderr)
+    return 2

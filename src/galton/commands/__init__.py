@@ -1,0 +1,1 @@
+"""The subcommands of galton: a module each with `main(arguments)`."""

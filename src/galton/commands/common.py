@@ -1,0 +1,121 @@
+"""What the commands share: options, progress, provenance."""
+
+import dataclasses
+import importlib.metadata
+import json
+import platform
+import shlex
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Annotated, Any, TypeVar
+
+import tyro
+from rich.console import Console
+from rich.progress import BarColumn, Progress, ProgressColumn, Task, TextColumn, TimeRemainingColumn
+from rich.text import Text
+
+from galton.envs.registry import ENVS, find_task, make
+from galton.errors import UsageError
+from galton.losses import LOSSES
+from galton.training.train import Log
+from galton.types import Config, Hypers
+
+EnvName = Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="ENV", help=f"one of {', '.join(ENVS)}")]
+LossName = Annotated[str, tyro.conf.arg(metavar="{" + ",".join(LOSSES) + "}")]
+LossNames = Annotated[tuple[str, ...], tyro.conf.arg(metavar="{" + ",".join(LOSSES) + "} ...")]
+
+
+@dataclasses.dataclass(frozen=True)
+class Training:
+    """How long and with what to train; the defaults are the task's (App. C.2)."""
+
+    steps: int = 500_000
+    """Environment steps per run."""
+    logs: int = 100
+    """Points of a learning curve."""
+    eval_episodes: int = 10
+    """Episodes of the deterministic policy at each of them; 0 turns evaluation off."""
+    env_kwargs: Annotated[str, tyro.conf.arg(metavar="JSON")] = "{}"
+    """Constants of the environment, such as '{"noise_std": 0.5}'."""
+    config: Config = dataclasses.field(default_factory=Config)
+    hypers: Hypers = dataclasses.field(default_factory=Hypers)
+
+    @classmethod
+    def of_task(cls, name: str) -> "Training":
+        """The defaults for a task."""
+        _, task = find_task(name)
+        return cls(
+            task.total_timesteps, config=Config(**task.config), hypers=Hypers(learning_rate=task.learning_rate)
+        )
+
+    def constants(self) -> dict[str, Any]:
+        """env_kwargs as a dictionary."""
+        try:
+            constants = json.loads(self.env_kwargs)
+        except json.JSONDecodeError as error:
+            raise UsageError(f"env_kwargs is {self.env_kwargs!r}, which is not JSON: {error}") from None
+        if not isinstance(constants, dict):
+            raise UsageError(f"env_kwargs is {self.env_kwargs!r}; it must be a JSON object")
+        return {name: _tuples(value) for name, value in constants.items()}
+
+
+def _tuples(value: Any) -> Any:
+    return tuple(map(_tuples, value)) if isinstance(value, list) else value
+
+
+OptionsT = TypeVar("OptionsT")
+
+
+def parse(options: type[OptionsT], name: str, summary: str, arguments: Sequence[str]) -> OptionsT:
+    """Parse twice: the first time for the task, whose settings are the defaults of the second."""
+
+    def read(default: Any) -> Any:
+        return tyro.cli(
+            options,
+            prog=f"galton {name}",
+            description=summary,
+            args=list(arguments),
+            default=default,
+            config=(tyro.conf.OmitArgPrefixes,),
+        )
+
+    first = read(options(env=tyro.MISSING, training=Training()))  # type: ignore[call-arg]
+    parsed: OptionsT = read(options(env=tyro.MISSING, training=Training.of_task(first.env)))  # type: ignore[call-arg]
+    return parsed
+
+
+class _Rate(ProgressColumn):
+    """Steps per second since the first log point."""
+
+    def render(self, task: Task) -> Text:
+        return Text(f"{task.speed:,.0f} steps/s" if task.speed else "compiling" if not task.finished else "")
+
+
+def progress_bar(console: Console) -> Progress:
+    """A live line per task: done, speed, time left."""
+    return Progress(
+        TextColumn("{task.description:<24}"),
+        BarColumn(),
+        TextColumn("{task.percentage:>3.0f}%"),
+        _Rate(),
+        TimeRemainingColumn(elapsed_when_finished=True),
+        console=console,
+    )
+
+
+def follow(progress: Progress, title: str, steps: int, runs: int) -> Callable[[int, Log], None]:
+    """Add a task and return the function that moves it, for `train`'s on_log."""
+    task = progress.add_task(title, total=steps * runs)
+    return lambda step, _: progress.update(task, completed=step * runs)
+
+
+def write_settings(folder: Path, settings: dict[str, Any]) -> None:
+    """config.json: the settings, the command, the versions and the machine."""
+    versions = {name: importlib.metadata.version(name) for name in ("galton", "jax", "jaxlib", "optax", "numpy")}
+    record = settings | {
+        "command": shlex.join(["galton", *sys.argv[1:]]),
+        "versions": versions | {"python": platform.python_version()},
+        "machine": platform.platform(),
+    }
+    (folder / "config.json").write_text(json.dumps(record, indent=2, default=str) + "\n")

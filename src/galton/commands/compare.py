@@ -1,0 +1,80 @@
+"""galton compare: does classification beat regression on this task?"""
+
+import dataclasses
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow.parquet as pq
+from rich.console import Console
+
+from galton.analysis.comparison import curves, summarise, table, verdicts
+from galton.analysis.plots import learning_curves, save
+from galton.cli import COMMANDS
+from galton.commands.common import EnvName, LossNames, Training, follow, make, parse, progress_bar, write_settings
+from galton.envs.registry import find_task
+from galton.errors import require
+from galton.losses import LOSSES, find_loss
+from galton.training.devices import use_all_cores
+from galton.training.folder import result_folder
+from galton.training.train import Result, check_arguments, train
+
+
+@dataclasses.dataclass(frozen=True)
+class Options:
+    """Train several losses over the same seeds."""
+
+    env: EnvName
+    training: Training
+    losses: LossNames = tuple(name for name, loss in LOSSES.items() if loss.in_paper)
+    seeds: int = 20
+    """Runs per loss."""
+    out: Path | None = None
+    """The folder for the figure and the numbers, by default runs/compare-ENV."""
+    overwrite: bool = False
+    """Replace what the folder holds once the comparison is done."""
+
+
+def main(arguments: Sequence[str]) -> None:
+    """Train all losses, print the table and write figure, curves and settings."""
+    options = parse(Options, "compare", COMMANDS["compare"], arguments)
+    name, task = find_task(options.env)
+    labels = {loss: find_loss(loss).label for loss in options.losses}
+    require(len(labels) == len(options.losses) > 0, f"losses is {options.losses}; name each loss once, and at least one")
+    require(options.seeds >= 1, f"seeds is {options.seeds}; a comparison needs at least 1 run per loss")
+    training = options.training
+    env = make(name, **training.constants())
+    out = options.out or Path("runs", f"compare-{name}")
+    check_arguments(training.hypers, range(options.seeds), training.steps, training.logs, training.eval_episodes)
+    console = Console()
+    use_all_cores()
+    results: dict[str, Result] = {}
+    with result_folder(out, options.overwrite) as folder:
+        with progress_bar(console) as progress:
+            for loss, label in labels.items():
+                results[loss] = train(
+                    env,
+                    dataclasses.replace(training.config, loss=loss),
+                    training.hypers,
+                    range(options.seeds),
+                    training.steps,
+                    n_logs=training.logs,
+                    n_eval_episodes=training.eval_episodes,
+                    on_log=follow(progress, label, training.steps, options.seeds),
+                )
+        rows = summarise(results, env)
+        write_settings(folder, {"env": name, "losses": options.losses, "seeds": options.seeds} | dataclasses.asdict(training))
+        (folder / "summary.json").write_text(json.dumps([dataclasses.asdict(row) for row in rows], indent=2, default=_plain) + "\n")
+        pq.write_table(curves(results), folder / "curves.parquet")
+        title = f"{task.title}: mean of {options.seeds} runs and 95% CI"
+        save(learning_curves(results, env, title), folder / "learning_curves")
+    console.print(table(rows, env))
+    for sentence in verdicts(results):
+        console.print(sentence, highlight=False, soft_wrap=True)
+    console.print(f"figure and numbers: {out}", highlight=False, soft_wrap=True)
+
+
+def _plain(number: np.generic | np.ndarray) -> Any:
+    return number.tolist()

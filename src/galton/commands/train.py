@@ -1,0 +1,70 @@
+"""galton train: one run, kept."""
+
+import dataclasses
+from collections.abc import Sequence
+from pathlib import Path
+
+import jax
+import pyarrow.parquet as pq
+from rich.console import Console
+
+from galton.analysis.comparison import curves
+from galton.cli import COMMANDS
+from galton.commands.common import EnvName, LossName, Training, follow, make, parse, progress_bar, write_settings
+from galton.envs.registry import find_task
+from galton.losses import find_loss
+from galton.training.checkpoint import Checkpoint, save
+from galton.training.devices import use_all_cores
+from galton.training.folder import result_folder
+from galton.training.train import train
+
+
+@dataclasses.dataclass(frozen=True)
+class Options:
+    """Train one policy."""
+
+    env: EnvName
+    training: Training
+    loss: LossName = "hl-gauss"
+    seed: int = 0
+    out: Path | None = None
+    """The run folder, by default runs/ENV-LOSS-SEED."""
+    overwrite: bool = False
+    """Replace what the folder holds once the run is done."""
+
+
+def main(arguments: Sequence[str]) -> None:
+    """Train and write config.json, metrics.parquet and the checkpoint."""
+    options = parse(Options, "train", COMMANDS["train"], arguments)
+    name, _ = find_task(options.env)
+    label = find_loss(options.loss).label
+    training, constants = options.training, options.training.constants()
+    env, config = make(name, **constants), dataclasses.replace(training.config, loss=options.loss)
+    out = options.out or Path("runs", f"{name}-{options.loss}-{options.seed}")
+    check_arguments(training.hypers, [options.seed], training.steps, training.logs, training.eval_episodes)
+    console = Console()
+    use_all_cores()
+    with result_folder(out, options.overwrite) as folder:
+        with progress_bar(console) as progress:
+            result = train(
+                env,
+                config,
+                training.hypers,
+                [options.seed],
+                training.steps,
+                n_logs=training.logs,
+                n_eval_episodes=training.eval_episodes,
+                on_log=follow(progress, f"{label} on {name}", training.steps, runs=1),
+            )
+        write_settings(folder, {"env": name, "seed": options.seed} | dataclasses.asdict(training) | {"loss": options.loss})
+        pq.write_table(curves({options.loss: result}), folder / "metrics.parquet")
+        learner = jax.tree.map(lambda x: x[0], result.learner)
+        save(folder, Checkpoint(name, constants, config, training.hypers, options.seed, int(result.steps[-1]), learner))
+    console.print(
+        f"training return {result.final('training_return')[0]:.2f}, "
+        f"evaluation return {result.final('evaluation_return')[0]:.2f} (last 5%), "
+        f"{result.steps_per_second:,.0f} steps/s after {result.compile_seconds:.1f} s of compiling"
+    )
+    if result.diverged_at[0] >= 0:
+        console.print(f"[bold red]diverged at step {result.diverged_at[0]:,}[/]: the gradient was not finite")
+    console.print(f"run folder: {out}")
