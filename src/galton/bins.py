@@ -37,23 +37,24 @@ class Bins:
     width: Float[np.ndarray, " d"]
 
     def __init__(self, low: ArrayLike, high: ArrayLike, n_bins: int) -> None:
-        low64, high64 = np.atleast_1d(np.asarray(low, np.float64)), np.atleast_1d(np.asarray(high, np.float64))
+        low64, high64 = (np.atleast_1d(np.asarray(bound, np.float64)) for bound in (low, high))
+        bounds = f"low is {low64} and high is {high64}"
         require(
             low64.shape == high64.shape and low64.ndim == 1,
             f"low has shape {low64.shape} and high {high64.shape}; both must be [d]",
         )
         require(
             bool(np.isfinite(low64).all() and np.isfinite(high64).all()),
-            f"low is {low} and high is {high}; a box that is cut into bins needs finite bounds",
+            f"{bounds}; a box that is cut into bins needs finite bounds",
         )
-        require(bool((low64 < high64).all()), f"low is {low} and high is {high}; each low must lie below its high")
+        require(bool((low64 < high64).all()), f"{bounds}; each low must lie below its high")
         require(n_bins >= 2, f"n_bins is {n_bins}; a histogram needs at least 2")
         dtype = jax.dtypes.canonicalize_dtype(np.float64)
         width = (high64 - low64) / n_bins
         spacing = np.finfo(dtype).eps * np.maximum(abs(low64), abs(high64))
         require(
             bool((width > 4 * spacing).all()),
-            f"{n_bins} bins between {low} and {high} are too narrow for {dtype.name}; lower n_bins or shift the box",
+            f"{bounds}; {n_bins} bins between them are too narrow for {dtype.name}; lower n_bins or shift the box",
         )
         edges = np.linspace(low64, high64, n_bins + 1, axis=-1)
         for name, value in {

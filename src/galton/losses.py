@@ -1,6 +1,7 @@
-"""The losses on one sampled action, to be weighted by its advantage (eqs 4–6). A new one is a function and a line in LOSSES.
+"""The losses on one sampled action, to be weighted by its advantage (eqs 4–6).
 
 The whole method is `surrogate`; everything else says which regression or classification it weights.
+A new one is a function and a line in LOSSES.
 """
 
 from collections.abc import Callable
@@ -12,9 +13,9 @@ from jax.nn import log_softmax
 from jaxtyping import Array, Float
 
 from galton import targets
+from galton.errors import UsageError
 from galton.policies.gaussian import Gaussian
 from galton.policies.histogram import Histogram
-from galton.errors import UsageError
 
 Eta = float | Float[Array, ""]
 
@@ -55,7 +56,7 @@ def hl_gauss_centred(distribution: Histogram, action: Float[Array, "*batch d"], 
 
 
 def cross_entropy(distribution: Histogram, weights: Float[Array, "*batch d k"]) -> Float[Array, "*batch"]:
-    """−Σ_l Σ_i weights_l(i) log π_l(i). Its gradient in the logits is π − weights where the weights sum to 1 (App. A)."""
+    """−Σ_l Σ_i weights_l(i) log π_l(i); the gradient in the logits is π − weights where these sum to 1 (App. A)."""
     return -(weights * log_softmax(distribution.logits)).sum((-2, -1))
 
 

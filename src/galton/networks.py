@@ -31,5 +31,6 @@ def features(layers: list[Params], x: Float[Array, "*batch n_in"]) -> Float[Arra
 
 
 def mlp(layers: list[Params], x: Float[Array, "*batch n_in"]) -> Float[Array, "*batch n_out"]:
-    """tanh layers and a linear one."""
-    return features(layers, x) @ layers[-1]["kernel"] + layers[-1]["bias"]
+    """Tanh layers and a linear one."""
+    outputs: Array = features(layers, x) @ layers[-1]["kernel"] + layers[-1]["bias"]
+    return outputs

@@ -17,9 +17,7 @@ def one_hot(bins: Bins, action: Float[Array, "*batch d"]) -> Float[Array, "*batc
     return jax.nn.one_hot(bins.encode(action), bins.n_bins, dtype=action.dtype)
 
 
-def hl_gauss(
-    bins: Bins, action: Float[Array, "*batch d"], eta: float | Float[Array, ""]
-) -> Float[Array, "*batch d k"]:
+def hl_gauss(bins: Bins, action: Float[Array, "*batch d"], eta: float | Float[Array, ""]) -> Float[Array, "*batch d k"]:
     """The histogram of a Gaussian around the action, cut off at the box and rescaled to sum to one.
 
     q_a(i) = (Φ((e_{i+1} − a)/σ) − Φ((e_i − a)/σ)) / (Φ((high − a)/σ) − Φ((low − a)/σ)) with σ = η · width, the
@@ -43,8 +41,8 @@ def hl_gauss_of_center(
 ) -> Float[Array, "*batch k"]:
     """`hl_gauss` where the action is the center of bin `index`, at a fraction of the work.
 
-    In bin widths all centers see the same Gaussian: every target is a window of one vector of 2k − 1 bin masses,
-    rescaled.
+    In bin widths all centers see the same Gaussian: every target is a window of one vector of 2k − 1 bin
+    masses, rescaled.
     """
     _check(eta)
     scale = eta * _SQRT2
@@ -53,7 +51,8 @@ def hl_gauss_of_center(
     start = (n_bins - 1) - index
     inside = cdf[start + n_bins] - cdf[start]
     window = jnp.vectorize(lambda i: lax.dynamic_slice(mass, (i,), (n_bins,)), signature="()->(k)")
-    return window(start) / inside[..., None]
+    target: Array = window(start) / inside[..., None]
+    return target
 
 
 def _check(eta: float | Float[Array, ""]) -> None:

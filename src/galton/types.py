@@ -78,7 +78,7 @@ class Hypers(NamedTuple):
 
     learning_rate: Number = 7e-4
     """Adam's step size."""
-    eta: Number = 0.75
+    eta: Number = 0.25
     """HL-Gauss's width η = σ / bin width (§4.2)."""
     gamma: Number = 0.99
     """Discount."""

@@ -62,11 +62,27 @@ def table(rows: list[Row], env: Environment) -> Table:
     shares = any(row.share_of_optimum is not None for row in rows)
     notes = ["final returns: mean over runs ± 95% CI, last 5% of training"]
     if shares:
-        notes.append(f"of optimum: random actions {env.random_return:.2f} are 0%, the optimum {env.optimal_return:.2f} is 100%")
-    notes.append("steps/s: training and evaluation; compiling apart: " + ", ".join(f"{row.compile_seconds:.1f} s" for row in rows))
-    view = Table(box=box.SIMPLE_HEAD, pad_edge=False, caption="\n".join(notes).replace("-", "−"), caption_justify="left")
+        notes.append(
+            f"of optimum: random actions {env.random_return:.2f} are 0%, the optimum {env.optimal_return:.2f} is 100%"
+        )
+    notes.append(
+        "steps/s: training and evaluation; compiling apart: "
+        + ", ".join(f"{row.compile_seconds:.1f} s" for row in rows)
+    )
+    view = Table(
+        box=box.SIMPLE_HEAD,
+        pad_edge=False,
+        caption="\n".join(notes).replace("-", "−"),
+        caption_justify="left",
+    )
     view.add_column("loss")
-    for heading in ("training\nreturn", "evaluation\nreturn", *["of\noptimum"] * shares, "steps/s", "diverged"):
+    for heading in (
+        "training\nreturn",
+        "evaluation\nreturn",
+        *["of\noptimum"] * shares,
+        "steps/s",
+        "diverged",
+    ):
         view.add_column(heading, justify="right", no_wrap=True)
     for row in rows:
         share = [f"{row.share_of_optimum:.1%}" if row.share_of_optimum is not None else "—"] * shares
@@ -93,7 +109,9 @@ def verdicts(results: Results, baseline: str = "gaussian") -> list[str]:
             gap = difference_interval(result.final(metric), results[baseline].final(metric))
             verdict = "better" if gap.low > 0 else "worse" if gap.high < 0 else "no clear difference"
             if not np.isnan(gap.low):
-                sentences.append(f"{LOSSES[loss].label} − {LOSSES[baseline].label}, {name} return: {gap:+.2f}: {verdict}")
+                sentences.append(
+                    f"{LOSSES[loss].label} − {LOSSES[baseline].label}, {name} return: {gap:+.2f}: {verdict}"
+                )
     return sentences
 
 

@@ -1,6 +1,7 @@
 """Figures."""
 
 from pathlib import Path
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -16,7 +17,7 @@ from galton.losses import LOSSES
 # Okabe and Ito's colours, told apart by readers of every colour vision.
 COLORS = dict(zip(LOSSES, ("#000000", "#E69F00", "#0072B2", "#009E73"), strict=False))
 
-_STYLE = {
+_STYLE: Any = {
     "axes.spines.top": False,
     "axes.spines.right": False,
     "axes.grid": True,
@@ -53,9 +54,9 @@ def _draw(axes: Axes, results: Results, metric: str) -> None:
     means = []
     for loss, result in results.items():
         interval = mean_interval(fill_forward(getattr(result.log, metric).astype(np.float64)))
-        style = {"color": COLORS.get(loss), "linestyle": "-" if LOSSES[loss].in_paper else "-."}
-        axes.plot(result.steps, interval.mean, label=LOSSES[loss].label, linewidth=1.6, **style)
-        axes.fill_between(result.steps, interval.low, interval.high, color=style["color"], alpha=0.18, linewidth=0)
+        color, line = COLORS.get(loss), "-" if LOSSES[loss].in_paper else "-."
+        axes.plot(result.steps, interval.mean, label=LOSSES[loss].label, linewidth=1.6, color=color, linestyle=line)
+        axes.fill_between(result.steps, interval.low, interval.high, color=color, alpha=0.18, linewidth=0)
         means.append(interval.mean)
     axes.set_xlim(0, max(result.steps[-1] for result in results.values()))
     known = np.concatenate(means)[~np.isnan(np.concatenate(means))]

@@ -6,13 +6,15 @@ import numpy as np
 from jaxtyping import Float
 from scipy import stats
 
+Numbers = np.float64 | Float[np.ndarray, "*rest"]
+
 
 class Interval(NamedTuple):
     """A mean and its 95% confidence interval; arrays where the input had further axes."""
 
-    mean: Float[np.ndarray, "*rest"]
-    low: Float[np.ndarray, "*rest"]
-    high: Float[np.ndarray, "*rest"]
+    mean: Numbers
+    low: Numbers
+    high: Numbers
 
     def __format__(self, spec: str) -> str:
         """Mean ± half the width, or the mean alone where the interval is not known."""
@@ -21,7 +23,7 @@ class Interval(NamedTuple):
 
 
 def mean_interval(samples: Float[np.ndarray, "n *rest"]) -> Interval:
-    """Student's t interval of the mean over the first axis. NaN samples are left out; with one sample the interval is NaN."""
+    """Student's t interval of the mean over the first axis, NaN samples left out; NaN with fewer than two samples."""
     known = ~np.isnan(samples)
     n = known.sum(0)
     total = np.where(known, samples, 0.0).sum(0)
@@ -33,7 +35,7 @@ def mean_interval(samples: Float[np.ndarray, "n *rest"]) -> Interval:
 
 
 def difference_interval(a: Float[np.ndarray, " n"], b: Float[np.ndarray, " m"]) -> Interval:
-    """Welch's t interval of mean(a) − mean(b), for independent samples of unequal variance. NaN samples are left out."""
+    """Welch's t interval of mean(a) − mean(b), samples independent, variances unequal; NaN samples are left out."""
     a, b = a[~np.isnan(a)], b[~np.isnan(b)]
     mean = np.float64(a.mean() - b.mean()) if len(a) and len(b) else np.float64(np.nan)
     if len(a) < 2 or len(b) < 2:

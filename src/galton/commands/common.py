@@ -1,7 +1,9 @@
 """What the commands share: options, progress, provenance."""
 
+import contextlib
 import dataclasses
 import importlib.metadata
+import io
 import json
 import platform
 import shlex
@@ -15,7 +17,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, ProgressColumn, Task, TextColumn, TimeRemainingColumn
 from rich.text import Text
 
-from galton.envs.registry import ENVS, find_task, make
+from galton.envs.registry import ENVS, find_task
 from galton.errors import UsageError
 from galton.losses import LOSSES
 from galton.training.train import Log
@@ -46,8 +48,14 @@ class Training:
         """The defaults for a task."""
         _, task = find_task(name)
         return cls(
-            task.total_timesteps, config=Config(**task.config), hypers=Hypers(learning_rate=task.learning_rate)
+            task.total_timesteps,
+            config=Config(**task.config),
+            hypers=Hypers(learning_rate=task.learning_rate),
         )
+
+    def record(self) -> dict[str, Any]:
+        """All of it for JSON."""
+        return dataclasses.asdict(self) | {"env_kwargs": self.constants(), "hypers": self.hypers._asdict()}
 
     def constants(self) -> dict[str, Any]:
         """env_kwargs as a dictionary."""
@@ -70,19 +78,27 @@ OptionsT = TypeVar("OptionsT")
 def parse(options: type[OptionsT], name: str, summary: str, arguments: Sequence[str]) -> OptionsT:
     """Parse twice: the first time for the task, whose settings are the defaults of the second."""
 
-    def read(default: Any) -> Any:
+    def read(training: Training) -> OptionsT:
         return tyro.cli(
             options,
             prog=f"galton {name}",
             description=summary,
             args=list(arguments),
-            default=default,
+            default=options(env=tyro.MISSING, training=training),  # type: ignore[call-arg]
             config=(tyro.conf.OmitArgPrefixes,),
         )
 
-    first = read(options(env=tyro.MISSING, training=Training()))  # type: ignore[call-arg]
-    parsed: OptionsT = read(options(env=tyro.MISSING, training=Training.of_task(first.env)))  # type: ignore[call-arg]
-    return parsed
+    try:
+        with contextlib.redirect_stderr(io.StringIO()), contextlib.redirect_stdout(io.StringIO()):
+            first = read(Training())
+    except SystemExit as exit_:
+        cause = exit_.__context__
+        while cause:
+            if isinstance(cause, UsageError):
+                raise cause from None
+            cause = cause.__context__
+        first = read(Training())  # tyro explains itself, or prints its help
+    return read(Training.of_task(first.env))  # type: ignore[attr-defined]
 
 
 class _Rate(ProgressColumn):

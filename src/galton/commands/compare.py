@@ -13,8 +13,16 @@ from rich.console import Console
 from galton.analysis.comparison import curves, summarise, table, verdicts
 from galton.analysis.plots import learning_curves, save
 from galton.cli import COMMANDS
-from galton.commands.common import EnvName, LossNames, Training, follow, make, parse, progress_bar, write_settings
-from galton.envs.registry import find_task
+from galton.commands.common import (
+    EnvName,
+    LossNames,
+    Training,
+    follow,
+    parse,
+    progress_bar,
+    write_settings,
+)
+from galton.envs.registry import find_task, make
 from galton.errors import require
 from galton.losses import LOSSES, find_loss
 from galton.training.devices import use_all_cores
@@ -42,7 +50,10 @@ def main(arguments: Sequence[str]) -> None:
     options = parse(Options, "compare", COMMANDS["compare"], arguments)
     name, task = find_task(options.env)
     labels = {loss: find_loss(loss).label for loss in options.losses}
-    require(len(labels) == len(options.losses) > 0, f"losses is {options.losses}; name each loss once, and at least one")
+    require(
+        len(labels) == len(options.losses) > 0,
+        f"losses is {options.losses}; name each loss once, and at least one",
+    )
     require(options.seeds >= 1, f"seeds is {options.seeds}; a comparison needs at least 1 run per loss")
     training = options.training
     env = make(name, **training.constants())
@@ -65,8 +76,10 @@ def main(arguments: Sequence[str]) -> None:
                     on_log=follow(progress, label, training.steps, options.seeds),
                 )
         rows = summarise(results, env)
-        write_settings(folder, {"env": name, "losses": options.losses, "seeds": options.seeds} | dataclasses.asdict(training))
-        (folder / "summary.json").write_text(json.dumps([dataclasses.asdict(row) for row in rows], indent=2, default=_plain) + "\n")
+        write_settings(folder, {"env": name, "losses": options.losses, "seeds": options.seeds} | training.record())
+        (folder / "summary.json").write_text(
+            json.dumps([dataclasses.asdict(row) for row in rows], indent=2, default=_plain) + "\n"
+        )
         pq.write_table(curves(results), folder / "curves.parquet")
         title = f"{task.title}: mean of {options.seeds} runs and 95% CI"
         save(learning_curves(results, env, title), folder / "learning_curves")

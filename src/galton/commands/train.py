@@ -10,13 +10,21 @@ from rich.console import Console
 
 from galton.analysis.comparison import curves
 from galton.cli import COMMANDS
-from galton.commands.common import EnvName, LossName, Training, follow, make, parse, progress_bar, write_settings
-from galton.envs.registry import find_task
+from galton.commands.common import (
+    EnvName,
+    LossName,
+    Training,
+    follow,
+    parse,
+    progress_bar,
+    write_settings,
+)
+from galton.envs.registry import find_task, make
 from galton.losses import find_loss
 from galton.training.checkpoint import Checkpoint, save
 from galton.training.devices import use_all_cores
 from galton.training.folder import result_folder
-from galton.training.train import train
+from galton.training.train import check_arguments, train
 
 
 @dataclasses.dataclass(frozen=True)
@@ -56,10 +64,13 @@ def main(arguments: Sequence[str]) -> None:
                 n_eval_episodes=training.eval_episodes,
                 on_log=follow(progress, f"{label} on {name}", training.steps, runs=1),
             )
-        write_settings(folder, {"env": name, "seed": options.seed} | dataclasses.asdict(training) | {"loss": options.loss})
+        write_settings(folder, {"env": name, "loss": options.loss, "seed": options.seed} | training.record())
         pq.write_table(curves({options.loss: result}), folder / "metrics.parquet")
         learner = jax.tree.map(lambda x: x[0], result.learner)
-        save(folder, Checkpoint(name, constants, config, training.hypers, options.seed, int(result.steps[-1]), learner))
+        save(
+            folder,
+            Checkpoint(name, constants, config, training.hypers, options.seed, int(result.steps[-1]), learner),
+        )
     console.print(
         f"training return {result.final('training_return')[0]:.2f}, "
         f"evaluation return {result.final('evaluation_return')[0]:.2f} (last 5%), "

@@ -63,9 +63,7 @@ class Acrobot:
     def observe(self, state: Float[Array, " 4"]) -> Float[Array, " 6"]:
         """Cosine and sine of both angles, both velocities."""
         theta1, theta2, velocity1, velocity2 = state
-        return jnp.stack(
-            [jnp.cos(theta1), jnp.sin(theta1), jnp.cos(theta2), jnp.sin(theta2), velocity1, velocity2]
-        )
+        return jnp.stack([jnp.cos(theta1), jnp.sin(theta1), jnp.cos(theta2), jnp.sin(theta2), velocity1, velocity2])
 
 
 def _wrap(angle: Float[Array, ""]) -> Float[Array, ""]:
@@ -80,9 +78,7 @@ def _derivative(state: Float[Array, " 4"], torque: Float[Array, ""]) -> Float[Ar
     d1 = 0.25 + (1.25 + cos2) + 2.0
     d2 = (0.25 + 0.5 * cos2) + 1.0
     phi2 = 0.5 * GRAVITY * jnp.sin(theta1 + theta2)
-    phi1 = (
-        -0.5 * velocity2**2 * sin2 - velocity2 * velocity1 * sin2 + 1.5 * GRAVITY * jnp.sin(theta1) + phi2
-    )
+    phi1 = -0.5 * velocity2**2 * sin2 - velocity2 * velocity1 * sin2 + 1.5 * GRAVITY * jnp.sin(theta1) + phi2
     acceleration2 = (torque + d2 / d1 * phi1 - 0.5 * velocity1**2 * sin2 - phi2) / (1.25 - d2**2 / d1)
     acceleration1 = -(d2 * acceleration2 + phi1) / d1
     return jnp.stack([velocity1, velocity2, acceleration1, acceleration2])

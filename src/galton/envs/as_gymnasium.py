@@ -1,6 +1,6 @@
 """Our environments behind Gymnasium's interface."""
 
-from typing import Any, ClassVar
+from typing import Any
 
 import gymnasium
 import jax
@@ -17,7 +17,7 @@ class GymnasiumEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     Only the bandit's box, [−10, 10]^d, differs from it.
     """
 
-    metadata: ClassVar[dict[str, Any]] = {"render_modes": []}
+    metadata = {"render_modes": []}  # noqa: RUF012
 
     def __init__(self, task: str, render_mode: str | None = None, **constants: Any) -> None:
         self.render_mode = render_mode
@@ -37,7 +37,7 @@ class GymnasiumEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
         """A first observation; the record knows no options."""
-        super().reset(seed=seed)
+        super().reset(seed=seed, options=options)
         self._state = self._reset(self._key())
         return np.asarray(self._observe(self._state)), {}
 

@@ -53,6 +53,9 @@ class Environment(Protocol):
     ) -> tuple[Any, Float[Array, ""], Bool[Array, ""]]:
         """The next state, the reward and whether the task ended."""
 
+    def __hash__(self) -> int:
+        """Programs are compiled once per record."""
+
     def observe(self, state: Any) -> Float[Array, " o"]:
         """What the agent sees of a state."""
 

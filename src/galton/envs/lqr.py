@@ -14,9 +14,7 @@ from galton.errors import require
 Matrix = tuple[tuple[float, ...], ...]
 
 
-def _rotation(angle: float, scale: float) -> Matrix:
-    c, s = scale * math.cos(angle), scale * math.sin(angle)
-    return ((c, -s), (s, c))
+_C, _S = 0.98 * math.cos(0.1), 0.98 * math.sin(0.1)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -27,7 +25,7 @@ class LQR:
     never meets the bounds of u, so that its return is the optimum of the bounded task too.
     """
 
-    A: Matrix = _rotation(0.1, scale=0.98)
+    A: Matrix = ((_C, -_S), (_S, _C))
     B: Matrix = ((0.1, 0.0), (0.0, 0.1))
     Q: Matrix = ((1.0, 0.0), (0.0, 1.0))
     R: Matrix = ((1.0, 0.0), (0.0, 1.0))
@@ -49,7 +47,10 @@ class LQR:
         require(bool((np.linalg.eigvalsh(self.Q) >= 0).all()), f"Q is {self.Q}; it must be positive semidefinite")
         require(bool((np.linalg.eigvalsh(self.R) > 0).all()), f"R is {self.R}; it must be positive definite")
         require(self.noise_std >= 0, f"noise_std is {self.noise_std}; it must be 0 or more")
-        require(self.max_episode_steps >= 1, f"max_episode_steps is {self.max_episode_steps}; it must be 1 or more")
+        require(
+            self.max_episode_steps >= 1,
+            f"max_episode_steps is {self.max_episode_steps}; it must be 1 or more",
+        )
 
     @property
     def action_low(self) -> Float[np.ndarray, " m"]:
@@ -64,12 +65,12 @@ class LQR:
     @property
     def observation_low(self) -> Float[np.ndarray, " n"]:
         """The state is unbounded: the least float32."""
-        return box(np.finfo(np.float32).min, len(self.A))
+        return box(float(np.finfo(np.float32).min), len(self.A))
 
     @property
     def observation_high(self) -> Float[np.ndarray, " n"]:
         """The greatest float32."""
-        return box(np.finfo(np.float32).max, len(self.A))
+        return box(float(np.finfo(np.float32).max), len(self.A))
 
     def reset(self, key: Key[Array, ""]) -> Float[Array, " n"]:
         """x₀ ~ U(−1, 1)^n."""

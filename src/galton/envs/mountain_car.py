@@ -15,9 +15,9 @@ POWER, GRAVITY = 0.0015, 0.0025
 
 @dataclasses.dataclass(frozen=True)
 class MountainCar:
-    """A car too weak for the hill: state (position, velocity), force in [−1, 1], 100 at the flag less 0.1 force² a step.
+    """A car too weak for the hill: state (position, velocity), force in [−1, 1].
 
-    The best return is not known in closed form.
+    The reward is 100 at the flag, less 0.1 force² a step. The best return is not known in closed form.
     """
 
     max_episode_steps = 999
@@ -49,7 +49,11 @@ class MountainCar:
         position = jnp.clip(position + velocity, MIN_POSITION, MAX_POSITION)
         velocity = jnp.where((position == MIN_POSITION) & (velocity < 0), 0.0, velocity)
         terminated = (position >= GOAL) & (velocity >= 0)
-        return jnp.stack([position, velocity]), jnp.where(terminated, 100.0, 0.0) - 0.1 * action[0] ** 2, terminated
+        return (
+            jnp.stack([position, velocity]),
+            jnp.where(terminated, 100.0, 0.0) - 0.1 * action[0] ** 2,
+            terminated,
+        )
 
     def observe(self, state: Float[Array, " 2"]) -> Float[Array, " 2"]:
         """The whole state."""

@@ -40,11 +40,12 @@ ENVS = {
     ),
     "lqr": Task("galton.envs.lqr:LQR", "galton/LQR-v0", "LQR", max_episode_steps=100),
     "mountain-car": Task(
-        "galton.envs.mountain_car:MountainCar", "galton/MountainCarContinuous-v0", "Mountain Car", max_episode_steps=999
+        "galton.envs.mountain_car:MountainCar",
+        "galton/MountainCarContinuous-v0",
+        "Mountain Car",
+        max_episode_steps=999,
     ),
-    "acrobot": Task(
-        "galton.envs.acrobot:Acrobot", "galton/AcrobotContinuous-v0", "Acrobot", max_episode_steps=500
-    ),
+    "acrobot": Task("galton.envs.acrobot:Acrobot", "galton/AcrobotContinuous-v0", "Acrobot", max_episode_steps=500),
 }
 
 

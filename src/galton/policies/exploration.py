@@ -7,7 +7,7 @@ from galton.bins import Bins
 
 
 def init_gaussian_logits(bins: Bins, mean: float = 0.0, std: float = 1.0) -> Float[Array, "d k"]:
-    """Init Gaussian: logits whose softmax follows N(mean, std²), the Gaussian policy's first distribution, on the bin centers."""
+    """Init Gaussian: logits whose softmax follows N(mean, std²) on the bin centers, as the Gaussian policy starts."""
     return -0.5 * ((jnp.asarray(bins.centers) - mean) / std) ** 2
 
 

@@ -93,7 +93,7 @@ class HistogramPolicy:
 
     @property
     def n_outputs(self) -> int:
-        """k logits per action dimension."""
+        """K logits per action dimension."""
         return self.bins.centers.size
 
     def init(self) -> tuple[Float[Array, " dk"], Params]:
@@ -103,7 +103,7 @@ class HistogramPolicy:
         return jnp.zeros(self.n_outputs), {}
 
     def noise(self, key: Key[Array, ""], shape: tuple[int, ...]) -> Float[Array, "*batch n"]:
-        """Uniform numbers, two per dimension where the place inside the bin is drawn too; normal if a Gaussian explores."""
+        """Uniform, two per dimension where the place in the bin is drawn too; normal where a Gaussian explores."""
         d = len(self.bins.low)
         if self.config.exploration == "gaussian":
             return jax.random.normal(key, (*shape, d))

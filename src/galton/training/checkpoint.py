@@ -53,7 +53,8 @@ def load(folder: Path) -> Checkpoint:
     settings = json.loads((folder / "checkpoint.json").read_text())
     config = settings["config"] | {"net_arch": tuple(settings["config"]["net_arch"])}
     checkpoint = Checkpoint(
-        **settings | {"config": Config(**config), "hypers": Hypers(**settings["hypers"])}, learner=Learner({}, ())
+        **settings | {"config": Config(**config), "hypers": Hypers(**settings["hypers"])},
+        learner=Learner({}, ()),
     )
     return checkpoint._replace(learner=_unflatten(load_file(folder / "checkpoint.safetensors"), checkpoint))
 
@@ -67,10 +68,16 @@ def _unflatten(arrays: dict[str, np.ndarray], checkpoint: Checkpoint) -> Learner
     """Into the structure that the settings call for."""
     env = checkpoint.make_env()
     policy = a2c.make_policy(checkpoint.config, env.action_low, env.action_high)
-    init = jax.eval_shape(lambda key: a2c.init(key, checkpoint.config, policy, len(env.observation_low)), jax.random.key(0))
+    init = jax.eval_shape(
+        lambda key: a2c.init(key, checkpoint.config, policy, len(env.observation_low)), jax.random.key(0)
+    )
     leaves, structure = jax.tree_util.tree_flatten_with_path(init)
     names = [jax.tree_util.keystr(path, simple=True, separator="/") for path, _ in leaves]
     for name, (_, leaf) in zip(names, leaves, strict=True):
         found = arrays[name].shape if name in arrays else None
-        require(found == leaf.shape, f"{name} in the checkpoint has shape {found}; its settings call for {leaf.shape}")
-    return jax.tree.unflatten(structure, [arrays[name] for name in names])
+        require(
+            found == leaf.shape,
+            f"{name} in the checkpoint has shape {found}; its settings call for {leaf.shape}",
+        )
+    learner: Learner = jax.tree.unflatten(structure, [arrays[name] for name in names])
+    return learner

@@ -2,13 +2,16 @@
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Key
+from jaxtyping import Array, Float, Key, PyTree
 
 from galton.algorithms import a2c
 from galton.envs.base import Environment
 from galton.policies import Policy
 from galton.training.rollout import start_episodes
 from galton.types import Params
+
+Carry = tuple[PyTree[Array], Array, Array, Array]
+"""States, returns so far, which episodes still run, and the step."""
 
 
 def evaluate(
@@ -19,11 +22,11 @@ def evaluate(
     start = start_episodes(reset_key, env, n_episodes)
     noise = jax.vmap(jax.vmap(env.noise))(jax.random.split(step_key, (env.max_episode_steps, n_episodes)))
 
-    def running(carry: tuple[Array, ...]) -> Array:
+    def running(carry: Carry) -> Array:
         _, _, active, t = carry
         return active.any() & (t < env.max_episode_steps)
 
-    def step(carry: tuple[Array, ...]) -> tuple[Array, ...]:
+    def step(carry: Carry) -> Carry:
         states, returns, active, t = carry
         distribution = a2c.distribution(policy, params, jax.vmap(env.observe)(states))
         action = jnp.clip(distribution.deterministic_action(), env.action_low, env.action_high)

@@ -11,6 +11,7 @@ from galton.envs.base import Environment
 from galton.policies import Policy
 from galton.types import Config, EpisodeState, Params, Transition
 
+
 class Finished(NamedTuple):
     """The episodes that ended in a rollout."""
 
@@ -61,9 +62,7 @@ def rollout(
         collected = episodes.undiscounted_return + reward
         truncated = (length >= env.max_episode_steps) & ~terminated
         done = terminated | truncated
-        transition = Transition(
-            observation, action, reward, jax.vmap(env.observe)(states), terminated, truncated
-        )
+        transition = Transition(observation, action, reward, jax.vmap(env.observe)(states), terminated, truncated)
         following = EpisodeState(
             jax.vmap(lambda d, fresh, state: jax.tree.map(lambda f, s: jnp.where(d, f, s), fresh, state))(
                 done, noise.fresh_states, states

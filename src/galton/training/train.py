@@ -124,7 +124,7 @@ def train(
     # Runs are split evenly over devices: the last run is repeated to fill up, and the copies are dropped.
     n_devices = min(jax.device_count(), n_runs)
     padded = np.minimum(np.arange(math.ceil(n_runs / n_devices) * n_devices), n_runs - 1)
-    all_hypers = Hypers(*(np.broadcast_to(np.asarray(h, np.float32), n_runs) for h in hypers))
+    all_hypers: Hypers = jax.tree.map(lambda h: np.broadcast_to(np.asarray(h, np.float32), n_runs), hypers)
     on_runs = NamedSharding(Mesh(jax.devices()[:n_devices], "runs"), PartitionSpec("runs"))
 
     start = time.perf_counter()
@@ -196,7 +196,7 @@ def _compile(
         jax.tree.map, lambda x: jax.ShapeDtypeStruct((n_runs, *x.shape[1:]), x.dtype, sharding=on_runs)
     )
     state = place(jax.eval_shape(begin, seeds))
-    hypers = place(Hypers(*(jax.ShapeDtypeStruct((n_runs,), jnp.float32) for _ in Hypers._fields)))
+    hypers = place(jax.tree.map(lambda _: jax.ShapeDtypeStruct((n_runs,), jnp.float32), Hypers()))
     return begin.lower(seeds).compile(), jax.jit(advance, donate_argnums=0).lower(state, hypers).compile()
 
 
@@ -239,7 +239,7 @@ def _advance(
     sum_of_returns, n_episodes = records[0].sum(), records[1].sum()
     diagnostics = a2c.Diagnostics(*(record.mean() for record in records[2:]))
 
-    evaluation_return = jnp.nan
+    evaluation_return = jnp.array(jnp.nan)
     if n_eval_episodes:
         key = jax.random.fold_in(state.evaluation_key, state.step)
         evaluation_return = evaluate(key, env, policy, state.learner.params, n_eval_episodes).mean()
