@@ -1,14 +1,16 @@
 """The uniform discretisation of a box-shaped action space (§4.1)."""
 
 import dataclasses
+from collections.abc import Sequence
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
-from numpy.typing import ArrayLike
 
 from galton.errors import require
+
+Bound = float | int | Sequence[float | int] | np.ndarray | np.generic
 
 
 @dataclasses.dataclass(frozen=True, init=False, eq=False)
@@ -36,7 +38,7 @@ class Bins:
     centers: Float[np.ndarray, "d k"]
     width: Float[np.ndarray, " d"]
 
-    def __init__(self, low: ArrayLike, high: ArrayLike, n_bins: int) -> None:
+    def __init__(self, low: Bound, high: Bound, n_bins: int) -> None:
         low64, high64 = (np.atleast_1d(np.asarray(bound, np.float64)) for bound in (low, high))
         bounds = f"low is {low64} and high is {high64}"
         require(

@@ -16,8 +16,7 @@ from galton import targets
 from galton.errors import UsageError
 from galton.policies.gaussian import Gaussian
 from galton.policies.histogram import Histogram
-
-Eta = float | Float[Array, ""]
+from galton.targets import Eta
 
 
 def surrogate(advantage: Float[Array, "*batch"], loss: Float[Array, "*batch"]) -> Float[Array, ""]:

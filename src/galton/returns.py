@@ -25,7 +25,7 @@ def gae(
     The sum stops where an episode does; λ = 1 gives the n-step advantages of §5.1.
     """
     delta = reward + gamma * jnp.where(terminated, 0.0, next_value) - value
-    decay = gamma * gae_lambda * ~(terminated | truncated)
+    decay = jnp.where(terminated | truncated, 0.0, gamma * gae_lambda)
 
     def step(advantage: Array, inputs: tuple[Array, Array]) -> tuple[Array, Array]:
         delta, decay = inputs
@@ -43,10 +43,6 @@ def n_step_returns(
     gamma: Scalar,
 ) -> Float[Array, " T"]:
     """Discounted rewards up to the end of the episode or of the rollout, plus the value found there (§5.1)."""
+    bootstraps = (terminated | truncated).at[-1].set(True)
     zero = jnp.zeros_like(next_value)
-    return gae(reward, zero, next_value * _last(terminated | truncated), terminated, truncated, gamma, 1.0)
-
-
-def _last(done: Bool[Array, " T"]) -> Bool[Array, " T"]:
-    """Where a return bootstraps: at the end of an episode and of the rollout."""
-    return done.at[-1].set(True)
+    return gae(reward, zero, jnp.where(bootstraps, next_value, 0.0), terminated, truncated, gamma, 1.0)

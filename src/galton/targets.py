@@ -9,6 +9,8 @@ from jaxtyping import Array, Float, Int
 from galton.bins import Bins
 from galton.errors import require
 
+Eta = float | int | Float[Array, ""]
+
 _SQRT2 = 2**0.5
 
 
@@ -17,7 +19,7 @@ def one_hot(bins: Bins, action: Float[Array, "*batch d"]) -> Float[Array, "*batc
     return jax.nn.one_hot(bins.encode(action), bins.n_bins, dtype=action.dtype)
 
 
-def hl_gauss(bins: Bins, action: Float[Array, "*batch d"], eta: float | Float[Array, ""]) -> Float[Array, "*batch d k"]:
+def hl_gauss(bins: Bins, action: Float[Array, "*batch d"], eta: Eta) -> Float[Array, "*batch d k"]:
     """The histogram of a Gaussian around the action, cut off at the box and rescaled to sum to one.
 
     q_a(i) = (Φ((e_{i+1} − a)/σ) − Φ((e_i − a)/σ)) / (Φ((high − a)/σ) − Φ((low − a)/σ)) with σ = η · width, the
@@ -33,12 +35,11 @@ def hl_gauss(bins: Bins, action: Float[Array, "*batch d"], eta: float | Float[Ar
     # The difference to an edge nearby is exact in floating point; then add what rounding took from the edge.
     distance = (bins.edges - bins.clip(action)[..., None]) + bins.edges_rest
     cdf = erf(distance / (eta * _SQRT2 * bins.width[:, None]))
-    return jnp.diff(cdf) / (cdf[..., -1:] - cdf[..., :1])
+    mass = jnp.maximum(jnp.diff(cdf), 0.0)  # rounding makes erf fall by an ulp here and there
+    return mass / mass.sum(-1, keepdims=True)
 
 
-def hl_gauss_of_center(
-    n_bins: int, index: Int[Array, "*batch"], eta: float | Float[Array, ""]
-) -> Float[Array, "*batch k"]:
+def hl_gauss_of_center(n_bins: int, index: Int[Array, "*batch"], eta: Eta) -> Float[Array, "*batch k"]:
     """`hl_gauss` where the action is the center of bin `index`, at a fraction of the work.
 
     In bin widths all centers see the same Gaussian: every target is a window of one vector of 2k − 1 bin
@@ -46,8 +47,8 @@ def hl_gauss_of_center(
     """
     _check(eta)
     scale = eta * _SQRT2
-    cdf = erf((jnp.arange(2 * n_bins) - n_bins + 0.5) / scale)
-    mass = jnp.diff(cdf)
+    cdf = erf((jnp.arange(2 * n_bins, dtype=float) - (n_bins - 0.5)) / scale)
+    mass = jnp.maximum(jnp.diff(cdf), 0.0)
     start = (n_bins - 1) - index
     inside = cdf[start + n_bins] - cdf[start]
     window = jnp.vectorize(lambda i: lax.dynamic_slice(mass, (i,), (n_bins,)), signature="()->(k)")
@@ -55,6 +56,6 @@ def hl_gauss_of_center(
     return target
 
 
-def _check(eta: float | Float[Array, ""]) -> None:
+def _check(eta: Eta) -> None:
     if isinstance(eta, (int, float)):
         require(eta > 0, f"eta is {eta}; the target's width must be greater than 0")

@@ -90,7 +90,7 @@ def update(
         return total, Diagnostics(policy_loss, value_loss, entropy, jnp.zeros(()))
 
     gradient, diagnostics = jax.grad(objective, has_aux=True)(learner.params)
-    grad_norm = optax.global_norm(gradient)
+    grad_norm = optax.tree.norm(gradient)
     scale = jnp.minimum(1.0, hypers.max_grad_norm / (grad_norm + 1e-6))
     step, optimizer = _ADAM.update(jax.tree.map(lambda g: scale * g, gradient), learner.optimizer)
     params = jax.tree.map(lambda p, s: p - hypers.learning_rate * s, learner.params, step)

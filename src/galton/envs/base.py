@@ -1,11 +1,12 @@
 """What an environment in pure JAX has to offer."""
 
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Array, Bool, Float, Key, PyTree
 
 
+@runtime_checkable
 class Environment(Protocol):
     """A task as pure functions of one state; constants are fields of a frozen record.
 

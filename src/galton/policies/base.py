@@ -1,12 +1,13 @@
 """What a policy has to offer. Distributions live inside a traced function; policies are static."""
 
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from jaxtyping import Array, Float, Key
 
 from galton.types import Params
 
 
+@runtime_checkable
 class Distribution(Protocol):
     """Of actions in one state, or in a batch of states."""
 
@@ -20,6 +21,7 @@ class Distribution(Protocol):
         """In nats, summed over the d independent dimensions."""
 
 
+@runtime_checkable
 class Policy(Protocol):
     """How network outputs become a distribution over actions in a box."""
 

@@ -1,0 +1,118 @@
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from galton import UsageError
+from galton.envs import LQR
+from scipy.linalg import solve_discrete_are
+
+
+def simulate(env, controller, n=20_000, seed=0):
+    """Returns of n episodes under controller(key, x, t), clipped into the box; and the largest |u| it asked for."""
+    keys = jax.random.split(jax.random.key(seed), n)
+
+    def episode(key):
+        reset_key, noise_key, control_key = jax.random.split(key, 3)
+
+        def step(x, inputs):
+            t, noise_key, control_key = inputs
+            u = controller(control_key, x, t)
+            x, reward, _ = env.step(x, jnp.clip(u, env.action_low, env.action_high), env.noise(noise_key))
+            return x, (reward, jnp.abs(u).max())
+
+        t = env.max_episode_steps
+        inputs = (jnp.arange(t), jax.random.split(noise_key, t), jax.random.split(control_key, t))
+        _, (rewards, asked) = jax.lax.scan(step, env.reset(reset_key), inputs)
+        return rewards.sum(), asked.max()
+
+    returns, asked = jax.jit(jax.vmap(episode))(keys)
+    return np.asarray(returns, np.float64), float(asked.max())
+
+
+def within_three_errors(returns, value):
+    return abs(returns.mean() - value) < 3 * returns.std() / len(returns) ** 0.5
+
+
+ENV = LQR()
+GAINS = jnp.asarray(ENV.optimal_gains(), jnp.float32)
+
+
+def optimal(key, x, t):
+    return -GAINS[t] @ x
+
+
+def test_the_optimal_controller_earns_the_riccati_value_and_never_meets_the_bounds():
+    returns, asked = simulate(ENV, optimal)
+    assert within_three_errors(returns, ENV.optimal_return)
+    assert asked < 1
+
+
+def test_random_actions_earn_the_closed_form():
+    returns, _ = simulate(ENV, lambda key, x, t: jax.random.uniform(key, (2,), minval=-1.0, maxval=1.0))
+    assert within_three_errors(returns, ENV.random_return)
+
+
+@pytest.mark.parametrize("factor", [0.0, 0.5, 0.8, 1.25, 2.0])
+def test_no_other_gain_beats_the_optimum(factor):
+    best, _ = simulate(ENV, optimal)
+    other, _ = simulate(ENV, lambda key, x, t: factor * optimal(key, x, t))
+    gap = best - other
+    assert gap.mean() > 3 * gap.std() / len(gap) ** 0.5
+
+
+def test_no_rotated_or_noisy_controller_beats_the_optimum():
+    best, _ = simulate(ENV, optimal)
+    turn = jnp.array([[0.9, -0.4], [0.4, 0.9]])
+    for controller in (
+        lambda key, x, t: turn @ optimal(key, x, t),
+        lambda key, x, t: optimal(key, x, t) + 0.1 * jax.random.normal(key, (2,)),
+        lambda key, x, t: jnp.sign(optimal(key, x, t)),
+    ):
+        other, _ = simulate(ENV, controller)
+        gap = best - other
+        assert gap.mean() > 3 * gap.std() / len(gap) ** 0.5
+
+
+def test_early_gains_are_those_of_the_infinite_horizon():
+    A, B, Q, R = (np.array(m) for m in (ENV.A, ENV.B, ENV.Q, ENV.R))
+    P = solve_discrete_are(A, B, Q, R)
+    np.testing.assert_allclose(ENV.optimal_gains()[0], np.linalg.solve(R + B.T @ P @ B, B.T @ P @ A), atol=1e-6)
+
+
+def test_other_sizes_noise_and_horizons():
+    env = LQR(
+        A=((0.9, 0.1, 0.0), (0.0, 0.8, 0.1), (0.0, 0.0, 0.7)),
+        B=((0.0,), (0.1,), (0.2,)),
+        Q=((1.0, 0.0, 0.0), (0.0, 2.0, 0.0), (0.0, 0.0, 0.5)),
+        R=((0.3,),),
+        noise_std=0.02,
+        max_episode_steps=30,
+    )
+    gains = jnp.asarray(env.optimal_gains(), jnp.float32)
+    returns, asked = simulate(env, lambda key, x, t: -gains[t] @ x)
+    assert asked < 1
+    assert within_three_errors(returns, env.optimal_return)
+
+
+def test_matrices_may_be_arrays_and_records_are_hashable():
+    assert LQR(A=np.array(ENV.A), B=np.array(ENV.B)) == ENV
+    assert hash(LQR(A=np.array(ENV.A))) == hash(ENV)
+
+
+@pytest.mark.parametrize(
+    ("constants", "message"),
+    [
+        ({"A": ((1.0,),)}, "A has shape"),
+        ({"R": ((0.0, 0.0), (0.0, 1.0))}, "R is .* positive definite"),
+        ({"Q": ((-1.0, 0.0), (0.0, 1.0))}, "Q is .* semidefinite"),
+        ({"Q": ((1.0, 1.0), (0.0, 1.0))}, "Q is .* symmetric"),
+        ({"noise_std": -1.0}, "noise_std is -1"),
+        ({"max_episode_steps": 0}, "max_episode_steps is 0"),
+        ({"B": 1.0}, "B has shape"),
+    ],
+)
+def test_bad_constants_are_refused_by_name(constants, message):
+    with pytest.raises(UsageError, match=message):
+        dataclasses.replace(ENV, **constants)

@@ -1,0 +1,58 @@
+import gymnasium
+import jax
+import numpy as np
+import pytest
+from galton import UsageError
+from galton.envs import ENVS, Environment, make
+from gymnasium.utils.env_checker import check_env
+
+
+@pytest.mark.parametrize("name", ENVS)
+def test_every_task_passes_gymnasiums_check_without_a_warning(name):
+    env = gymnasium.make(ENVS[name].gymnasium_id)
+    check_env(env.unwrapped)  # pytest turns warnings into errors
+
+
+@pytest.mark.parametrize("name", ENVS)
+def test_records_and_registrations_agree(name):
+    record, env = make(name), gymnasium.make(ENVS[name].gymnasium_id)
+    assert isinstance(record, Environment)
+    assert record.max_episode_steps == env.spec.max_episode_steps
+    assert env.observation_space.shape == record.observation_low.shape
+    assert env.action_space.shape == record.action_low.shape
+    assert make(ENVS[name].gymnasium_id) == record
+
+
+@pytest.mark.parametrize("name", ENVS)
+def test_gymnasium_steps_are_the_records_with_scaled_actions(name):
+    record, env = make(name), gymnasium.make(ENVS[name].gymnasium_id).unwrapped
+    first, _ = env.reset(seed=5)
+    np.testing.assert_allclose(record.observe(env._state), first)
+    for action in (np.full(env.action_space.shape, 0.5, np.float32), np.full(env.action_space.shape, 3.0, np.float32)):
+        state = env._state
+        _, reward, terminated, truncated, _ = env.step(action)
+        scaled = np.clip(action, -1, 1) * record.action_high
+        _, expected, ended = record.step(state, scaled, jax.tree.map(np.zeros_like, record.noise(jax.random.key(0))))
+        assert not truncated
+        assert terminated == bool(ended)
+        noise = 6 if name == "bandit" else 1e-5
+        assert reward == pytest.approx(float(expected), abs=noise)
+
+
+def test_the_time_limit_truncates():
+    env = gymnasium.make("galton/LQR-v0")
+    env.reset(seed=0)
+    ends = [env.step(env.action_space.sample())[2:4] for _ in range(100)]
+    assert ends[-1] == (False, True)
+    assert ends[:-1] == [(False, False)] * 99
+
+
+def test_constants_reach_the_record_through_gymnasium():
+    assert gymnasium.make("galton/Bandit-v0", d=3, noise_std=0.0).unwrapped.record.d == 3
+    with pytest.raises(UsageError, match="bandit has no constant 'foo'"):
+        gymnasium.make("galton/Bandit-v0", foo=1)
+
+
+def test_an_unknown_environment_is_named():
+    with pytest.raises(UsageError, match="environment is 'cartpole'; choose from bandit"):
+        make("cartpole")

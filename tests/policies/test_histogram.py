@@ -1,0 +1,92 @@
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.stats import chisquare, norm
+
+from galton import Bins, Config
+from galton.policies import Histogram, HistogramPolicy
+from galton.policies.histogram import sample_bin
+
+
+@pytest.mark.parametrize("k", [2, 3, 10, 50, 100, 200, 211])
+def test_sample_bin_inverts_the_cdf(k):
+    logits = 2 * jax.random.normal(jax.random.key(k), (k,))
+    cdf = np.cumsum(np.asarray(jax.nn.softmax(logits), np.float64))
+    u = np.random.default_rng(k).uniform(size=5_000).astype(np.float32)
+    expected = np.searchsorted(cdf, u, side="right")
+    got = np.asarray(jax.vmap(lambda u: sample_bin(logits, u))(jnp.asarray(u)))
+    at_an_edge = np.abs(cdf[None] - u[:, None]).min(1) < 1e-6
+    assert at_an_edge.mean() < 0.01
+    np.testing.assert_array_equal(got[~at_an_edge], expected[~at_an_edge])
+
+
+@pytest.mark.parametrize("k", [2, 37, 100])
+def test_sample_bin_never_leaves_the_bins_or_takes_an_impossible_one(k):
+    logits = jnp.where(jnp.arange(k) == k // 2, 0.0, -200.0)
+    for u in (0.0, 0.5, np.nextafter(np.float32(1), np.float32(0))):
+        assert int(sample_bin(logits, jnp.float32(u))) == k // 2
+    assert int(sample_bin(jnp.zeros(k), jnp.float32(1 - 6e-8))) == k - 1
+
+
+def test_samples_follow_the_softmax():
+    config = Config(n_bins=20)
+    policy = HistogramPolicy.create(config, np.array([-1.0, 0.0]), np.array([1.0, 4.0]))
+    logits = jax.random.normal(jax.random.key(0), (40,))
+    n = 100_000
+    distribution = policy.distribution(jnp.broadcast_to(logits, (n, 40)), {})
+    index = np.asarray(policy.bins.encode(distribution.sample(policy.noise(jax.random.key(1), (n,)))))
+    for dimension in range(2):
+        counts = np.bincount(index[:, dimension], minlength=20)
+        expected = n * np.asarray(jax.nn.softmax(logits.reshape(2, 20)[dimension]), np.float64)
+        assert chisquare(counts, expected * n / expected.sum()).pvalue > 1e-3
+
+
+def test_uniform_in_bin_samples_fill_the_bin():
+    config = Config(n_bins=10, bin_sample="uniform")
+    policy = HistogramPolicy.create(config, np.array([0.0]), np.array([10.0]))
+    logits = jnp.broadcast_to(jnp.where(jnp.arange(10) == 3, 50.0, 0.0), (20_000, 10))
+    action = np.asarray(policy.distribution(logits, {}).sample(policy.noise(jax.random.key(0), (20_000,))))
+    assert action.min() >= 3
+    assert action.max() <= 4
+    assert chisquare(np.histogram(action, 20, (3, 4))[0]).pvalue > 1e-3
+
+
+def test_deterministic_actions_are_mode_mean_and_median():
+    bins = Bins(0.0, 4.0, 4)
+    logits = jnp.log(jnp.array([[0.4, 0.05, 0.25, 0.3]]))
+    actions = {
+        how: float(Histogram(bins, logits, Config(n_bins=4, deterministic_action=how)).deterministic_action()[0])
+        for how in ("mode", "mean", "median")
+    }
+    assert actions["mode"] == 0.5
+    assert actions["median"] == 2.5
+    assert actions["mean"] == pytest.approx(0.4 * 0.5 + 0.05 * 1.5 + 0.25 * 2.5 + 0.3 * 3.5)
+
+
+def test_entropy_is_the_sum_over_dimensions():
+    uniform = Histogram(Bins([0.0, 0.0], [1.0, 1.0], 8), jnp.zeros((2, 8)), Config(n_bins=8))
+    np.testing.assert_allclose(uniform.entropy(), 2 * np.log(8), rtol=1e-6)
+
+
+def test_gaussian_exploration_has_the_policys_moments_and_leaves_the_box():
+    config = Config(n_bins=40, exploration="gaussian")
+    policy = HistogramPolicy.create(config, np.array([-1.0]), np.array([1.0]))
+    logits = jax.random.normal(jax.random.key(2), (40,))
+    probs, centers = np.asarray(jax.nn.softmax(logits), np.float64), policy.bins.centers[0]
+    n = 200_000
+    distribution = policy.distribution(jnp.broadcast_to(logits, (n, 40)), {})
+    action = np.asarray(distribution.sample(policy.noise(jax.random.key(3), (n,))), np.float64)
+    mean = (probs * centers).sum()
+    std = np.sqrt((probs * (centers - mean) ** 2).sum())
+    assert action.mean() == pytest.approx(mean, abs=5 * std / np.sqrt(n))
+    assert action.std() == pytest.approx(std, rel=0.01)
+    assert action.max() > 1
+
+
+def test_init_gaussian_starts_like_the_gaussian_policy():
+    policy = HistogramPolicy.create(Config(n_bins=400, initial_policy="gaussian"), np.array([-4.0]), np.array([4.0]))
+    probs = jax.nn.softmax(policy.init()[0])
+    edges = np.linspace(-4, 4, 401)
+    expected = np.diff(norm.cdf(edges))
+    np.testing.assert_allclose(probs, expected / expected.sum(), atol=2e-6)

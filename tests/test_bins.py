@@ -1,0 +1,71 @@
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from galton import Bins, UsageError
+
+
+@st.composite
+def boxes(draw):
+    d = draw(st.sampled_from([1, 3]))
+    low = np.array([draw(st.floats(-100, 100)) for _ in range(d)])
+    span = np.array([draw(st.floats(1, 200)) for _ in range(d)])
+    return low, low + span, draw(st.sampled_from([2, 3, 10, 100, 257]))
+
+
+@settings(max_examples=100, deadline=None)
+@given(boxes())
+def test_decode_then_encode_gives_every_index_back(box):
+    bins = Bins(*box)
+    index = np.tile(np.arange(bins.n_bins)[:, None], (1, len(bins.low)))
+    np.testing.assert_array_equal(bins.encode(bins.decode(jnp.asarray(index))), index)
+
+
+@settings(max_examples=100, deadline=None)
+@given(boxes())
+def test_a_value_on_an_edge_belongs_to_the_bin_above_and_high_to_the_last(box):
+    bins = Bins(*box)
+    expected = np.minimum(np.arange(bins.n_bins + 1), bins.n_bins - 1)
+    np.testing.assert_array_equal(
+        bins.encode(jnp.asarray(bins.edges.T)), np.tile(expected[:, None], (1, len(bins.low)))
+    )
+
+
+@settings(max_examples=50, deadline=None)
+@given(boxes(), st.floats(1e-3, 1e30))
+def test_beyond_the_box_is_the_bin_at_that_end(box, distance):
+    bins = Bins(*box)
+    far = np.float32(distance)
+    assert (np.asarray(bins.encode(jnp.asarray(bins.low - far))) == 0).all()
+    assert (np.asarray(bins.encode(jnp.asarray(bins.high + far))) == bins.n_bins - 1).all()
+
+
+def test_edges_centers_and_width_are_the_uniform_discretisation():
+    bins = Bins([-1.0, 0.0], [1.0, 10.0], 4)
+    np.testing.assert_allclose(bins.edges, [[-1, -0.5, 0, 0.5, 1], [0, 2.5, 5, 7.5, 10]])
+    np.testing.assert_allclose(bins.centers, [[-0.75, -0.25, 0.25, 0.75], [1.25, 3.75, 6.25, 8.75]])
+    np.testing.assert_allclose(bins.width, [0.5, 2.5])
+
+
+def test_scalar_bounds_make_one_dimension():
+    assert Bins(-2, 2, 8).centers.shape == (1, 8)
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "n_bins", "message"),
+    [
+        ([0], [1], 1, "n_bins is 1"),
+        ([1], [1], 4, "below its high"),
+        ([2], [1], 4, "below its high"),
+        ([-np.inf], [1], 4, "finite bounds"),
+        ([0], [np.nan], 4, "finite bounds"),
+        ([0, 0], [1], 4, "both must be"),
+        (np.zeros((1, 1)), np.ones((1, 1)), 4, "both must be"),
+        ([1e6], [1e6 + 1], 100, "too narrow"),
+    ],
+)
+def test_bad_bounds_are_refused_by_name(low, high, n_bins, message):
+    with pytest.raises(UsageError, match=message):
+        Bins(low, high, n_bins)

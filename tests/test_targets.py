@@ -1,0 +1,99 @@
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.stats import norm
+
+from galton import Bins, UsageError, targets
+
+ETAS = [0.01, 0.05, 0.1, 0.25, 0.5, 0.75, 1.0, 2.0, 4.0]
+BOXES = [(-1.0, 1.0), (-10.0, 10.0), (0.1, 0.7), (-3.3, 12.9)]
+
+
+def places(bins):
+    """Actions inside, on and far beyond the edges."""
+    rng = np.random.default_rng(0)
+    low, high = bins.low[0], bins.high[0]
+    inside = rng.uniform(low, high, 40).astype(np.float32)
+    beyond = np.array([low - 1e-3, high + 1e-3, low - 50, high + 50, -1e30, 1e30], np.float32)
+    some = rng.choice(bins.n_bins, min(bins.n_bins, 100), replace=False)
+    edges, centers = np.append(bins.edges[0, some], bins.high), bins.centers[0, some]
+    near = np.nextafter(edges, np.float32(-np.inf))
+    return jnp.asarray(np.concatenate([inside, edges, near, centers, beyond])[:, None])
+
+
+def reference(low, high, k, action, eta):
+    """scipy's normal CDF in float64, on exact edges, with survival functions where they are more accurate."""
+    edges = np.linspace(low, high, k + 1)
+    z = (edges - np.clip(np.asarray(action, np.float64), low, high)) / (eta * (high - low) / k)
+    mass = np.where(z[:, :-1] > 0, norm.sf(z[:, :-1]) - norm.sf(z[:, 1:]), norm.cdf(z[:, 1:]) - norm.cdf(z[:, :-1]))
+    return mass / mass.sum(1, keepdims=True)
+
+
+@pytest.mark.parametrize("k", [2, 3, 50, 100, 200, 1000, 4096])
+@pytest.mark.parametrize("eta", ETAS)
+def test_hl_gauss_is_a_distribution_in_float32(k, eta):
+    for low, high in BOXES[:3]:
+        bins = Bins(low, high, k)
+        q = np.asarray(targets.hl_gauss(bins, places(bins), eta))
+        assert q.dtype == np.float32
+        assert np.isfinite(q).all()
+        assert (q >= 0).all()
+        np.testing.assert_allclose(q.astype(np.float64).sum(-1), 1, atol=1e-6)
+
+
+@pytest.mark.parametrize("k", [2, 3, 50, 100, 200, 4096])
+@pytest.mark.parametrize("eta", ETAS)
+@pytest.mark.parametrize(("low", "high"), BOXES)
+def test_hl_gauss_equals_scipys_normal_cdf(k, eta, low, high):
+    bins = Bins(low, high, k)
+    action = places(bins)
+    q = targets.hl_gauss(bins, action, eta)[:, 0]
+    # What a float32 action can't say of a float64 bound: 6e-8 of it, in widths of the target.
+    unsayable = 6e-8 * max(abs(low), abs(high)) / (eta * (high - low) / k)
+    inside = (np.asarray(action) > bins.low) & (np.asarray(action) < bins.high)
+    error = np.abs(np.asarray(q, np.float64) - reference(low, high, k, action, eta))
+    assert error[inside[:, 0]].max() < 1e-6
+    assert error.max() < 1e-6 + unsayable
+
+
+@pytest.mark.parametrize("eta", ETAS)
+def test_hl_gauss_equals_scipys_normal_cdf_in_float64(eta):
+    with jax.enable_x64(True):
+        bins = Bins(-3.3, 12.9, 100)
+        action = jnp.linspace(-5, 15, 997)[:, None]
+        q = targets.hl_gauss(bins, action, eta)[:, 0]
+        np.testing.assert_allclose(q, reference(-3.3, 12.9, 100, action, eta), atol=1e-12)
+
+
+@pytest.mark.parametrize("k", [2, 50, 200])
+@pytest.mark.parametrize("eta", [0.01, 0.05, 0.1])
+def test_narrow_targets_are_one_hot_at_bin_centers(k, eta):
+    bins = Bins([-1.0, 2.0], [1.0, 7.0], k)
+    action = jnp.asarray(bins.centers.T)
+    np.testing.assert_allclose(targets.hl_gauss(bins, action, eta), targets.one_hot(bins, action), atol=1e-5)
+
+
+@pytest.mark.parametrize("k", [2, 7, 100, 200])
+@pytest.mark.parametrize("eta", ETAS)
+def test_the_short_cut_for_centers_equals_the_general_target(k, eta):
+    bins = Bins(-1.0, 1.0, k)
+    general = targets.hl_gauss(bins, jnp.asarray(bins.centers.T), eta)[:, 0]
+    np.testing.assert_allclose(targets.hl_gauss_of_center(k, jnp.arange(k), eta), general, atol=2e-6)
+
+
+def test_each_dimension_has_its_own_bounds_and_any_batch_shape():
+    bins = Bins([-1.0, 0.0, -5.0], [1.0, 10.0, -4.0], 20)
+    action = jax.random.uniform(jax.random.key(0), (3, 5, 3), minval=-6, maxval=11)
+    whole = targets.hl_gauss(bins, action, 0.75)
+    for i in range(3):
+        alone = targets.hl_gauss(Bins(bins.low[i], bins.high[i], 20), action[..., i : i + 1], 0.75)
+        np.testing.assert_allclose(whole[..., i, :], alone[..., 0, :], atol=1e-6)
+    assert targets.one_hot(bins, action).shape == (3, 5, 3, 20)
+
+
+def test_eta_must_be_positive():
+    with pytest.raises(UsageError, match="eta is 0"):
+        targets.hl_gauss(Bins(-1, 1, 10), jnp.zeros(1), 0)
+    with pytest.raises(UsageError, match="eta is -1"):
+        targets.hl_gauss_of_center(10, jnp.arange(10), -1.0)
