@@ -46,16 +46,16 @@ class Bins:
             f"low has shape {low64.shape} and high {high64.shape}; both must be [d]",
         )
         require(
-            bool(np.isfinite(low64).all() and np.isfinite(high64).all()),
+            np.isfinite(low64).all() and np.isfinite(high64).all(),
             f"{bounds}; a box that is cut into bins needs finite bounds",
         )
-        require(bool((low64 < high64).all()), f"{bounds}; each low must lie below its high")
+        require((low64 < high64).all(), f"{bounds}; each low must lie below its high")
         require(n_bins >= 2, f"n_bins is {n_bins}; a histogram needs at least 2")
         dtype = jax.dtypes.canonicalize_dtype(np.float64)
         width = (high64 - low64) / n_bins
         spacing = np.finfo(dtype).eps * np.maximum(abs(low64), abs(high64))
         require(
-            bool((width > 4 * spacing).all()),
+            (width > 4 * spacing).all(),
             f"{bounds}; {n_bins} bins between them are too narrow for {dtype.name}; lower n_bins or shift the box",
         )
         edges = np.linspace(low64, high64, n_bins + 1, axis=-1)

@@ -1,6 +1,7 @@
 """The galton command. Each subcommand is a module of galton.commands, loaded when it is called for."""
 
 import importlib
+import signal
 import sys
 
 COMMANDS = {
@@ -34,6 +35,7 @@ def main() -> None:
 
     from galton.errors import UsageError
 
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # so that it cleans up as Ctrl-C does
     try:
         importlib.import_module(f"galton.commands.{name}").main(arguments)
     except UsageError as error:

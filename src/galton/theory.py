@@ -17,8 +17,8 @@ Scalar = float | Float[Array, ""]
 def output_lipschitz(layers: list[Params], observation: Float[Array, " o"]) -> Float[Array, ""]:
     """The least l with ‖∇_φ w_jᵀ f_φ(s)‖ ≤ l for every output j at this observation."""
     jacobian = jax.jacrev(lambda hidden: mlp([*hidden, layers[-1]], observation))(layers[:-1])
-    squares = jnp.stack([jnp.sum(leaf.reshape(leaf.shape[0], -1) ** 2, 1) for leaf in jax.tree.leaves(jacobian)])
-    return jnp.sqrt(squares.sum(0).max())
+    flat = jnp.concatenate([leaf.reshape(len(leaf), -1) for leaf in jax.tree.leaves(jacobian)], axis=1)
+    return jnp.max(jnp.linalg.norm(flat, axis=1))
 
 
 def classification_bound(
@@ -30,7 +30,8 @@ def classification_bound(
 ) -> Float[Array, ""]:
     """Proposition 1, eq. 7: |A| (l + ‖f‖) Σ_i |q_i − π_i|; the last factor is at most 2."""
     distance = jnp.abs(target - probs).sum()
-    return distance * jnp.abs(advantage) * (lipschitz + jnp.linalg.norm(features))
+    bound: Array = distance * jnp.abs(advantage) * (lipschitz + jnp.linalg.norm(features))
+    return bound
 
 
 def regression_bound(
@@ -46,5 +47,5 @@ def regression_bound(
     The paper divides the squared error by 2σ, so its scale is σ; for the Gaussian's own log-likelihood, which
     divides by 2σ², it is σ².
     """
-    distance = jnp.abs(jnp.asarray(action - mean)) / scale
-    return distance * jnp.abs(advantage) * (lipschitz + jnp.linalg.norm(features))
+    bound: Array = jnp.abs(jnp.asarray(action - mean) / scale) * jnp.abs(advantage) * (lipschitz + jnp.linalg.norm(features))
+    return bound

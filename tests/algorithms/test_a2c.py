@@ -2,6 +2,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+
 from galton import LOSSES, Config, Hypers
 from galton.algorithms import a2c
 from galton.types import Transition
@@ -32,7 +33,9 @@ def test_an_update_keeps_structure_shapes_and_dtypes(loss):
     after, diagnostics = a2c.update(config, policy, learner, batch, Hypers())
     assert jax.tree.map(lambda x: (x.shape, x.dtype), after) == jax.tree.map(lambda x: (x.shape, x.dtype), learner)
     assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves((after, diagnostics)))
-    assert all((a != b).any() for a, b in zip(jax.tree.leaves(after.params), jax.tree.leaves(learner.params), strict=True))
+    assert all(
+        (a != b).any() for a, b in zip(jax.tree.leaves(after.params), jax.tree.leaves(learner.params), strict=True)
+    )
 
 
 def test_the_networks_start_orthogonal_with_sb3s_scales():

@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 import stable_baselines3
 import torch
+from gymnasium.spaces import Box, MultiDiscrete
+
 from galton import Bins, Config, Hypers
 from galton.algorithms import a2c
 from galton.losses import find_loss
 from galton.types import Learner, Transition
-from gymnasium.spaces import Box, MultiDiscrete
 
 LOW, HIGH, K = np.array([-1.0, 0.0]), np.array([1.0, 3.0]), 12
 T, N, TIME_LIMIT = 10, 2, 7

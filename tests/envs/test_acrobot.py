@@ -2,6 +2,7 @@ import gymnasium
 import jax
 import jax.numpy as jnp
 import numpy as np
+
 from galton.envs import Acrobot
 
 

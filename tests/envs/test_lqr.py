@@ -4,9 +4,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy.linalg import solve_discrete_are
+
 from galton import UsageError
 from galton.envs import LQR
-from scipy.linalg import solve_discrete_are
 
 
 def simulate(env, controller, n=20_000, seed=0):
@@ -86,7 +87,7 @@ def test_other_sizes_noise_and_horizons():
         A=((0.9, 0.1, 0.0), (0.0, 0.8, 0.1), (0.0, 0.0, 0.7)),
         B=((0.0,), (0.1,), (0.2,)),
         Q=((1.0, 0.0, 0.0), (0.0, 2.0, 0.0), (0.0, 0.0, 0.5)),
-        R=((0.3,),),
+        R=((3.0,),),
         noise_std=0.02,
         max_episode_steps=30,
     )
@@ -110,7 +111,7 @@ def test_matrices_may_be_arrays_and_records_are_hashable():
         ({"Q": ((1.0, 1.0), (0.0, 1.0))}, "Q is .* symmetric"),
         ({"noise_std": -1.0}, "noise_std is -1"),
         ({"max_episode_steps": 0}, "max_episode_steps is 0"),
-        ({"B": 1.0}, "B has shape"),
+        ({"B": np.ones(3)}, "B has shape"),
     ],
 )
 def test_bad_constants_are_refused_by_name(constants, message):

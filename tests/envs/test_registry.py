@@ -1,10 +1,12 @@
 import gymnasium
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
+from gymnasium.utils.env_checker import check_env
+
 from galton import UsageError
 from galton.envs import ENVS, Environment, make
-from gymnasium.utils.env_checker import check_env
 
 
 @pytest.mark.parametrize("name", ENVS)
@@ -32,7 +34,8 @@ def test_gymnasium_steps_are_the_records_with_scaled_actions(name):
         state = env._state
         _, reward, terminated, truncated, _ = env.step(action)
         scaled = np.clip(action, -1, 1) * record.action_high
-        _, expected, ended = record.step(state, scaled, jax.tree.map(np.zeros_like, record.noise(jax.random.key(0))))
+        still = jax.tree.map(jnp.zeros_like, record.noise(jax.random.key(0)))
+        _, expected, ended = record.step(state, jnp.asarray(scaled), still)
         assert not truncated
         assert terminated == bool(ended)
         noise = 6 if name == "bandit" else 1e-5

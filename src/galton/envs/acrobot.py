@@ -22,8 +22,8 @@ class Acrobot:
     """
 
     max_episode_steps = 500
-    action_low = box(-1, 1)
-    action_high = box(1, 1)
+    action_low = box(-1.0, 1)
+    action_high = box(1.0, 1)
     observation_high = np.array([1, 1, 1, 1, MAX_VELOCITY_1, MAX_VELOCITY_2], np.float32)
     observation_low = -observation_high
     optimal_return = None

@@ -30,15 +30,15 @@ class Bandit:
     @property
     def action_low(self) -> Float[np.ndarray, " d"]:
         """−10."""
-        return box(-10, self.d)
+        return box(-10.0, self.d)
 
     @property
     def action_high(self) -> Float[np.ndarray, " d"]:
         """10."""
-        return box(10, self.d)
+        return box(10.0, self.d)
 
-    observation_low = box(0, 1)
-    observation_high = box(1, 1)
+    observation_low = box(0.0, 1)
+    observation_high = box(1.0, 1)
     optimal_return = 25.0
     random_return = 25.0 - (25.0 + 100.0 / 3)
     """E (a − 5)² = 5² + Var a."""

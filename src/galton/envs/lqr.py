@@ -11,7 +11,8 @@ from jaxtyping import Array, Bool, Float, Key
 from galton.envs.base import box
 from galton.errors import require
 
-Matrix = tuple[tuple[float, ...], ...]
+Matrix = tuple[tuple[float, ...], ...] | np.ndarray
+"""Rows; an array is turned into them."""
 
 
 _C, _S = 0.98 * math.cos(0.1), 0.98 * math.sin(0.1)
@@ -44,8 +45,8 @@ class LQR:
         for name in "QR":
             matrix = np.array(getattr(self, name))
             require(np.allclose(matrix, matrix.T), f"{name} is {matrix.tolist()}; it must be symmetric")
-        require(bool((np.linalg.eigvalsh(self.Q) >= 0).all()), f"Q is {self.Q}; it must be positive semidefinite")
-        require(bool((np.linalg.eigvalsh(self.R) > 0).all()), f"R is {self.R}; it must be positive definite")
+        require((np.linalg.eigvalsh(self.Q) >= 0).all(), f"Q is {self.Q}; it must be positive semidefinite")
+        require((np.linalg.eigvalsh(self.R) > 0).all(), f"R is {self.R}; it must be positive definite")
         require(self.noise_std >= 0, f"noise_std is {self.noise_std}; it must be 0 or more")
         require(
             self.max_episode_steps >= 1,
@@ -55,12 +56,12 @@ class LQR:
     @property
     def action_low(self) -> Float[np.ndarray, " m"]:
         """−1."""
-        return box(-1, len(self.R))
+        return box(-1.0, len(self.R))
 
     @property
     def action_high(self) -> Float[np.ndarray, " m"]:
         """1."""
-        return box(1, len(self.R))
+        return box(1.0, len(self.R))
 
     @property
     def observation_low(self) -> Float[np.ndarray, " n"]:

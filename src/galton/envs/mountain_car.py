@@ -21,8 +21,8 @@ class MountainCar:
     """
 
     max_episode_steps = 999
-    action_low = box(-1, 1)
-    action_high = box(1, 1)
+    action_low = box(-1.0, 1)
+    action_high = box(1.0, 1)
     observation_low = np.array([MIN_POSITION, -MAX_SPEED], np.float32)
     observation_high = np.array([MAX_POSITION, MAX_SPEED], np.float32)
     optimal_return = None

@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
-from jaxtyping import Array, Float, Int, Key
+from jaxtyping import Array, Float, Int, Key, UInt
 
 from galton.algorithms import a2c
 from galton.envs.base import Environment
@@ -200,7 +200,7 @@ def _compile(
     return begin.lower(seeds).compile(), jax.jit(advance, donate_argnums=0).lower(state, hypers).compile()
 
 
-def _begin(env: Environment, config: Config, seed: Int[Array, ""]) -> RunState:
+def _begin(env: Environment, config: Config, seed: UInt[Array, ""]) -> RunState:
     """A new run."""
     init_key, episodes_key, key, evaluation_key = jax.random.split(jax.random.key(seed), 4)
     policy = a2c.make_policy(config, env.action_low, env.action_high)

@@ -1,0 +1,87 @@
+import dataclasses
+import io
+
+import numpy as np
+import pytest
+from galton import LOSSES, Config, Hypers, train
+from galton.analysis.comparison import curves, summarise, table, verdicts
+from galton.analysis.plots import learning_curves, save
+from galton.envs import LQR, MountainCar
+from rich.console import Console
+
+
+def result(loss, final, diverged=()):
+    """A real result with the returns of its last log point set by hand."""
+    config = Config(loss=loss, n_bins=4, net_arch=(), n_steps=5)
+    base = train(LQR(), config, Hypers(), range(len(final)), 20, n_logs=2, n_eval_episodes=1)
+    column = np.array(final, np.float32)[:, None].repeat(2, 1)
+    flags = np.where(np.isin(np.arange(len(final)), diverged), 10, -1)
+    log = base.log._replace(training_return=column, evaluation_return=column + 1)
+    return dataclasses.replace(base, log=log, diverged_at=flags)
+
+
+@pytest.fixture(scope="module")
+def results():
+    return {
+        "gaussian": result("gaussian", [-20.0, -21.0, -22.0, -900.0], diverged=[3]),
+        "hl-gauss": result("hl-gauss", [-11.0, -10.0, -12.0, -11.0]),
+        "hl-one-hot": result("hl-one-hot", [-20.0, -22.0, -21.0, -21.0]),
+    }
+
+
+def text(rows):
+    console = Console(file=io.StringIO(), width=80)
+    console.print(table(rows, LQR()))
+    return console.file.getvalue()
+
+
+def test_rows_leave_diverged_runs_out_of_the_means_and_count_them(results):
+    rows = {row.loss: row for row in summarise(results, LQR())}
+    assert rows["gaussian"].training_return.mean == -21
+    assert rows["gaussian"].diverged == 1
+    assert rows["hl-gauss"].evaluation_return.mean == -10
+
+
+def test_the_share_of_the_optimum_is_zero_at_random_and_one_at_the_optimum():
+    env = LQR()
+    for value, share in ((env.random_return, 0.0), (env.optimal_return, 1.0)):
+        (row,) = summarise({"gaussian": result("gaussian", [value - 1, value - 1])}, env)
+        assert row.share_of_optimum == pytest.approx(share, abs=1e-6)
+
+
+def test_the_table_fits_a_terminal_and_holds_every_loss(results):
+    shown = text(summarise(results, LQR()))
+    assert "…" not in shown
+    assert all(LOSSES[loss].label in shown for loss in results)
+    assert "−21.00 ± 2.48" in shown
+
+
+def test_without_a_known_optimum_there_is_no_share(results):
+    rows = summarise(results, MountainCar())
+    assert all(row.share_of_optimum is None for row in rows)
+    assert "optimum" not in text(rows)
+
+
+def test_verdicts_name_what_differs_and_what_does_not(results):
+    sentences = verdicts(results)
+    assert [s.rsplit(": ", 1)[1] for s in sentences] == ["better", "better", "no clear difference", "no clear difference"]
+    assert sentences[0].startswith("HL-Gauss − Gaussian, training return: +10.00 ±")
+    assert verdicts({"hl-gauss": results["hl-gauss"]}) == []
+
+
+def test_curves_hold_every_run_and_log_point(results):
+    frame = curves(results).to_pydict()
+    assert len(frame["loss"]) == 3 * 4 * 2
+    assert set(frame["loss"]) == set(results)
+    assert frame["seed"][:4] == [0, 0, 1, 1]
+    assert frame["step"][:4] == [10, 20, 10, 20]
+    assert frame["evaluation_return"][0] == -19
+
+
+def test_the_same_figure_gives_the_same_files(results, tmp_path):
+    for name in ("a", "b"):
+        save(learning_curves(results, LQR(), "LQR"), tmp_path / name)
+    for suffix in (".png", ".svg"):
+        first, second = ((tmp_path / name).with_suffix(suffix).read_bytes() for name in ("a", "b"))
+        assert first == second
+        assert len(first) > 5_000

@@ -1,0 +1,175 @@
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from galton import LOSSES, Config, Hypers, UsageError, train
+from galton.envs import LQR, Bandit, MountainCar
+
+from .probes import Probe
+
+CONFIG = Config(n_bins=20, net_arch=(16, 16))
+
+
+def run(env=None, config=CONFIG, hypers=None, seeds=(0,), steps=400, **settings):
+    return train(
+        env or LQR(), config, hypers or Hypers(), seeds, steps, **{"n_logs": 4, "n_eval_episodes": 2} | settings
+    )
+
+
+def leaves(result, i):
+    return [np.asarray(leaf[i]) for leaf in jax.tree.leaves((result.learner, result.log))]
+
+
+def assert_same_bits(a, b):
+    for x, y in zip(a, b, strict=True):
+        np.testing.assert_array_equal(x, y)
+
+
+@pytest.mark.parametrize("loss", LOSSES)
+def test_the_same_seed_gives_the_same_bits_and_another_seed_others(loss):
+    config = dataclasses.replace(CONFIG, loss=loss)
+    first, second = run(config=config, seeds=[3, 4]), run(config=config, seeds=[3, 4])
+    for i in range(2):
+        assert_same_bits(leaves(first, i), leaves(second, i))
+    assert any((x != y).any() for x, y in zip(leaves(first, 0), leaves(first, 1), strict=True))
+
+
+@pytest.mark.parametrize("loss", LOSSES)
+def test_a_run_alone_and_in_a_group_agree(loss):
+    config = dataclasses.replace(CONFIG, loss=loss)
+    rates = np.array([1e-3, 7e-4, 1e-2, 3e-4, 1e-4], np.float32)
+    group = run(config=config, hypers=Hypers(rates), seeds=range(5), steps=20, n_logs=1)
+    for i in range(5):
+        alone = run(config=config, hypers=Hypers(float(rates[i])), seeds=[i], steps=20, n_logs=1)
+        for x, y in zip(jax.tree.leaves(group.learner.params), jax.tree.leaves(alone.learner.params), strict=True):
+            np.testing.assert_allclose(x[i], y[0], rtol=1e-5, atol=1e-6)
+
+
+def test_how_often_is_logged_and_evaluated_does_not_touch_training():
+    few = run(steps=480, n_logs=2, n_eval_episodes=0)
+    many = run(steps=480, n_logs=24, n_eval_episodes=3)
+    for x, y in zip(jax.tree.leaves(few.learner), jax.tree.leaves(many.learner), strict=True):
+        np.testing.assert_allclose(x, y, rtol=1e-4, atol=1e-6)
+
+
+def test_a_run_that_turns_nan_is_flagged_and_its_neighbours_keep_their_bits():
+    rates = np.full(4, 1e-3, np.float32)
+    healthy = run(hypers=Hypers(rates), seeds=range(4))
+    sick = rates.copy()
+    sick[1] = 1e38  # overflows in a few updates
+    result = run(hypers=Hypers(sick), seeds=range(4))
+    assert result.diverged_at[1] > 0
+    assert result.diverged_at[1] % CONFIG.n_steps == 0
+    assert (np.delete(result.diverged_at, 1) == -1).all()
+    after = result.steps >= result.diverged_at[1]
+    assert np.isnan(result.log.training_return[1, after]).all()
+    assert np.isnan(result.log.evaluation_return[1, after]).all()
+    assert np.isnan(result.final("training_return")[1])
+    for i in (0, 2, 3):
+        assert_same_bits(leaves(healthy, i), leaves(result, i))
+
+
+def test_returns_count_whole_episodes_and_nothing_else():
+    # Reward 1 a step and seven steps an episode, over logs of 20 steps: a return is 7 wherever an episode ended.
+    result = run(Probe("constant", 7), steps=200, n_logs=10)
+    ended = np.array([(20 * (i + 1)) // 7 - (20 * i) // 7 for i in range(10)])
+    np.testing.assert_array_equal(result.log.n_episodes[0], ended)
+    np.testing.assert_allclose(result.log.training_return[0], 7.0)
+    np.testing.assert_allclose(result.log.evaluation_return[0], 7.0)
+
+
+def test_a_log_point_without_a_finished_episode_is_nan():
+    result = run(MountainCar(), steps=1200, n_logs=6)
+    assert np.isnan(result.log.training_return[0, :4]).all()
+    assert np.isfinite(result.log.training_return[0, 4])
+
+
+def test_evaluation_can_be_turned_off():
+    assert np.isnan(run(n_eval_episodes=0).log.evaluation_return).all()
+
+
+def test_steps_are_rounded_up_to_whole_updates_and_said():
+    result = run(steps=410, n_logs=4)
+    np.testing.assert_array_equal(result.steps, [120, 240, 360, 480])
+    assert len(run(Bandit(), Config(n_steps=5, net_arch=()), steps=10, n_logs=100).steps) == 2
+
+
+def test_several_environments_per_run():
+    result = run(config=dataclasses.replace(CONFIG, n_envs=4, n_steps=5), steps=400)
+    assert result.steps[-1] == 400
+    np.testing.assert_array_equal(result.log.n_episodes.sum(1), [4])
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {"initial_policy": "gaussian"},
+        {"exploration": "gaussian"},
+        {"bin_sample": "uniform"},
+        {"deterministic_action": "mean"},
+        {"deterministic_action": "median"},
+        {"normalize_advantage": True},
+        {"net_arch": ()},
+    ],
+)
+@pytest.mark.parametrize("loss", ["hl-gauss", "hl-gauss-centred"])
+def test_every_variant_trains(loss, settings):
+    result = run(config=dataclasses.replace(CONFIG, loss=loss, **settings))
+    assert (result.diverged_at == -1).all()
+    assert np.isfinite(result.log.evaluation_return).all()
+
+
+def test_hypers_are_data_and_do_not_compile_again():
+    from galton.training import train as module
+
+    module._compile.cache_clear()
+    for rate in (1e-4, 1e-3):
+        for eta in (0.1, 0.5):
+            run(hypers=Hypers(rate, eta=eta), seeds=[1, 2])
+    assert module._compile.cache_info().misses == 1
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"seeds": []}, "seeds is empty"),
+        ({"seeds": [-1]}, "seed is -1"),
+        ({"steps": 0}, "total_timesteps is 0"),
+        ({"n_logs": 0}, "n_logs is 0"),
+        ({"n_eval_episodes": -1}, "n_eval_episodes is -1"),
+        ({"hypers": Hypers(eta=0.0)}, "eta is 0.0"),
+        ({"hypers": Hypers(eta=np.array([0.5, -1.0]))}, "eta is -1.0"),
+        ({"hypers": Hypers(gamma=1.1)}, "gamma is 1.1"),
+        ({"hypers": Hypers(learning_rate=float("nan"))}, "learning_rate is nan"),
+        ({"hypers": Hypers(max_grad_norm=0.0)}, "max_grad_norm is 0.0"),
+        ({"hypers": Hypers(vf_coef=np.ones(3))}, r"vf_coef has shape \(3,\)"),
+        ({"config": dataclasses.replace(CONFIG, loss="mse")}, "loss is 'mse'"),
+    ],
+)
+def test_bad_arguments_are_refused_by_name(settings, message):
+    with pytest.raises(UsageError, match=message):
+        run(**settings)
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"n_bins": 1}, "n_bins is 1"),
+        ({"n_steps": 0}, "n_steps is 0"),
+        ({"n_envs": 0}, "n_envs is 0"),
+        ({"net_arch": (64, 0)}, "net_arch is"),
+        ({"n_steps": 1, "normalize_advantage": True}, "normalize_advantage needs"),
+    ],
+)
+def test_bad_configs_are_refused_by_name(settings, message):
+    with pytest.raises(UsageError, match=message):
+        Config(**settings)
+
+
+def test_a_group_of_runs_is_never_squeezed():
+    result = run(seeds=[5])
+    assert result.log.training_return.shape == (1, 4)
+    assert jnp.shape(result.learner.params["critic"][-1]["bias"]) == (1, 1)
