@@ -10,6 +10,7 @@ import time
 
 import pyarrow.parquet as pq
 import pytest
+
 from galton import LOSSES
 from galton.envs import ENVS
 from galton.training.checkpoint import load
@@ -28,7 +29,9 @@ def test_help_names_the_commands_and_needs_no_jax():
     assert done.returncode == 0
     assert "train" in done.stdout
     assert "compare" in done.stdout
-    check = "import sys; sys.argv = ['galton', '--help']; from galton.cli import main; main(); assert 'jax' not in sys.modules"
+    check = (
+        "import sys; from galton.cli import main; sys.argv[1:] = ['--help']; main(); assert 'jax' not in sys.modules"
+    )
     assert subprocess.run([sys.executable, "-c", check], capture_output=True).returncode == 0
 
 
@@ -47,7 +50,10 @@ def test_a_commands_help_lists_losses_and_environments(command):
         (["compare", "cartpole"], "environment is 'cartpole'; choose from bandit, lqr"),
         (["train", "lqr", "--loss", "mse"], "loss is 'mse'; choose from gaussian"),
         (["compare", "lqr", "--losses", "gaussian", "mse"], "loss is 'mse'; choose from gaussian"),
-        (["compare", "lqr", "--losses", "gaussian", "gaussian"], "name each loss once"),
+        (
+            ["compare", "lqr", "--losses", "gaussian", "gaussian"],
+            "losses is ('gaussian', 'gaussian'); name each loss once",
+        ),
         (["train", "lqr", "--eta", "0"], "eta is 0.0; it must be greater than 0"),
         (["compare", "lqr", "--eta", "-0.5"], "eta is -0.5; it must be greater than 0"),
         (["train", "lqr", "--n-bins", "1"], "n_bins is 1; a histogram needs at least 2"),

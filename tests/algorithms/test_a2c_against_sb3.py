@@ -1,4 +1,4 @@
-"""One update of ours against one of Stable-Baselines3's A2C (torch, Adam), from equal weights and one recorded batch."""
+"""Our updates against those of Stable-Baselines3's A2C (torch, Adam), from equal weights and recorded batches."""
 
 import gymnasium
 import jax
@@ -20,7 +20,7 @@ HYPERS = Hypers(learning_rate=1e-3, gamma=0.97, gae_lambda=0.9, vf_coef=0.4, ent
 
 
 class Recorder(gymnasium.Env):
-    """Random observations, rewards that depend on the action, every other episode terminates; it writes down each step."""
+    """Random observations; every other episode terminates, the rest meet the time limit. It writes down each step."""
 
     def __init__(self, discrete):
         self.observation_space = Box(-np.inf, np.inf, (3,))

@@ -3,11 +3,12 @@ import io
 
 import numpy as np
 import pytest
+from rich.console import Console
+
 from galton import LOSSES, Config, Hypers, train
 from galton.analysis.comparison import curves, summarise, table, verdicts
 from galton.analysis.plots import learning_curves, save
 from galton.envs import LQR, MountainCar
-from rich.console import Console
 
 
 def result(loss, final, diverged=()):
@@ -64,7 +65,12 @@ def test_without_a_known_optimum_there_is_no_share(results):
 
 def test_verdicts_name_what_differs_and_what_does_not(results):
     sentences = verdicts(results)
-    assert [s.rsplit(": ", 1)[1] for s in sentences] == ["better", "better", "no clear difference", "no clear difference"]
+    assert [s.rsplit(": ", 1)[1] for s in sentences] == [
+        "better",
+        "better",
+        "no clear difference",
+        "no clear difference",
+    ]
     assert sentences[0].startswith("HL-Gauss − Gaussian, training return: +10.00 ±")
     assert verdicts({"hl-gauss": results["hl-gauss"]}) == []
 

@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
-from galton.analysis.statistics import difference_interval, fill_forward, mean_interval
 from scipy import stats
+
+from galton.analysis.statistics import difference_interval, fill_forward, mean_interval
 
 
 def test_mean_interval_is_scipys():

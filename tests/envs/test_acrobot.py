@@ -7,7 +7,7 @@ from galton.envs import Acrobot
 
 
 def test_100_000_random_steps_equal_gymnasiums():
-    """From each state of Gymnasium's own trajectory, with its three torques held for a while, in float32 and float64."""
+    """From each state of Gymnasium's own trajectory, its three torques held for a while, in float32 and float64."""
     theirs = gymnasium.make("Acrobot-v1").unwrapped
     rng = np.random.default_rng(0)
     observation, _ = theirs.reset(seed=0)

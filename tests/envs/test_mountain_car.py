@@ -47,7 +47,7 @@ def test_the_wall_and_the_speed_limits():
 
     np.testing.assert_allclose(step([-1.19, -0.07], -1.0)[0], [-1.2, 0.0])
     np.testing.assert_allclose(step([-1.0, 0.07], 1.0)[0][1], 0.07)
-    state, reward, terminated = step([0.449, 0.05], 1.0)
+    _, reward, terminated = step([0.449, 0.05], 1.0)
     assert terminated
     assert reward == np.float32(99.9)
     assert not step([0.6, -0.01], 0.0)[2]

@@ -1,6 +1,7 @@
 import jax
 import numpy as np
 import pytest
+
 from galton import LOSSES, Config, Hypers, UsageError, train
 from galton.envs import LQR
 from galton.training.checkpoint import Checkpoint, load, save

@@ -75,14 +75,13 @@ def _tuples(value: Any) -> Any:
 OptionsT = TypeVar("OptionsT")
 
 
-def parse(options: type[OptionsT], name: str, summary: str, arguments: Sequence[str]) -> OptionsT:
+def parse(options: type[OptionsT], name: str, arguments: Sequence[str]) -> OptionsT:
     """Parse twice: the first time for the task, whose settings are the defaults of the second."""
 
     def read(training: Training) -> OptionsT:
         return tyro.cli(
             options,
             prog=f"galton {name}",
-            description=summary,
             args=list(arguments),
             default=options(env=tyro.MISSING, training=training),  # type: ignore[call-arg]
             config=(tyro.conf.OmitArgPrefixes,),

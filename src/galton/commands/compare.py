@@ -12,7 +12,6 @@ from rich.console import Console
 
 from galton.analysis.comparison import curves, summarise, table, verdicts
 from galton.analysis.plots import learning_curves, save
-from galton.cli import COMMANDS
 from galton.commands.common import (
     EnvName,
     LossNames,
@@ -32,7 +31,7 @@ from galton.training.train import Result, check_arguments, train
 
 @dataclasses.dataclass(frozen=True)
 class Options:
-    """Train several losses over the same seeds."""
+    """Train several losses over the same seeds; print a table and keep figure and numbers in a folder."""
 
     env: EnvName
     training: Training
@@ -47,7 +46,7 @@ class Options:
 
 def main(arguments: Sequence[str]) -> None:
     """Train all losses, print the table and write figure, curves and settings."""
-    options = parse(Options, "compare", COMMANDS["compare"], arguments)
+    options = parse(Options, "compare", arguments)
     name, task = find_task(options.env)
     labels = {loss: find_loss(loss).label for loss in options.losses}
     require(

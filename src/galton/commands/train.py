@@ -9,7 +9,6 @@ import pyarrow.parquet as pq
 from rich.console import Console
 
 from galton.analysis.comparison import curves
-from galton.cli import COMMANDS
 from galton.commands.common import (
     EnvName,
     LossName,
@@ -29,7 +28,7 @@ from galton.training.train import check_arguments, train
 
 @dataclasses.dataclass(frozen=True)
 class Options:
-    """Train one policy."""
+    """Train one policy and keep it in a run folder: settings, metrics and a checkpoint."""
 
     env: EnvName
     training: Training
@@ -43,7 +42,7 @@ class Options:
 
 def main(arguments: Sequence[str]) -> None:
     """Train and write config.json, metrics.parquet and the checkpoint."""
-    options = parse(Options, "train", COMMANDS["train"], arguments)
+    options = parse(Options, "train", arguments)
     name, _ = find_task(options.env)
     label = find_loss(options.loss).label
     training, constants = options.training, options.training.constants()

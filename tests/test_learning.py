@@ -1,0 +1,36 @@
+"""What a small independent implementation reaches with room to spare: means over seeds, best of the learning rates."""
+
+import numpy as np
+import pytest
+
+from galton import LOSSES, Config, Hypers, train
+from galton.envs import LQR, Acrobot, Bandit
+
+PAPER = [name for name, loss in LOSSES.items() if loss.in_paper]
+RATES = (1e-4, 3e-4, 7e-4, 1e-3)
+
+
+def best_mean(env, config, rates, n_seeds, steps, **hypers):
+    """The mean final training return over seeds at the best learning rate (App. C.2's rule), no run diverged there."""
+    hypers = Hypers(np.repeat(rates, n_seeds), **hypers)
+    seeds = list(range(n_seeds)) * len(rates)
+    final = train(env, config, hypers, seeds, steps, n_eval_episodes=0).final("training_return")
+    return np.max(np.nan_to_num(final.reshape(len(rates), n_seeds).mean(1), nan=-np.inf))
+
+
+@pytest.mark.parametrize("loss", LOSSES)
+def test_every_loss_solves_the_bandit(loss):
+    config = Config(loss=loss, n_steps=5, net_arch=())
+    assert best_mean(Bandit(), config, (0.01, 0.05, 0.1, 1.0), 20, 2_000, eta=0.75) > 25 - 1.5
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("loss", "floor"), [("gaussian", -18.0), ("hl-one-hot", -32.0), ("hl-gauss", -32.0)])
+def test_lqr(loss, floor):
+    assert best_mean(LQR(), Config(loss=loss), RATES, 10, 300_000, eta=0.25) > floor
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("loss", "floor"), [("gaussian", -110.0), ("hl-one-hot", -260.0)])
+def test_acrobot(loss, floor):
+    assert best_mean(Acrobot(), Config(loss=loss), RATES, 10, 500_000) > floor
