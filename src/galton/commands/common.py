@@ -7,8 +7,9 @@ import io
 import json
 import platform
 import shlex
+import signal
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
@@ -107,22 +108,47 @@ class _Rate(ProgressColumn):
         return Text(f"{task.speed:,.0f} steps/s" if task.speed else "compiling" if not task.finished else "")
 
 
-def progress_bar(console: Console) -> Progress:
-    """A live line per task: done, speed, time left."""
-    return Progress(
+Follow = Callable[[str, int, int], Callable[[int, Log], None]]
+"""(title, steps per run, runs) → an on_log for `train`."""
+
+
+@contextlib.contextmanager
+def live_progress(console: Console) -> Iterator[Follow]:
+    """A line per task: done, speed, time left. A Ctrl-C or SIGTERM meanwhile is raised at the next log point.
+
+    Raised at once it would hit JAX in the middle of its compiler, which crashes or swallows it.
+    """
+    caught: list[int] = []
+
+    def catch(number: int, _: object) -> None:
+        if not caught:
+            print("galton: interrupted; stopping at the next log point", file=sys.stderr)
+        caught.append(number)
+
+    def follow(title: str, steps: int, runs: int) -> Callable[[int, Log], None]:
+        task = progress.add_task(title, total=steps * runs)
+
+        def on_log(step: int, _: Log) -> None:
+            if caught:
+                raise KeyboardInterrupt
+            progress.update(task, completed=step * runs)
+
+        return on_log
+
+    columns = (
         TextColumn("{task.description:<24}"),
         BarColumn(),
         TextColumn("{task.percentage:>3.0f}%"),
         _Rate(),
         TimeRemainingColumn(elapsed_when_finished=True),
-        console=console,
     )
-
-
-def follow(progress: Progress, title: str, steps: int, runs: int) -> Callable[[int, Log], None]:
-    """Add a task and return the function that moves it, for `train`'s on_log."""
-    task = progress.add_task(title, total=steps * runs)
-    return lambda step, _: progress.update(task, completed=step * runs)
+    previous = {number: signal.signal(number, catch) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        with Progress(*columns, console=console) as progress:
+            yield follow
+    finally:
+        for number, handler in previous.items():
+            signal.signal(number, handler)
 
 
 def write_settings(folder: Path, settings: dict[str, Any]) -> None:

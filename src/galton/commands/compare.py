@@ -16,9 +16,8 @@ from galton.commands.common import (
     EnvName,
     LossNames,
     Training,
-    follow,
+    live_progress,
     parse,
-    progress_bar,
     write_settings,
 )
 from galton.envs.registry import find_task, make
@@ -62,7 +61,7 @@ def main(arguments: Sequence[str]) -> None:
     use_all_cores()
     results: dict[str, Result] = {}
     with result_folder(out, options.overwrite) as folder:
-        with progress_bar(console) as progress:
+        with live_progress(console) as follow:
             for loss, label in labels.items():
                 results[loss] = train(
                     env,
@@ -72,7 +71,7 @@ def main(arguments: Sequence[str]) -> None:
                     training.steps,
                     n_logs=training.logs,
                     n_eval_episodes=training.eval_episodes,
-                    on_log=follow(progress, label, training.steps, options.seeds),
+                    on_log=follow(label, training.steps, options.seeds),
                 )
         rows = summarise(results, env)
         write_settings(folder, {"env": name, "losses": options.losses, "seeds": options.seeds} | training.record())

@@ -13,9 +13,8 @@ from galton.commands.common import (
     EnvName,
     LossName,
     Training,
-    follow,
+    live_progress,
     parse,
-    progress_bar,
     write_settings,
 )
 from galton.envs.registry import find_task, make
@@ -52,7 +51,7 @@ def main(arguments: Sequence[str]) -> None:
     console = Console()
     use_all_cores()
     with result_folder(out, options.overwrite) as folder:
-        with progress_bar(console) as progress:
+        with live_progress(console) as follow:
             result = train(
                 env,
                 config,
@@ -61,7 +60,7 @@ def main(arguments: Sequence[str]) -> None:
                 training.steps,
                 n_logs=training.logs,
                 n_eval_episodes=training.eval_episodes,
-                on_log=follow(progress, f"{label} on {name}", training.steps, runs=1),
+                on_log=follow(f"{label} on {name}", training.steps, 1),
             )
         write_settings(folder, {"env": name, "loss": options.loss, "seed": options.seed} | training.record())
         pq.write_table(curves({options.loss: result}), folder / "metrics.parquet")

@@ -1,6 +1,8 @@
 """Result folders that are whole or not there."""
 
 import contextlib
+import glob
+import os
 import shutil
 import tempfile
 from collections.abc import Iterator
@@ -25,22 +27,30 @@ def result_folder(path: Path, overwrite: bool) -> Iterator[Path]:
         raise UsageError(f"out is {path}, which is in use; name another folder or give --overwrite")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        scratch = Path(tempfile.mkdtemp(prefix=f".{path.name}.", dir=path.parent))
+        scratch = Path(tempfile.mkdtemp(prefix=f".{path.name}.galton-", dir=path.parent))
     except OSError as error:
         raise UsageError(f"out is {path}, which can't be written: {error.strerror}; name another folder") from None
     lock = filelock.FileLock(path.parent / f".{path.name}.lock", blocking=False)
     try:
         lock.acquire()
+        for stale in path.parent.glob(f".{glob.escape(path.name)}.galton-*/"):  # of killed processes: the lock is ours
+            if stale != scratch:
+                shutil.rmtree(stale, ignore_errors=True)
         fresh = scratch / "new"
         fresh.mkdir()
         yield fresh
-        if path.exists():
+        if overwrite and path.exists():
             path.replace(scratch / "old")
-        fresh.replace(path)
+        try:
+            fresh.replace(path)
+        except OSError:
+            kept = fresh.replace(path.with_name(f"{path.name}-{os.getpid()}"))
+            raise UsageError(f"out is {path}, which somebody filled meanwhile; the results are in {kept}") from None
     except filelock.Timeout:
         raise UsageError(f"out is {path}, which another process is filling; name another folder") from None
     finally:
         shutil.rmtree(scratch, ignore_errors=True)
         if lock.is_locked:
-            Path(lock.lock_file).unlink(missing_ok=True)
+            with contextlib.suppress(OSError):  # Windows can't remove an open file
+                Path(lock.lock_file).unlink()
             lock.release()

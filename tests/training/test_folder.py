@@ -1,0 +1,86 @@
+import pytest
+
+from galton import UsageError
+from galton.training.folder import result_folder
+
+
+def fill(folder, text):
+    (folder / "file").write_text(text)
+
+
+def test_the_folder_appears_whole(tmp_path):
+    with result_folder(tmp_path / "out", overwrite=False) as folder:
+        fill(folder, "new")
+        assert not (tmp_path / "out").exists()
+    assert (tmp_path / "out" / "file").read_text() == "new"
+    assert list(tmp_path.iterdir()) == [tmp_path / "out"]
+
+
+@pytest.mark.parametrize("error", [RuntimeError, KeyboardInterrupt])
+def test_an_error_leaves_what_was_there(error, tmp_path):
+    (tmp_path / "out").mkdir()
+    fill(tmp_path / "out", "old")
+
+    def fail():
+        with result_folder(tmp_path / "out", overwrite=True) as folder:
+            fill(folder, "new")
+            raise error
+
+    with pytest.raises(error):
+        fail()
+    assert (tmp_path / "out" / "file").read_text() == "old"
+    assert list(tmp_path.iterdir()) == [tmp_path / "out"]
+
+
+def test_overwriting_replaces_everything(tmp_path):
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "other").write_text("old")
+    with result_folder(tmp_path / "out", overwrite=True) as folder:
+        fill(folder, "new")
+    assert [path.name for path in (tmp_path / "out").iterdir()] == ["file"]
+
+
+def test_an_empty_folder_is_free(tmp_path):
+    (tmp_path / "out").mkdir()
+    with result_folder(tmp_path / "out", overwrite=False) as folder:
+        fill(folder, "new")
+    assert (tmp_path / "out" / "file").exists()
+
+
+def test_a_second_filler_is_refused(tmp_path):
+    with result_folder(tmp_path / "out", overwrite=False) as folder:
+        with (
+            pytest.raises(UsageError, match="another process is filling"),
+            result_folder(tmp_path / "out", overwrite=False),
+        ):
+            pass
+        fill(folder, "new")
+    assert list(tmp_path.iterdir()) == [tmp_path / "out"]
+
+
+def test_results_survive_when_somebody_fills_the_folder_meanwhile(tmp_path):
+    def meet():
+        with result_folder(tmp_path / "out", overwrite=False) as folder:
+            fill(folder, "ours")
+            (tmp_path / "out").mkdir()
+            fill(tmp_path / "out", "theirs")
+
+    with pytest.raises(UsageError, match="the results are in"):
+        meet()
+    assert {(path / "file").read_text() for path in tmp_path.iterdir()} == {"ours", "theirs"}
+
+
+def test_the_remains_of_a_killed_process_are_cleared_and_nothing_else(tmp_path):
+    for name in (".out.galton-dead", ".out.backup", ".other.galton-x"):
+        (tmp_path / name).mkdir()
+    with result_folder(tmp_path / "out", overwrite=False) as folder:
+        fill(folder, "new")
+    assert {path.name for path in tmp_path.iterdir()} == {"out", ".out.backup", ".other.galton-x"}
+
+
+def test_a_file_in_the_way_is_named(tmp_path):
+    fill(tmp_path, "mine")
+    with pytest.raises(UsageError, match="which is a file"), result_folder(tmp_path / "file", overwrite=True):
+        pass
+    with pytest.raises(UsageError, match="can't be written"), result_folder(tmp_path / "file" / "out", overwrite=True):
+        pass
