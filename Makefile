@@ -1,13 +1,14 @@
 # Every command sets up what it needs: a virtual environment with the pinned versions of constraints.txt.
 PYTHON ?= python3
 VENV ?= .venv
+OUT ?= runs/demo
 BIN = $(VENV)/bin
 PIP = $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
 
 .PHONY: demo test test-all lint bench clean
 
 demo: $(VENV)/installed  ## Classification against regression on the LQR: a table and a figure in runs/demo.
-	$(BIN)/galton compare lqr --out runs/demo --overwrite
+	$(BIN)/galton compare lqr --losses gaussian hl-one-hot hl-gauss hl-gauss-centred --out $(OUT) --overwrite
 
 test: lint  ## Lint, types and the tests that take seconds.
 	$(BIN)/python -m pytest -m "not slow"

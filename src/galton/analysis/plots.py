@@ -7,6 +7,7 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.ticker import EngFormatter
 
 from galton.analysis.comparison import Results
@@ -31,7 +32,7 @@ _STYLE: Any = {
 def learning_curves(results: Results, env: Environment, title: str) -> Figure:
     """Training and evaluation return over environment steps: mean over runs and its 95% CI."""
     with mpl.rc_context(_STYLE):
-        figure = Figure(figsize=(9.5, 4.2), layout="constrained")
+        figure = Figure(figsize=(9.5, 4.2), layout=ConstrainedLayoutEngine(wspace=0.05))
         left, right = figure.subplots(1, 2, sharey=True)
         figure.suptitle(title)
         for axes, metric, heading in (
