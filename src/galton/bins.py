@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from galton.errors import require
+from galton.errors import require, require_integer
 
 Bound = float | int | Sequence[float | int] | np.ndarray | np.generic
 
@@ -50,7 +50,7 @@ class Bins:
             f"{bounds}; a box that is cut into bins needs finite bounds",
         )
         require((low64 < high64).all(), f"{bounds}; each low must lie below its high")
-        require(n_bins >= 2, f"n_bins is {n_bins}; a histogram needs at least 2")
+        require_integer("n_bins", n_bins, 2)
         dtype = jax.dtypes.canonicalize_dtype(np.float64)
         width = (high64 - low64) / n_bins
         spacing = np.finfo(dtype).eps * np.maximum(abs(low64), abs(high64))

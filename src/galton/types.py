@@ -7,7 +7,7 @@ import numpy as np
 import tyro
 from jaxtyping import Array, Bool, Float, Int, PyTree
 
-from galton.errors import require
+from galton.errors import require, require_integer
 
 Params = dict[str, Any]
 """A nested dictionary of arrays."""
@@ -39,9 +39,9 @@ class Config:
     """Standardise the advantages of each batch."""
 
     def __post_init__(self) -> None:
-        require(self.n_bins >= 2, f"n_bins is {self.n_bins}; a histogram needs at least 2")
-        require(self.n_steps >= 1, f"n_steps is {self.n_steps}; an update needs at least 1 step")
-        require(self.n_envs >= 1, f"n_envs is {self.n_envs}; a run needs at least 1 environment")
+        require_integer("n_bins", self.n_bins, 2)
+        require_integer("n_steps", self.n_steps, 1)
+        require_integer("n_envs", self.n_envs, 1)
         require(all(n >= 1 for n in self.net_arch), f"net_arch is {self.net_arch}; layers need at least 1 unit")
         for field, choices in _CHOICES.items():
             value = getattr(self, field)
@@ -97,12 +97,13 @@ def check_hypers(hypers: Hypers) -> None:
     at_least_zero = ("learning_rate", "vf_coef", "ent_coef")
     for name, value in hypers._asdict().items():
         numbers = np.asarray(value, np.float64)
+        finite = np.isfinite(numbers)
         if name in ("gamma", "gae_lambda"):
-            right, wanted = (numbers >= 0) & (numbers <= 1), "between 0 and 1"
+            right, wanted = finite & (numbers >= 0) & (numbers <= 1), "between 0 and 1"
         elif name in at_least_zero:
-            right, wanted = numbers >= 0, "0 or more"
+            right, wanted = finite & (numbers >= 0), "0 or more"
         else:
-            right, wanted = numbers > 0, "greater than 0"
+            right, wanted = finite & (numbers > 0), "greater than 0"
         shown = numbers[~right].flat[0] if not right.all() else None
         require(shown is None, f"{name} is {shown}; it must be {wanted}")
 

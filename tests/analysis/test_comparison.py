@@ -1,5 +1,6 @@
 import dataclasses
 import io
+import json
 
 import numpy as np
 import pytest
@@ -41,6 +42,19 @@ def test_rows_leave_diverged_runs_out_of_the_means_and_count_them(results):
     assert rows["gaussian"].training_return.mean == -21
     assert rows["gaussian"].diverged == 1
     assert rows["hl-gauss"].evaluation_return.mean == -10
+
+
+def test_a_row_is_json_with_null_for_what_is_not_known():
+    (row,) = summarise({"gaussian": result("gaussian", [-3.0])}, MountainCar())
+    record = json.loads(json.dumps(row.record(), allow_nan=False))
+    assert record["training_return"] == {"mean": -3.0, "low": None, "high": None}
+    assert record["share_of_optimum"] is None
+
+
+def test_a_curve_ends_where_its_run_diverged():
+    both = {"gaussian": result("gaussian", [-20.0, -900.0], diverged=[1])}
+    (line, *_) = learning_curves(both, LQR(), "LQR").axes[0].lines
+    np.testing.assert_array_equal(line.get_ydata(), [-20.0, -20.0])
 
 
 def test_the_share_of_the_optimum_is_zero_at_random_and_one_at_the_optimum():

@@ -144,6 +144,7 @@ def test_hypers_are_data_and_do_not_compile_again():
         ({"hypers": Hypers(eta=np.array([0.5, -1.0]))}, "eta is -1.0"),
         ({"hypers": Hypers(gamma=1.1)}, "gamma is 1.1"),
         ({"hypers": Hypers(learning_rate=float("nan"))}, "learning_rate is nan"),
+        ({"hypers": Hypers(learning_rate=float("inf"))}, "learning_rate is inf"),
         ({"hypers": Hypers(max_grad_norm=0.0)}, "max_grad_norm is 0.0"),
         ({"hypers": Hypers(vf_coef=np.ones(3))}, r"vf_coef has shape \(3,\)"),
         ({"config": dataclasses.replace(CONFIG, loss="mse")}, "loss is 'mse'"),

@@ -1,6 +1,7 @@
 """Several losses on one task: the table, the verdicts and the numbers behind them."""
 
 import dataclasses
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -32,6 +33,16 @@ class Row:
     compile_seconds: float
     diverged: int
     runs: int
+
+    def record(self) -> dict[str, Any]:
+        """For JSON, with null for what is not known."""
+
+        def plain(value: Any) -> Any:
+            if isinstance(value, Interval):
+                return {bound: plain(float(number)) for bound, number in value._asdict().items()}
+            return None if isinstance(value, float) and math.isnan(value) else value
+
+        return {field.name: plain(getattr(self, field.name)) for field in dataclasses.fields(self)}
 
 
 def summarise(results: Results, env: Environment) -> list[Row]:
@@ -85,7 +96,7 @@ def table(rows: list[Row], env: Environment) -> Table:
     ):
         view.add_column(heading, justify="right", no_wrap=True)
     for row in rows:
-        share = [f"{row.share_of_optimum:.1%}" if row.share_of_optimum is not None else "—"] * shares
+        share = [f"{row.share_of_optimum:.1%}".replace("-", "−") if row.share_of_optimum is not None else "—"] * shares
         view.add_row(
             LOSSES[row.loss].label,
             f"{row.training_return:.2f}",

@@ -54,7 +54,9 @@ def learning_curves(results: Results, env: Environment, title: str) -> Figure:
 def _draw(axes: Axes, results: Results, metric: str) -> None:
     means = []
     for loss, result in results.items():
-        interval = mean_interval(fill_forward(getattr(result.log, metric).astype(np.float64)))
+        curves = fill_forward(getattr(result.log, metric).astype(np.float64))
+        curves[(result.diverged_at >= 0)[:, None] & (result.steps >= result.diverged_at[:, None])] = np.nan
+        interval = mean_interval(curves)
         color, line = COLORS.get(loss), "-" if LOSSES[loss].in_paper else "-."
         axes.plot(result.steps, interval.mean, label=LOSSES[loss].label, linewidth=1.6, color=color, linestyle=line)
         axes.fill_between(result.steps, interval.low, interval.high, color=color, alpha=0.18, linewidth=0)

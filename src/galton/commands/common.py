@@ -18,10 +18,11 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, ProgressColumn, Task, TextColumn, TimeRemainingColumn
 from rich.text import Text
 
+from galton.envs.base import Environment
 from galton.envs.registry import ENVS, find_task
 from galton.errors import UsageError
 from galton.losses import LOSSES
-from galton.training.train import Log
+from galton.training.train import Log, Result, check_arguments, train
 from galton.types import Config, Hypers
 
 EnvName = Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="ENV", help=f"one of {', '.join(ENVS)}")]
@@ -56,7 +57,26 @@ class Training:
 
     def record(self) -> dict[str, Any]:
         """All of it for JSON."""
-        return dataclasses.asdict(self) | {"env_kwargs": self.constants(), "hypers": self.hypers._asdict()}
+        config = {name: value for name, value in dataclasses.asdict(self.config).items() if name != "loss"}
+        given = {"env_kwargs": self.constants(), "config": config, "hypers": self.hypers._asdict()}
+        return dataclasses.asdict(self) | given
+
+    def check(self, seeds: Sequence[int]) -> None:
+        """Raise UsageError for what `run` can't take, before anything is begun."""
+        check_arguments(self.hypers, seeds, self.steps, self.logs, self.eval_episodes)
+
+    def run(self, env: Environment, loss: str, seeds: Sequence[int], on_log: Callable[[int, Log], None]) -> Result:
+        """Train."""
+        return train(
+            env,
+            dataclasses.replace(self.config, loss=loss),
+            self.hypers,
+            seeds,
+            self.steps,
+            n_logs=self.logs,
+            n_eval_episodes=self.eval_episodes,
+            on_log=on_log,
+        )
 
     def constants(self) -> dict[str, Any]:
         """env_kwargs as a dictionary."""

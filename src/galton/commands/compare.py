@@ -4,9 +4,7 @@ import dataclasses
 import json
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
-import numpy as np
 import pyarrow.parquet as pq
 from rich.console import Console
 
@@ -21,11 +19,11 @@ from galton.commands.common import (
     write_settings,
 )
 from galton.envs.registry import find_task, make
-from galton.errors import require
+from galton.errors import require, require_integer
 from galton.losses import LOSSES, find_loss
 from galton.training.devices import use_all_cores
 from galton.training.folder import result_folder
-from galton.training.train import Result, check_arguments, train
+from galton.training.train import Result
 
 
 @dataclasses.dataclass(frozen=True)
@@ -52,32 +50,21 @@ def main(arguments: Sequence[str]) -> None:
         len(labels) == len(options.losses) > 0,
         f"losses is {options.losses}; name each loss once, and at least one",
     )
-    require(options.seeds >= 1, f"seeds is {options.seeds}; a comparison needs at least 1 run per loss")
-    training = options.training
+    require_integer("seeds", options.seeds, 1)
+    training, seeds = options.training, range(options.seeds)
     env = make(name, **training.constants())
     out = options.out or Path("runs", f"compare-{name}")
-    check_arguments(training.hypers, range(options.seeds), training.steps, training.logs, training.eval_episodes)
+    training.check(seeds)
     console = Console()
     use_all_cores()
     results: dict[str, Result] = {}
     with result_folder(out, options.overwrite) as folder:
         with live_progress(console) as follow:
             for loss, label in labels.items():
-                results[loss] = train(
-                    env,
-                    dataclasses.replace(training.config, loss=loss),
-                    training.hypers,
-                    range(options.seeds),
-                    training.steps,
-                    n_logs=training.logs,
-                    n_eval_episodes=training.eval_episodes,
-                    on_log=follow(label, training.steps, options.seeds),
-                )
+                results[loss] = training.run(env, loss, seeds, follow(label, training.steps, len(seeds)))
         rows = summarise(results, env)
         write_settings(folder, {"env": name, "losses": options.losses, "seeds": options.seeds} | training.record())
-        (folder / "summary.json").write_text(
-            json.dumps([dataclasses.asdict(row) for row in rows], indent=2, default=_plain) + "\n"
-        )
+        (folder / "summary.json").write_text(json.dumps([row.record() for row in rows], indent=2) + "\n")
         pq.write_table(curves(results), folder / "curves.parquet")
         title = f"{task.title}: mean of {options.seeds} runs and 95% CI"
         save(learning_curves(results, env, title), folder / "learning_curves")
@@ -85,7 +72,3 @@ def main(arguments: Sequence[str]) -> None:
     for sentence in verdicts(results):
         console.print(sentence, highlight=False, soft_wrap=True)
     console.print(f"figure and numbers: {out}", highlight=False, soft_wrap=True)
-
-
-def _plain(number: np.generic | np.ndarray) -> Any:
-    return number.tolist()

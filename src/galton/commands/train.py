@@ -22,7 +22,6 @@ from galton.losses import find_loss
 from galton.training.checkpoint import Checkpoint, save
 from galton.training.devices import use_all_cores
 from galton.training.folder import result_folder
-from galton.training.train import check_arguments, train
 
 
 @dataclasses.dataclass(frozen=True)
@@ -45,29 +44,21 @@ def main(arguments: Sequence[str]) -> None:
     name, _ = find_task(options.env)
     label = find_loss(options.loss).label
     training, constants = options.training, options.training.constants()
-    env, config = make(name, **constants), dataclasses.replace(training.config, loss=options.loss)
+    env = make(name, **constants)
     out = options.out or Path("runs", f"{name}-{options.loss}-{options.seed}")
-    check_arguments(training.hypers, [options.seed], training.steps, training.logs, training.eval_episodes)
+    training.check([options.seed])
     console = Console()
     use_all_cores()
     with result_folder(out, options.overwrite) as folder:
         with live_progress(console) as follow:
-            result = train(
-                env,
-                config,
-                training.hypers,
-                [options.seed],
-                training.steps,
-                n_logs=training.logs,
-                n_eval_episodes=training.eval_episodes,
-                on_log=follow(f"{label} on {name}", training.steps, 1),
-            )
+            on_log = follow(f"{label} on {name}", training.steps, 1)
+            result = training.run(env, options.loss, [options.seed], on_log)
         write_settings(folder, {"env": name, "loss": options.loss, "seed": options.seed} | training.record())
         pq.write_table(curves({options.loss: result}), folder / "metrics.parquet")
         learner = jax.tree.map(lambda x: x[0], result.learner)
         save(
             folder,
-            Checkpoint(name, constants, config, training.hypers, options.seed, int(result.steps[-1]), learner),
+            Checkpoint(name, constants, result.config, training.hypers, options.seed, int(result.steps[-1]), learner),
         )
     console.print(
         f"training return {result.final('training_return')[0]:.2f}, "

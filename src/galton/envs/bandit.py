@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Key
 
 from galton.envs.base import box
-from galton.errors import require
+from galton.errors import require, require_integer
 
 
 @dataclasses.dataclass(frozen=True)
@@ -24,7 +24,7 @@ class Bandit:
     max_episode_steps = 1
 
     def __post_init__(self) -> None:
-        require(self.d >= 1, f"d is {self.d}; actions need at least 1 dimension")
+        require_integer("d", self.d, 1)
         require(self.noise_std >= 0, f"noise_std is {self.noise_std}; it must be 0 or more")
 
     @property

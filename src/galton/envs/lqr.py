@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Key
 
 from galton.envs.base import box
-from galton.errors import require
+from galton.errors import require, require_integer
 
 Matrix = tuple[tuple[float, ...], ...] | np.ndarray
 """Rows; an array is turned into them."""
@@ -48,10 +48,7 @@ class LQR:
         require((np.linalg.eigvalsh(self.Q) >= 0).all(), f"Q is {self.Q}; it must be positive semidefinite")
         require((np.linalg.eigvalsh(self.R) > 0).all(), f"R is {self.R}; it must be positive definite")
         require(self.noise_std >= 0, f"noise_std is {self.noise_std}; it must be 0 or more")
-        require(
-            self.max_episode_steps >= 1,
-            f"max_episode_steps is {self.max_episode_steps}; it must be 1 or more",
-        )
+        require_integer("max_episode_steps", self.max_episode_steps, 1)
 
     @property
     def action_low(self) -> Float[np.ndarray, " m"]:

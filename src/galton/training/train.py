@@ -15,7 +15,7 @@ from jaxtyping import Array, Float, Int, Key, UInt
 
 from galton.algorithms import a2c
 from galton.envs.base import Environment
-from galton.errors import require
+from galton.errors import require, require_integer
 from galton.training.evaluate import evaluate
 from galton.training.rollout import Noise, draw_noise, rollout, start_episodes
 from galton.types import Config, EpisodeState, Hypers, Learner, check_hypers
@@ -162,10 +162,11 @@ def check_arguments(
     """Raise UsageError for what `train` can't take."""
     require(len(seeds) >= 1, "seeds is empty; give at least 1")
     for seed in seeds:
-        require(0 <= seed < 2**32, f"seed is {seed}; it must be in 0 … 2³² − 1")
-    require(total_timesteps >= 1, f"total_timesteps is {total_timesteps}; it must be 1 or more")
-    require(n_logs >= 1, f"n_logs is {n_logs}; it must be 1 or more")
-    require(n_eval_episodes >= 0, f"n_eval_episodes is {n_eval_episodes}; it must be 0 or more")
+        require_integer("seed", seed, 0)
+        require(seed < 2**32, f"seed is {seed}; it must be less than 2³²")
+    require_integer("total_timesteps", total_timesteps, 1)
+    require_integer("n_logs", n_logs, 1)
+    require_integer("n_eval_episodes", n_eval_episodes, 0)
     check_hypers(hypers)
     for name, numbers in hypers._asdict().items():
         shape = np.shape(numbers)
