@@ -11,10 +11,10 @@ demo: $(VENV)/installed  ## Classification against regression on the LQR: a tabl
 	$(BIN)/galton compare lqr --losses gaussian hl-one-hot hl-gauss hl-gauss-centred --out $(OUT) --overwrite
 
 test: lint  ## Lint, types and the tests that take seconds.
-	$(BIN)/python -m pytest -m "not slow"
+	$(BIN)/python -m pytest -n auto -m "not slow"
 
 test-all: lint  ## All tests, the long learning claims included.
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -n auto
 
 lint: $(VENV)/installed-dev
 	$(BIN)/ruff check .
