@@ -84,3 +84,16 @@ def test_a_file_in_the_way_is_named(tmp_path):
         pass
     with pytest.raises(UsageError, match="can't be written"), result_folder(tmp_path / "file" / "out", overwrite=True):
         pass
+
+
+def test_what_a_process_killed_between_two_renames_set_aside_is_put_back(tmp_path):
+    (tmp_path / ".out.galton-dead" / "old").mkdir(parents=True)
+    fill(tmp_path / ".out.galton-dead" / "old", "precious")
+
+    def fail():
+        with result_folder(tmp_path / "out", overwrite=False):
+            raise RuntimeError
+
+    with pytest.raises(RuntimeError):
+        fail()
+    assert (tmp_path / "out" / "file").read_text() == "precious"

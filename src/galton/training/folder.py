@@ -35,7 +35,7 @@ def result_folder(path: Path, overwrite: bool) -> Iterator[Path]:
         lock.acquire()
         for stale in path.parent.glob(f".{glob.escape(path.name)}.galton-*/"):  # of killed processes: the lock is ours
             if stale != scratch:
-                shutil.rmtree(stale, ignore_errors=True)
+                _discard(stale, path)
         fresh = scratch / "new"
         fresh.mkdir()
         yield fresh
@@ -49,8 +49,15 @@ def result_folder(path: Path, overwrite: bool) -> Iterator[Path]:
     except filelock.Timeout:
         raise UsageError(f"out is {path}, which another process is filling; name another folder") from None
     finally:
-        shutil.rmtree(scratch, ignore_errors=True)
+        _discard(scratch, path)
         if lock.is_locked:
             with contextlib.suppress(OSError):  # Windows can't remove an open file
                 Path(lock.lock_file).unlink()
             lock.release()
+
+
+def _discard(scratch: Path, path: Path) -> None:
+    """Remove a scratch folder, but first put back what it took from `path`, should it hold the only copy."""
+    if (scratch / "old").exists() and not path.exists():
+        (scratch / "old").replace(path)
+    shutil.rmtree(scratch, ignore_errors=True)
