@@ -60,6 +60,7 @@ def test_a_commands_help_lists_losses_and_environments(command):
         (["compare", "lqr", "--seeds", "0"], "seeds is 0; it must be an integer of at least 1"),
         (["compare", "lqr", "--steps", "0"], "total_timesteps is 0"),
         (["compare", "lqr", "--env-kwargs", "{"], "env_kwargs is '{', which is not JSON"),
+        (["compare", "lqr", "--env-kwargs", '{"noise_std": "x"}'], "lqr can't be made with {'noise_std': 'x'}"),
         (["compare", "lqr", "--env-kwargs", '{"mass": 1}'], "lqr has no constant 'mass'; it has A, B, Q, R"),
     ],
 )
@@ -122,7 +123,7 @@ def test_an_interrupt_leaves_nothing_half_written(number, delay, tmp_path):
     """While it compiles, and while it trains."""
     out = tmp_path / "out"
     out.mkdir()
-    (out / "precious").write_text("mine")
+    (out / "config.json").write_text("mine")
     process = subprocess.Popen(
         [sys.executable, "-m", "galton", "compare", "lqr", "--out", out, "--overwrite"],
         stderr=subprocess.PIPE,
@@ -139,12 +140,14 @@ def test_an_interrupt_leaves_nothing_half_written(number, delay, tmp_path):
     assert process.returncode == 130
     assert stderr.splitlines()[-1] == "galton: interrupted; nothing was written"
     assert "Traceback" not in stderr
-    assert [path.name for path in tmp_path.rglob("*")] == ["out", "precious"]
-    assert (out / "precious").read_text() == "mine"
+    assert [path.name for path in tmp_path.rglob("*")] == ["out", "config.json"]
+    assert (out / "config.json").read_text() == "mine"
 
 
 def test_two_processes_do_not_fill_one_folder(tmp_path):
-    first = subprocess.Popen([sys.executable, "-m", "galton", "compare", "lqr", "--out", tmp_path / "out"], stdout=-3)
+    first = subprocess.Popen(
+        [sys.executable, "-m", "galton", "compare", "lqr", "--out", tmp_path / "out"], stdout=subprocess.DEVNULL
+    )
     deadline = time.monotonic() + 60
     while not list(tmp_path.glob(".out.lock")) and time.monotonic() < deadline:
         time.sleep(0.1)

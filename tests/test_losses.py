@@ -84,7 +84,7 @@ def test_centred_hl_gauss_with_a_narrow_target_is_hl_one_hot():
 
 @pytest.mark.parametrize("name", HISTOGRAM)
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_the_advantages_sign_is_the_direction_of_the_actions_probability(name, sign):
+def test_near_a_uniform_policy_the_advantages_sign_is_the_direction_of_the_actions_probability(name, sign):
     logits, action, _ = batch()
     logits = 0.1 * logits
     step = logits - 0.1 * gradient(name, logits, action, jnp.full(len(logits), sign), 0.5)

@@ -32,7 +32,7 @@ def gae(
         advantage = delta + decay * advantage
         return advantage, advantage
 
-    return lax.scan(step, jnp.zeros_like(delta[0]), (delta, decay), reverse=True, unroll=len(reward))[1]
+    return lax.scan(step, jnp.zeros_like(delta[0]), (delta, decay), reverse=True, unroll=min(len(reward), 32))[1]
 
 
 def n_step_returns(

@@ -42,7 +42,9 @@ class Config:
         require_integer("n_bins", self.n_bins, 2)
         require_integer("n_steps", self.n_steps, 1)
         require_integer("n_envs", self.n_envs, 1)
-        require(all(n >= 1 for n in self.net_arch), f"net_arch is {self.net_arch}; layers need at least 1 unit")
+        object.__setattr__(self, "net_arch", tuple(self.net_arch))
+        for units in self.net_arch:
+            require_integer("an entry of net_arch", units, 1)
         for field, choices in _CHOICES.items():
             value = getattr(self, field)
             require(value in choices, f"{field} is {value!r}; choose from {', '.join(choices)}")
@@ -96,7 +98,9 @@ def check_hypers(hypers: Hypers) -> None:
     """Raise UsageError where a number is outside the range that means something."""
     at_least_zero = ("learning_rate", "vf_coef", "ent_coef")
     for name, value in hypers._asdict().items():
-        numbers = np.asarray(value, np.float64)
+        given = np.asarray(value, np.float64)
+        with np.errstate(over="ignore"):
+            numbers = given.astype(np.float32)  # what the programs compute with
         finite = np.isfinite(numbers)
         if name in ("gamma", "gae_lambda"):
             right, wanted = finite & (numbers >= 0) & (numbers <= 1), "between 0 and 1"
@@ -104,7 +108,7 @@ def check_hypers(hypers: Hypers) -> None:
             right, wanted = finite & (numbers >= 0), "0 or more"
         else:
             right, wanted = finite & (numbers > 0), "greater than 0"
-        shown = numbers[~right].flat[0] if not right.all() else None
+        shown = given[~right].flat[0] if not right.all() else None
         require(shown is None, f"{name} is {shown}; it must be {wanted}")
 
 

@@ -5,14 +5,14 @@ from galton.training.folder import result_folder
 
 
 def fill(folder, text):
-    (folder / "file").write_text(text)
+    (folder / "config.json").write_text(text)
 
 
 def test_the_folder_appears_whole(tmp_path):
     with result_folder(tmp_path / "out", overwrite=False) as folder:
         fill(folder, "new")
         assert not (tmp_path / "out").exists()
-    assert (tmp_path / "out" / "file").read_text() == "new"
+    assert (tmp_path / "out" / "config.json").read_text() == "new"
     assert list(tmp_path.iterdir()) == [tmp_path / "out"]
 
 
@@ -28,23 +28,24 @@ def test_an_error_leaves_what_was_there(error, tmp_path):
 
     with pytest.raises(error):
         fail()
-    assert (tmp_path / "out" / "file").read_text() == "old"
+    assert (tmp_path / "out" / "config.json").read_text() == "old"
     assert list(tmp_path.iterdir()) == [tmp_path / "out"]
 
 
 def test_overwriting_replaces_everything(tmp_path):
     (tmp_path / "out").mkdir()
+    fill(tmp_path / "out", "old")
     (tmp_path / "out" / "other").write_text("old")
     with result_folder(tmp_path / "out", overwrite=True) as folder:
         fill(folder, "new")
-    assert [path.name for path in (tmp_path / "out").iterdir()] == ["file"]
+    assert [path.name for path in (tmp_path / "out").iterdir()] == ["config.json"]
 
 
 def test_an_empty_folder_is_free(tmp_path):
     (tmp_path / "out").mkdir()
     with result_folder(tmp_path / "out", overwrite=False) as folder:
         fill(folder, "new")
-    assert (tmp_path / "out" / "file").exists()
+    assert (tmp_path / "out" / "config.json").exists()
 
 
 def test_a_second_filler_is_refused(tmp_path):
@@ -67,7 +68,7 @@ def test_results_survive_when_somebody_fills_the_folder_meanwhile(tmp_path):
 
     with pytest.raises(UsageError, match="the results are in"):
         meet()
-    assert {(path / "file").read_text() for path in tmp_path.iterdir()} == {"ours", "theirs"}
+    assert {(path / "config.json").read_text() for path in tmp_path.iterdir()} == {"ours", "theirs"}
 
 
 def test_the_remains_of_a_killed_process_are_cleared_and_nothing_else(tmp_path):
@@ -80,9 +81,12 @@ def test_the_remains_of_a_killed_process_are_cleared_and_nothing_else(tmp_path):
 
 def test_a_file_in_the_way_is_named(tmp_path):
     fill(tmp_path, "mine")
-    with pytest.raises(UsageError, match="which is a file"), result_folder(tmp_path / "file", overwrite=True):
+    with pytest.raises(UsageError, match="which is a file"), result_folder(tmp_path / "config.json", overwrite=True):
         pass
-    with pytest.raises(UsageError, match="can't be written"), result_folder(tmp_path / "file" / "out", overwrite=True):
+    with (
+        pytest.raises(UsageError, match="can't be written"),
+        result_folder(tmp_path / "config.json" / "out", overwrite=True),
+    ):
         pass
 
 
@@ -94,6 +98,18 @@ def test_what_a_process_killed_between_two_renames_set_aside_is_put_back(tmp_pat
         with result_folder(tmp_path / "out", overwrite=False):
             raise RuntimeError
 
-    with pytest.raises(RuntimeError):
+    with pytest.raises(UsageError, match="which is in use"):
         fail()
-    assert (tmp_path / "out" / "file").read_text() == "precious"
+    assert (tmp_path / "out" / "config.json").read_text() == "precious"
+
+
+def test_only_folders_of_results_are_overwritten(tmp_path, monkeypatch):
+    (tmp_path / "thesis").mkdir()
+    (tmp_path / "thesis" / "chapter").write_text("precious")
+    with pytest.raises(UsageError, match="not a folder of results"), result_folder(tmp_path / "thesis", overwrite=True):
+        pass
+    fill(tmp_path, "mine")
+    monkeypatch.chdir(tmp_path / "thesis")
+    with pytest.raises(UsageError, match="not a folder of results"), result_folder(tmp_path, overwrite=True):
+        pass
+    assert (tmp_path / "thesis" / "chapter").read_text() == "precious"

@@ -161,13 +161,31 @@ def test_bad_arguments_are_refused_by_name(settings, message):
         ({"n_bins": 1}, "n_bins is 1"),
         ({"n_steps": 0}, "n_steps is 0"),
         ({"n_envs": 0}, "n_envs is 0"),
-        ({"net_arch": (64, 0)}, "net_arch is"),
+        ({"net_arch": (64, 0)}, "an entry of net_arch is 0"),
         ({"n_steps": 1, "normalize_advantage": True}, "normalize_advantage needs"),
     ],
 )
 def test_bad_configs_are_refused_by_name(settings, message):
     with pytest.raises(UsageError, match=message):
         Config(**settings)
+
+
+def test_parameters_that_overflow_in_the_last_update_are_flagged():
+    result = run(hypers=Hypers(3e38), steps=20, n_logs=1)
+    assert result.diverged_at[0] == 20
+
+
+def test_a_loss_that_changed_is_compiled_again(monkeypatch):
+    before = run(config=dataclasses.replace(CONFIG, loss="hl-one-hot"))
+    monkeypatch.setitem(LOSSES, "hl-one-hot", LOSSES["hl-gauss-centred"]._replace(label="other"))
+    after = run(config=dataclasses.replace(CONFIG, loss="hl-one-hot"), hypers=Hypers(eta=2.0))
+    assert any((x != y).any() for x, y in zip(leaves(before, 0), leaves(after, 0), strict=True))
+
+
+def test_a_run_without_an_episode_at_the_end_keeps_its_last_known_return():
+    result = run(MountainCar(), steps=1800, n_logs=90)
+    assert np.isnan(result.log.training_return[0, -5:]).all()
+    assert np.isfinite(result.final("training_return")).all()
 
 
 def test_a_group_of_runs_is_never_squeezed():

@@ -40,7 +40,7 @@ class Row:
         def plain(value: Any) -> Any:
             if isinstance(value, Interval):
                 return {bound: plain(float(number)) for bound, number in value._asdict().items()}
-            return None if isinstance(value, float) and math.isnan(value) else value
+            return None if isinstance(value, float) and not math.isfinite(value) else value
 
         return {field.name: plain(getattr(self, field.name)) for field in dataclasses.fields(self)}
 
@@ -53,6 +53,7 @@ def summarise(results: Results, env: Environment) -> list[Row]:
         share = None
         if env.optimal_return is not None and env.random_return is not None:
             share = float((evaluation.mean - env.random_return) / (env.optimal_return - env.random_return))
+            share = None if math.isnan(share) else share
         rows.append(
             Row(
                 loss,
@@ -72,6 +73,8 @@ def table(rows: list[Row], env: Environment) -> Table:
     """The rows for a terminal."""
     shares = any(row.share_of_optimum is not None for row in rows)
     notes = ["final returns: mean over runs ± 95% CI, last 5% of training"]
+    if any(row.diverged for row in rows):
+        notes.append("diverged runs are left out of the means")
     if shares:
         notes.append(
             f"of optimum: random actions {env.random_return:.2f} are 0%, the optimum {env.optimal_return:.2f} is 100%"

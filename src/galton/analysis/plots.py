@@ -35,23 +35,29 @@ def learning_curves(results: Results, env: Environment, title: str) -> Figure:
         figure = Figure(figsize=(9.5, 4.2), layout=ConstrainedLayoutEngine(wspace=0.05))
         left, right = figure.subplots(1, 2, sharey=True)
         figure.suptitle(title)
+        means: list[Any] = [] if env.optimal_return is None else [np.array([env.optimal_return])]
         for axes, metric, heading in (
             (left, "training_return", "training return"),
             (right, "evaluation_return", "evaluation return, deterministic policy"),
         ):
-            _draw(axes, results, metric)
+            means += _draw(axes, results, metric)
             axes.set_title(heading, fontsize=10)
             axes.set_xlabel("environment steps")
             axes.xaxis.set_major_formatter(EngFormatter(sep=""))
             if env.optimal_return is not None:
                 axes.axhline(env.optimal_return, color="#777777", linestyle="--", linewidth=1, label="optimum")
+        known = np.concatenate(means)[~np.isnan(np.concatenate(means))]
+        if len(known):  # by the means: a single run's crash must not flatten everybody's curve
+            margin = 0.05 * np.ptp(known) + 1e-9
+            left.set_ylim(known.min() - margin, known.max() + 2 * margin)
         left.set_ylabel("undiscounted return")
         handles, labels = left.get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside lower center", ncols=len(handles))
     return figure
 
 
-def _draw(axes: Axes, results: Results, metric: str) -> None:
+def _draw(axes: Axes, results: Results, metric: str) -> list[Any]:
+    """Draw the curves and return their means."""
     means = []
     for loss, result in results.items():
         curves = fill_forward(getattr(result.log, metric).astype(np.float64))
@@ -62,10 +68,7 @@ def _draw(axes: Axes, results: Results, metric: str) -> None:
         axes.fill_between(result.steps, interval.low, interval.high, color=color, alpha=0.18, linewidth=0)
         means.append(interval.mean)
     axes.set_xlim(0, max(result.steps[-1] for result in results.values()))
-    known = np.concatenate(means)[~np.isnan(np.concatenate(means))]
-    if len(known):  # a single run's crash must not flatten everybody's curve
-        low, high = known.min(), known.max()
-        axes.set_ylim(low - 0.05 * (high - low) - 1e-9, high + 0.1 * (high - low) + 1e-9)
+    return means
 
 
 def save(figure: Figure, stem: Path) -> None:

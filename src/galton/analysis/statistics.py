@@ -18,6 +18,8 @@ class Interval(NamedTuple):
 
     def __format__(self, spec: str) -> str:
         """Mean ± half the width, or the mean alone where the interval is not known."""
+        if np.isnan(self.mean):
+            return "—"
         mean, half = (format(float(x), spec).replace("-", "−") for x in (self.mean, self.high - self.mean))
         return mean if np.isnan(self.high) else f"{mean} ± {half.lstrip('+')}"
 

@@ -142,7 +142,8 @@ def live_progress(console: Console) -> Iterator[Follow]:
 
     def catch(number: int, _: object) -> None:
         if not caught:
-            print("galton: interrupted; stopping at the next log point", file=sys.stderr)
+            print("galton: interrupted; stopping at the next log point (once more: at once)", file=sys.stderr)
+        signal.signal(number, signal.default_int_handler)
         caught.append(number)
 
     def follow(title: str, steps: int, runs: int) -> Callable[[int, Log], None]:
@@ -166,6 +167,8 @@ def live_progress(console: Console) -> Iterator[Follow]:
     try:
         with Progress(*columns, console=console) as progress:
             yield follow
+        if caught:
+            raise KeyboardInterrupt
     finally:
         for number, handler in previous.items():
             signal.signal(number, handler)

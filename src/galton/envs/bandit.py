@@ -25,7 +25,7 @@ class Bandit:
 
     def __post_init__(self) -> None:
         require_integer("d", self.d, 1)
-        require(self.noise_std >= 0, f"noise_std is {self.noise_std}; it must be 0 or more")
+        require(0 <= self.noise_std < float("inf"), f"noise_std is {self.noise_std}; it must be 0 or more")
 
     @property
     def action_low(self) -> Float[np.ndarray, " d"]:

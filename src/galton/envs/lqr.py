@@ -45,9 +45,12 @@ class LQR:
         for name in "QR":
             matrix = np.array(getattr(self, name))
             require(np.allclose(matrix, matrix.T), f"{name} is {matrix.tolist()}; it must be symmetric")
-        require((np.linalg.eigvalsh(self.Q) >= 0).all(), f"Q is {self.Q}; it must be positive semidefinite")
+        require(
+            (np.linalg.eigvalsh(self.Q) >= -1e-9 * np.abs(self.Q).max()).all(),
+            f"Q is {self.Q}; it must be positive semidefinite",
+        )
         require((np.linalg.eigvalsh(self.R) > 0).all(), f"R is {self.R}; it must be positive definite")
-        require(self.noise_std >= 0, f"noise_std is {self.noise_std}; it must be 0 or more")
+        require(0 <= self.noise_std < float("inf"), f"noise_std is {self.noise_std}; it must be 0 or more")
         require_integer("max_episode_steps", self.max_episode_steps, 1)
 
     @property

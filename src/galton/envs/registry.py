@@ -70,7 +70,12 @@ def make(name: str, **constants: Any) -> "Environment":
     for constant in constants:
         if constant not in known:
             raise UsageError(f"{name} has no constant {constant!r}; it has {', '.join(known) or 'none'}")
-    env: Environment = cls(**constants)
+    try:
+        env: Environment = cls(**constants)
+    except (TypeError, ValueError) as error:
+        if isinstance(error, UsageError):
+            raise
+        raise UsageError(f"{name} can't be made with {constants}: {error}") from None
     return env
 
 

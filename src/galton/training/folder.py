@@ -20,11 +20,8 @@ def result_folder(path: Path, overwrite: bool) -> Iterator[Path]:
     Raises:
         UsageError: at once, if path holds something and may not be overwritten, or another process is about to fill it.
     """
-    path = path.absolute()
-    if path.exists() and not path.is_dir():
-        raise UsageError(f"out is {path}, which is a file; name a folder")
-    if path.exists() and any(path.iterdir()) and not overwrite:
-        raise UsageError(f"out is {path}, which is in use; name another folder or give --overwrite")
+    path = path.resolve()
+    _check_free(path, overwrite)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         scratch = Path(tempfile.mkdtemp(prefix=f".{path.name}.galton-", dir=path.parent))
@@ -36,6 +33,7 @@ def result_folder(path: Path, overwrite: bool) -> Iterator[Path]:
         for stale in path.parent.glob(f".{glob.escape(path.name)}.galton-*/"):  # of killed processes: the lock is ours
             if stale != scratch:
                 _discard(stale, path)
+        _check_free(path, overwrite)
         fresh = scratch / "new"
         fresh.mkdir()
         yield fresh
@@ -54,6 +52,17 @@ def result_folder(path: Path, overwrite: bool) -> Iterator[Path]:
             with contextlib.suppress(OSError):  # Windows can't remove an open file
                 Path(lock.lock_file).unlink()
             lock.release()
+
+
+def _check_free(path: Path, overwrite: bool) -> None:
+    if path.exists() and not path.is_dir():
+        raise UsageError(f"out is {path}, which is a file; name a folder")
+    if not path.exists() or not any(path.iterdir()):
+        return
+    if not overwrite:
+        raise UsageError(f"out is {path}, which is in use; name another folder or give --overwrite")
+    if not (path / "config.json").exists() or Path.cwd().is_relative_to(path):
+        raise UsageError(f"out is {path}, which is not a folder of results and is not overwritten; name another")
 
 
 def _discard(scratch: Path, path: Path) -> None:

@@ -16,6 +16,7 @@ from jaxtyping import Array, Float, Int, Key, UInt
 from galton.algorithms import a2c
 from galton.envs.base import Environment
 from galton.errors import require, require_integer
+from galton.losses import Loss, find_loss
 from galton.training.evaluate import evaluate
 from galton.training.rollout import Noise, draw_noise, rollout, start_episodes
 from galton.types import Config, EpisodeState, Hypers, Learner, check_hypers
@@ -33,7 +34,7 @@ class RunState(NamedTuple):
     step: Int[Array, ""]
     """Environment steps so far."""
     diverged_at: Int[Array, ""]
-    """The step of the first update whose gradient was not finite, −1 while there is none."""
+    """The step of the first update with a gradient, or log point with a parameter, that is not finite; else −1."""
 
 
 class Log(NamedTuple):
@@ -79,12 +80,16 @@ class Result:
     def final(self, metric: str, fraction: float = 0.05) -> Float[np.ndarray, " R"]:
         """A metric's mean over the last 5% of the log points (at least one) of each run.
 
-        NaN for a diverged run. Points without a finished episode don't count.
+        NaN for a diverged run. Points without a finished episode don't count; if all lack one, the last before
+        them does.
         """
-        last = getattr(self.log, metric)[:, -max(1, round(fraction * len(self.steps))) :]
+        curves = getattr(self.log, metric)
+        last = curves[:, -max(1, round(fraction * len(self.steps))) :]
         known = ~np.isnan(last)
         mean = np.where(known, last, 0).sum(1) / np.maximum(known.sum(1), 1)
-        return np.where((self.diverged_at >= 0) | ~known.any(1), np.nan, mean)
+        latest = np.where(np.isnan(curves), -1, np.arange(curves.shape[1])).max(1)
+        mean = np.where(known.any(1), mean, curves[np.arange(len(curves)), latest])
+        return np.where(self.diverged_at >= 0, np.nan, mean)
 
 
 def train(
@@ -124,11 +129,13 @@ def train(
     # Runs are split evenly over devices: the last run is repeated to fill up, and the copies are dropped.
     n_devices = min(jax.device_count(), n_runs)
     padded = np.minimum(np.arange(math.ceil(n_runs / n_devices) * n_devices), n_runs - 1)
-    all_hypers: Hypers = jax.tree.map(lambda h: np.broadcast_to(np.asarray(h, np.float32), n_runs), hypers)
+    all_hypers = Hypers._make(np.broadcast_to(np.asarray(h, np.float32), n_runs) for h in hypers)
     on_runs = NamedSharding(Mesh(jax.devices()[:n_devices], "runs"), PartitionSpec("runs"))
 
     start = time.perf_counter()
-    begin, advance = _compile(env, config, updates_per_log, n_eval_episodes, len(padded), on_runs)
+    begin, advance = _compile(
+        env, config, find_loss(config.loss), updates_per_log, n_eval_episodes, len(padded), on_runs
+    )
     compile_seconds = time.perf_counter() - start
 
     start = time.perf_counter()
@@ -178,12 +185,14 @@ def check_arguments(
 def _compile(
     env: Environment,
     config: Config,
+    loss: Loss,
     updates_per_log: int,
     n_eval_episodes: int,
     n_runs: int,
     on_runs: NamedSharding,
 ) -> tuple[Callable[..., RunState], Callable[..., tuple[RunState, Log]]]:
     """Two compiled functions: seeds → states, and (states, hypers) → the states and logs of the next log point."""
+    del loss  # a part of the key: the loss of that name may have changed
     begin = jax.jit(lambda seeds: jax.lax.map(functools.partial(_begin, env, config), seeds))
     seeds = jax.ShapeDtypeStruct((n_runs,), jnp.uint32)
     advance = jax.shard_map(
@@ -237,6 +246,9 @@ def _advance(
     # A generator call costs as much for several updates as for one; each update has its own key all the same.
     n_drawn = max(n for n in range(1, 17) if n_updates % n == 0)
     state, records = jax.lax.scan(iterations, state, length=n_updates // n_drawn)
+    finite = jnp.stack([jnp.isfinite(leaf).all() for leaf in jax.tree.leaves(state.learner.params)]).all()
+    diverged_at = jnp.where(finite | (state.diverged_at >= 0), state.diverged_at, state.step)
+    state = state._replace(diverged_at=diverged_at)
     sum_of_returns, n_episodes = records[0].sum(), records[1].sum()
     diagnostics = a2c.Diagnostics(*(record.mean() for record in records[2:]))
 
