@@ -34,7 +34,7 @@ class RunState(NamedTuple):
     step: Int[Array, ""]
     """Environment steps so far."""
     diverged_at: Int[Array, ""]
-    """The step of the first update with a gradient, or log point with a parameter, that is not finite; else −1."""
+    """The step of the first update whose gradient was not finite, −1 while there is none."""
 
 
 class Log(NamedTuple):
@@ -246,9 +246,6 @@ def _advance(
     # A generator call costs as much for several updates as for one; each update has its own key all the same.
     n_drawn = max(n for n in range(1, 17) if n_updates % n == 0)
     state, records = jax.lax.scan(iterations, state, length=n_updates // n_drawn)
-    finite = jnp.stack([jnp.isfinite(leaf).all() for leaf in jax.tree.leaves(state.learner.params)]).all()
-    diverged_at = jnp.where(finite | (state.diverged_at >= 0), state.diverged_at, state.step)
-    state = state._replace(diverged_at=diverged_at)
     sum_of_returns, n_episodes = records[0].sum(), records[1].sum()
     diagnostics = a2c.Diagnostics(*(record.mean() for record in records[2:]))
 
