@@ -133,7 +133,8 @@ def test_updates_equal_sb3s(loss, normalize_advantage):
             theirs = params_of(model)
             change = jax.tree.map(np.subtract, theirs, start)
             assert all(np.abs(leaf).max() > 1e-4 for leaf in jax.tree.leaves(change))
-            assert relative_error(learner.params, theirs) < 1e-5
+            # An entry may be off by a ten-thousandth of Adam's step: where a gradient is near Adam's ε, rounding shows.
+            jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-5, atol=1e-7), learner.params, theirs)
     assert relative_error(learner.params, params_of(model)) < 1e-3
 
 
