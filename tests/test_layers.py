@@ -6,14 +6,16 @@ from pathlib import Path
 import galton
 
 RANKS = [
-    {"errors"},
+    {"errors", "cores"},
     {"types"},
-    {"bins", "networks", "returns"},
+    {"bins", "networks", "returns", "normalization"},
     {"targets", "theory"},
     {"policies", "envs"},
     {"losses"},
     {"algorithms"},
     {"training"},
+    {"callbacks", "sb3"},
+    {"agent"},
     {"analysis"},
     {"commands"},
     {"cli"},

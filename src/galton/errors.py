@@ -1,10 +1,22 @@
-"""How wrong arguments are told."""
+"""What goes wrong, by whose fault: an argument's, an environment's, a file's, or training's own."""
 
 import numpy as np
 
 
 class UsageError(ValueError):
     """A wrong argument: the message names it, its value and what would have been right."""
+
+
+class EnvironmentFault(RuntimeError):
+    """An environment raised or returned what it must not: the message names the copy, the step and what came back."""
+
+
+class CheckpointError(ValueError):
+    """A file that is not a whole, unchanged checkpoint of Galton's."""
+
+
+class DivergenceError(RuntimeError):
+    """The gradient was not finite: the message names the step. The parameters before it are kept."""
 
 
 def require_integer(name: str, value: object, least: int) -> None:

@@ -54,6 +54,12 @@ def hl_gauss_centred(distribution: Histogram, action: Float[Array, "*batch d"], 
     return cross_entropy(distribution, _gaussian_target(distribution, action, eta) - expected)
 
 
+def hl_gauss_bias(distribution: Histogram, eta: Eta) -> Float[Array, "*batch d k"]:
+    """Kᵀπ − π: what HL-Gauss adds to the mean logit gradient for each unit that the baseline is off."""
+    k = distribution.bins.n_bins
+    return distribution.probs @ targets.hl_gauss_of_center(k, jnp.arange(k), eta) - distribution.probs
+
+
 def cross_entropy(distribution: Histogram, weights: Float[Array, "*batch d k"]) -> Float[Array, "*batch"]:
     """−Σ_l Σ_i weights_l(i) log π_l(i); the gradient in the logits is π − weights where these sum to 1 (App. A)."""
     return -(weights * log_softmax(distribution.logits)).sum((-2, -1))
@@ -76,12 +82,14 @@ class Loss(NamedTuple):
     label: str
     """Its name in figures and tables."""
     in_paper: bool = True
+    bias: Callable[[Any, Eta], Array] | None = None
+    """(distribution, eta) → what an error of the baseline adds to the mean logit gradient `[*batch, d, k]`; None: 0."""
 
 
 LOSSES = {
     "gaussian": Loss(gaussian, "gaussian", "Gaussian"),
     "hl-one-hot": Loss(hl_one_hot, "histogram", "HL-1-Hot"),
-    "hl-gauss": Loss(hl_gauss, "histogram", "HL-Gauss"),
+    "hl-gauss": Loss(hl_gauss, "histogram", "HL-Gauss", bias=hl_gauss_bias),
     "hl-gauss-centred": Loss(hl_gauss_centred, "histogram", "Centred HL-Gauss (ours)", in_paper=False),
 }
 

@@ -4,21 +4,44 @@ The parameters θ are those of the hidden layers, φ, and the kernel of the last
 not among them, as in the paper.
 """
 
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from galton.networks import mlp
 from galton.types import Params
 
 Scalar = float | Float[Array, ""]
 
 
 def output_lipschitz(layers: list[Params], observation: Float[Array, " o"]) -> Float[Array, ""]:
-    """The least l with ‖∇_φ w_jᵀ f_φ(s)‖ ≤ l for every output j at this observation."""
-    jacobian = jax.jacrev(lambda hidden: mlp([*hidden, layers[-1]], observation))(layers[:-1])
-    flat = jnp.concatenate([leaf.reshape(len(leaf), -1) for leaf in jax.tree.leaves(jacobian)], axis=1)
-    return jnp.max(jnp.linalg.norm(flat, axis=1))
+    """The least l with ‖∇_φ w_jᵀ f_φ(s)‖ ≤ l for every output j at this observation.
+
+    Backpropagation of all outputs at once: layer by layer, the gradient of output j is an outer product, whose
+    norm is that of its factors.
+    """
+    hidden = [observation]
+    for layer in layers[:-1]:
+        hidden.append(jnp.tanh(hidden[-1] @ layer["kernel"] + layer["bias"]))
+    backward = layers[-1]["kernel"]
+    squares = jnp.zeros(backward.shape[1])
+    for layer, below, here in zip(layers[-2::-1], hidden[-2::-1], hidden[:0:-1], strict=True):
+        delta = backward * (1 - here**2)[:, None]
+        squares = squares + (delta**2).sum(0) * (1 + below @ below)
+        backward = layer["kernel"] @ delta
+    return jnp.sqrt(squares.max())
+
+
+def gradient_bound(
+    advantage: Float[Array, ""],
+    lipschitz: Float[Array, ""],
+    features: Float[Array, " hidden"],
+    output_gradient: Float[Array, " outputs"],
+) -> Float[Array, ""]:
+    """What both propositions say, for any loss: |A| (l + ‖f‖) ‖∂loss/∂outputs‖₁.
+
+    With a softmax's logits as the outputs this is Proposition 1, summed over action dimensions; with a Gaussian's
+    mean it is Proposition 2 with scale σ².
+    """
+    return jnp.abs(advantage) * (lipschitz + jnp.linalg.norm(features)) * jnp.abs(output_gradient).sum()
 
 
 def classification_bound(

@@ -37,6 +37,10 @@ class Config:
     """The action of a softmax policy that does not explore."""
     normalize_advantage: bool = False
     """Standardise the advantages of each batch."""
+    normalize_observation: bool = False
+    """Standardise observations by running statistics, clipped to ±10."""
+    normalize_reward: bool = False
+    """Divide rewards by the running standard deviation of the discounted return, clipped to ±10."""
 
     def __post_init__(self) -> None:
         require_integer("n_bins", self.n_bins, 2)
@@ -128,12 +132,14 @@ class Transition(NamedTuple):
 
 
 class Learner(NamedTuple):
-    """What an update changes."""
+    """All that a run has learnt."""
 
     params: Params
     """`actor` and `critic` networks, and for the Gaussian `log_std` `[d]`."""
     optimizer: PyTree[Array]
     """Adam's moments, shaped like params."""
+    normalizer: Any
+    """Statistics of observations and rewards, a Normalizer."""
 
 
 class EpisodeState(NamedTuple):

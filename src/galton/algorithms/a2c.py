@@ -8,6 +8,7 @@ import numpy as np
 import optax
 from jaxtyping import Array, Float, Key
 
+from galton import normalization
 from galton.losses import find_loss, surrogate
 from galton.networks import init_mlp, mlp
 from galton.policies import POLICIES, Distribution, Policy
@@ -40,7 +41,7 @@ def init(key: Key[Array, ""], config: Config, policy: Policy, observation_size: 
     critic = init_mlp(critic_key, (observation_size, *config.net_arch, 1), last_scale=1.0)
     actor[-1]["bias"], extra = policy.init()
     params = {"actor": actor, "critic": critic, **extra}
-    return Learner(params, _ADAM.init(params))
+    return Learner(params, _ADAM.init(params), normalization.init(config, observation_size))
 
 
 def distribution(policy: Policy, params: Params, observation: Float[Array, "*batch o"]) -> Distribution:
@@ -60,29 +61,44 @@ def act(
     return distribution(policy, params, observation).sample(noise)
 
 
+def advantages(
+    values: Float[Array, " B"], next_values: Float[Array, " B"], batch: Transition, hypers: Hypers
+) -> Float[Array, " B"]:
+    """GAE over each environment's T steps; B = T · N, in the order of the batch `[T, N]`."""
+    shape = batch.reward.shape
+    advantage = jax.vmap(gae, in_axes=(1, 1, 1, 1, 1, None, None), out_axes=1)(
+        batch.reward,
+        values.reshape(shape),
+        next_values.reshape(shape),
+        batch.terminated,
+        batch.truncated,
+        hypers.gamma,
+        hypers.gae_lambda,
+    )
+    return advantage.ravel()
+
+
 def update(
     config: Config, policy: Policy, learner: Learner, batch: Transition, hypers: Hypers
 ) -> tuple[Learner, Diagnostics]:
-    """One gradient step on a rollout `[T, N]`: policy loss + vf_coef · value loss − ent_coef · entropy."""
+    """One gradient step on a rollout `[T, N]`: policy loss + vf_coef · value loss − ent_coef · entropy.
+
+    A gradient that is not finite moves no parameter; `grad_norm` tells.
+    """
+    observation, next_observation, action = map(flatten, (batch.observation, batch.next_observation, batch.action))
 
     def objective(params: Params) -> tuple[Array, Diagnostics]:
-        values = value(params, batch.observation)
-        fixed_values, next_values = jax.lax.stop_gradient((values, value(params, batch.next_observation)))
-        advantage = jax.vmap(gae, in_axes=(1, 1, 1, 1, 1, None, None), out_axes=1)(
-            batch.reward,
-            fixed_values,
-            next_values,
-            batch.terminated,
-            batch.truncated,
-            hypers.gamma,
-            hypers.gae_lambda,
-        )
+        next_values = jax.lax.stop_gradient(value(params, next_observation))
+        # The barrier keeps XLA from computing softmaxes again inside the matrix products of the backward pass.
+        outputs, values = jax.lax.optimization_barrier((mlp(params["actor"], observation), value(params, observation)))
+        fixed_values = jax.lax.stop_gradient(values)
+        advantage = advantages(fixed_values, next_values, batch, hypers)
         returns = advantage + fixed_values
         if config.normalize_advantage:
             advantage = (advantage - advantage.mean()) / (advantage.std(ddof=1) + 1e-8)
 
-        policy_distribution = distribution(policy, params, batch.observation)
-        loss = find_loss(config.loss).function(policy_distribution, batch.action, hypers.eta)
+        policy_distribution = policy.distribution(outputs, params)
+        loss = find_loss(config.loss).function(policy_distribution, action, hypers.eta)
         policy_loss = surrogate(advantage, loss)
         value_loss = jnp.mean((returns - values) ** 2)
         entropy = jnp.mean(policy_distribution.entropy())
@@ -91,7 +107,15 @@ def update(
 
     gradient, diagnostics = jax.grad(objective, has_aux=True)(learner.params)
     grad_norm = optax.tree.norm(gradient)
+    finite = jnp.isfinite(grad_norm)
     scale = jnp.minimum(1.0, hypers.max_grad_norm / (grad_norm + 1e-6))
-    step, optimizer = _ADAM.update(jax.tree.map(lambda g: scale * g, gradient), learner.optimizer)
-    params = jax.tree.map(lambda p, s: p - hypers.learning_rate * s, learner.params, step)
-    return Learner(params, optimizer), diagnostics._replace(grad_norm=grad_norm)
+    learning_rate = jnp.where(finite, hypers.learning_rate, 0.0)
+    gradient = jax.tree.map(lambda g: jnp.where(finite, scale * g, 0.0), gradient)
+    step, optimizer = _ADAM.update(gradient, learner.optimizer)
+    params = jax.tree.map(lambda p, s: p - learning_rate * s, learner.params, step)
+    return learner._replace(params=params, optimizer=optimizer), diagnostics._replace(grad_norm=grad_norm)
+
+
+def flatten(steps: Float[Array, "T N n"]) -> Float[Array, "B n"]:
+    """One row per transition: matrix products over one axis are faster than over two."""
+    return steps.reshape(-1, steps.shape[-1])

@@ -57,6 +57,11 @@ def find_task(name: str) -> tuple[str, Task]:
     raise UsageError(f"environment is {name!r}; choose from {', '.join(ENVS)}")
 
 
+def is_known(name: str) -> bool:
+    """Whether `find_task` knows the name."""
+    return any(name in (key, task.gymnasium_id) for key, task in ENVS.items())
+
+
 def make(name: str, **constants: Any) -> "Environment":
     """The environment of that name, with other constants than its defaults where given.
 

@@ -2,7 +2,7 @@
 
 from typing import Protocol, runtime_checkable
 
-from jaxtyping import Array, Float, Key
+from jaxtyping import Array, Bool, Float, Key
 
 from galton.types import Params
 
@@ -19,6 +19,12 @@ class Distribution(Protocol):
 
     def entropy(self) -> Float[Array, "*batch"]:
         """In nats, summed over the d independent dimensions."""
+
+    def std(self) -> Float[Array, "*batch d"]:
+        """The standard deviation of the action."""
+
+    def at_edge(self, action: Float[Array, "*batch d"]) -> Bool[Array, "*batch d"]:
+        """Which entries of an action are as far out as the policy's box lets them be."""
 
 
 @runtime_checkable

@@ -6,7 +6,7 @@ import math
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Key
+from jaxtyping import Array, Bool, Float, Key
 
 from galton.types import Config, Params
 
@@ -33,6 +33,14 @@ class Gaussian:
         """Σ_l log σ_l + ½ log 2πe."""
         entropy = (self.log_std + 0.5 * math.log(2 * math.pi * math.e)).sum(-1)
         return jnp.broadcast_to(entropy, self.mean.shape[:-1])
+
+    def std(self) -> Float[Array, "*batch d"]:
+        """σ."""
+        return jnp.broadcast_to(jnp.exp(self.log_std), self.mean.shape)
+
+    def at_edge(self, action: Float[Array, "*batch d"]) -> Bool[Array, "*batch d"]:
+        """What the environment clips."""
+        return (action < self.low) | (action > self.high)
 
     def deterministic_action(self) -> Float[Array, "*batch d"]:
         """The mean, clipped into the box."""

@@ -6,7 +6,7 @@ import math
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int, Key
+from jaxtyping import Array, Bool, Float, Int, Key
 
 from galton.bins import Bins
 from galton.policies.exploration import gaussian_action, init_gaussian_logits
@@ -45,6 +45,15 @@ class Histogram:
         """−Σ_l Σ_i π log π."""
         log_probs = jax.nn.log_softmax(self.logits)
         return -(jnp.exp(log_probs) * log_probs).sum((-2, -1))
+
+    def std(self) -> Float[Array, "*batch d"]:
+        """The effective σ: the standard deviation of the bin centers under π."""
+        mean = (self.probs * self.bins.centers).sum(-1, keepdims=True)
+        return jnp.sqrt((self.probs * (self.bins.centers - mean) ** 2).sum(-1))
+
+    def at_edge(self, action: Float[Array, "*batch d"]) -> Bool[Array, "*batch d"]:
+        """What lies in the first or last bin of a dimension, or beyond."""
+        return (action < self.bins.edges[:, 1]) | (action >= self.bins.edges[:, -2])
 
     def deterministic_action(self) -> Float[Array, "*batch d"]:
         """The center of the most likely bin, the mean of the centers, or the median's center."""

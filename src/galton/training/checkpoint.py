@@ -1,83 +1,113 @@
-"""A trained run on disk: settings as JSON, arrays as safetensors. Loading runs no code."""
+"""Settings and arrays in one file: safetensors, whose header carries the settings as JSON and a checksum of all.
 
-import dataclasses
+Loading runs no code, imports nothing and makes no environment. Writing is atomic.
+"""
+
+import hashlib
 import json
+import os
+import tempfile
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import numpy as np
-from safetensors.numpy import load_file, save_file
+from safetensors import SafetensorError
+from safetensors.numpy import load, save
 
-from galton.algorithms import a2c
-from galton.envs.base import Environment
-from galton.envs.registry import make
-from galton.errors import require
-from galton.types import Config, Hypers, Learner
+from galton.errors import CheckpointError, UsageError, require
 
-
-class Checkpoint(NamedTuple):
-    """One run: what it was trained with and what it became."""
-
-    env_name: str
-    env_constants: dict[str, Any]
-    config: Config
-    hypers: Hypers
-    """Plain numbers."""
-    seed: int
-    step: int
-    learner: Learner
-
-    def make_env(self) -> Environment:
-        """The environment that it was trained on."""
-        return make(self.env_name, **self.env_constants)
+FORMAT = 1
+MAX_HEADER = 1 << 20
+MAX_FILE = 1 << 32
 
 
-def save(folder: Path, checkpoint: Checkpoint) -> None:
-    """Write checkpoint.json and checkpoint.safetensors into an existing folder."""
-    settings = checkpoint._asdict() | {
-        "config": dataclasses.asdict(checkpoint.config),
-        "hypers": {name: float(value) for name, value in checkpoint.hypers._asdict().items()},
-    }
-    del settings["learner"]
-    (folder / "checkpoint.json").write_text(json.dumps(settings, indent=2) + "\n")
-    save_file(_flatten(checkpoint.learner), folder / "checkpoint.safetensors")
-
-
-def load(folder: Path) -> Checkpoint:
-    """Read what `save` wrote.
+def write(path: Path, settings: dict[str, Any], arrays: dict[str, np.ndarray]) -> None:
+    """Put a checkpoint at path, all of it or none.
 
     Raises:
-        UsageError: arrays that don't fit the settings.
+        UsageError: a path that can't be written.
     """
-    settings = json.loads((folder / "checkpoint.json").read_text())
-    config = settings["config"] | {"net_arch": tuple(settings["config"]["net_arch"])}
-    checkpoint = Checkpoint(
-        **settings | {"config": Config(**config), "hypers": Hypers(**settings["hypers"])},
-        learner=Learner({}, ()),
-    )
-    return checkpoint._replace(learner=_unflatten(load_file(folder / "checkpoint.safetensors"), checkpoint))
+    record = {"format": FORMAT, "settings": settings}
+    text = json.dumps(record | {"sha256": _digest(record, arrays)})
+    content = save({name: np.asarray(array, order="C") for name, array in arrays.items()}, {"galton": text})
+    path = path.resolve()
+    scratch = None
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle, scratch = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
+        with os.fdopen(handle, "wb") as file:
+            file.write(content)
+        Path(scratch).replace(path)
+    except OSError as error:
+        if scratch:
+            Path(scratch).unlink(missing_ok=True)
+        raise UsageError(f"path is {path}, which can't be written: {error.strerror}; name another") from None
 
 
-def _flatten(learner: Learner) -> dict[str, np.ndarray]:
-    leaves = jax.tree_util.tree_leaves_with_path(learner)
-    return {jax.tree_util.keystr(path, simple=True, separator="/"): np.array(leaf) for path, leaf in leaves}
+def read(path: Path) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+    """Settings and arrays of a checkpoint.
+
+    Raises:
+        UsageError: no such file.
+        CheckpointError: a file that is not, bit for bit, what `write` wrote.
+    """
+    require(path.exists(), f"path is {path}, which does not exist")
+    try:
+        if not path.is_file() or path.stat().st_size > MAX_FILE:
+            raise CheckpointError("it is not a file of a checkpoint's size")
+        content = path.read_bytes()
+        length = int.from_bytes(content[:8], "little")
+        if len(content) < 8 or length > min(MAX_HEADER, len(content) - 8):
+            raise CheckpointError("its header is cut off or too long")
+        header = json.loads(content[8 : 8 + length])
+        record = json.loads(header["__metadata__"]["galton"])
+        arrays = load(content)
+        digest = record.pop("sha256")
+        whole = _digest(record, arrays) == digest
+        again = save(arrays, {"galton": json.dumps(record | {"sha256": digest})})
+        if not whole or again != content:
+            raise CheckpointError("its checksum is wrong: the file was damaged or changed")
+        if record["format"] != FORMAT:
+            raise CheckpointError(f"its format is {record['format']}; this version reads {FORMAT}")
+        if not isinstance(record["settings"], dict):
+            raise CheckpointError("its settings are missing")
+    except CheckpointError as error:
+        raise CheckpointError(f"{path} can't be loaded: {error}") from None
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError, SafetensorError) as error:
+        raise CheckpointError(f"{path} is not a checkpoint of Galton's: {type(error).__name__}: {error}") from None
+    return record["settings"], arrays
 
 
-def _unflatten(arrays: dict[str, np.ndarray], checkpoint: Checkpoint) -> Learner:
-    """Into the structure that the settings call for."""
-    env = checkpoint.make_env()
-    policy = a2c.make_policy(checkpoint.config, env.action_low, env.action_high)
-    init = jax.eval_shape(
-        lambda key: a2c.init(key, checkpoint.config, policy, len(env.observation_low)), jax.random.key(0)
-    )
-    leaves, structure = jax.tree_util.tree_flatten_with_path(init)
-    names = [jax.tree_util.keystr(path, simple=True, separator="/") for path, _ in leaves]
-    for name, (_, leaf) in zip(names, leaves, strict=True):
-        found = arrays[name].shape if name in arrays else None
-        require(
-            found == leaf.shape,
-            f"{name} in the checkpoint has shape {found}; its settings call for {leaf.shape}",
-        )
-    learner: Learner = jax.tree.unflatten(structure, [arrays[name] for name in names])
-    return learner
+def flatten(tree: Any) -> dict[str, np.ndarray]:
+    """A pytree as arrays by their place in it."""
+    return {_name(path): np.asarray(leaf) for path, leaf in jax.tree_util.tree_leaves_with_path(tree)}
+
+
+def unflatten(arrays: dict[str, np.ndarray], like: Any) -> Any:
+    """Undo `flatten`, into the structure, shapes and types of `like`.
+
+    Raises:
+        CheckpointError: an array that is missing or differs.
+    """
+    leaves, structure = jax.tree_util.tree_flatten_with_path(like)
+    for path, leaf in leaves:
+        found = arrays.get(_name(path))
+        wanted = (leaf.shape, np.dtype(leaf.dtype))
+        if found is None or (found.shape, found.dtype) != wanted:
+            there = "missing" if found is None else f"{found.shape} {found.dtype}"
+            raise CheckpointError(f"{_name(path)} in the checkpoint is {there}; its settings call for {wanted}")
+    return jax.tree.unflatten(structure, [arrays[_name(path)] for path, _ in leaves])
+
+
+def _name(path: Any) -> str:
+    return jax.tree_util.keystr(path, simple=True, separator="/")
+
+
+def _digest(record: dict[str, Any], arrays: dict[str, np.ndarray]) -> str:
+    digest = hashlib.sha256(json.dumps(record, sort_keys=True).encode())
+    for name in sorted(arrays):
+        array = arrays[name]
+        digest.update(json.dumps([name, array.dtype.str, array.shape]).encode())
+        digest.update(array.tobytes())
+    return digest.hexdigest()

@@ -1,21 +1,63 @@
 """The return of the policy that does not explore."""
 
+from collections.abc import Callable
+
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Key, PyTree
+import numpy as np
+from jaxtyping import Array, Float, Int, Key, PyTree
 
+from galton import normalization
 from galton.algorithms import a2c
-from galton.envs.base import Environment
+from galton.envs.base import Environment, HostEnvironments
+from galton.errors import EnvironmentFault
 from galton.policies import Policy
 from galton.training.rollout import start_episodes
-from galton.types import Params
+from galton.types import Learner
+
+MAX_STEPS = 100_000
+"""An episode outside JAX that is longer is taken for one that never ends."""
 
 Carry = tuple[PyTree[Array], Array, Array, Array]
 """States, returns so far, which episodes still run, and the step."""
 
 
+def deterministic_action(
+    policy: Policy, learner: Learner, observation: Float[Array, "*batch o"]
+) -> Float[Array, "*batch d"]:
+    """The action taken without exploration, from raw observations."""
+    normalised = normalization.observation(learner.normalizer, observation)
+    return a2c.distribution(policy, learner.params, normalised).deterministic_action()
+
+
+def play(
+    name: str,
+    envs: HostEnvironments,
+    seeds: Int[np.ndarray, " n"],
+    act: Callable[[Float[np.ndarray, "n o"]], Float[np.ndarray, "n d"]],
+) -> Float[np.ndarray, " n"]:
+    """Undiscounted returns of one whole episode in each of n environments outside JAX.
+
+    Raises:
+        EnvironmentFault: an environment broke, or an episode does not end.
+    """
+    observation = envs.reset(seeds)
+    returns, active = np.zeros(len(observation)), np.ones(len(observation), bool)
+    for _ in range(MAX_STEPS):
+        steps = envs.step(act(observation))
+        returns[active] += steps.reward[active]
+        active &= ~(steps.terminated | steps.truncated)
+        if not active.any():
+            return returns
+        observation = steps.observation
+    raise EnvironmentFault(
+        f"{name}: an episode of evaluation did not end in {MAX_STEPS:,} steps; give the environment a time limit "
+        "(gymnasium.wrappers.TimeLimit) or turn evaluation off"
+    )
+
+
 def evaluate(
-    key: Key[Array, ""], env: Environment, policy: Policy, params: Params, n_episodes: int
+    key: Key[Array, ""], env: Environment, policy: Policy, learner: Learner, n_episodes: int
 ) -> Float[Array, " n_episodes"]:
     """Undiscounted returns of whole episodes under the deterministic action, stepped side by side."""
     reset_key, step_key = jax.random.split(key)
@@ -28,8 +70,8 @@ def evaluate(
 
     def step(carry: Carry) -> Carry:
         states, returns, active, t = carry
-        distribution = a2c.distribution(policy, params, jax.vmap(env.observe)(states))
-        action = jnp.clip(distribution.deterministic_action(), env.action_low, env.action_high)
+        action = deterministic_action(policy, learner, jax.vmap(env.observe)(states))
+        action = jnp.clip(action, env.action_low, env.action_high)
         states, reward, terminated = jax.vmap(env.step)(states, action, jax.tree.map(lambda x: x[t], noise))
         return states, returns + jnp.where(active, reward, 0.0), active & ~terminated, t + 1
 

@@ -1,23 +1,17 @@
-"""Steps of N environments under one policy, as one scan."""
+"""Steps of N environments in pure JAX under one policy, as one scan."""
 
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Key, PyTree
+from jaxtyping import Array, Float, Key, PyTree
 
+from galton import normalization
 from galton.algorithms import a2c
 from galton.envs.base import Environment
 from galton.policies import Policy
-from galton.types import Config, EpisodeState, Params, Transition
-
-
-class Finished(NamedTuple):
-    """The episodes that ended in a rollout."""
-
-    done: Bool[Array, "T N"]
-    undiscounted_return: Float[Array, "T N"]
-    """Of the episode so far; whole where done."""
+from galton.training.state import Finished
+from galton.types import Config, EpisodeState, Hypers, Learner, Transition
 
 
 def start_episodes(key: Key[Array, ""], env: Environment, n_envs: int) -> EpisodeState:
@@ -48,13 +42,16 @@ def draw_noise(key: Key[Array, ""], env: Environment, policy: Policy, config: Co
 
 
 def rollout(
-    env: Environment, policy: Policy, params: Params, episodes: EpisodeState, noise: Noise
-) -> tuple[EpisodeState, Transition, Finished]:
-    """T steps of each environment, reset where an episode ends."""
+    env: Environment, policy: Policy, learner: Learner, episodes: EpisodeState, noise: Noise, hypers: Hypers
+) -> tuple[EpisodeState, Learner, Transition, Finished]:
+    """T steps of each environment, reset where an episode ends; the learner's statistics grow on the way."""
 
-    def step(episodes: EpisodeState, noise: Noise) -> tuple[EpisodeState, tuple[Transition, Finished]]:
-        observation = jax.vmap(env.observe)(episodes.env)
-        action = a2c.act(policy, params, observation, noise.action)
+    def step(
+        carry: tuple[EpisodeState, normalization.Normalizer], noise: Noise
+    ) -> tuple[tuple[EpisodeState, normalization.Normalizer], tuple[Transition, Finished]]:
+        episodes, normalizer = carry
+        observation = normalization.observation(normalizer, jax.vmap(env.observe)(episodes.env))
+        action = a2c.act(policy, learner.params, observation, noise.action)
         clipped = jnp.clip(action, env.action_low, env.action_high)
         states, reward, terminated = jax.vmap(env.step)(episodes.env, clipped, noise.step)
 
@@ -62,7 +59,6 @@ def rollout(
         collected = episodes.undiscounted_return + reward
         truncated = (length >= env.max_episode_steps) & ~terminated
         done = terminated | truncated
-        transition = Transition(observation, action, reward, jax.vmap(env.observe)(states), terminated, truncated)
         following = EpisodeState(
             jax.vmap(lambda d, fresh, state: jax.tree.map(lambda f, s: jnp.where(d, f, s), fresh, state))(
                 done, noise.fresh_states, states
@@ -70,7 +66,11 @@ def rollout(
             jnp.where(done, 0, length),
             jnp.where(done, 0.0, collected),
         )
-        return following, (transition, Finished(done, collected))
+        normalizer, reward, next_observation = normalization.receive(
+            normalizer, reward, done, jax.vmap(env.observe)(states), jax.vmap(env.observe)(following.env), hypers
+        )
+        transition = Transition(observation, action, reward, next_observation, terminated, truncated)
+        return (following, normalizer), (transition, Finished(done, collected, length))
 
-    episodes, (transitions, finished) = jax.lax.scan(step, episodes, noise)
-    return episodes, transitions, finished
+    (episodes, normalizer), (transitions, finished) = jax.lax.scan(step, (episodes, learner.normalizer), noise)
+    return episodes, learner._replace(normalizer=normalizer), transitions, finished

@@ -1,56 +1,19 @@
-"""Many runs of one configuration, trained side by side in one compiled program."""
+"""Many runs of one configuration, trained side by side."""
 
 import dataclasses
-import functools
 import math
 import time
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
-from jax.sharding import Mesh, NamedSharding, PartitionSpec
-from jaxtyping import Array, Float, Int, Key, UInt
+from jaxtyping import Float, Int
 
-from galton.algorithms import a2c
-from galton.envs.base import Environment
 from galton.errors import require, require_integer
-from galton.losses import Loss, find_loss
-from galton.training.evaluate import evaluate
-from galton.training.rollout import Noise, draw_noise, rollout, start_episodes
-from galton.types import Config, EpisodeState, Hypers, Learner, check_hypers
-
-
-class RunState(NamedTuple):
-    """All there is to one run between two log points."""
-
-    learner: Learner
-    episodes: EpisodeState
-    key: Key[Array, ""]
-    """Of everything random in training; the step, folded in, gives each rollout its own."""
-    evaluation_key: Key[Array, ""]
-    """Of the evaluations, so that they never touch training."""
-    step: Int[Array, ""]
-    """Environment steps so far."""
-    diverged_at: Int[Array, ""]
-    """The step of the first update whose gradient was not finite, −1 while there is none."""
-
-
-class Log(NamedTuple):
-    """What is recorded at each log point; NaN once the run has diverged. With axes `[R, L]` in a Result."""
-
-    training_return: Float[Array, "*batch"]
-    """Mean undiscounted return of the episodes that ended since the last log point; NaN where none did."""
-    n_episodes: Float[Array, "*batch"]
-    """How many those were."""
-    evaluation_return: Float[Array, "*batch"]
-    """Mean undiscounted return of the deterministic policy; NaN where evaluation is off."""
-    entropy: Float[Array, "*batch"]
-    """This and the rest: means over the updates since the last log point."""
-    grad_norm: Float[Array, "*batch"]
-    policy_loss: Float[Array, "*batch"]
-    value_loss: Float[Array, "*batch"]
+from galton.training.populate import populate
+from galton.training.state import Log
+from galton.types import Config, Hypers, Learner, check_hypers
 
 
 @dataclasses.dataclass(frozen=True)
@@ -93,7 +56,7 @@ class Result:
 
 
 def train(
-    env: Environment,
+    env: Any,
     config: Config,
     hypers: Hypers,
     seeds: Sequence[int],
@@ -106,17 +69,19 @@ def train(
     """Train R runs side by side, one per seed, on every JAX device of this process.
 
     Args:
-        env: a hashable record of constants.
+        env: one of our records (hashable, pure JAX), or what `galton.envs.find` makes a task of: a name, a
+            Gymnasium id, a function that makes a Gymnasium environment.
         config: shared by all runs.
         hypers: each field a number for all runs or an array `[R]`.
-        seeds: R integers; a run is determined by its seed, its settings and `n_logs`' division of its steps.
+        seeds: R integers; a run is determined by its seed and its settings.
         total_timesteps: per run; rounded up to whole updates and log points.
         n_logs: log points, at most one per update.
         n_eval_episodes: episodes of each evaluation at each log point; 0 turns evaluation off.
         on_log: called at each log point with the steps so far and the log's `[R]` arrays.
 
     Raises:
-        UsageError: a number out of range.
+        UsageError: a number out of range, an environment that can't be used.
+        EnvironmentFault: an environment broke on the way.
     """
     check_arguments(hypers, seeds, total_timesteps, n_logs, n_eval_episodes)
     n_runs = len(seeds)
@@ -125,30 +90,26 @@ def train(
     n_logs = math.ceil(n_updates / updates_per_log)
     steps = (1 + np.arange(n_logs)) * updates_per_log * config.n_steps * config.n_envs
     require(steps[-1] < 2**31, f"total_timesteps is {total_timesteps}; one run counts up to 2³¹ − 1 steps")
-
-    # Runs are split evenly over devices: the last run is repeated to fill up, and the copies are dropped.
-    n_devices = min(jax.device_count(), n_runs)
-    padded = np.minimum(np.arange(math.ceil(n_runs / n_devices) * n_devices), n_runs - 1)
     all_hypers = Hypers._make(np.broadcast_to(np.asarray(h, np.float32), n_runs) for h in hypers)
-    on_runs = NamedSharding(Mesh(jax.devices()[:n_devices], "runs"), PartitionSpec("runs"))
 
-    start = time.perf_counter()
-    begin, advance = _compile(
-        env, config, find_loss(config.loss), updates_per_log, n_eval_episodes, len(padded), on_runs
-    )
-    compile_seconds = time.perf_counter() - start
-
-    start = time.perf_counter()
-    state = jax.device_put(begin(jnp.asarray(seeds, jnp.uint32)[padded]), on_runs)
-    device_hypers = jax.device_put(jax.tree.map(lambda h: h[padded], all_hypers), on_runs)
-    logs = []
-    for step in steps:
-        state, log = advance(state, device_hypers)
-        logs.append(jax.tree.map(lambda x: np.asarray(x)[:n_runs], log))
-        if on_log:
-            on_log(int(step), logs[-1])
-    learner, diverged_at = jax.tree.map(lambda x: np.asarray(x)[:n_runs], (state.learner, state.diverged_at))
-    train_seconds = time.perf_counter() - start
+    population = populate(env, config, all_hypers, seeds, updates_per_log)
+    try:
+        compiled, start = population.compile_seconds, time.perf_counter()
+        logs = []
+        for step in steps:
+            population.advance(updates_per_log)
+            log = population.log()
+            if n_eval_episodes:
+                returns = population.evaluate(n_eval_episodes).mean(1)
+                log = log._replace(evaluation_return=np.where(population.diverged_at < 0, returns, np.nan))
+            logs.append(log)
+            if on_log:
+                on_log(int(step), log)
+        learner, diverged_at = population.learner, population.diverged_at
+        compiled_since = population.compile_seconds - compiled
+        train_seconds = time.perf_counter() - start - compiled_since
+    finally:
+        population.close()
 
     return Result(
         config,
@@ -158,7 +119,7 @@ def train(
         jax.tree.map(lambda *x: np.stack(x, axis=1), *logs),
         diverged_at,
         learner,
-        compile_seconds,
+        compiled + compiled_since,
         train_seconds,
     )
 
@@ -167,10 +128,10 @@ def check_arguments(
     hypers: Hypers, seeds: Sequence[int], total_timesteps: int, n_logs: int, n_eval_episodes: int
 ) -> None:
     """Raise UsageError for what `train` can't take."""
+    require(np.ndim(seeds) == 1, f"seeds is {seeds}; give a sequence of integers, such as range(5)")
     require(len(seeds) >= 1, "seeds is empty; give at least 1")
     for seed in seeds:
-        require_integer("seed", seed, 0)
-        require(seed < 2**32, f"seed is {seed}; it must be less than 2³²")
+        check_seed(seed)
     require_integer("total_timesteps", total_timesteps, 1)
     require_integer("n_logs", n_logs, 1)
     require_integer("n_eval_episodes", n_eval_episodes, 0)
@@ -181,85 +142,7 @@ def check_arguments(
         require(fits, f"{name} has shape {shape}; it must be a number, or [{len(seeds)}]: one for each run")
 
 
-@functools.lru_cache(maxsize=64)
-def _compile(
-    env: Environment,
-    config: Config,
-    loss: Loss,
-    updates_per_log: int,
-    n_eval_episodes: int,
-    n_runs: int,
-    on_runs: NamedSharding,
-) -> tuple[Callable[..., RunState], Callable[..., tuple[RunState, Log]]]:
-    """Two compiled functions: seeds → states, and (states, hypers) → the states and logs of the next log point."""
-    del loss  # a part of the key: the loss of that name may have changed
-    begin = jax.jit(lambda seeds: jax.lax.map(functools.partial(_begin, env, config), seeds))
-    seeds = jax.ShapeDtypeStruct((n_runs,), jnp.uint32)
-    advance = jax.shard_map(
-        jax.vmap(functools.partial(_advance, env, config, updates_per_log, n_eval_episodes)),
-        mesh=on_runs.mesh,
-        in_specs=on_runs.spec,
-        out_specs=on_runs.spec,
-        check_vma=False,
-    )
-    place = functools.partial(
-        jax.tree.map, lambda x: jax.ShapeDtypeStruct((n_runs, *x.shape[1:]), x.dtype, sharding=on_runs)
-    )
-    state = place(jax.eval_shape(begin, seeds))
-    hypers = place(jax.tree.map(lambda _: jax.ShapeDtypeStruct((n_runs,), jnp.float32), Hypers()))
-    return begin.lower(seeds).compile(), jax.jit(advance, donate_argnums=0).lower(state, hypers).compile()
-
-
-def _begin(env: Environment, config: Config, seed: UInt[Array, ""]) -> RunState:
-    """A new run."""
-    init_key, episodes_key, key, evaluation_key = jax.random.split(jax.random.key(seed), 4)
-    policy = a2c.make_policy(config, env.action_low, env.action_high)
-    learner = a2c.init(init_key, config, policy, len(env.observation_low))
-    episodes = start_episodes(episodes_key, env, config.n_envs)
-    return RunState(learner, episodes, key, evaluation_key, jnp.int32(0), jnp.int32(-1))
-
-
-def _advance(
-    env: Environment, config: Config, n_updates: int, n_eval_episodes: int, state: RunState, hypers: Hypers
-) -> tuple[RunState, Log]:
-    """Train one run up to its next log point and evaluate it there."""
-    policy = a2c.make_policy(config, env.action_low, env.action_high)
-    batch_size = config.n_steps * config.n_envs
-
-    def iteration(state: RunState, noise: Noise) -> tuple[RunState, tuple[Array, ...]]:
-        episodes, batch, finished = rollout(env, policy, state.learner.params, state.episodes, noise)
-        learner, diagnostics = a2c.update(config, policy, state.learner, batch, hypers)
-
-        step = state.step + batch_size
-        fine = jnp.isfinite(diagnostics.grad_norm) | (state.diverged_at >= 0)
-        diverged_at = jnp.where(fine, state.diverged_at, step)
-        sum_of_returns = jnp.where(finished.done, finished.undiscounted_return, 0.0).sum()
-        record = (sum_of_returns, finished.done.sum(dtype=jnp.float32), *diagnostics)
-        return RunState(learner, episodes, state.key, state.evaluation_key, step, diverged_at), record
-
-    def iterations(state: RunState, _: None) -> tuple[RunState, tuple[Array, ...]]:
-        steps = state.step + jnp.arange(n_drawn) * batch_size
-        keys = jax.vmap(jax.random.fold_in, in_axes=(None, 0))(state.key, steps)
-        noise = jax.vmap(lambda key: draw_noise(key, env, policy, config))(keys)
-        return jax.lax.scan(iteration, state, noise)
-
-    # A generator call costs as much for several updates as for one; each update has its own key all the same.
-    n_drawn = max(n for n in range(1, 17) if n_updates % n == 0)
-    state, records = jax.lax.scan(iterations, state, length=n_updates // n_drawn)
-    sum_of_returns, n_episodes = records[0].sum(), records[1].sum()
-    diagnostics = a2c.Diagnostics(*(record.mean() for record in records[2:]))
-
-    evaluation_return = jnp.array(jnp.nan)
-    if n_eval_episodes:
-        key = jax.random.fold_in(state.evaluation_key, state.step)
-        evaluation_return = evaluate(key, env, policy, state.learner.params, n_eval_episodes).mean()
-    log = Log(
-        training_return=jnp.where(n_episodes > 0, sum_of_returns / n_episodes, jnp.nan),
-        n_episodes=n_episodes,
-        evaluation_return=evaluation_return,
-        entropy=diagnostics.entropy,
-        grad_norm=diagnostics.grad_norm,
-        policy_loss=diagnostics.policy_loss,
-        value_loss=diagnostics.value_loss,
-    )
-    return state, jax.tree.map(lambda x: jnp.where(state.diverged_at < 0, x, jnp.nan), log)
+def check_seed(seed: int) -> None:
+    """Raise UsageError unless it is an integer from 0 to 2³² − 1."""
+    require_integer("seed", seed, 0)
+    require(seed < 2**32, f"seed is {seed}; it must be less than 2³²")

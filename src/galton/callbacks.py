@@ -1,0 +1,187 @@
+"""What can happen at the log points of `A2C.learn`: functions of the model and its log; False stops training.
+
+They are called in order and may add to the log, so an evaluation goes before what writes the log down.
+"""
+
+import dataclasses
+import json
+import math
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+
+from galton.errors import UsageError, require, require_integer
+
+Log = dict[str, float]
+
+
+class Model(Protocol):
+    """What a callback may use of an A2C; it may use all the rest of it too."""
+
+    @property
+    def num_timesteps(self) -> int:
+        """Environment steps so far."""
+
+    @property
+    def log_interval(self) -> int:
+        """Environment steps between log points."""
+
+    def evaluate(self, n_episodes: int, env: Any = None) -> np.ndarray:
+        """Returns of whole episodes."""
+
+    def save(self, path: str | Path) -> Path:
+        """Write the model."""
+
+
+Callback = Callable[[Any, Log], bool | None]
+"""(model, log) → whether to go on; None is yes."""
+
+
+def is_due(model: Model, every: int) -> bool:
+    """Whether a multiple of `every` steps lies between the last log point and this one, itself included."""
+    return model.num_timesteps // every > (model.num_timesteps - model.log_interval) // every
+
+
+@dataclasses.dataclass
+class Evaluate:
+    """Play whole episodes without exploration; keep the best model.
+
+    Adds `eval/mean_reward`, `eval/std_reward` and `eval/best_mean_reward` to the log.
+    """
+
+    every: int = 10_000
+    """Environment steps between evaluations, rounded up to log points."""
+    n_episodes: int = 10
+    env: Any = None
+    """What to play on; None for copies of the environment that the model is trained on."""
+    best_model: str | Path | None = None
+    """Where to save the model each time that its mean return is the highest so far."""
+
+    def __post_init__(self) -> None:
+        require_integer("every", self.every, 1)
+        require_integer("n_episodes", self.n_episodes, 1)
+        self.best = -math.inf
+
+    def __call__(self, model: Model, log: Log) -> None:
+        """Evaluate if it is due."""
+        if not is_due(model, self.every):
+            return
+        returns = model.evaluate(self.n_episodes, self.env)
+        mean = float(returns.mean())
+        if mean > self.best:
+            self.best = mean
+            if self.best_model is not None:
+                model.save(self.best_model)
+        log |= {
+            "eval/mean_reward": mean,
+            "eval/std_reward": float(returns.std()),
+            "eval/best_mean_reward": self.best,
+        }
+
+
+@dataclasses.dataclass
+class Checkpoint:
+    """Save the model as it goes."""
+
+    path: str | Path
+    """A file, written over each time; `{step}` in its name keeps them all."""
+    every: int = 100_000
+    """Environment steps between saves, rounded up to log points."""
+
+    def __post_init__(self) -> None:
+        require_integer("every", self.every, 1)
+
+    def __call__(self, model: Model, log: Log) -> None:
+        """Save if it is due."""
+        del log
+        if is_due(model, self.every):
+            model.save(str(self.path).replace("{step}", str(model.num_timesteps)))
+
+
+@dataclasses.dataclass
+class StopOnReward:
+    """Stop once a number in the log reaches a threshold."""
+
+    threshold: float
+    metric: str = "eval/mean_reward"
+    """A key of the log; points without it are passed over."""
+
+    def __call__(self, model: Model, log: Log) -> bool:
+        """Go on below the threshold."""
+        del model
+        return not log.get(self.metric, -math.inf) >= self.threshold
+
+
+@dataclasses.dataclass
+class StopAfter:
+    """Stop after some time, at the next log point."""
+
+    seconds: float
+
+    def __post_init__(self) -> None:
+        require(self.seconds > 0, f"seconds is {self.seconds}; it must be greater than 0")
+        self.start: float | None = None
+
+    def __call__(self, model: Model, log: Log) -> bool:
+        """Go on while there is time, counted from the beginning of `learn` that the first log tells."""
+        del model
+        if self.start is None:
+            self.start = time.monotonic() - log["time/time_elapsed"]
+        return time.monotonic() - self.start < self.seconds
+
+
+class JSONLines:
+    """One line of JSON per log point, appended to a file; null where a number is not known."""
+
+    def __init__(self, path: str | Path) -> None:
+        self.path = Path(path)
+        try:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            self.path.open("a").close()
+        except OSError as error:
+            raise UsageError(f"path is {path}, which can't be written: {error.strerror}") from None
+
+    def __call__(self, model: Model, log: Log) -> None:
+        """Append the log."""
+        del model
+        known = {name: value if math.isfinite(value) else None for name, value in log.items()}
+        with self.path.open("a") as file:
+            file.write(json.dumps(known) + "\n")
+
+
+class TensorBoard:
+    """Scalars for TensorBoard, under the names of Stable-Baselines3 where it has them."""
+
+    def __init__(self, folder: str | Path) -> None:
+        from tensorboardX import SummaryWriter
+
+        self._writer = SummaryWriter(str(folder))
+
+    def __call__(self, model: Model, log: Log) -> None:
+        """Write the log."""
+        for name, value in log.items():
+            if math.isfinite(value):
+                self._writer.add_scalar(name, value, model.num_timesteps)
+        self._writer.flush()
+
+
+class WeightsAndBiases:
+    """Scalars for Weights & Biases; needs `pip install 'galton[wandb]'`.
+
+    Args:
+        settings: for `wandb.init`, such as project and name.
+    """
+
+    def __init__(self, **settings: Any) -> None:
+        try:
+            import wandb
+        except ImportError:
+            raise UsageError("WeightsAndBiases needs wandb: pip install 'galton[wandb]'") from None
+        self.run = wandb.init(**settings)
+
+    def __call__(self, model: Model, log: Log) -> None:
+        """Send the log."""
+        self.run.log({name: value for name, value in log.items() if math.isfinite(value)}, step=model.num_timesteps)

@@ -1,0 +1,157 @@
+"""N MuJoCo simulations of one model: in `mujoco.batch`, or in a loop where a task needs what that doesn't compute."""
+
+import collections
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any, Protocol
+
+import mujoco
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from mujoco.batch import Batch
+
+Fields = Any
+"""A named tuple of MjData's fields, each `[N, ...]`."""
+
+STATE = mujoco.mjtState.mjSTATE_INTEGRATION
+UNSTABLE = [
+    int(getattr(mujoco.mjtWarning, f"mjWARN_BAD{name}")) for name in ("QPOS", "QVEL", "QACC")
+]
+"""The warnings after which MuJoCo resets a simulation without a word."""
+
+
+class Simulations(Protocol):
+    """N simulations, each with its own state."""
+
+    fields: Fields
+    was_reset: Bool[np.ndarray, " N"]
+    """Which simulations MuJoCo reset in the last step because they were unstable."""
+
+    def __init__(self, model: Any, n: int, n_threads: int, fields: tuple[str, ...]) -> None: ...
+
+    def step(self, control: Float[np.ndarray, "N u"], n_substeps: int) -> None:
+        """Under constant controls."""
+
+    def reset(
+        self, ids: Int[np.ndarray, " n"], qpos: Float[np.ndarray, "n q"], qvel: Float[np.ndarray, "n v"]
+    ) -> None:
+        """Start these simulations again, from there."""
+
+    def get_state(self) -> Float[np.ndarray, "N state"]:
+        """What integration goes on from."""
+
+    def set_state(self, physics: Float[np.ndarray, "N state"], fields: dict[str, np.ndarray]) -> None:
+        """Go on from a state, with the fields that were computed on the way to it."""
+
+    def close(self) -> None:
+        """Let go of threads."""
+
+
+class Batched:
+    """`mujoco.batch`; fields that Gymnasium computes after the step, such as cfrc_ext, are out of its reach."""
+
+    def __init__(self, model: Any, n: int, n_threads: int, fields: tuple[str, ...]) -> None:
+        self._batch = Batch(model, n, n_threads)
+        live = {name: self._batch.bind(name) for name in fields}
+        self._derived = [name for name in fields if not live[name].flags.writeable]
+        # What MuJoCo derives is copied, so that set_state can put it back.
+        self.fields = _named({name: live[name].copy() if name in self._derived else live[name] for name in fields})
+        self._live, self._control = live, self._batch.bind("ctrl")
+        self.was_reset = np.zeros(n, bool)
+
+    def step(self, control: Float[np.ndarray, "N u"], n_substeps: int) -> None:
+        """Under constant controls."""
+        self._control[:] = control
+        self._batch.step(nstep=n_substeps)
+        self._refresh()
+        self.was_reset = self._batch.warning[:, UNSTABLE, 1].any(1)
+
+    def reset(
+        self, ids: Int[np.ndarray, " n"], qpos: Float[np.ndarray, "n q"], qvel: Float[np.ndarray, "n v"]
+    ) -> None:
+        """Start these simulations again, from there."""
+        self._batch.reset(ids, stage=mujoco.mjtStage.mjSTAGE_NONE.value)
+        self._batch.bind("qpos")[ids], self._batch.bind("qvel")[ids] = qpos, qvel
+        self._batch.forward(ids)
+        self._refresh()
+
+    def get_state(self) -> Float[np.ndarray, "N state"]:
+        """What integration goes on from."""
+        return np.array(self._batch.state)
+
+    def set_state(self, physics: Float[np.ndarray, "N state"], fields: dict[str, np.ndarray]) -> None:
+        """Go on from a state, with the fields that were computed on the way to it."""
+        self._batch.state[:] = physics
+        for name in self._derived:
+            getattr(self.fields, name)[:] = fields[name]
+
+    def close(self) -> None:
+        """Nothing that outlives the batch."""
+
+    def _refresh(self) -> None:
+        for name in self._derived:
+            getattr(self.fields, name)[:] = self._live[name]
+
+
+class Looped:
+    """One MjData each, in a loop per thread (MuJoCo lets go of the interpreter), with mj_rnePostConstraint after it."""
+
+    def __init__(self, model: Any, n: int, n_threads: int, fields: tuple[str, ...]) -> None:
+        self._model, self._names = model, fields
+        self._data = [mujoco.MjData(model) for _ in range(n)]
+        self.fields = _named({name: np.array([getattr(data, name) for data in self._data]) for name in fields})
+        self._parts = [part for part in np.array_split(np.arange(n), n_threads) if len(part)]
+        self._pool = ThreadPoolExecutor(len(self._parts)) if len(self._parts) > 1 else None
+        self.was_reset = np.zeros(n, bool)
+
+    def step(self, control: Float[np.ndarray, "N u"], n_substeps: int) -> None:
+        """Under constant controls."""
+
+        def work(part: np.ndarray) -> None:
+            for i in part:
+                data = self._data[i]
+                data.ctrl[:] = control[i]
+                mujoco.mj_step(self._model, data, nstep=n_substeps)
+                mujoco.mj_rnePostConstraint(self._model, data)
+                self._read(i)
+                self.was_reset[i] = any(data.warning[kind].number for kind in UNSTABLE)
+
+        list(self._pool.map(work, self._parts)) if self._pool else work(self._parts[0])
+
+    def reset(
+        self, ids: Int[np.ndarray, " n"], qpos: Float[np.ndarray, "n q"], qvel: Float[np.ndarray, "n v"]
+    ) -> None:
+        """Start these simulations again, from there."""
+        for i, q, v in zip(ids, qpos, qvel, strict=True):
+            data = self._data[i]
+            mujoco.mj_resetData(self._model, data)
+            data.qpos[:], data.qvel[:] = q, v
+            mujoco.mj_forward(self._model, data)
+            self._read(i)
+
+    def get_state(self) -> Float[np.ndarray, "N state"]:
+        """What integration goes on from."""
+        rows = np.empty((len(self._data), mujoco.mj_stateSize(self._model, STATE)))
+        for row, data in zip(rows, self._data, strict=True):
+            mujoco.mj_getState(self._model, data, row, STATE)
+        return rows
+
+    def set_state(self, physics: Float[np.ndarray, "N state"], fields: dict[str, np.ndarray]) -> None:
+        """Go on from a state, with the fields that were computed on the way to it."""
+        for row, data in zip(physics, self._data, strict=True):
+            mujoco.mj_resetData(self._model, data)
+            mujoco.mj_setState(self._model, data, row, STATE)
+        for name in self._names:
+            getattr(self.fields, name)[:] = fields[name]
+
+    def close(self) -> None:
+        """Let go of threads."""
+        if self._pool:
+            self._pool.shutdown()
+
+    def _read(self, i: int) -> None:
+        for name, values in zip(self._names, self.fields, strict=True):
+            values[i] = getattr(self._data[i], name)
+
+
+def _named(arrays: dict[str, np.ndarray]) -> Fields:
+    return collections.namedtuple("Fields", arrays)(**arrays)  # type: ignore[misc]

@@ -1,0 +1,98 @@
+"""Running statistics of observations and rewards, with the semantics of Stable-Baselines3's VecNormalize."""
+
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from galton.types import Config, Hypers
+
+CLIP = 10.0
+EPSILON = 1e-8
+
+
+class Moments(NamedTuple):
+    """Mean and variance of all that was seen."""
+
+    mean: Float[Array, "*rest"]
+    variance: Float[Array, "*rest"]
+    count: Float[Array, ""]
+
+
+class Normalizer(NamedTuple):
+    """What normalising needs to know; an entry is () where it is off."""
+
+    observation: Any
+    """Moments of the observations, `[o]`."""
+    discounted_return: Any
+    """Moments of each copy's discounted return: rewards are divided by its standard deviation."""
+    running_return: Any
+    """The discounted return of the episode so far, `[N]`."""
+
+
+def init(config: Config, observation_size: int) -> Normalizer:
+    """Mean 0 and variance 1, counted for 1e-4 samples."""
+
+    def moments(*shape: int) -> Moments:
+        return Moments(jnp.zeros(shape), jnp.ones(shape), jnp.full((), 1e-4))
+
+    return Normalizer(
+        moments(observation_size) if config.normalize_observation else (),
+        moments() if config.normalize_reward else (),
+        jnp.zeros(config.n_envs) if config.normalize_reward else (),
+    )
+
+
+def update_moments(moments: Moments, batch: Float[Array, "N *rest"]) -> Moments:
+    """Chan's parallel update with the N samples of one step."""
+    n = batch.shape[0]
+    total = moments.count + n
+    delta = batch.mean(0) - moments.mean
+    share = n / total
+    spread = batch.var(0) + delta**2 * (moments.count / total)
+    return Moments(
+        moments.mean + share * delta, moments.variance + share * (spread - moments.variance), total
+    )
+
+
+def observe(normalizer: Normalizer, observation: Float[Array, "N o"]) -> Normalizer:
+    """Count the observations of one step of N environments."""
+    if not normalizer.observation:
+        return normalizer
+    return normalizer._replace(observation=update_moments(normalizer.observation, observation))
+
+
+def observation(normalizer: Normalizer, raw: Float[Array, "*batch o"]) -> Float[Array, "*batch o"]:
+    """Standardised and clipped to ±10; as it is where normalising is off."""
+    if not normalizer.observation:
+        return raw
+    mean, variance, _ = normalizer.observation
+    return jnp.clip((raw - mean) / jnp.sqrt(variance + EPSILON), -CLIP, CLIP)
+
+
+def reward(
+    normalizer: Normalizer, raw: Float[Array, " N"], done: Bool[Array, " N"], hypers: Hypers
+) -> tuple[Normalizer, Float[Array, " N"]]:
+    """Count the rewards of one step and divide them by the standard deviation of the discounted return, within ±10."""
+    if not normalizer.discounted_return:
+        return normalizer, raw
+    running = normalizer.running_return * hypers.gamma + raw
+    moments = update_moments(normalizer.discounted_return, running)
+    scaled = jnp.clip(raw / jnp.sqrt(moments.variance + EPSILON), -CLIP, CLIP)
+    return Normalizer(normalizer.observation, moments, jnp.where(done, 0.0, running)), scaled
+
+
+def receive(
+    normalizer: Normalizer,
+    raw: Float[Array, " N"],
+    done: Bool[Array, " N"],
+    final: Float[Array, "N o"],
+    following: Float[Array, "N o"],
+    hypers: Hypers,
+) -> tuple[Normalizer, Float[Array, " N"], Float[Array, "N o"]]:
+    """Take in one step: its rewards, the observations that end it and those, after any reset, that follow.
+
+    The new statistics, the normalised rewards and the normalised ends.
+    """
+    normalizer, scaled = reward(observe(normalizer, following), raw, done, hypers)
+    return normalizer, scaled, observation(normalizer, final)

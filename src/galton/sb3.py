@@ -1,0 +1,102 @@
+"""Stable-Baselines3's callbacks on our models, unchanged: EvalCallback, CheckpointCallback and the like.
+
+SB3 is not imported here: whoever has a callback of its has it.
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+import gymnasium
+
+
+def is_callback(callback: Any) -> bool:
+    """Whether it is one of SB3's."""
+    return any(
+        cls.__name__ == "BaseCallback" and cls.__module__.startswith("stable_baselines3")
+        for cls in type(callback).__mro__
+    )
+
+
+class Callbacks:
+    """SB3 callbacks in our training loop.
+
+    They are called once for each step, as by SB3; the calls of a rollout come together, after its update.
+    """
+
+    def __init__(self, model: Any, callbacks: Sequence[Any], total_timesteps: int) -> None:
+        self._model, self._callbacks = model, list(callbacks)
+        self._facade = Facade(model)
+        self._locals = {"self": self._facade, "total_timesteps": total_timesteps}
+
+    def __bool__(self) -> bool:
+        return bool(self._callbacks)
+
+    def start(self) -> bool:
+        """Before training; whether to begin."""
+        self._facade.num_timesteps = self._model.num_timesteps
+        for callback in self._callbacks:
+            callback.init_callback(self._facade)
+            callback.on_training_start(self._locals, {})
+            callback.on_rollout_start()
+        return True
+
+    def after_update(self) -> bool:
+        """After the rollout of one update; whether to go on."""
+        n_envs, n_steps = self._model.config.n_envs, self._model.config.n_steps
+        first = self._model.num_timesteps - n_envs * n_steps
+        for t in range(n_steps if self._callbacks else 0):
+            self._facade.num_timesteps = first + (t + 1) * n_envs
+            if not all([callback.on_step() for callback in self._callbacks]):
+                return False
+        for callback in self._callbacks:
+            callback.on_rollout_end()
+            callback.on_rollout_start()
+        return True
+
+    def end(self) -> None:
+        """After training."""
+        for callback in self._callbacks:
+            callback.on_training_end()
+
+
+class Facade:
+    """Our model as SB3's callbacks know theirs; all that is not here is the model's own."""
+
+    def __init__(self, model: Any) -> None:
+        self._model = model
+        self.num_timesteps = model.num_timesteps
+        self.logger = _Logger()
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._model, name)
+
+    def get_env(self) -> Any:
+        """What stands for the training environment: its spaces and its number of copies, in the class SB3 looks for."""
+        from stable_baselines3.common.vec_env import DummyVecEnv
+
+        return DummyVecEnv([lambda: _Spaces(self._model)] * self._model.config.n_envs)
+
+    def get_vec_normalize_env(self) -> None:
+        """Normalising is the model's own, in `predict` and `save`."""
+
+
+class _Spaces(gymnasium.Env[Any, Any]):
+    """An environment that nobody steps."""
+
+    def __init__(self, model: Any) -> None:
+        self.action_space, self.observation_space = model.action_space, model.observation_space
+
+
+class _Logger:
+    """What callbacks record is for them to read again."""
+
+    def __init__(self) -> None:
+        self.name_to_value: dict[str, Any] = {}
+
+    def record(self, key: str, value: Any, exclude: Any = None) -> None:
+        """Keep the latest."""
+        del exclude
+        self.name_to_value[key] = value
+
+    def dump(self, step: int = 0) -> None:
+        """Nothing to write to."""
