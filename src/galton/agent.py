@@ -22,8 +22,8 @@ from galton.envs.base import Environment, HostTask
 from galton.envs.find import find
 from galton.envs.spaces import ActionBox, Observations, from_json, to_json
 from galton.errors import CheckpointError, DivergenceError, require, require_integer
-from galton.training import checkpoint
 from galton.policies import Policy
+from galton.training import checkpoint
 from galton.training.evaluate import deterministic_action, evaluate, play
 from galton.training.populate import populate
 from galton.training.population import Population
@@ -69,7 +69,7 @@ class A2C:
 
     Raises:
         UsageError: an argument out of range, or an environment that can't be used, with what to do about it.
-        EnvironmentFault: an environment that breaks in its first reset.
+        BrokenEnvironmentError: an environment that breaks in its first reset.
     """
 
     def __init__(
@@ -201,7 +201,7 @@ class A2C:
 
         Raises:
             UsageError: a number out of range, or a model without an environment.
-            EnvironmentFault: an environment broke; the model keeps what it learnt up to the last update.
+            BrokenEnvironmentError: an environment broke; the model keeps what it learnt up to the last update.
             DivergenceError: a gradient was not finite; the model keeps the parameters before it.
         """
         require_integer("total_timesteps", total_timesteps, 1)
@@ -211,7 +211,9 @@ class A2C:
         size = self.config.n_steps * self.config.n_envs
         first, last = population.step, population.step + math.ceil(total_timesteps / size) * size
         require(last < 2**31, f"total_timesteps is {total_timesteps}; one run counts up to 2³¹ − 1 steps")
-        given = [] if callback is None else list(callback) if isinstance(callback, list | tuple) else [callback]
+        given: list[Any] = (
+            [] if callback is None else list(callback) if isinstance(callback, list | tuple) else [callback]
+        )
         theirs = sb3.Callbacks(self, [one for one in given if sb3.is_callback(one)], last - first)
         ours = [one for one in given if not sb3.is_callback(one)]
         for one in ours:
@@ -230,7 +232,8 @@ class A2C:
                 if n == to_log:
                     seconds = time.perf_counter() - start
                     log = self._log(population, seconds, (population.step - first) / seconds)
-                    going = all([one(self, log) is not False for one in ours]) and going
+                    verdicts = [one(self, log) for one in ours]
+                    going = going and all(verdict is not False for verdict in verdicts)
                 progress.update(bar, completed=population.step - first)
         theirs.end()
         return self
@@ -343,7 +346,7 @@ class A2C:
             InexactResume: the file has no states of the environments, so their episodes start anew.
         """
         path = Path(path)
-        if not path.exists() and not path.suffix:
+        if not path.exists() and path.with_suffix(".safetensors").exists():
             path = path.with_suffix(".safetensors")
         settings, arrays = checkpoint.read(path)
         model = cls.__new__(cls)

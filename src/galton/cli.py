@@ -7,6 +7,7 @@ import sys
 COMMANDS = {
     "train": "train one policy and keep it in a run folder",
     "compare": "train several losses over many seeds and say which is best",
+    "watch": "film a policy that was trained",
 }
 
 HELP = f"""\
@@ -22,7 +23,7 @@ galton COMMAND --help lists the options of a command.
 
 
 def main() -> None:
-    """Run a command. Exit codes: 0 done, 2 a wrong argument, 130 interrupted."""
+    """Run a command. Exit codes: 0 done, 1 a broken environment, 2 a wrong argument or file, 130 interrupted."""
     name, arguments = (sys.argv[1], sys.argv[2:]) if len(sys.argv) > 1 else ("--help", [])
     if name in ("--help", "-h"):
         print(HELP, end="")
@@ -33,13 +34,15 @@ def main() -> None:
     if name not in COMMANDS:
         sys.exit(_complain(f"command is {name!r}; choose from {', '.join(COMMANDS)}"))
 
-    from galton.errors import UsageError
+    from galton.errors import BrokenEnvironmentError, CheckpointError, UsageError
 
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # so that it cleans up as Ctrl-C does
     try:
         importlib.import_module(f"galton.commands.{name}").main(arguments)
-    except UsageError as error:
+    except (UsageError, CheckpointError) as error:
         sys.exit(_complain(str(error)))
+    except BrokenEnvironmentError as error:
+        sys.exit(_complain(str(error)) - 1)
     except KeyboardInterrupt:
         print("galton: interrupted; nothing was written", file=sys.stderr)
         sys.exit(130)

@@ -7,7 +7,7 @@ class UsageError(ValueError):
     """A wrong argument: the message names it, its value and what would have been right."""
 
 
-class EnvironmentFault(RuntimeError):
+class BrokenEnvironmentError(RuntimeError):
     """An environment raised or returned what it must not: the message names the copy, the step and what came back."""
 
 

@@ -16,7 +16,8 @@ class Moments(NamedTuple):
 
     mean: Float[Array, "*rest"]
     variance: Float[Array, "*rest"]
-    count: Float[Array, ""]
+    n: Float[Array, ""]
+    """How many those were."""
 
 
 class Normalizer(NamedTuple):
@@ -46,13 +47,11 @@ def init(config: Config, observation_size: int) -> Normalizer:
 def update_moments(moments: Moments, batch: Float[Array, "N *rest"]) -> Moments:
     """Chan's parallel update with the N samples of one step."""
     n = batch.shape[0]
-    total = moments.count + n
+    total = moments.n + n
     delta = batch.mean(0) - moments.mean
     share = n / total
-    spread = batch.var(0) + delta**2 * (moments.count / total)
-    return Moments(
-        moments.mean + share * delta, moments.variance + share * (spread - moments.variance), total
-    )
+    spread = batch.var(0) + delta**2 * (moments.n / total)
+    return Moments(moments.mean + share * delta, moments.variance + share * (spread - moments.variance), total)
 
 
 def observe(normalizer: Normalizer, observation: Float[Array, "N o"]) -> Normalizer:

@@ -46,7 +46,8 @@ class Callbacks:
         first = self._model.num_timesteps - n_envs * n_steps
         for t in range(n_steps if self._callbacks else 0):
             self._facade.num_timesteps = first + (t + 1) * n_envs
-            if not all([callback.on_step() for callback in self._callbacks]):
+            verdicts = [callback.on_step() for callback in self._callbacks]
+            if not all(verdicts):
                 return False
         for callback in self._callbacks:
             callback.on_rollout_end()

@@ -41,7 +41,8 @@ def gradient_bound(
     With a softmax's logits as the outputs this is Proposition 1, summed over action dimensions; with a Gaussian's
     mean it is Proposition 2 with scale σ².
     """
-    return jnp.abs(advantage) * (lipschitz + jnp.linalg.norm(features)) * jnp.abs(output_gradient).sum()
+    bound: Array = jnp.abs(advantage) * (lipschitz + jnp.linalg.norm(features)) * jnp.abs(output_gradient).sum()
+    return bound
 
 
 def classification_bound(

@@ -13,7 +13,8 @@ from rich.table import Table
 from galton.analysis.statistics import Interval, difference_interval, mean_interval
 from galton.envs.base import Environment
 from galton.losses import LOSSES
-from galton.training.train import Log, Result
+from galton.training.state import Log
+from galton.training.train import Result
 
 Results = Mapping[str, Result]
 """By loss."""
@@ -45,13 +46,16 @@ class Row:
         return {field.name: plain(getattr(self, field.name)) for field in dataclasses.fields(self)}
 
 
-def summarise(results: Results, env: Environment) -> list[Row]:
-    """A row per loss. Diverged runs are counted and left out of the means."""
+def summarise(results: Results, env: Environment | None) -> list[Row]:
+    """A row per loss, with its share of the optimum where the environment knows it.
+
+    Diverged runs are counted and left out of the means.
+    """
     rows = []
     for loss, result in results.items():
         evaluation = mean_interval(result.final("evaluation_return"))
         share = None
-        if env.optimal_return is not None and env.random_return is not None:
+        if env is not None and env.optimal_return is not None and env.random_return is not None:
             share = float((evaluation.mean - env.random_return) / (env.optimal_return - env.random_return))
             share = None if math.isnan(share) else share
         rows.append(
@@ -69,13 +73,13 @@ def summarise(results: Results, env: Environment) -> list[Row]:
     return rows
 
 
-def table(rows: list[Row], env: Environment) -> Table:
+def table(rows: list[Row], env: Environment | None) -> Table:
     """The rows for a terminal."""
     shares = any(row.share_of_optimum is not None for row in rows)
     notes = ["final returns: mean over runs ± 95% CI, last 5% of training"]
     if any(row.diverged for row in rows):
         notes.append("diverged runs are left out of the means")
-    if shares:
+    if shares and env is not None:
         notes.append(
             f"of optimum: random actions {env.random_return:.2f} are 0%, the optimum {env.optimal_return:.2f} is 100%"
         )

@@ -29,13 +29,14 @@ _STYLE: Any = {
 }
 
 
-def learning_curves(results: Results, env: Environment, title: str) -> Figure:
-    """Training and evaluation return over environment steps: mean over runs and its 95% CI."""
+def learning_curves(results: Results, env: Environment | None, title: str) -> Figure:
+    """Training and evaluation return over environment steps: mean over runs and its 95% CI; the optimum if known."""
+    optimum = env.optimal_return if env is not None else None
     with mpl.rc_context(_STYLE):
         figure = Figure(figsize=(9.5, 4.2), layout=ConstrainedLayoutEngine(wspace=0.05))
         left, right = figure.subplots(1, 2, sharey=True)
         figure.suptitle(title)
-        means: list[Any] = [] if env.optimal_return is None else [np.array([env.optimal_return])]
+        means: list[Any] = [] if optimum is None else [np.array([optimum])]
         for axes, metric, heading in (
             (left, "training_return", "training return"),
             (right, "evaluation_return", "evaluation return, deterministic policy"),
@@ -44,8 +45,8 @@ def learning_curves(results: Results, env: Environment, title: str) -> Figure:
             axes.set_title(heading, fontsize=10)
             axes.set_xlabel("environment steps")
             axes.xaxis.set_major_formatter(EngFormatter(sep=""))
-            if env.optimal_return is not None:
-                axes.axhline(env.optimal_return, color="#777777", linestyle="--", linewidth=1, label="optimum")
+            if optimum is not None:
+                axes.axhline(optimum, color="#777777", linestyle="--", linewidth=1, label="optimum")
         known = np.concatenate(means)[~np.isnan(np.concatenate(means))]
         if len(known):  # by the means: a single run's crash must not flatten everybody's curve
             margin = 0.05 * np.ptp(known) + 1e-9

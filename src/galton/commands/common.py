@@ -6,6 +6,7 @@ import importlib.metadata
 import io
 import json
 import platform
+import re
 import shlex
 import signal
 import sys
@@ -18,14 +19,25 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, ProgressColumn, Task, TextColumn, TimeRemainingColumn
 from rich.text import Text
 
-from galton.envs.base import Environment
-from galton.envs.registry import ENVS, find_task
+from galton.envs.base import Environment, HostTask
+from galton.envs.find import find
+from galton.envs.registry import ENVS, find_task, is_known, settings
 from galton.errors import UsageError
 from galton.losses import LOSSES
-from galton.training.train import Log, Result, check_arguments, train
+from galton.training.state import Log
+from galton.training.train import Result, check_arguments, train
 from galton.types import Config, Hypers
 
-EnvName = Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="ENV", help=f"one of {', '.join(ENVS)}")]
+OnLog = Callable[[int, Log | None], None]
+"""What is called at each log point with the steps so far and the log."""
+
+EnvName = Annotated[
+    str,
+    tyro.conf.Positional,
+    tyro.conf.arg(
+        metavar="ENV", help=f"one of {', '.join(ENVS)}, or a Gymnasium id (module:Id imports the module first)"
+    ),
+]
 LossName = Annotated[str, tyro.conf.arg(metavar="{" + ",".join(LOSSES) + "}")]
 LossNames = Annotated[tuple[str, ...], tyro.conf.arg(metavar="{" + ",".join(LOSSES) + "} ...")]
 
@@ -41,16 +53,18 @@ class Training:
     eval_episodes: int = 10
     """Episodes of the deterministic policy at each of them; 0 turns evaluation off."""
     env_kwargs: Annotated[str, tyro.conf.arg(metavar="JSON")] = "{}"
-    """Constants of the environment, such as '{"noise_std": 0.5}'."""
+    """Keyword arguments of the environment, such as '{"noise_std": 0.5}'."""
     config: Config = dataclasses.field(default_factory=Config)
     hypers: Hypers = dataclasses.field(default_factory=Hypers)
 
     @classmethod
     def of_task(cls, name: str) -> "Training":
         """The defaults for a task."""
-        _, task = find_task(name)
+        task = settings(name)
         return cls(
             task.total_timesteps,
+            task.n_logs,
+            task.n_eval_episodes,
             config=Config(**task.config),
             hypers=Hypers(learning_rate=task.learning_rate),
         )
@@ -65,7 +79,9 @@ class Training:
         """Raise UsageError for what `run` can't take, before anything is begun."""
         check_arguments(self.hypers, seeds, self.steps, self.logs, self.eval_episodes)
 
-    def run(self, env: Environment, loss: str, seeds: Sequence[int], on_log: Callable[[int, Log], None]) -> Result:
+    def run(
+        self, env: Environment | HostTask, loss: str, seeds: Sequence[int], on_log: Callable[[int, Log], None]
+    ) -> Result:
         """Train."""
         return train(
             env,
@@ -77,6 +93,10 @@ class Training:
             n_eval_episodes=self.eval_episodes,
             on_log=on_log,
         )
+
+    def find(self, name: str) -> Environment | HostTask:
+        """The environment of that name."""
+        return find(name, **self.constants())
 
     def constants(self) -> dict[str, Any]:
         """env_kwargs as a dictionary."""
@@ -91,6 +111,11 @@ class Training:
 
 def _tuples(value: Any) -> Any:
     return tuple(map(_tuples, value)) if isinstance(value, list) else value
+
+
+def short_name(env: str) -> str:
+    """For a folder: our own name of the task, or the id without what a path can't hold."""
+    return find_task(env)[0] if is_known(env) else re.sub(r"[^\w.-]+", "-", env)
 
 
 OptionsT = TypeVar("OptionsT")
@@ -128,7 +153,7 @@ class _Rate(ProgressColumn):
         return Text(f"{task.speed:,.0f} steps/s" if task.speed else "compiling" if not task.finished else "")
 
 
-Follow = Callable[[str, int, int], Callable[[int, Log], None]]
+Follow = Callable[[str, int, int], OnLog]
 """(title, steps per run, runs) → an on_log for `train`."""
 
 
@@ -146,10 +171,10 @@ def live_progress(console: Console) -> Iterator[Follow]:
         signal.signal(number, signal.default_int_handler)
         caught.append(number)
 
-    def follow(title: str, steps: int, runs: int) -> Callable[[int, Log], None]:
+    def follow(title: str, steps: int, runs: int) -> OnLog:
         task = progress.add_task(title, total=steps * runs)
 
-        def on_log(step: int, _: Log) -> None:
+        def on_log(step: int, _: Log | None) -> None:
             if caught:
                 raise KeyboardInterrupt
             progress.update(task, completed=step * runs)

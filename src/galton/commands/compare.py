@@ -16,9 +16,11 @@ from galton.commands.common import (
     Training,
     live_progress,
     parse,
+    short_name,
     write_settings,
 )
-from galton.envs.registry import find_task, make
+from galton.envs.base import Environment
+from galton.envs.registry import settings
 from galton.errors import require, require_integer
 from galton.losses import LOSSES, find_loss
 from galton.training.devices import use_all_cores
@@ -44,7 +46,7 @@ class Options:
 def main(arguments: Sequence[str]) -> None:
     """Train all losses, print the table and write figure, curves and settings."""
     options = parse(Options, "compare", arguments)
-    name, task = find_task(options.env)
+    name = short_name(options.env)
     labels = {loss: find_loss(loss).label for loss in options.losses}
     require(
         len(labels) == len(options.losses) > 0,
@@ -52,7 +54,8 @@ def main(arguments: Sequence[str]) -> None:
     )
     require_integer("seeds", options.seeds, 1)
     training, seeds = options.training, range(options.seeds)
-    env = make(name, **training.constants())
+    env = training.find(options.env)
+    known = env if isinstance(env, Environment) else None
     out = options.out or Path("runs", f"compare-{name}")
     training.check(seeds)
     console = Console()
@@ -62,13 +65,15 @@ def main(arguments: Sequence[str]) -> None:
         with live_progress(console) as follow:
             for loss, label in labels.items():
                 results[loss] = training.run(env, loss, seeds, follow(label, training.steps, len(seeds)))
-        rows = summarise(results, env)
-        write_settings(folder, {"env": name, "losses": options.losses, "seeds": options.seeds} | training.record())
+        rows = summarise(results, known)
+        write_settings(
+            folder, {"env": options.env, "losses": options.losses, "seeds": options.seeds} | training.record()
+        )
         (folder / "summary.json").write_text(json.dumps([row.record() for row in rows], indent=2) + "\n")
         pq.write_table(curves(results), folder / "curves.parquet")
-        title = f"{task.title}: mean of {options.seeds} runs and 95% CI"
-        save(learning_curves(results, env, title), folder / "learning_curves")
-    console.print(table(rows, env))
+        title = f"{settings(options.env).title}: mean of {options.seeds} runs and 95% CI"
+        save(learning_curves(results, known, title), folder / "learning_curves")
+    console.print(table(rows, known))
     for sentence in verdicts(results):
         console.print(sentence, highlight=False, soft_wrap=True)
     console.print(f"figure and numbers: {out}", highlight=False, soft_wrap=True)

@@ -82,7 +82,7 @@ class Steps(NamedTuple):
 class HostEnvironments(Protocol):
     """M copies of a task outside JAX, stepped together. Observations are flat and float32.
 
-    Every method raises EnvironmentFault, which names the copy, where an environment raises or returns what it must not.
+    Every method raises BrokenEnvironmentError, which names the copy, where one raises or returns what it must not.
     """
 
     def reset(self, seeds: Int[np.ndarray, " M"]) -> Float[np.ndarray, "M o"]:

@@ -26,7 +26,13 @@ def find(env: Any, **kwargs: Any) -> Environment | HostTask:
     if isinstance(env, str):
         if registry.is_known(env):
             return registry.make(env, **kwargs)
-        return _find_mujoco(env, kwargs) or GymnasiumTask(env, **kwargs)
+        try:
+            return _find_mujoco(env, kwargs) or GymnasiumTask(env, **kwargs)
+        except UsageError as error:
+            if isinstance(error.__cause__, gymnasium.error.UnregisteredEnv):
+                known = f"Gymnasium knows no environment of that name, and Galton's own are {', '.join(registry.ENVS)}"
+                raise UsageError(f"environment is {env!r}; {known}") from error
+            raise
     if kwargs:
         raise UsageError(f"env_kwargs is {kwargs}; it goes with a name or an id, not with an environment that is there")
     if isinstance(env, Environment | HostTask):

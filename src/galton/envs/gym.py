@@ -13,7 +13,7 @@ from jaxtyping import Float, Int
 
 from galton.envs.base import Steps
 from galton.envs.spaces import ActionBox, Observations, as_float32, shown
-from galton.errors import EnvironmentFault, UsageError, require
+from galton.errors import BrokenEnvironmentError, UsageError, require
 
 Env = gymnasium.Env[Any, Any]
 
@@ -33,10 +33,10 @@ class GymnasiumTask:
     n_threads = 1
 
     def __init__(self, source: str | Env | Callable[[], Env], **kwargs: Any) -> None:
-        self.given = 1 if isinstance(source, gymnasium.Env) else None
+        self.given: int | None = 1 if isinstance(source, gymnasium.Env) else None
         self._spare: list[Env] = []
         if isinstance(source, str):
-            self.name = source
+            self.name: str = source
             self._make: Callable[[], Any] = functools.partial(gymnasium.make, source, **kwargs)
         else:
             require(not kwargs, f"env_kwargs is {kwargs}; it goes with an id, not with an environment that is there")
@@ -44,7 +44,8 @@ class GymnasiumTask:
             self.name = getattr(source, "__name__", None) or type(getattr(source, "unwrapped", source)).__name__
         first = self._check(source) if isinstance(source, gymnasium.Env) else self._try_to_make()
         self._spare.append(first)
-        self.action_space, self.observation_space = first.action_space, first.observation_space
+        self.action_space: Any = first.action_space
+        self.observation_space: Any = first.observation_space
         self._actions = ActionBox(self.name, self.action_space)
         self._observations = Observations(self.name, self.observation_space)
 
@@ -59,7 +60,7 @@ class GymnasiumTask:
         try:
             env = self._make()
         except Exception as error:
-            raise UsageError(f"environment {self.name!r} can't be made: {_told(error)}") from error
+            raise UsageError(f"environment is {self.name!r}, which can't be made: {_told(error)}") from error
         return self._check(env)
 
     def _check(self, env: Any) -> Env:
@@ -102,9 +103,9 @@ class GymnasiumEnvs:
             try:
                 answer = self._envs[i].step(single)
             except Exception as error:
-                raise EnvironmentFault(f"{where}: step raised {_told(error)}") from error
+                raise BrokenEnvironmentError(f"{where}: step raised {_told(error)}") from error
             if not (isinstance(answer, tuple) and len(answer) == 5):
-                raise EnvironmentFault(
+                raise BrokenEnvironmentError(
                     f"{where}: step returned {shown(answer)}; it must return "
                     "(observation, reward, terminated, truncated, info)"
                 )
@@ -128,11 +129,15 @@ class GymnasiumEnvs:
             with _blame(f"{self._where(i)}: get_state"):
                 state = env.unwrapped.get_state()  # type: ignore[attr-defined]
             if not isinstance(state, dict):
-                raise EnvironmentFault(f"{self._where(i)}: get_state returned {shown(state)}, not a dict of arrays")
+                raise BrokenEnvironmentError(
+                    f"{self._where(i)}: get_state returned {shown(state)}, not a dict of arrays"
+                )
             own = {f"state/{key}": np.asarray(value) for key, value in state.items()}
             for key, value in own.items():
                 if value.dtype.kind not in "fiub":
-                    raise EnvironmentFault(f"{self._where(i)}: get_state's {key!r} is {shown(value)}, not numbers")
+                    raise BrokenEnvironmentError(
+                        f"{self._where(i)}: get_state's {key!r} is {shown(value)}, not numbers"
+                    )
             own["elapsed_steps"] = np.array([limit._elapsed_steps or 0 for limit in _time_limits(env)], np.int64)
             own["generator"] = generator_state(env.unwrapped.np_random)
             for key, value in own.items():
@@ -162,7 +167,7 @@ class GymnasiumEnvs:
         with _blame(f"{where}: reset"):
             answer = self._envs[i].reset(seed=seed) if seed is not None else self._envs[i].reset()
         if not (isinstance(answer, tuple) and len(answer) == 2):
-            raise EnvironmentFault(f"{where}: reset returned {shown(answer)}; it must return (observation, info)")
+            raise BrokenEnvironmentError(f"{where}: reset returned {shown(answer)}; it must return (observation, info)")
         return self._observations.flatten(answer[0], f"{where}: reset")
 
     def _where(self, i: int) -> str:
@@ -171,7 +176,9 @@ class GymnasiumEnvs:
 
 def generator_state(generator: np.random.Generator) -> np.ndarray:
     """A generator's state as bytes of JSON, for a checkpoint."""
-    return np.frombuffer(json.dumps(generator.bit_generator.state, default=np.ndarray.tolist).encode().ljust(512), np.uint8)
+    return np.frombuffer(
+        json.dumps(generator.bit_generator.state, default=np.ndarray.tolist).encode().ljust(512), np.uint8
+    )
 
 
 def set_generator_state(generator: np.random.Generator, state: np.ndarray) -> None:
@@ -184,7 +191,7 @@ def _blame(where: str) -> Iterator[None]:
     try:
         yield
     except Exception as error:
-        raise EnvironmentFault(f"{where} raised {_told(error)}") from error
+        raise BrokenEnvironmentError(f"{where} raised {_told(error)}") from error
 
 
 def _told(error: Exception) -> str:
@@ -199,21 +206,21 @@ def _make_again(env: Env) -> Env:
     return made
 
 
-def _reward(value: Any, where: str) -> np.float32:
+def _reward(value: Any, where: str) -> Any:
     try:
         number = np.asarray(value)
     except ValueError:
         number = np.asarray(None)
     if number.size != 1 or number.dtype.kind not in "fiub":
-        raise EnvironmentFault(f"{where}: the reward is {shown(value)}; it must be one number")
-    converted: np.float32 = as_float32(number.reshape(()), "the reward", where)[()]
-    return converted
+        raise BrokenEnvironmentError(f"{where}: the reward is {shown(value)}; it must be one number")
+    return as_float32(number.reshape(()), "the reward", where)[()]
 
 
 def _flag(value: Any, name: str, where: str) -> bool:
-    if not isinstance(value, bool | np.bool) and not (isinstance(value, np.ndarray) and value.shape == () and value.dtype == bool):
-        raise EnvironmentFault(f"{where}: {name} is {shown(value)}; it must be True or False")
-    return bool(value)
+    scalar = value[()] if isinstance(value, np.ndarray) and value.shape == () else value
+    if not isinstance(scalar, bool | np.bool):
+        raise BrokenEnvironmentError(f"{where}: {name} is {shown(value)}; it must be True or False")
+    return bool(scalar)
 
 
 def _time_limits(env: Env) -> list[Any]:
@@ -224,5 +231,3 @@ def _time_limits(env: Env) -> list[Any]:
             found.append(env)
         env = env.env  # type: ignore[attr-defined]
     return found
-
-

@@ -17,7 +17,7 @@ from galton.envs.base import Steps
 from galton.envs.gym import generator_state, set_generator_state
 from galton.envs.simulation import Batched, Fields, Looped, Simulations
 from galton.envs.spaces import ActionBox, Observations, as_float32
-from galton.errors import EnvironmentFault, UsageError
+from galton.errors import BrokenEnvironmentError, UsageError
 
 Rows = Float[np.ndarray, " N"]
 Matrix = Float[np.ndarray, "N n"]
@@ -41,7 +41,7 @@ class MujocoTask(NamedTuple):
 
 
 def control_cost(c: Any, action: Matrix) -> Rows:
-    """w Σ a², in the action's precision, as Gymnasium."""
+    """W Σ a², in the action's precision, as Gymnasium."""
     cost: np.ndarray = c._ctrl_cost_weight * np.square(action).sum(1)
     return cost
 
@@ -93,7 +93,8 @@ def walker_observe(c: Any, f: Fields) -> Matrix:
 def walker_reward(c: Any, f: Fields, velocity: Rows, action: Matrix, healthy: Any) -> Rows:
     """Speed and survival less effort."""
     reward: np.ndarray = c._forward_reward_weight * velocity + healthy(c, f) * c._healthy_reward
-    return reward - control_cost(c, action)
+    reward = reward - control_cost(c, action)
+    return reward
 
 
 def inside(value: np.ndarray, bounds: tuple[float, float]) -> Bool[np.ndarray, " N"]:
@@ -103,7 +104,8 @@ def inside(value: np.ndarray, bounds: tuple[float, float]) -> Bool[np.ndarray, "
 
 def walker_healthy(c: Any, f: Fields) -> Bool[np.ndarray, " N"]:
     """Upright."""
-    return inside(f.qpos[:, 1], c._healthy_z_range) & inside(f.qpos[:, 2], c._healthy_angle_range)
+    upright: np.ndarray = inside(f.qpos[:, 1], c._healthy_z_range) & inside(f.qpos[:, 2], c._healthy_angle_range)
+    return upright
 
 
 def hopper_healthy(c: Any, f: Fields) -> Bool[np.ndarray, " N"]:
@@ -130,7 +132,8 @@ def ant_healthy(c: Any, f: Fields) -> Bool[np.ndarray, " N"]:
     """Neither on the ground nor in the air."""
     low, high = c._healthy_z_range
     finite = np.isfinite(f.qpos).all(1) & np.isfinite(f.qvel).all(1)
-    return finite & (low <= f.qpos[:, 2]) & (f.qpos[:, 2] <= high)
+    healthy: np.ndarray = finite & (low <= f.qpos[:, 2]) & (f.qpos[:, 2] <= high)
+    return healthy
 
 
 def ant_reward(c: Any, f: Fields, velocity: Rows, action: Matrix) -> Rows:
@@ -138,7 +141,8 @@ def ant_reward(c: Any, f: Fields, velocity: Rows, action: Matrix) -> Rows:
     forces = np.clip(f.cfrc_ext, *c._contact_force_range).reshape(len(velocity), -1)
     contact_cost = c._contact_cost_weight * np.square(forces).sum(1)
     reward: np.ndarray = velocity * c._forward_reward_weight + ant_healthy(c, f) * c._healthy_reward
-    return reward - (control_cost(c, action) + contact_cost)
+    reward = reward - (control_cost(c, action) + contact_cost)
+    return reward
 
 
 def reacher_gap(c: Any, f: Fields) -> Float[np.ndarray, "N 3"]:
@@ -183,9 +187,7 @@ def _walker_reward(c: Any, f: Fields, velocity: Rows, action: Matrix) -> Rows:
 
 STATE = ("qpos", "qvel")
 MUJOCO_TASKS = {
-    "Reacher-v5": MujocoTask(
-        (*STATE, "xpos"), reacher_observe, x_position, reacher_reward, None, reacher_start
-    ),
+    "Reacher-v5": MujocoTask((*STATE, "xpos"), reacher_observe, x_position, reacher_reward, None, reacher_start),
     "HalfCheetah-v5": MujocoTask(STATE, cheetah_observe, x_position, cheetah_reward, None, uniform_and_normal),
     "Ant-v5": MujocoTask(
         (*STATE, "xpos", "cfrc_ext"), ant_observe, ant_position, ant_reward, ant_healthy, uniform_and_normal
@@ -202,7 +204,7 @@ class MujocoSource:
         UsageError: an argument that Gymnasium refuses, or no MuJoCo.
     """
 
-    given = None
+    given: int | None = None
 
     def __init__(self, name: str, **kwargs: Any) -> None:
         self.name, self.n_threads = name, n_cores()
@@ -210,11 +212,14 @@ class MujocoSource:
         try:
             made = gymnasium.make(name, **kwargs)
         except Exception as error:
-            raise UsageError(f"environment {name!r} can't be made: {type(error).__name__}: {error}") from error
+            raise UsageError(
+                f"environment is {name!r}, which can't be made: {type(error).__name__}: {error}"
+            ) from error
         self.constants: Any = made.unwrapped
         assert made.spec is not None
         self.max_episode_steps = made.spec.max_episode_steps
-        self.action_space, self.observation_space = made.action_space, made.observation_space
+        self.action_space: Any = made.action_space
+        self.observation_space: Any = made.observation_space
 
     def make(self, n_copies: int, n_threads: int = 1) -> "MujocoEnvs":
         """That many simulations, stepped on that many threads."""
@@ -264,7 +269,7 @@ class MujocoEnvs:
         simulations.step(clipped, c.frame_skip)
         if simulations.was_reset.any():
             copy = int(np.flatnonzero(simulations.was_reset)[0])
-            raise EnvironmentFault(
+            raise BrokenEnvironmentError(
                 f"{self._where()}: MuJoCo found copy {copy} unstable (a position, velocity or acceleration that is "
                 f"not finite or too large) and reset it; the action was {clipped[copy]}"
             )

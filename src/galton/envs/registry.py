@@ -26,6 +26,9 @@ class Task(NamedTuple):
     learning_rate: float = 7e-4
     config: Mapping[str, Any] = {}
     """What differs from Config's defaults."""
+    n_logs: int = 100
+    """Points of a learning curve, each with an evaluation."""
+    n_eval_episodes: int = 10
 
 
 ENVS = {
@@ -55,6 +58,13 @@ def find_task(name: str) -> tuple[str, Task]:
         if name in (key, task.gymnasium_id):
             return key, task
     raise UsageError(f"environment is {name!r}; choose from {', '.join(ENVS)}")
+
+
+def settings(name: str) -> Task:
+    """The entry of that name, or the settings for an environment that is not ours: fewer evaluations, which cost."""
+    if is_known(name):
+        return find_task(name)[1]
+    return Task("", name, name, max_episode_steps=0, n_logs=50, n_eval_episodes=2)
 
 
 def is_known(name: str) -> bool:

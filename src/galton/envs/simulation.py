@@ -13,9 +13,7 @@ Fields = Any
 """A named tuple of MjData's fields, each `[N, ...]`."""
 
 STATE = mujoco.mjtState.mjSTATE_INTEGRATION
-UNSTABLE = [
-    int(getattr(mujoco.mjtWarning, f"mjWARN_BAD{name}")) for name in ("QPOS", "QVEL", "QACC")
-]
+UNSTABLE = [int(getattr(mujoco.mjtWarning, f"mjWARN_BAD{name}")) for name in ("QPOS", "QVEL", "QACC")]
 """The warnings after which MuJoCo resets a simulation without a word."""
 
 
@@ -31,9 +29,7 @@ class Simulations(Protocol):
     def step(self, control: Float[np.ndarray, "N u"], n_substeps: int) -> None:
         """Under constant controls."""
 
-    def reset(
-        self, ids: Int[np.ndarray, " n"], qpos: Float[np.ndarray, "n q"], qvel: Float[np.ndarray, "n v"]
-    ) -> None:
+    def reset(self, ids: Int[np.ndarray, " n"], qpos: Float[np.ndarray, "n q"], qvel: Float[np.ndarray, "n v"]) -> None:
         """Start these simulations again, from there."""
 
     def get_state(self) -> Float[np.ndarray, "N state"]:
@@ -65,9 +61,7 @@ class Batched:
         self._refresh()
         self.was_reset = self._batch.warning[:, UNSTABLE, 1].any(1)
 
-    def reset(
-        self, ids: Int[np.ndarray, " n"], qpos: Float[np.ndarray, "n q"], qvel: Float[np.ndarray, "n v"]
-    ) -> None:
+    def reset(self, ids: Int[np.ndarray, " n"], qpos: Float[np.ndarray, "n q"], qvel: Float[np.ndarray, "n v"]) -> None:
         """Start these simulations again, from there."""
         self._batch.reset(ids, stage=mujoco.mjtStage.mjSTAGE_NONE.value)
         self._batch.bind("qpos")[ids], self._batch.bind("qvel")[ids] = qpos, qvel
@@ -117,9 +111,7 @@ class Looped:
 
         list(self._pool.map(work, self._parts)) if self._pool else work(self._parts[0])
 
-    def reset(
-        self, ids: Int[np.ndarray, " n"], qpos: Float[np.ndarray, "n q"], qvel: Float[np.ndarray, "n v"]
-    ) -> None:
+    def reset(self, ids: Int[np.ndarray, " n"], qpos: Float[np.ndarray, "n q"], qvel: Float[np.ndarray, "n v"]) -> None:
         """Start these simulations again, from there."""
         for i, q, v in zip(ids, qpos, qvel, strict=True):
             data = self._data[i]
@@ -154,4 +146,4 @@ class Looped:
 
 
 def _named(arrays: dict[str, np.ndarray]) -> Fields:
-    return collections.namedtuple("Fields", arrays)(**arrays)  # type: ignore[misc]
+    return collections.namedtuple("Fields", arrays)(**arrays)

@@ -11,7 +11,7 @@ from gymnasium.vector.utils import batch_space, iterate
 from jaxtyping import Float
 
 from galton.bins import Bins
-from galton.errors import EnvironmentFault, UsageError, require
+from galton.errors import BrokenEnvironmentError, UsageError, require
 
 
 @dataclasses.dataclass(frozen=True)
@@ -38,9 +38,7 @@ class ActionBox:
         for bound, side in ((space.low, "low"), (space.high, "high")):
             for problem, where in (("not a number", np.isnan(bound)), ("unbounded", np.isinf(bound))):
                 index = ", ".join(map(str, np.argwhere(where)[0])) if where.any() else ""
-                require(
-                    not where.any(), f"{actions}; {side} is {problem} at [{index}], and bins need an end. {remedy}"
-                )
+                require(not where.any(), f"{actions}; {side} is {problem} at [{index}], and bins need an end. {remedy}")
         require((space.low < space.high).all(), f"{actions}; each low must lie below its high")
         try:
             Bins(self.low, self.high, 2)
@@ -50,12 +48,14 @@ class ActionBox:
     @property
     def low(self) -> Float[np.ndarray, " d"]:
         """Lower bounds."""
-        return self.space.low.astype(np.float32).ravel()
+        low: np.ndarray = self.space.low.astype(np.float32).ravel()
+        return low
 
     @property
     def high(self) -> Float[np.ndarray, " d"]:
         """Upper bounds."""
-        return self.space.high.astype(np.float32).ravel()
+        high: np.ndarray = self.space.high.astype(np.float32).ravel()
+        return high
 
     def to_env(self, action: Float[np.ndarray, "*batch d"]) -> np.ndarray:
         """Clipped into the exact bounds, in the environment's shape and precision; a copy."""
@@ -90,20 +90,20 @@ class Observations:
         return int(flatdim(self.space))
 
     def flatten(self, raw: Any, where: str) -> Float[np.ndarray, " o"]:
-        """One observation as a vector; EnvironmentFault says what is wrong with it."""
+        """One observation as a vector; BrokenEnvironmentError says what is wrong with it."""
         if isinstance(self.space, Box):
             try:
                 values = np.asarray(raw)
             except ValueError:
                 values = np.asarray(None)
             if values.shape != self.space.shape or values.dtype.kind not in "fiub":
-                raise EnvironmentFault(f"{where}: the observation is {shown(raw)}; the space is {self.space}")
+                raise BrokenEnvironmentError(f"{where}: the observation is {shown(raw)}; the space is {self.space}")
         else:
             try:
                 self._check_parts(self.space, raw)
                 values = np.asarray(flatten(self.space, raw))
             except (TypeError, ValueError, KeyError, AttributeError, IndexError, AssertionError) as error:
-                raise EnvironmentFault(
+                raise BrokenEnvironmentError(
                     f"{where}: the observation is {shown(raw)}, which the space {self.space} can't hold: {error!r}"
                 ) from error
         return as_float32(values, "the observation", where).ravel()
@@ -121,7 +121,7 @@ class Observations:
             single = _depth(observation, self.space) == 0
             parts = [observation] if single else list(iterate(batch_space(self.space, 1), observation))
             return np.stack([self.flatten(part, "predict") for part in parts]), single
-        except (EnvironmentFault, UsageError, TypeError, ValueError, KeyError, IndexError) as error:
+        except (BrokenEnvironmentError, UsageError, TypeError, ValueError, KeyError, IndexError) as error:
             raise UsageError(
                 f"observation is {shown(observation)}: {error}; it must be one of {self.space}, or a batch of them"
             ) from None
@@ -143,7 +143,7 @@ class Observations:
 
 
 def as_float32(values: np.ndarray, what: str, where: str) -> Float[np.ndarray, "..."]:
-    """The same numbers for the networks, copied; EnvironmentFault if one of them is not finite."""
+    """The same numbers for the networks, copied; BrokenEnvironmentError if one of them is not finite."""
     with np.errstate(over="ignore", invalid="ignore"):
         converted = values.astype(np.float32)
     finite = np.isfinite(converted)
@@ -152,7 +152,7 @@ def as_float32(values: np.ndarray, what: str, where: str) -> Float[np.ndarray, "
         value = values[tuple(index)]
         kind = "too large for float32" if np.isfinite(value) else "not finite"
         place = f"entry [{', '.join(map(str, index))}] of {what}" if len(index) else what
-        raise EnvironmentFault(f"{where}: {place} is {value}, which is {kind}")
+        raise BrokenEnvironmentError(f"{where}: {place} is {value}, which is {kind}")
     return converted
 
 
@@ -202,7 +202,10 @@ def from_json(record: dict[str, Any]) -> gymnasium.Space[Any]:
         return Tuple([from_json(part) for part in content])
     if kind == "Box":
         low, high, shape, dtype = content
-        low, high = (np.broadcast_to(np.array(bound, dtype), shape) if len(bound) == 1 else np.array(bound, dtype).reshape(shape) for bound in (low, high))
+        low, high = (
+            np.broadcast_to(np.array(bound, dtype), shape) if len(bound) == 1 else np.array(bound, dtype).reshape(shape)
+            for bound in (low, high)
+        )
         return Box(low, high, tuple(shape), np.dtype(dtype).type)
     if kind == "Discrete":
         return Discrete(content[0], start=content[1])

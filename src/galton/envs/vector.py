@@ -10,7 +10,7 @@ from jaxtyping import Float, Int
 
 from galton.envs.base import HostEnvironments, Steps
 from galton.envs.spaces import ActionBox, Observations, as_float32, shown
-from galton.errors import EnvironmentFault, require
+from galton.errors import BrokenEnvironmentError, require
 
 
 class VectorTask:
@@ -78,7 +78,7 @@ class _Vector:
             return getattr(self._envs, method)(*arguments, **keywords)
         except Exception as error:
             told = f"{type(error).__name__}: {error}"
-            raise EnvironmentFault(f"{self._name}, step {self._n_steps}: {method} raised {told}") from error
+            raise BrokenEnvironmentError(f"{self._name}, step {self._n_steps}: {method} raised {told}") from error
 
     def _rows(self, batch: Any) -> Float[np.ndarray, "M o"]:
         """Observations of all copies, flat and checked."""
@@ -87,14 +87,14 @@ class _Vector:
         if isinstance(space, gymnasium.spaces.Box):
             values = np.asarray(batch)
             if values.shape != (n, *space.shape) or values.dtype.kind not in "fiub":
-                raise EnvironmentFault(
+                raise BrokenEnvironmentError(
                     f"{where}: the observations are {shown(batch)}; they must be {(n, *space.shape)}"
                 )
             return as_float32(values.reshape(n, -1), "the observations", where)
         try:
             parts = list(iterate(gymnasium.vector.utils.batch_space(space, n), batch))
         except Exception as error:
-            raise EnvironmentFault(f"{where}: the observations are {shown(batch)}: {error!r}") from error
+            raise BrokenEnvironmentError(f"{where}: the observations are {shown(batch)}: {error!r}") from error
         return np.stack([self._row(i, part) for i, part in enumerate(parts)])
 
     def _row(self, copy: int, raw: Any) -> Float[np.ndarray, " o"]:
@@ -105,7 +105,7 @@ class _Vector:
         array, n = np.asarray(values), self._envs.num_envs
         where = f"{self._name}, step {self._n_steps}"
         if array.shape != (n,) or array.dtype.kind not in ("b" if kind is bool else "fiub"):
-            raise EnvironmentFault(f"{where}: {what} is {shown(values)}; it must be {n} of {kind.__name__}")
+            raise BrokenEnvironmentError(f"{where}: {what} is {shown(values)}; it must be {n} of {kind.__name__}")
         return array.astype(bool) if kind is bool else as_float32(array, what, where)
 
 
@@ -130,7 +130,7 @@ class GymnasiumVector(_Vector):
             final = following.copy()
             for i in ended:
                 if "final_obs" not in infos:
-                    raise EnvironmentFault(f"{self._name}, copy {i}, step {self._n_steps}: final_obs is missing")
+                    raise BrokenEnvironmentError(f"{self._name}, copy {i}, step {self._n_steps}: final_obs is missing")
                 final[i] = self._row(int(i), infos["final_obs"][i])
         return Steps(following, final, self._numbers(rewards, "the reward", float), terminated, truncated & ~terminated)
 
@@ -157,7 +157,7 @@ class SB3Vector(_Vector):
             final = following.copy()
             for i in ended:
                 if "terminal_observation" not in infos[i]:
-                    raise EnvironmentFault(
+                    raise BrokenEnvironmentError(
                         f"{self._name}, copy {i}, step {self._n_steps}: terminal_observation is missing"
                     )
                 final[i] = self._row(int(i), infos[i]["terminal_observation"])
@@ -167,5 +167,3 @@ class SB3Vector(_Vector):
 def is_sb3(env: Any) -> bool:
     """Whether it is an SB3 VecEnv, without importing SB3 for the question."""
     return any(cls.__name__ == "VecEnv" and cls.__module__.startswith("stable_baselines3") for cls in type(env).__mro__)
-
-

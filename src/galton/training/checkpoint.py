@@ -3,10 +3,10 @@
 Loading runs no code, imports nothing and makes no environment. Writing is atomic.
 """
 
+import contextlib
 import hashlib
 import json
 import os
-import tempfile
 from pathlib import Path
 from typing import Any
 
@@ -32,16 +32,14 @@ def write(path: Path, settings: dict[str, Any], arrays: dict[str, np.ndarray]) -
     text = json.dumps(record | {"sha256": _digest(record, arrays)})
     content = save({name: np.asarray(array, order="C") for name, array in arrays.items()}, {"galton": text})
     path = path.resolve()
-    scratch = None
+    scratch = path.with_name(f".{path.name}.{os.getpid()}")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        handle, scratch = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
-        with os.fdopen(handle, "wb") as file:
-            file.write(content)
-        Path(scratch).replace(path)
+        scratch.write_bytes(content)
+        scratch.replace(path)
     except OSError as error:
-        if scratch:
-            Path(scratch).unlink(missing_ok=True)
+        with contextlib.suppress(OSError):
+            scratch.unlink(missing_ok=True)
         raise UsageError(f"path is {path}, which can't be written: {error.strerror}; name another") from None
 
 

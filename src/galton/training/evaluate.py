@@ -10,7 +10,7 @@ from jaxtyping import Array, Float, Int, Key, PyTree
 from galton import normalization
 from galton.algorithms import a2c
 from galton.envs.base import Environment, HostEnvironments
-from galton.errors import EnvironmentFault
+from galton.errors import BrokenEnvironmentError
 from galton.policies import Policy
 from galton.training.rollout import start_episodes
 from galton.types import Learner
@@ -39,7 +39,7 @@ def play(
     """Undiscounted returns of one whole episode in each of n environments outside JAX.
 
     Raises:
-        EnvironmentFault: an environment broke, or an episode does not end.
+        BrokenEnvironmentError: an environment broke, or an episode does not end.
     """
     observation = envs.reset(seeds)
     returns, active = np.zeros(len(observation)), np.ones(len(observation), bool)
@@ -50,7 +50,7 @@ def play(
         if not active.any():
             return returns
         observation = steps.observation
-    raise EnvironmentFault(
+    raise BrokenEnvironmentError(
         f"{name}: an episode of evaluation did not end in {MAX_STEPS:,} steps; give the environment a time limit "
         "(gymnasium.wrappers.TimeLimit) or turn evaluation off"
     )

@@ -26,6 +26,7 @@ from galton.training.scan import with_keys, without_keys
 from galton.training.state import Finished, Log, RunState, begin, learn, read_log, rollout_key
 from galton.types import Config, Hypers, Learner, Params, Transition
 
+
 class HostPopulation:
     """R runs with N copies of a HostTask each.
 
@@ -37,7 +38,7 @@ class HostPopulation:
 
     Raises:
         UsageError: more copies than the task has.
-        EnvironmentFault: an environment broke in its first reset.
+        BrokenEnvironmentError: an environment broke in its first reset.
     """
 
     def __init__(self, task: HostTask, config: Config, hypers: Hypers, seeds: Sequence[int]) -> None:
@@ -156,7 +157,8 @@ def _programs(config: Config, loss: Loss, low: tuple[float, ...], high: tuple[fl
     policy = a2c.make_policy(config, np.array(low, np.float32), np.array(high, np.float32))
 
     def begin_all(size: int, seeds: Array) -> RunState:
-        return jax.lax.map(lambda seed: begin(config, policy, size, seed)[0], seeds)
+        runs: RunState = jax.lax.map(lambda seed: begin(config, policy, size, seed)[0], seeds)
+        return runs
 
     def observe(run: RunState, observation: Array) -> RunState:
         learner = run.learner._replace(normalizer=normalization.observe(run.learner.normalizer, observation))
@@ -165,9 +167,7 @@ def _programs(config: Config, loss: Loss, low: tuple[float, ...], high: tuple[fl
     def prepare(run: RunState) -> Array:
         return policy.noise(rollout_key(run), (config.n_steps, config.n_envs))
 
-    def act(
-        params: Params, normalizer: Normalizer, observation: Array, noise: Array, t: Array
-    ) -> tuple[Array, Array]:
+    def act(params: Params, normalizer: Normalizer, observation: Array, noise: Array, t: Array) -> tuple[Array, Array]:
         normalised = normalization.observation(normalizer, observation)
         now = jax.lax.dynamic_index_in_dim(noise, t, keepdims=False)
         return normalised, a2c.act(policy, params, normalised, now)
@@ -204,6 +204,10 @@ class _Group:
         self._envs = task.make(len(seeds) * config.n_envs, n_threads)
         self._evaluator: HostEnvironments | None = None
         self._evaluator_episodes = 0
+        self.hypers: Any = None
+        """Placed by the population, each field `[P]`."""
+        self._interrupted = False
+        """Whether an exception left the environments in the middle of a rollout."""
         with jax.default_device(device):
             self.runs: RunState = self.place(programs.begin(observation_size, jnp.asarray(seeds)))
         self._batch = self._empty_batch()
@@ -225,9 +229,13 @@ class _Group:
 
     def advance(self, n_updates: int) -> None:
         """Train the runs."""
+        if self._interrupted:
+            self._start_anew()
+        self._interrupted = True
         for _ in range(n_updates):
             self._batch, finished = self._rollout()
             self.runs = self._programs.learn(self.runs, self._batch, finished, self.hypers)
+        self._interrupted = False
 
     def _rollout(self) -> tuple[Transition, Finished]:
         """T steps of the P · N environments; numpy arrays `[P, T, N, ...]`."""
@@ -273,9 +281,10 @@ class _Group:
         if self._evaluator is None or self._evaluator_episodes != n_episodes:
             if self._evaluator:
                 self._evaluator.close()
-            self._evaluator, self._evaluator_episodes = self._task.make(
-                len(self._seeds) * n_episodes, self._n_threads
-            ), n_episodes
+            self._evaluator, self._evaluator_episodes = (
+                self._task.make(len(self._seeds) * n_episodes, self._n_threads),
+                n_episodes,
+            )
 
     def evaluate(self, n_episodes: int) -> Float[np.ndarray, "P n_episodes"]:
         """Whole episodes of the deterministic policy."""
@@ -293,7 +302,7 @@ class _Group:
     def snapshot(self) -> dict[str, Any]:
         """Everything that goes on; `environments` is None where they can't tell their states."""
         own = {"observation": self._observation, "length": self._length, "return": self._return}
-        state = self._envs.get_state()
+        state = None if self._interrupted else self._envs.get_state()
         environments = None if state is None else own | {key: self._split(value) for key, value in state.items()}
         return {"run": jax.tree.map(np.asarray, without_keys(self.runs)), "environments": environments}
 
@@ -301,22 +310,30 @@ class _Group:
         """Go back; from the start of new episodes, with the normaliser as it was, if there are no states."""
         self.runs = self.place(with_keys(snapshot["run"]))
         if "environments" not in snapshot:
-            step = int(self.runs.step[0])
-            seeds = [np.random.SeedSequence((int(s), 2, step)).generate_state(self._config.n_envs) for s in self._seeds]
-            self._start(self._envs.reset(np.concatenate(seeds)))
+            self._start_anew()
             return
+        self._interrupted = False
         state = dict(snapshot["environments"])
         self._observation, self._length, self._return = (
             np.array(state.pop(name)) for name in ("observation", "length", "return")
         )
         self._envs.set_state({key: value.reshape(-1, *value.shape[2:]) for key, value in state.items()})
 
+    def _start_anew(self) -> None:
+        """New episodes in the middle of a run."""
+        step = int(self.runs.step[0])
+        seeds = [np.random.SeedSequence((int(s), 2, step)).generate_state(self._config.n_envs) for s in self._seeds]
+        self._start(self._envs.reset(np.concatenate(seeds)))
+        self._interrupted = False
+
     def warm_up(self) -> None:
         """Compile all programs but those of evaluation."""
         p, n = self._shape
         runs = jax.tree.map(jnp.copy, self.runs)
         zeros = np.zeros((p, n, self._observation_size), np.float32)
-        self._programs.act(runs.learner.params, runs.learner.normalizer, zeros, self._programs.prepare(runs), np.int32(0))
+        self._programs.act(
+            runs.learner.params, runs.learner.normalizer, zeros, self._programs.prepare(runs), np.int32(0)
+        )
         if self._config.normalize_observation or self._config.normalize_reward:
             reward = np.zeros(self._shape, np.float32)
             self._programs.receive(runs.learner.normalizer, reward, reward > 0, zeros, zeros, self.hypers)
@@ -333,18 +350,19 @@ class _Group:
         """From one row per copy to `[P, copies of a run, ...]`."""
         return rows.reshape(self._shape[0], -1, *rows.shape[1:])
 
-    def _empty_batch(self) -> Transition:
+    def _empty_batch(self) -> Any:
         shape = (self._shape[0], self._config.n_steps, self._shape[1])
-        return Transition(
+        columns: list[Any] = [
             np.zeros((*shape, self._observation_size), np.float32),
             np.zeros((*shape, self._action_size), np.float32),
             np.zeros(shape, np.float32),
             np.zeros((*shape, self._observation_size), np.float32),
             np.zeros(shape, bool),
             np.zeros(shape, bool),
-        )
+        ]
+        return Transition(*columns)
 
-    def _empty_finished(self) -> Finished:
+    def _empty_finished(self) -> Any:
         shape = (self._shape[0], self._config.n_steps, self._shape[1])
-        return Finished(np.zeros(shape, bool), np.zeros(shape, np.float32), np.zeros(shape, np.int32))
-
+        columns: list[Any] = [np.zeros(shape, bool), np.zeros(shape, np.float32), np.zeros(shape, np.int32)]
+        return Finished(*columns)

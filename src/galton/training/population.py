@@ -33,7 +33,7 @@ class Population(Protocol):
         """Train all runs. The results do not depend on how training is cut into calls.
 
         Raises:
-            EnvironmentFault: an environment raised or returned what it must not; the learner stays the last update's.
+            BrokenEnvironmentError: by its name; the learner stays what the last update made it.
         """
 
     def log(self) -> Log:
@@ -43,8 +43,10 @@ class Population(Protocol):
         """Undiscounted returns of whole episodes without exploration; training is not touched by it."""
 
     def snapshot(self) -> dict[str, Any]:
-        """A pytree of arrays from which `restore` goes on exactly, or, where the environments can't give their
-        states, from the start of their episodes: then its entry `environments` is missing.
+        """A pytree of arrays from which `restore` goes on exactly.
+
+        Where the environments can't give their states its entry `environments` is missing, and `restore` begins new
+        episodes.
         """
 
     def restore(self, snapshot: dict[str, Any]) -> None:

@@ -174,9 +174,7 @@ def _compile_evaluation(
     begin_all = functools.partial(jax.lax.map, functools.partial(_begin, env, config, policy))
     run = _placed(jax.eval_shape(begin_all, jax.ShapeDtypeStruct((n_runs,), jnp.uint32)).run, on_runs)
     compiled = (
-        jax.jit(_on_all_devices(program, on_runs, (0, 0, 0)))
-        .lower(run.evaluation_key, run.step, run.learner)
-        .compile()
+        jax.jit(_on_all_devices(program, on_runs, (0, 0, 0))).lower(run.evaluation_key, run.step, run.learner).compile()
     )
     seconds = [time.perf_counter() - start]
     return compiled, lambda: seconds.pop() if seconds else 0.0
@@ -215,9 +213,7 @@ def _advance(
     batch_size = config.n_steps * config.n_envs
 
     def iteration(state: ScanState, noise: Noise) -> tuple[ScanState, Transition]:
-        episodes, learner, batch, finished = rollout(
-            env, policy, state.run.learner, state.episodes, noise, hypers
-        )
+        episodes, learner, batch, finished = rollout(env, policy, state.run.learner, state.episodes, noise, hypers)
         run = learn(config, policy, state.run._replace(learner=learner), batch, finished, hypers)
         return ScanState(run, episodes), batch
 
@@ -236,7 +232,5 @@ def _advance(
         lambda: iteration(state, jax.tree.map(jnp.asarray, draw_noise(state.run.key, env, policy, config)))[1]
     )
     nothing = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), shape)
-    _, state, batch = jax.lax.while_loop(
-        lambda carry: carry[0] < n_updates, iterations, (jnp.int32(0), state, nothing)
-    )
+    _, state, batch = jax.lax.while_loop(lambda carry: carry[0] < n_updates, iterations, (jnp.int32(0), state, nothing))
     return state, batch

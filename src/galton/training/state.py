@@ -11,7 +11,7 @@ from jaxtyping import Array, Bool, Float, Int, Key, UInt
 
 from galton.algorithms import a2c
 from galton.algorithms.a2c import Diagnostics
-from galton.algorithms.diagnostics import Diagnosis, diagnose
+from galton.algorithms.diagnostics import diagnose
 from galton.policies import Policy
 from galton.types import Config, Hypers, Learner, Transition
 
@@ -77,14 +77,17 @@ class Log(NamedTuple):
     hl_gauss_bias: Float[Array, "*batch"]
 
 
-_EMPTY = Tally(*[jnp.float32(0)] * 4, Diagnostics(*[jnp.float32(0)] * len(Diagnostics._fields)))
+def nothing() -> Tally:
+    """An empty tally."""
+    zero = jnp.float32(0)
+    return Tally(zero, zero, zero, zero, Diagnostics(*[zero] * len(Diagnostics._fields)))
 
 
 def begin(config: Config, policy: Policy, observation_size: int, seed: UInt[Array, ""]) -> tuple[RunState, Array]:
     """A new run, and the key of its first episodes. Not under vmap (see `init_mlp`)."""
     init_key, episodes_key, key, evaluation_key = jax.random.split(jax.random.key(seed), 4)
     learner = a2c.init(init_key, config, policy, observation_size)
-    return RunState(learner, key, evaluation_key, jnp.int32(0), jnp.int32(-1), _EMPTY), episodes_key
+    return RunState(learner, key, evaluation_key, jnp.int32(0), jnp.int32(-1), nothing()), episodes_key
 
 
 def rollout_key(state: RunState, ahead: Int[Array, ""] | int = 0) -> Key[Array, ""]:
@@ -134,7 +137,4 @@ def read_log(
         **diagnose(config, policy, state.learner, batch, hypers)._asdict(),
     )
     log = jax.tree.map(lambda x: jnp.where(state.diverged_at < 0, x, jnp.nan), log)
-    return state._replace(tally=_EMPTY), log
-
-
-__all__ = ["Diagnosis", "Finished", "Log", "RunState", "Tally", "begin", "learn", "read_log", "rollout_key"]
+    return state._replace(tally=nothing()), log

@@ -81,7 +81,7 @@ def train(
 
     Raises:
         UsageError: a number out of range, an environment that can't be used.
-        EnvironmentFault: an environment broke on the way.
+        BrokenEnvironmentError: an environment broke on the way.
     """
     check_arguments(hypers, seeds, total_timesteps, n_logs, n_eval_episodes)
     n_runs = len(seeds)
@@ -101,7 +101,8 @@ def train(
             log = population.log()
             if n_eval_episodes:
                 returns = population.evaluate(n_eval_episodes).mean(1)
-                log = log._replace(evaluation_return=np.where(population.diverged_at < 0, returns, np.nan))
+                known: Any = np.where(population.diverged_at < 0, returns, np.nan)
+                log = log._replace(evaluation_return=known)
             logs.append(log)
             if on_log:
                 on_log(int(step), log)

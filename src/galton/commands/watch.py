@@ -1,0 +1,167 @@
+"""galton watch: a film of a policy."""
+
+import dataclasses
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Any
+
+import gymnasium
+import numpy as np
+import tyro
+from rich.console import Console
+
+from galton.agent import A2C
+from galton.commands.train import MODEL
+from galton.envs.registry import is_known
+from galton.errors import UsageError, require, require_integer
+
+
+@dataclasses.dataclass(frozen=True)
+class Options:
+    """Play episodes of a trained policy without exploration and write them as a video."""
+
+    run: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="RUN")]
+    """A run folder of `galton train`, or a file that `A2C.save` wrote."""
+    env: str | None = None
+    """The Gymnasium id to play on; by default the run's. An id with a module must be given, for it runs code."""
+    env_kwargs: Annotated[str | None, tyro.conf.arg(metavar="JSON")] = None
+    """Keyword arguments of the environment; by default the run's."""
+    episodes: int = 1
+    max_steps: int = 1_000
+    """Steps of an episode after which it is cut."""
+    seed: int = 0
+    """Of the first episode."""
+    out: Path | None = None
+    """An .mp4 or .gif, by default video.mp4 beside the model."""
+
+
+def main(arguments: Sequence[str]) -> None:
+    """Play and write the video."""
+    options = tyro.cli(Options, prog="galton watch", args=list(arguments))
+    require_integer("episodes", options.episodes, 1)
+    require_integer("max_steps", options.max_steps, 1)
+    file = options.run / MODEL if options.run.is_dir() else options.run
+    out = options.out or file.with_name("video.mp4")
+    require(out.suffix in (".mp4", ".gif"), f"out is {out}; its name must end in .mp4 or .gif")
+    model = A2C.load(file)
+    env = _make(*_environment(options, file))
+    try:
+        frames, returns = _play(env, model, options)
+        fps = env.metadata.get("render_fps") or 30
+    finally:
+        env.close()
+    _write(out, frames, fps)
+    console = Console()
+    told = ", ".join(f"{value:,.2f}" for value in returns)
+    console.print(f"return {told} in {len(frames)} frames\nvideo: {out}", highlight=False, soft_wrap=True)
+
+
+def _environment(options: Options, file: Path) -> tuple[str, dict[str, Any]]:
+    """The id and the keyword arguments."""
+    beside = file.with_name("config.json")
+    settings = json.loads(beside.read_text()) if beside.exists() else {}
+    if options.env is None:
+        require("env" in settings, f"env is not known: there is no config.json beside {file}; give --env")
+        require(
+            ":" not in settings["env"],
+            f"env is {settings.get('env')} in {beside}, which imports a module; give it with --env if you trust it",
+        )
+    kwargs = settings.get("env_kwargs", {})
+    if options.env_kwargs is not None:
+        try:
+            kwargs = json.loads(options.env_kwargs)
+        except json.JSONDecodeError as error:
+            raise UsageError(f"env_kwargs is {options.env_kwargs!r}, which is not JSON: {error}") from None
+    return options.env or settings["env"], kwargs
+
+
+def _make(name: str, kwargs: dict[str, Any]) -> Any:
+    require(
+        not is_known(name),
+        f"env is {name}, one of Galton's own tasks, which have no picture; train on the Gymnasium id to watch it",
+    )
+    if sys.platform == "linux" and "DISPLAY" not in os.environ:  # without a screen
+        os.environ.setdefault("MUJOCO_GL", "egl")
+        os.environ.setdefault("SDL_VIDEODRIVER", "dummy")
+    try:
+        env = gymnasium.make(name, **kwargs | {"render_mode": "rgb_array"})
+    except Exception as error:
+        raise UsageError(f"env is {name}, which can't be made for watching: {error}") from error
+    return env
+
+
+def _play(env: Any, model: A2C, options: Options) -> tuple[list[np.ndarray], list[float]]:
+    frames, returns = [], []
+    for episode in range(options.episodes):
+        observation, _ = env.reset(seed=options.seed + episode)
+        frames.append(_frame(env))
+        returns.append(0.0)
+        for _ in range(options.max_steps):
+            action, _ = model.predict(observation, deterministic=True)
+            observation, reward, terminated, truncated, _ = env.step(action)
+            frames.append(_frame(env))
+            returns[-1] += float(reward)
+            if terminated or truncated:
+                break
+    require(
+        any(np.ptp(frame) > 0 for frame in frames),
+        "every frame came out in a single colour: rendering does not work here; "
+        "for MuJoCo set MUJOCO_GL to egl or osmesa",
+    )
+    return frames, returns
+
+
+def _frame(env: Any) -> np.ndarray:
+    try:
+        frame = np.asarray(env.render())
+    except Exception as error:
+        raise UsageError(
+            f"the environment can't be rendered: {type(error).__name__}: {error}. For MuJoCo without a screen install "
+            "EGL or OSMesa (on Debian: libegl1 or libosmesa6) and set MUJOCO_GL to egl or osmesa"
+        ) from error
+    require(
+        frame.ndim == 3 and frame.shape[-1] == 3 and frame.dtype == np.uint8,
+        f"the environment's picture is {frame.shape} {frame.dtype}; it must be [height, width, 3] uint8",
+    )
+    return frame
+
+
+def _write(out: Path, frames: list[np.ndarray], fps: int) -> None:
+    scratch = out.with_name(f".{out.stem}.partial{out.suffix}")
+    try:
+        out.parent.mkdir(parents=True, exist_ok=True)
+        if out.suffix == ".gif":
+            from PIL import Image
+
+            first, *rest = [Image.fromarray(frame) for frame in frames]
+            first.save(scratch, save_all=True, append_images=rest, duration=round(1000 / fps), loop=0)
+        else:
+            _write_mp4(scratch, frames, fps)
+        scratch.replace(out)
+    except OSError as error:
+        scratch.unlink(missing_ok=True)
+        raise UsageError(f"out is {out}, which can't be written: {error.strerror or error}") from None
+
+
+def _write_mp4(path: Path, frames: list[np.ndarray], fps: int) -> None:
+    try:
+        import imageio_ffmpeg
+    except ImportError:
+        raise UsageError(
+            "an .mp4 needs ffmpeg: pip install 'galton[video]', or name an --out that ends in .gif"
+        ) from None
+    height, width, _ = frames[0].shape
+    raw = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}", "-r", str(fps), "-i", "-"]
+    even = ["-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2", "-pix_fmt", "yuv420p", "-y", str(path)]
+    done = subprocess.run(
+        [imageio_ffmpeg.get_ffmpeg_exe(), "-loglevel", "error", *raw, *even],
+        input=b"".join(frame.tobytes() for frame in frames),
+        capture_output=True,
+        check=False,
+    )
+    if done.returncode:
+        raise OSError(done.stderr.decode(errors="replace").strip())
