@@ -4,7 +4,7 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import gymnasium
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int, Key, PyTree
+from jaxtyping import Array, Bool, Float, Integer, Key, PyTree
 
 
 @runtime_checkable
@@ -79,13 +79,14 @@ class Steps(NamedTuple):
     truncated: Bool[np.ndarray, " M"]
 
 
+@runtime_checkable
 class HostEnvironments(Protocol):
     """M copies of a task outside JAX, stepped together. Observations are flat and float32.
 
     Every method raises BrokenEnvironmentError, which names the copy, where one raises or returns what it must not.
     """
 
-    def reset(self, seeds: Int[np.ndarray, " M"]) -> Float[np.ndarray, "M o"]:
+    def reset(self, seeds: Integer[np.ndarray, " M"]) -> Float[np.ndarray, "M o"]:
         """Begin episodes; a copy's seed decides all of its future."""
 
     def step(self, action: Float[np.ndarray, "M d"]) -> Steps:

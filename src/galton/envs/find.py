@@ -31,7 +31,7 @@ def find(env: Any, **kwargs: Any) -> Environment | HostTask:
         except UsageError as error:
             if isinstance(error.__cause__, gymnasium.error.UnregisteredEnv):
                 known = f"Gymnasium knows no environment of that name, and Galton's own are {', '.join(registry.ENVS)}"
-                raise UsageError(f"environment is {env!r}; {known}") from error
+                raise UsageError(f"environment is {env!r}; {known}. {error.__cause__}") from error
             raise
     if kwargs:
         raise UsageError(f"env_kwargs is {kwargs}; it goes with a name or an id, not with an environment that is there")

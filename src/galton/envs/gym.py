@@ -3,16 +3,17 @@
 import contextlib
 import functools
 import json
+import weakref
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import gymnasium
 import numpy as np
 from gymnasium.wrappers import TimeLimit
-from jaxtyping import Float, Int
+from jaxtyping import Float, Integer
 
 from galton.envs.base import Steps
-from galton.envs.spaces import ActionBox, Observations, as_float32, shown
+from galton.envs.spaces import ActionBox, Observations, as_float32, as_numbers, shown
 from galton.errors import BrokenEnvironmentError, UsageError, require
 
 Env = gymnasium.Env[Any, Any]
@@ -34,7 +35,9 @@ class GymnasiumTask:
 
     def __init__(self, source: str | Env | Callable[[], Env], **kwargs: Any) -> None:
         self.given: int | None = 1 if isinstance(source, gymnasium.Env) else None
+        self._given = source if isinstance(source, gymnasium.Env) else None
         self._spare: list[Env] = []
+        self._made: list[weakref.ref[Env]] = []
         if isinstance(source, str):
             self.name: str = source
             self._make: Callable[[], Any] = functools.partial(gymnasium.make, source, **kwargs)
@@ -42,7 +45,7 @@ class GymnasiumTask:
             require(not kwargs, f"env_kwargs is {kwargs}; it goes with an id, not with an environment that is there")
             self._make = source if callable(source) else functools.partial(_make_again, source)
             self.name = getattr(source, "__name__", None) or type(getattr(source, "unwrapped", source)).__name__
-        first = self._check(source) if isinstance(source, gymnasium.Env) else self._try_to_make()
+        first = self._try_to_make() if self._given is None else self._check(self._given)
         self._spare.append(first)
         self.action_space: Any = first.action_space
         self.observation_space: Any = first.observation_space
@@ -52,9 +55,17 @@ class GymnasiumTask:
     def make(self, n_copies: int, n_threads: int = 1) -> "GymnasiumEnvs":
         """That many copies, in one thread; of an environment that was there, the first is itself."""
         del n_threads
-        owned = self.given is None or not self._spare
-        envs = [self._spare.pop() if self._spare else self._try_to_make() for _ in range(n_copies)]
-        return GymnasiumEnvs(self.name, envs, self._actions, self._observations, owned)
+        envs = [self._spare.pop() if self._spare else self._make_another() for _ in range(n_copies)]
+        return GymnasiumEnvs(self.name, envs, self._actions, self._observations, self._given)
+
+    def _make_another(self) -> Env:
+        env = self._try_to_make()
+        for kind, first, other in (
+            ("actions", self.action_space, env.action_space),
+            ("observations", self.observation_space, env.observation_space),
+        ):
+            require(first == other, f"{self.name}'s copies differ: one has {kind} {first}, another {other}")
+        return env
 
     def _try_to_make(self) -> Env:
         try:
@@ -68,25 +79,34 @@ class GymnasiumTask:
             isinstance(env, gymnasium.Env),
             f"{self.name} is {shown(env)}, not a gymnasium.Env; for an environment of the old gym use shimmy",
         )
-        for space in ("action_space", "observation_space"):
+        for name in ("action_space", "observation_space"):
+            try:
+                space = getattr(env, name, None)
+            except Exception as error:
+                raise UsageError(f"{self.name}'s {name} raised {_told(error)}") from error
             require(
-                isinstance(getattr(env, space, None), gymnasium.Space),
-                f"{self.name}'s {space} is {shown(getattr(env, space, None))}; it must be a Gymnasium space",
+                isinstance(space, gymnasium.Space),
+                f"{self.name}'s {name} is {shown(space)}; it must be a Gymnasium space",
             )
+        require(
+            all(made() is not env.unwrapped for made in self._made),
+            f"{self.name} returned the same environment twice; it must make a new one at each call",
+        )
+        self._made = [made for made in self._made if made() is not None] + [weakref.ref(env.unwrapped)]
         return env  # type: ignore[no-any-return]
 
 
 class GymnasiumEnvs:
-    """M environments in a loop."""
+    """M environments in a loop; `given` is not closed with the others."""
 
     def __init__(
-        self, name: str, envs: Sequence[Env], actions: ActionBox, observations: Observations, owned: bool
+        self, name: str, envs: Sequence[Env], actions: ActionBox, observations: Observations, given: Env | None
     ) -> None:
         self._name, self._envs, self._actions, self._observations = name, envs, actions, observations
-        self._owned = owned
+        self._given = given
         self._n_steps = 0
 
-    def reset(self, seeds: Int[np.ndarray, " M"]) -> Float[np.ndarray, "M o"]:
+    def reset(self, seeds: Integer[np.ndarray, " M"]) -> Float[np.ndarray, "M o"]:
         """Begin episodes."""
         self._n_steps = 0
         return np.stack([self._reset(i, int(seed)) for i, seed in enumerate(seeds)])
@@ -98,12 +118,11 @@ class GymnasiumEnvs:
         final = np.empty((n, self._observations.size), np.float32)
         reward, terminated, truncated = np.empty(n, np.float32), np.empty(n, bool), np.empty(n, bool)
         following = final
-        for i, single in enumerate(self._actions.to_env(action)):
+        actions = self._actions.to_env(action)
+        for i, env in enumerate(self._envs):
             where = self._where(i)
-            try:
-                answer = self._envs[i].step(single)
-            except Exception as error:
-                raise BrokenEnvironmentError(f"{where}: step raised {_told(error)}") from error
+            with _blame(f"{where}: step"):
+                answer = env.step(actions[i, ...])  # of a box without axes, an array too
             if not (isinstance(answer, tuple) and len(answer) == 5):
                 raise BrokenEnvironmentError(
                     f"{where}: step returned {shown(answer)}; it must return "
@@ -132,14 +151,21 @@ class GymnasiumEnvs:
                 raise BrokenEnvironmentError(
                     f"{self._where(i)}: get_state returned {shown(state)}, not a dict of arrays"
                 )
-            own = {f"state/{key}": np.asarray(value) for key, value in state.items()}
-            for key, value in own.items():
-                if value.dtype.kind not in "fiub":
+            own: dict[str, np.ndarray] = {}
+            for key, value in state.items():
+                numbers = as_numbers(value)
+                if numbers is None:
                     raise BrokenEnvironmentError(
                         f"{self._where(i)}: get_state's {key!r} is {shown(value)}, not numbers"
                     )
+                own[f"state/{key}"] = numbers
             own["elapsed_steps"] = np.array([limit._elapsed_steps or 0 for limit in _time_limits(env)], np.int64)
-            own["generator"] = generator_state(env.unwrapped.np_random)
+            with _blame(f"{self._where(i)}: np_random"):
+                own["generator"] = generator_state(env.unwrapped.np_random)
+            first = {key: values[0].shape for key, values in rows.items()}
+            shapes = {key: value.shape for key, value in own.items()}
+            if rows and shapes != first:
+                raise BrokenEnvironmentError(f"{self._where(i)}: get_state returned {shapes}, but copy 0 {first}")
             for key, value in own.items():
                 rows.setdefault(key, []).append(value)
         return {key: np.stack(values) for key, values in rows.items()}
@@ -148,7 +174,7 @@ class GymnasiumEnvs:
         """Go on from there."""
         own = {key.removeprefix("state/"): value for key, value in state.items() if key.startswith("state/")}
         for i, env in enumerate(self._envs):
-            env.reset()  # wrappers want one before the first step
+            self._reset(i, None)  # wrappers want one before the first step
             with _blame(f"{self._where(i)}: set_state"):
                 env.unwrapped.set_state({key: value[i] for key, value in own.items()})  # type: ignore[attr-defined]
             for limit, elapsed in zip(_time_limits(env), state["elapsed_steps"][i], strict=True):
@@ -157,8 +183,8 @@ class GymnasiumEnvs:
 
     def close(self) -> None:
         """Close what Galton made; an environment that the user gave stays open."""
-        if self._owned:
-            for env in self._envs:
+        for env in self._envs:
+            if env is not self._given:
                 with contextlib.suppress(Exception):  # nothing is wanted of it any more
                     env.close()
 
@@ -207,11 +233,8 @@ def _make_again(env: Env) -> Env:
 
 
 def _reward(value: Any, where: str) -> Any:
-    try:
-        number = np.asarray(value)
-    except ValueError:
-        number = np.asarray(None)
-    if number.size != 1 or number.dtype.kind not in "fiub":
+    number = as_numbers(value)
+    if number is None or number.size != 1:
         raise BrokenEnvironmentError(f"{where}: the reward is {shown(value)}; it must be one number")
     return as_float32(number.reshape(()), "the reward", where)[()]
 

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import gymnasium
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float, Int, Integer
 
 from galton.cores import n_cores
 from galton.envs.base import Steps
@@ -97,7 +97,7 @@ def walker_reward(c: Any, f: Fields, velocity: Rows, action: Matrix, healthy: An
     return reward
 
 
-def inside(value: np.ndarray, bounds: tuple[float, float]) -> Bool[np.ndarray, " N"]:
+def inside(value: np.ndarray, bounds: tuple[float, float]) -> Bool[np.ndarray, "*batch"]:
     """Strictly between the bounds."""
     return (bounds[0] < value) & (value < bounds[1])
 
@@ -240,7 +240,7 @@ class MujocoEnvs:
         self._generators: list[np.random.Generator] = []
         self._n_steps = 0
 
-    def reset(self, seeds: Int[np.ndarray, " N"]) -> Float[np.ndarray, "N o"]:
+    def reset(self, seeds: Integer[np.ndarray, " N"]) -> Float[np.ndarray, "N o"]:
         """Begin episodes as `reset(seed=seed)` of Gymnasium's environment would."""
         self._generators = [gymnasium.utils.seeding.np_random(int(seed))[0] for seed in seeds]
         self._n_steps = 0

@@ -2,7 +2,7 @@
 
 import collections
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import mujoco
 import numpy as np
@@ -17,6 +17,7 @@ UNSTABLE = [int(getattr(mujoco.mjtWarning, f"mjWARN_BAD{name}")) for name in ("Q
 """The warnings after which MuJoCo resets a simulation without a word."""
 
 
+@runtime_checkable
 class Simulations(Protocol):
     """N simulations, each with its own state."""
 
@@ -101,7 +102,7 @@ class Looped:
         """Under constant controls."""
 
         def work(part: np.ndarray) -> None:
-            for i in part:
+            for i in part.tolist():
                 data = self._data[i]
                 data.ctrl[:] = control[i]
                 mujoco.mj_step(self._model, data, nstep=n_substeps)
@@ -113,7 +114,7 @@ class Looped:
 
     def reset(self, ids: Int[np.ndarray, " n"], qpos: Float[np.ndarray, "n q"], qvel: Float[np.ndarray, "n v"]) -> None:
         """Start these simulations again, from there."""
-        for i, q, v in zip(ids, qpos, qvel, strict=True):
+        for i, q, v in zip(ids.tolist(), qpos, qvel, strict=True):
             data = self._data[i]
             mujoco.mj_resetData(self._model, data)
             data.qpos[:], data.qvel[:] = q, v

@@ -13,6 +13,9 @@ from jaxtyping import Float
 from galton.bins import Bins
 from galton.errors import BrokenEnvironmentError, UsageError, require
 
+LEAST_SPAN = 1e-30
+"""Of an action dimension: bins of a narrower one would underflow."""
+
 
 @dataclasses.dataclass(frozen=True)
 class ActionBox:
@@ -32,14 +35,33 @@ class ActionBox:
             f"{actions}; Galton is for continuous actions and needs a Box. Wrap the environment so that it takes one "
             "(gymnasium.wrappers.TransformAction)",
         )
-        require(space.dtype.kind == "f", f"{actions}, which are integers; Galton needs a Box of floating-point numbers")
-        require(np.prod(space.shape) > 0, f"{actions}, a box without dimensions; there is nothing to learn")
+        require(
+            space.dtype.kind == "f",
+            f"{actions}, whose type is {space.dtype}; Galton needs a Box of floating-point numbers. Wrap the "
+            "environment so that it takes one and rounds (gymnasium.wrappers.TransformAction)",
+        )
+        require(np.prod(space.shape) > 0, f"{actions}, a box without dimensions; give it one at least")
         remedy = "Give it finite bounds: gymnasium.wrappers.TransformAction(env, lambda action: action, Box(low, high))"
         for bound, side in ((space.low, "low"), (space.high, "high")):
             for problem, where in (("not a number", np.isnan(bound)), ("unbounded", np.isinf(bound))):
                 index = ", ".join(map(str, np.argwhere(where)[0])) if where.any() else ""
                 require(not where.any(), f"{actions}; {side} is {problem} at [{index}], and bins need an end. {remedy}")
-        require((space.low < space.high).all(), f"{actions}; each low must lie below its high")
+        empty = np.argwhere(space.low >= space.high)
+        index = ", ".join(map(str, empty[0])) if len(empty) else ""
+        require(
+            not len(empty), f"{actions}; low must lie below high at [{index}]. Leave that dimension out or widen it"
+        )
+        spans = space.high.astype(np.float64) - space.low.astype(np.float64)
+        require(
+            (abs(np.stack([space.low, space.high, spans])) <= np.finfo(np.float32).max).all(),
+            f"{actions}, which is too large for float32; wrap the environment so that it takes smaller actions "
+            "(gymnasium.wrappers.RescaleAction)",
+        )
+        require(
+            (spans > LEAST_SPAN).all() and (self.low < self.high).all(),
+            f"{actions}, which is too narrow for float32; wrap the environment so that it takes larger actions "
+            "(gymnasium.wrappers.RescaleAction)",
+        )
         try:
             Bins(self.low, self.high, 2)
         except UsageError as error:
@@ -59,9 +81,10 @@ class ActionBox:
 
     def to_env(self, action: Float[np.ndarray, "*batch d"]) -> np.ndarray:
         """Clipped into the exact bounds, in the environment's shape and precision; a copy."""
-        shaped = action.reshape(*action.shape[:-1], *self.space.shape)
-        clipped: np.ndarray = np.clip(shaped, self.space.low, self.space.high, dtype=self.space.dtype)
-        return clipped
+        shaped = action.reshape((*action.shape[:-1], *self.space.shape))
+        with np.errstate(over="ignore"):  # the bounds take care of it
+            clipped = np.clip(shaped, self.space.low, self.space.high, dtype=self.space.dtype)
+        return np.asarray(clipped)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -79,8 +102,9 @@ class Observations:
         remedy = "wrap the environment so that it observes a Box, or a Dict or Tuple of them"
         observations = f"{self.name} observes {self.space}"
         require(
-            isinstance(self.space, gymnasium.Space) and bool(self.space.is_np_flattenable),
-            f"{observations}, which has no fixed size; {remedy}",
+            _has_fixed_size(self.space),
+            f"{observations}; only Box, Discrete, MultiDiscrete, MultiBinary, and Dict and Tuple of them, can be "
+            f"flattened: {remedy}",
         )
         require(self.size > 0, f"{observations}, which is empty; {remedy}")
 
@@ -92,17 +116,17 @@ class Observations:
     def flatten(self, raw: Any, where: str) -> Float[np.ndarray, " o"]:
         """One observation as a vector; BrokenEnvironmentError says what is wrong with it."""
         if isinstance(self.space, Box):
-            try:
-                values = np.asarray(raw)
-            except ValueError:
-                values = np.asarray(None)
-            if values.shape != self.space.shape or values.dtype.kind not in "fiub":
+            values = as_numbers(raw)
+            if values is None or values.shape != self.space.shape:
                 raise BrokenEnvironmentError(f"{where}: the observation is {shown(raw)}; the space is {self.space}")
         else:
             try:
-                self._check_parts(self.space, raw)
-                values = np.asarray(flatten(self.space, raw))
-            except (TypeError, ValueError, KeyError, AttributeError, IndexError, AssertionError) as error:
+                self._check_parts(self.space, raw, "the observation", where)
+                with np.errstate(over="ignore"):  # found below
+                    values = np.asarray(flatten(self.space, raw))
+            except BrokenEnvironmentError:
+                raise
+            except Exception as error:
                 raise BrokenEnvironmentError(
                     f"{where}: the observation is {shown(raw)}, which the space {self.space} can't hold: {error!r}"
                 ) from error
@@ -119,6 +143,9 @@ class Observations:
                 rows = as_float32(values, "it", "predict").reshape(-1, self.size)
                 return rows, single
             single = _depth(observation, self.space) == 0
+            if not single:
+                lengths = _lengths(observation, self.space)
+                require(len(lengths) == 1, f"its parts are batches of {sorted(lengths)}")
             parts = [observation] if single else list(iterate(batch_space(self.space, 1), observation))
             return np.stack([self.flatten(part, "predict") for part in parts]), single
         except (BrokenEnvironmentError, UsageError, TypeError, ValueError, KeyError, IndexError) as error:
@@ -126,20 +153,36 @@ class Observations:
                 f"observation is {shown(observation)}: {error}; it must be one of {self.space}, or a batch of them"
             ) from None
 
-    def _check_parts(self, space: gymnasium.Space[Any], raw: Any) -> None:
+    def _check_parts(self, space: gymnasium.Space[Any], raw: Any, name: str, where: str) -> None:
         """What `flatten` would not notice."""
         if isinstance(space, Dict):
             if set(raw) != set(space.spaces):
-                raise KeyError(f"its keys are {sorted(raw)}")
+                raise KeyError(f"the keys of {name} are {list(raw)}")
             for key, part in space.spaces.items():
-                self._check_parts(part, raw[key])
+                self._check_parts(part, raw[key], f"{name}[{key!r}]", where)
         elif isinstance(space, Tuple):
-            if len(raw) != len(space.spaces):
-                raise ValueError(f"it has {len(raw)} parts")
-            for part, value in zip(space.spaces, raw, strict=True):
-                self._check_parts(part, value)
-        elif np.shape(raw) != space.shape:
-            raise ValueError(f"a part has shape {np.shape(raw)} instead of {space.shape}")
+            if not isinstance(raw, tuple | list | np.ndarray) or len(raw) != len(space.spaces):
+                raise ValueError(f"{name} must be a tuple of {len(space.spaces)}")
+            for i, (part, value) in enumerate(zip(space.spaces, raw, strict=True)):
+                self._check_parts(part, value, f"{name}[{i}]", where)
+        elif isinstance(space, Box):
+            values = as_numbers(raw)
+            if values is None or values.shape != space.shape:
+                raise ValueError(f"{name} is {shown(raw)}, which must have shape {space.shape}")
+            as_float32(values, name, where)
+            if space.dtype.kind != "f" and not np.array_equal(values.astype(space.dtype), values):
+                raise ValueError(f"{name} is {shown(raw)}, which must be {space.dtype}")
+        elif not space.contains(raw):
+            raise ValueError(f"{name} is {shown(raw)}, which is not in {space}")
+
+
+def as_numbers(raw: Any) -> np.ndarray | None:
+    """What an environment returned as an array; None if it isn't one of real numbers."""
+    try:
+        values = np.asarray(raw)
+    except Exception:  # anything may come, even with an __array__ that fails
+        return None
+    return values if values.dtype.kind in "fiub" else None
 
 
 def as_float32(values: np.ndarray, what: str, where: str) -> Float[np.ndarray, "..."]:
@@ -158,7 +201,10 @@ def as_float32(values: np.ndarray, what: str, where: str) -> Float[np.ndarray, "
 
 def shown(value: Any) -> str:
     """A value in an error message, cut short."""
-    text = " ".join(repr(value).split())
+    try:
+        text = " ".join(repr(value).split())
+    except Exception:
+        text = f"a {type(value).__name__} that can't be shown"
     described = f" of shape {value.shape}" if isinstance(value, np.ndarray) else ""
     return (text if len(text) <= 120 else f"{text[:117]}...") + described
 
@@ -173,6 +219,23 @@ def _depth(observation: Any, space: gymnasium.Space[Any]) -> int:
     return np.ndim(observation) - len(space.shape or ())
 
 
+def _lengths(observation: Any, space: gymnasium.Space[Any]) -> set[int]:
+    """Of the batches in a batch of observations."""
+    if isinstance(space, Dict):
+        return set().union(*(_lengths(observation[key], part) for key, part in space.spaces.items()))
+    if isinstance(space, Tuple):
+        return set().union(*(_lengths(observation[i], part) for i, part in enumerate(space.spaces)))
+    return {len(observation)}
+
+
+def _has_fixed_size(space: Any) -> bool:
+    if isinstance(space, Dict):
+        return all(map(_has_fixed_size, space.spaces.values()))
+    if isinstance(space, Tuple):
+        return all(map(_has_fixed_size, space.spaces))
+    return isinstance(space, Box | Discrete | MultiDiscrete | MultiBinary)
+
+
 def to_json(space: gymnasium.Space[Any]) -> dict[str, Any]:
     """A space in plain words, for a checkpoint."""
     if isinstance(space, Dict):
@@ -185,11 +248,11 @@ def to_json(space: gymnasium.Space[Any]) -> dict[str, Any]:
             bounds = [[bound[0]] for bound in bounds]
         return {"Box": [*bounds, list(space.shape), space.dtype.str]}
     if isinstance(space, Discrete):
-        return {"Discrete": [int(space.n), int(space.start)]}
+        return {"Discrete": [int(space.n), int(space.start), space.dtype.str]}
     if isinstance(space, MultiDiscrete):
-        return {"MultiDiscrete": space.nvec.tolist()}
+        return {"MultiDiscrete": [space.nvec.tolist(), space.start.tolist(), space.dtype.str]}
     if isinstance(space, MultiBinary):
-        return {"MultiBinary": [int(n) for n in space.shape]}
+        return {"MultiBinary": space.n if isinstance(space.n, int) else [int(n) for n in space.n]}
     raise UsageError(f"a space of type {type(space).__name__} can't be saved")
 
 
@@ -197,20 +260,22 @@ def from_json(record: dict[str, Any]) -> gymnasium.Space[Any]:
     """Undo `to_json`."""
     ((kind, content),) = record.items()
     if kind == "Dict":
-        return Dict({key: from_json(part) for key, part in content})
+        return Dict([(key, from_json(part)) for key, part in content])  # in this order
     if kind == "Tuple":
         return Tuple([from_json(part) for part in content])
     if kind == "Box":
         low, high, shape, dtype = content
         low, high = (
-            np.broadcast_to(np.array(bound, dtype), shape) if len(bound) == 1 else np.array(bound, dtype).reshape(shape)
+            np.full(shape, bound[0], dtype) if len(bound) == 1 else np.array(bound, dtype).reshape(shape)
             for bound in (low, high)
         )
         return Box(low, high, tuple(shape), np.dtype(dtype).type)
     if kind == "Discrete":
-        return Discrete(content[0], start=content[1])
+        n, start, dtype = content
+        return Discrete(n, start=start, dtype=np.dtype(dtype).type)
     if kind == "MultiDiscrete":
-        return MultiDiscrete(content)
+        nvec, start, dtype = content
+        return MultiDiscrete(nvec, dtype=np.dtype(dtype).type, start=start)
     if kind == "MultiBinary":
         return MultiBinary(content)
     raise ValueError(f"no space is called {kind!r}")

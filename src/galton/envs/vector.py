@@ -1,15 +1,16 @@
 """Vector environments that the user made: Gymnasium's and Stable-Baselines3's."""
 
+from collections.abc import Callable
 from typing import Any
 
 import gymnasium
 import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv
-from gymnasium.vector.utils import iterate
-from jaxtyping import Float, Int
+from gymnasium.vector.utils import batch_space, iterate
+from jaxtyping import Float, Integer
 
 from galton.envs.base import HostEnvironments, Steps
-from galton.envs.spaces import ActionBox, Observations, as_float32, shown
+from galton.envs.spaces import ActionBox, Observations, as_float32, as_numbers, shown
 from galton.errors import BrokenEnvironmentError, require
 
 
@@ -37,10 +38,9 @@ class VectorTask:
                 "step: make it with autoreset_mode=gymnasium.vector.AutoresetMode.SAME_STEP (gymnasium.make_vec takes "
                 "it in vector_kwargs)",
             )
-            self.action_space: Any = source.single_action_space
-            self.observation_space: Any = source.single_observation_space
-        else:
-            self.action_space, self.observation_space = source.action_space, source.observation_space
+        kind = "single_" if isinstance(source, VectorEnv) else ""
+        spaces: list[Any] = [getattr(source, f"{kind}{name}_space", None) for name in ("action", "observation")]
+        self.action_space, self.observation_space = spaces
         self._actions = ActionBox(self.name, self.action_space)
         self._observations = Observations(self.name, self.observation_space)
 
@@ -78,67 +78,95 @@ class _Vector:
             return getattr(self._envs, method)(*arguments, **keywords)
         except Exception as error:
             told = f"{type(error).__name__}: {error}"
-            raise BrokenEnvironmentError(f"{self._name}, step {self._n_steps}: {method} raised {told}") from error
+            raise BrokenEnvironmentError(f"{self._where()}: {method} raised {told}") from error
+
+    def _call_for(self, what: str, method: str, *arguments: Any, **keywords: Any) -> Any:
+        """The parts of a tuple, named in `what`."""
+        answer = self._call(method, *arguments, **keywords)
+        if not isinstance(answer, tuple) or len(answer) != len(what.split(", ")):
+            raise BrokenEnvironmentError(f"{self._where()}: {method} returned {shown(answer)}; it must return ({what})")
+        return answer
+
+    def _where(self, copy: int | None = None) -> str:
+        which = "" if copy is None else f", copy {copy}"
+        return f"{self._name}{which}, step {self._n_steps}"
 
     def _rows(self, batch: Any) -> Float[np.ndarray, "M o"]:
         """Observations of all copies, flat and checked."""
         space, n = self._observations.space, self._envs.num_envs
-        where = f"{self._name}, step {self._n_steps}"
         if isinstance(space, gymnasium.spaces.Box):
-            values = np.asarray(batch)
-            if values.shape != (n, *space.shape) or values.dtype.kind not in "fiub":
+            values = as_numbers(batch)
+            if values is None or values.shape != (n, *space.shape):
                 raise BrokenEnvironmentError(
-                    f"{where}: the observations are {shown(batch)}; they must be {(n, *space.shape)}"
+                    f"{self._where()}: the observations are {shown(batch)}; they must be {(n, *space.shape)}"
                 )
-            return as_float32(values.reshape(n, -1), "the observations", where)
-        try:
-            parts = list(iterate(gymnasium.vector.utils.batch_space(space, n), batch))
-        except Exception as error:
-            raise BrokenEnvironmentError(f"{where}: the observations are {shown(batch)}: {error!r}") from error
+            parts = list(values)
+        else:
+            try:
+                parts = list(iterate(batch_space(space, n), batch))
+            except Exception as error:
+                raise BrokenEnvironmentError(
+                    f"{self._where()}: the observations are {shown(batch)}: {error!r}"
+                ) from error
+            if len(parts) != n:
+                raise BrokenEnvironmentError(f"{self._where()}: there are {len(parts)} observations for {n} copies")
         return np.stack([self._row(i, part) for i, part in enumerate(parts)])
 
     def _row(self, copy: int, raw: Any) -> Float[np.ndarray, " o"]:
-        return self._observations.flatten(raw, f"{self._name}, copy {copy}, step {self._n_steps}")
+        return self._observations.flatten(raw, self._where(copy))
+
+    def _final(self, following: np.ndarray, done: np.ndarray, raw: Callable[[int], Any], key: str) -> np.ndarray:
+        """What the step led to: the last observations of the episodes that ended, from under that key of the infos."""
+        if not done.any():
+            return following
+        final = following.copy()
+        for i in map(int, np.flatnonzero(done)):
+            try:
+                last = raw(i)
+            except (KeyError, IndexError, TypeError):
+                last = None
+            if last is None:
+                raise BrokenEnvironmentError(f"{self._where(i)}: {key} is missing in info, where an episode ended")
+            final[i] = self._row(i, last)
+        return final
 
     def _numbers(self, values: Any, what: str, kind: type) -> Any:
         """One number per copy."""
-        array, n = np.asarray(values), self._envs.num_envs
-        where = f"{self._name}, step {self._n_steps}"
-        if array.shape != (n,) or array.dtype.kind not in ("b" if kind is bool else "fiub"):
-            raise BrokenEnvironmentError(f"{where}: {what} is {shown(values)}; it must be {n} of {kind.__name__}")
-        return array.astype(bool) if kind is bool else as_float32(array, what, where)
+        array, n = as_numbers(values), self._envs.num_envs
+        if array is None or array.shape != (n,) or (kind is bool and array.dtype != bool):
+            raise BrokenEnvironmentError(
+                f"{self._where()}: {what} is {shown(values)}; it must be {n} of {kind.__name__}"
+            )
+        if kind is bool:
+            return array.copy()
+        return np.stack([as_float32(array[i, ...], what, self._where(i)) for i in range(n)])
 
 
 class GymnasiumVector(_Vector):
     """A gymnasium.vector.VectorEnv in SAME_STEP mode."""
 
-    def reset(self, seeds: Int[np.ndarray, " M"]) -> Float[np.ndarray, "M o"]:
+    def reset(self, seeds: Integer[np.ndarray, " M"]) -> Float[np.ndarray, "M o"]:
         """Begin episodes."""
         self._n_steps = 0
-        return self._rows(self._call("reset", seed=[int(seed) for seed in seeds])[0])
+        return self._rows(self._call_for("observations, infos", "reset", seed=[int(seed) for seed in seeds])[0])
 
     def step(self, action: Float[np.ndarray, "M d"]) -> Steps:
         """Act; the environment resets itself."""
         self._n_steps += 1
-        raw, rewards, terminations, truncations, infos = self._call("step", self._actions.to_env(action))
+        raw, rewards, terminations, truncations, infos = self._call_for(
+            "observations, rewards, terminations, truncations, infos", "step", self._actions.to_env(action)
+        )
         following = self._rows(raw)
         terminated = self._numbers(terminations, "terminated", bool)
         truncated = self._numbers(truncations, "truncated", bool)
-        final = following
-        ended = np.flatnonzero(terminated | truncated)
-        if len(ended):
-            final = following.copy()
-            for i in ended:
-                if "final_obs" not in infos:
-                    raise BrokenEnvironmentError(f"{self._name}, copy {i}, step {self._n_steps}: final_obs is missing")
-                final[i] = self._row(int(i), infos["final_obs"][i])
+        final = self._final(following, terminated | truncated, lambda i: infos["final_obs"][i], "final_obs")
         return Steps(following, final, self._numbers(rewards, "the reward", float), terminated, truncated & ~terminated)
 
 
 class SB3Vector(_Vector):
     """An SB3 VecEnv."""
 
-    def reset(self, seeds: Int[np.ndarray, " M"]) -> Float[np.ndarray, "M o"]:
+    def reset(self, seeds: Integer[np.ndarray, " M"]) -> Float[np.ndarray, "M o"]:
         """Begin episodes; SB3 numbers the copies' seeds on from the first."""
         self._n_steps = 0
         self._call("seed", int(seeds[0]))
@@ -147,20 +175,14 @@ class SB3Vector(_Vector):
     def step(self, action: Float[np.ndarray, "M d"]) -> Steps:
         """Act; the environment resets itself."""
         self._n_steps += 1
-        raw, rewards, dones, infos = self._call("step", self._actions.to_env(action))
+        raw, rewards, dones, infos = self._call_for(
+            "observations, rewards, dones, infos", "step", self._actions.to_env(action)
+        )
         following = self._rows(raw)
         done = self._numbers(dones, "dones", bool)
-        truncated = np.array([bool(info.get("TimeLimit.truncated", False)) for info in infos]) & done
-        final = following
-        ended = np.flatnonzero(done)
-        if len(ended):
-            final = following.copy()
-            for i in ended:
-                if "terminal_observation" not in infos[i]:
-                    raise BrokenEnvironmentError(
-                        f"{self._name}, copy {i}, step {self._n_steps}: terminal_observation is missing"
-                    )
-                final[i] = self._row(int(i), infos[i]["terminal_observation"])
+        key = "terminal_observation"
+        final = self._final(following, done, lambda i: infos[i][key], key)
+        truncated = np.array([ended and bool(infos[i].get("TimeLimit.truncated")) for i, ended in enumerate(done)])
         return Steps(following, final, self._numbers(rewards, "the reward", float), done & ~truncated, truncated)
 
 

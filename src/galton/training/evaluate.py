@@ -5,7 +5,7 @@ from collections.abc import Callable
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int, Key, PyTree
+from jaxtyping import Array, Float, Integer, Key, PyTree
 
 from galton import normalization
 from galton.algorithms import a2c
@@ -33,7 +33,7 @@ def deterministic_action(
 def play(
     name: str,
     envs: HostEnvironments,
-    seeds: Int[np.ndarray, " n"],
+    seeds: Integer[np.ndarray, " n"],
     act: Callable[[Float[np.ndarray, "n o"]], Float[np.ndarray, "n d"]],
 ) -> Float[np.ndarray, " n"]:
     """Undiscounted returns of one whole episode in each of n environments outside JAX.

@@ -1,6 +1,6 @@
 """What `train` and `A2C` need of R runs that are trained side by side, wherever their environments live."""
 
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -9,6 +9,7 @@ from galton.training.state import Log
 from galton.types import Hypers, Learner
 
 
+@runtime_checkable
 class Population(Protocol):
     """R runs of one Config. All arrays that go in or out are numpy's, with a leading axis R."""
 

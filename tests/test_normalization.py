@@ -1,0 +1,97 @@
+"""Running normalisation against Stable-Baselines3's VecNormalize, step by step."""
+
+import gymnasium
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from gymnasium.spaces import Box
+from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
+
+from galton import Config, Hypers, normalization
+from galton.training.host import HostPopulation
+from galton.envs import find
+
+N = 3
+receive, standardise = jax.jit(normalization.receive), jax.jit(normalization.observation)
+
+
+class Drift(gymnasium.Env):
+    """Observations of very different scales; episodes of five steps, cut off or ended in turn."""
+
+    observation_space = Box(-np.inf, np.inf, (2,))
+    action_space = Box(-1.0, 1.0, (1,))
+    episode = 0
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        self.t, self.episode = 0, self.episode + 1
+        return self._observe(), {}
+
+    def step(self, action):
+        self.t += 1
+        end, kind = self.t == 5, self.episode % 2
+        return self._observe(), float(self.np_random.normal(3, 50)), end and kind == 0, end and kind == 1, {}
+
+    def _observe(self):
+        return (self.np_random.normal(size=2) * [1e-2, 1e3] + [5, -200]).astype(np.float32)
+
+
+def test_statistics_and_numbers_are_vec_normalizes():
+    theirs = VecNormalize(DummyVecEnv([Drift] * N), gamma=0.9)
+    theirs.seed(0)
+    seen = theirs.reset()
+    config = Config(n_envs=N, normalize_observation=True, normalize_reward=True)
+    normalizer = normalization.observe(normalization.init(config, 2), jnp.asarray(theirs.get_original_obs()))
+    np.testing.assert_allclose(standardise(normalizer, theirs.get_original_obs()), seen, rtol=1e-3, atol=2e-5)
+    for _ in range(300):
+        seen, scaled, done, infos = theirs.step(np.zeros((N, 1), np.float32))
+        raw, raw_reward = theirs.get_original_obs(), theirs.get_original_reward()
+        final = raw.copy()
+        for i in np.flatnonzero(done):
+            final[i] = theirs.unnormalize_obs(infos[i]["terminal_observation"])
+        normalizer, reward, end = receive(normalizer, raw_reward, done, final, raw, Hypers(gamma=0.9))
+        np.testing.assert_allclose(standardise(normalizer, raw), seen, rtol=1e-3, atol=2e-3)
+        np.testing.assert_allclose(reward, scaled, rtol=1e-3, atol=1e-3)
+        for i in np.flatnonzero(done):
+            np.testing.assert_allclose(end[i], infos[i]["terminal_observation"], rtol=2e-3, atol=5e-3)
+    np.testing.assert_allclose(normalizer.observation.mean, theirs.obs_rms.mean, rtol=1e-4)
+    np.testing.assert_allclose(normalizer.observation.variance, theirs.obs_rms.var, rtol=1e-3)
+    np.testing.assert_allclose(normalizer.discounted_return.variance, theirs.ret_rms.var, rtol=1e-3)
+
+
+def test_moments_are_numpys_over_all_samples():
+    rng, samples = np.random.default_rng(0), []
+    moments = normalization.Moments(jnp.zeros(3), jnp.ones(3), jnp.float32(1e-4))
+    update = jax.jit(normalization.update_moments)
+    for _ in range(500):
+        samples.append((rng.normal(size=(4, 3)) * [1, 10, 0.1] + [0, 30, 7]).astype(np.float32))
+        moments = update(moments, samples[-1])
+    samples = np.concatenate(samples)
+    np.testing.assert_allclose(moments.mean, samples.mean(0), rtol=1e-3, atol=1e-3)
+    np.testing.assert_allclose(moments.variance, samples.var(0), rtol=1e-3)
+
+
+@pytest.mark.parametrize("flags", [(False, False), (True, False), (False, True)])
+def test_what_is_off_costs_and_changes_nothing(flags):
+    config = Config(n_envs=N, normalize_observation=flags[0], normalize_reward=flags[1])
+    normalizer = normalization.init(config, 2)
+    raw, reward = np.full((N, 2), 7.0, np.float32), np.full(N, 3.0, np.float32)
+    after, scaled, final = receive(normalizer, reward, np.zeros(N, bool), raw, raw, Hypers())
+    assert bool(after.observation) == flags[0]
+    assert bool(after.discounted_return) == flags[1]
+    assert flags[0] or (np.asarray(final) == raw).all()
+    assert flags[1] or (np.asarray(scaled) == reward).all()
+
+
+def test_the_host_loop_records_standardised_observations():
+    config = Config(loss="gaussian", n_envs=2, n_steps=50, net_arch=(4,), normalize_observation=True)
+    hypers = Hypers._make(np.full(1, value, np.float32) for value in Hypers())
+    population = HostPopulation(find(lambda: gymnasium.wrappers.TimeLimit(Drift(), 100)), config, hypers, [0])
+    population.advance(20)
+    moments = population.learner.normalizer.observation
+    np.testing.assert_allclose(moments.mean[0], [5, -200], rtol=0.2)
+    np.testing.assert_allclose(np.sqrt(moments.variance[0]), [1e-2, 1e3], rtol=0.1)
+    batch = population._groups[0]._batch
+    np.testing.assert_allclose(batch.observation[0].reshape(-1, 2).std(0), 1, atol=0.25)
+    assert np.abs(batch.observation).max() <= 10
