@@ -10,6 +10,10 @@ PIP = $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constr
 demo: $(VENV)/installed  ## Classification against regression on the LQR: a table and a figure in runs/demo.
 	$(BIN)/galton compare lqr --losses gaussian hl-one-hot hl-gauss hl-gauss-centred --out $(OUT) --overwrite
 
+# Programs that tests compile more than once, in several processes, are compiled once.
+test test-all: export JAX_COMPILATION_CACHE_DIR = $(abspath $(VENV))/jax-cache
+test test-all: export JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS = 0.3
+
 test: lint  ## Lint, types and the tests that take seconds.
 	$(BIN)/python -m pytest -n auto -m "not slow"
 

@@ -8,12 +8,14 @@ import subprocess
 import sys
 import time
 
+import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from PIL import Image
 
 from galton import LOSSES
 from galton.envs import ENVS
-from galton.training.checkpoint import load
+from galton.training.checkpoint import read
 
 SMALL = ["--steps", "400", "--logs", "4", "--eval-episodes", "2", "--n-bins", "10"]
 
@@ -46,8 +48,8 @@ def test_a_commands_help_lists_losses_and_environments(command):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["frobnicate"], "command is 'frobnicate'; choose from train, compare"),
-        (["compare", "cartpole"], "environment is 'cartpole'; choose from bandit, lqr"),
+        (["frobnicate"], "command is 'frobnicate'; choose from train, compare, watch"),
+        (["compare", "cartpole"], "environment is 'cartpole'; Gymnasium knows no environment of that name"),
         (["train", "lqr", "--loss", "mse"], "loss is 'mse'; choose from gaussian"),
         (["compare", "lqr", "--losses", "gaussian", "mse"], "loss is 'mse'; choose from gaussian"),
         (
@@ -73,6 +75,76 @@ def test_a_wrong_argument_gives_one_clear_line_and_code_2(arguments, message, tm
 
 
 @pytest.mark.parametrize("command", ["train", "compare"])
+def test_gymnasium_ids_are_taken_and_what_they_cant_do_is_said(tmp_path):
+    done = galton("train", "CartPole-v1", cwd=tmp_path)
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+    assert "CartPole-v1 has actions Discrete(2); Galton is for continuous actions" in done.stderr
+    out = tmp_path / "run"
+    done = galton("train", "Pendulum-v1", *SMALL, "--env-kwargs", '{"g": 5.0}', "--out", out, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    film = tmp_path / "film.gif"
+    done = galton("watch", out, "--out", film, "--max-steps", "10")
+    assert done.returncode == 0, done.stderr
+    frames = Image.open(film)
+    assert frames.n_frames == 11
+    assert any(np.ptp(np.asarray(frames.convert("L"))) > 0 for _ in [frames.seek(5)])
+    done = galton("compare", "Pendulum-v1", "--seeds", "2", *SMALL, "--losses", "gaussian", "--out", tmp_path / "cmp")
+    assert done.returncode == 0, done.stderr
+    assert json.loads((tmp_path / "cmp" / "summary.json").read_text())[0]["share_of_optimum"] is None
+
+
+def test_an_id_may_name_the_module_that_registers_it(tmp_path):
+    (tmp_path / "mine.py").write_text(
+        "import gymnasium\ngymnasium.register('Mine-v0', 'gymnasium.envs.classic_control:PendulumEnv', "
+        "max_episode_steps=20)\n"
+    )
+    done = galton("train", "mine:Mine-v0", *SMALL, "--out", "run", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    done = galton("watch", "run", cwd=tmp_path)
+    assert done.returncode == 2
+    assert "which imports a module; give it with --env if you trust it" in done.stderr
+    done = galton("watch", "run", "--env", "mine:Mine-v0", "--out", "a.gif", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+
+
+def test_a_resumed_run_equals_one_without_a_break(tmp_path):
+    """On a task with states, to the byte; what an unfinished process logged after its last save is not kept."""
+    whole, broken = tmp_path / "whole", tmp_path / "broken"
+    options = ["--logs", "8", "--eval-episodes", "2", "--n-bins", "10", "--normalize-observation"]
+    assert galton("train", "lqr", "--steps", "800", *options, "--out", whole).returncode == 0
+    assert galton("train", "lqr", "--steps", "400", *options[2:], "--logs", "4", "--out", broken).returncode == 0
+    metrics = broken / "metrics.jsonl"
+    metrics.write_text(metrics.read_text() + '{"time/total_timesteps": 500}\n')
+    done = galton("train", "lqr", "--steps", "800", *options, "--out", broken, "--resume")
+    assert done.returncode == 0, done.stderr
+
+    def known(path):
+        lines = [json.loads(line) for line in (path / "metrics.jsonl").read_text().splitlines()]
+        return [{k: v for k, v in line.items() if k not in ("time/fps", "time/time_elapsed")} for line in lines]
+
+    assert known(whole) == known(broken)
+    assert len(known(whole)) == 8
+    for (_, a), (_, b) in [(read(whole / name), read(broken / name)) for name in ("model.safetensors",)]:
+        assert all((a[name] == b[name]).all() for name in a | b)
+    wrong = galton("train", "lqr", "--steps", "900", *options, "--eta", "0.5", "--out", broken, "--resume")
+    assert wrong.returncode == 2
+    assert "give the same options to resume it" in wrong.stderr
+
+
+def test_an_interrupted_run_is_saved_and_goes_on(tmp_path):
+    out = tmp_path / "run"
+    command = [sys.executable, "-m", "galton", "train", "lqr", "--n-bins", "10", "--eval-episodes", "0", "--out", out]
+    process = subprocess.Popen([*command, "--steps", "100000000"], stderr=subprocess.PIPE, stdout=subprocess.DEVNULL)
+    deadline = time.monotonic() + 120
+    while not (out / "metrics.jsonl").exists() and time.monotonic() < deadline:
+        time.sleep(0.1)
+    process.send_signal(signal.SIGINT)
+    _, stderr = process.communicate(timeout=120)
+    assert process.returncode == 130
+    step = int(re.search(r"interrupted at step ([\d,]+)", stderr.decode())[1].replace(",", ""))
+    assert read(out / "model.safetensors")[0]["step"] == step > 0
+
+
 def test_a_folder_in_use_is_refused_and_left_alone(command, tmp_path):
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "precious").write_text("mine")
@@ -87,16 +159,16 @@ def test_train_writes_a_run_folder(tmp_path):
     done = galton("train", "lqr", "--loss", "hl-one-hot", "--seed", "7", *SMALL, "--out", tmp_path / "run")
     assert done.returncode == 0, done.stderr
     files = {path.name for path in (tmp_path / "run").iterdir()}
-    assert files == {"config.json", "metrics.parquet", "checkpoint.json", "checkpoint.safetensors"}
+    assert files == {"config.json", "metrics.jsonl", "model.safetensors", "best_model.safetensors"}
     assert list(tmp_path.iterdir()) == [tmp_path / "run"], "no scratch and no lock is left"
     settings = json.loads((tmp_path / "run" / "config.json").read_text())
     assert settings["loss"] == "hl-one-hot"
     assert settings["config"]["n_bins"] == 10
     assert "jax" in settings["versions"]
-    metrics = pq.read_table(tmp_path / "run" / "metrics.parquet").to_pydict()
-    assert metrics["step"] == [100, 200, 300, 400]
-    checkpoint = load(tmp_path / "run")
-    assert (checkpoint.seed, checkpoint.step) == (7, 400)
+    lines = [json.loads(line) for line in (tmp_path / "run" / "metrics.jsonl").read_text().splitlines()]
+    assert [line["time/total_timesteps"] for line in lines] == [100, 200, 300, 400]
+    checkpoint, _ = read(tmp_path / "run" / "model.safetensors")
+    assert (checkpoint["seed"], checkpoint["step"]) == (7, 400)
 
 
 def test_compare_writes_table_figure_and_numbers(tmp_path):

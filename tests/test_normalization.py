@@ -9,8 +9,8 @@ from gymnasium.spaces import Box
 from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 
 from galton import Config, Hypers, normalization
-from galton.training.host import HostPopulation
 from galton.envs import find
+from galton.training.host import HostPopulation
 
 N = 3
 receive, standardise = jax.jit(normalization.receive), jax.jit(normalization.observation)

@@ -24,11 +24,15 @@ from galton.envs.spaces import ActionBox, Observations, from_json, to_json
 from galton.errors import CheckpointError, DivergenceError, require, require_integer
 from galton.policies import Policy
 from galton.training import checkpoint
+from galton.training import settings as saved
 from galton.training.evaluate import deterministic_action, evaluate, play
 from galton.training.populate import populate
 from galton.training.population import Population
 from galton.training.train import check_seed
 from galton.types import Config, Hypers, Learner, check_hypers
+
+LAYOUT = 100
+"""Updates for which programs are laid out: always the same, so that a run which is resumed keeps its bits."""
 
 Deterministic = Literal["mode", "mean", "median"]
 
@@ -98,6 +102,8 @@ class A2C:
         seed: int = 0,
         env_kwargs: dict[str, Any] | None = None,
     ) -> None:
+        require(isinstance(loss, str), f"loss is {loss!r}; it must be a key of LOSSES")
+        require(isinstance(net_arch, Iterable), f"net_arch is {net_arch!r}; give numbers of units, such as (64, 64)")
         task = find(env, **(env_kwargs or {}))
         given = None if isinstance(task, Environment) else task.given
         config = Config(
@@ -127,9 +133,10 @@ class A2C:
         self, config: Config, hypers: Hypers, seed: int, actions: ActionBox, observations: Observations
     ) -> None:
         """All but the environment."""
-        check_hypers(hypers)
         for name, value in hypers._asdict().items():
             require(np.ndim(value) == 0, f"{name} is {value}; A2C is one run: give one number (train takes many)")
+            require(np.asarray(value).dtype.kind in "fiu", f"{name} is {value!r}; it must be a number")
+        check_hypers(hypers)
         check_seed(seed)
         self.config, self.hypers, self.seed = config, hypers, seed
         self._actions, self._observations = actions, observations
@@ -138,13 +145,13 @@ class A2C:
         self._env: Environment | HostTask | None = None
         self._learner: Learner | None = None
         self._n_predictions = 0
-        self._interval = 100
+        self._interval = LAYOUT
         self._steps_at_load = 0
 
     def _connect(self, task: Environment | HostTask) -> None:
         self._env = task
         hypers = Hypers._make(np.full(1, value, np.float32) for value in self.hypers)
-        self._population = populate(task, self.config, hypers, [self.seed], self._interval)
+        self._population = populate(task, self.config, hypers, [self.seed], LAYOUT)
 
     @property
     def env(self) -> Environment | HostTask | None:
@@ -283,7 +290,7 @@ class A2C:
             self._n_predictions += 1
             action = _explore(self._policy, learner, rows, key)
         actions = self._actions.to_env(np.asarray(action))
-        return (actions[0] if single else actions), state
+        return (actions[0, ...] if single else actions), state
 
     def evaluate(self, n_episodes: int = 10, env: Any = None) -> Float[np.ndarray, " n_episodes"]:
         """Undiscounted returns of whole episodes without exploration; training is not touched by it.
@@ -320,7 +327,8 @@ class A2C:
         settings = {
             "class": "A2C",
             "env": self._env_name(),
-            "config": vars(self.config) | {"net_arch": list(self.config.net_arch)},
+            "config": {name: type(like)(getattr(self.config, name)) for name, like in saved.EXAMPLE["config"].items()}
+            | {"net_arch": [int(units) for units in self.config.net_arch]},
             "hypers": {name: float(value) for name, value in self.hypers._asdict().items()},
             "seed": int(self.seed),
             "step": self.num_timesteps,
@@ -351,45 +359,52 @@ class A2C:
         settings, arrays = checkpoint.read(path)
         model = cls.__new__(cls)
         try:
+            saved.check(settings, arrays)
             actions = ActionBox("the checkpoint", from_json(settings["action_space"]))
             observations = Observations("the checkpoint", from_json(settings["observation_space"]))
-            config, hypers = Config(**settings["config"]), Hypers(**settings["hypers"])
+            config = Config(**settings["config"] | {"net_arch": tuple(settings["config"]["net_arch"])})
+            hypers = Hypers(**settings["hypers"])
             model._describe(config, hypers, settings["seed"], actions, observations)
-            model._steps_at_load, model._interval = int(settings["step"]), int(settings["log_interval"])
-            model._n_predictions = int(settings["n_predictions"])
-            like = jax.eval_shape(
-                lambda key: a2c.init(key, config, model._policy, observations.size), jax.random.key(0)
-            )
-            start = "run/learner/"
-            learnt = {name.removeprefix(start): rows[0] for name, rows in arrays.items() if name.startswith(start)}
-            model._learner = jax.tree.map(jnp.asarray, checkpoint.unflatten(learnt, like))
-        except CheckpointError:
-            raise
-        except (KeyError, TypeError, ValueError, AttributeError, IndexError, OverflowError, MemoryError) as error:
-            raise CheckpointError(f"{path} is not a model of Galton's: {type(error).__name__}: {error}") from None
-        if env is not None:
-            model._resume(find(env, **(env_kwargs or {})), arrays)
-        else:
+            model._steps_at_load, model._interval = settings["step"], settings["log_interval"]
+            model._n_predictions = settings["n_predictions"]
+            one = jax.eval_shape(lambda key: a2c.init(key, config, model._policy, observations.size), jax.random.key(0))
+            like = {"run": {"learner": jax.tree.map(lambda x: jax.ShapeDtypeStruct((1, *x.shape), x.dtype), one)}}
+            # NamedTuples and dictionaries have the same names in a checkpoint.
+            learner = checkpoint.unflatten(arrays, like)["run"]["learner"]
+            model._learner = jax.tree.map(lambda rows: jnp.asarray(rows[0]), learner)
+        except saved.MALFORMED as error:
+            raise saved.unusable(path, error) from None
+        if env is None:
             require(not env_kwargs, f"env_kwargs is {env_kwargs}; give env with it")
+            return model
+        cause = model._resume(find(env, **(env_kwargs or {})), path, arrays)
+        if cause:
+            message = f"{model._env_name()} goes on from the start of new episodes: {cause}"
+            warnings.warn(message, InexactResume, stacklevel=2)
         return model
 
-    def _resume(self, task: Environment | HostTask, arrays: dict[str, np.ndarray]) -> None:
+    def _resume(self, task: Environment | HostTask, path: Path, arrays: dict[str, np.ndarray]) -> str:
+        """Go on from there; why not exactly, if so."""
         self._check_spaces(task)
         self._connect(task)
-        assert self._population
-        like = self._population.snapshot()
-        snapshot = checkpoint.unflatten(arrays, {"run": like["run"]})
-        cause = "its environments can't be put into a state" if "environments" not in like else ""
-        if not cause:
-            try:
-                snapshot |= checkpoint.unflatten(arrays, {"environments": like["environments"]})
-            except CheckpointError as error:
-                cause = f"the checkpoint has no state for its environments ({error})"
-        if cause:
-            message = f"{self._env_name()} goes on from the start of new episodes: {cause}"
-            warnings.warn(message, InexactResume, stacklevel=3)
-        self._population.restore(snapshot)
+        population = self._connected()
+        like, cause = population.snapshot(), ""
+        try:
+            snapshot = checkpoint.unflatten(arrays, {"run": like["run"]})
+            if "environments" not in like:
+                cause = "its environments can't be put into a state"
+            else:
+                try:
+                    snapshot |= checkpoint.unflatten(arrays, {"environments": like["environments"]})
+                except CheckpointError as error:
+                    snapshot["environments"] = like["environments"]
+                    cause = f"the checkpoint has no state for its environments ({error})"
+            population.restore(snapshot)
+        except saved.MALFORMED as error:
+            self.close()
+            raise saved.unusable(path, error) from None
         self._learner = None
+        return cause
 
     def close(self) -> None:
         """Let go of the environments that the model made."""
@@ -410,7 +425,8 @@ class A2C:
             ("actions", self._actions, actions),
             ("observations", self._observations, observations),
         ):
-            require(own.space == other.space, f"env has {kind} {other.space}; the model's are {own.space}")
+            same = to_json(own.space) == to_json(other.space)  # the order of a Dict's keys matters too
+            require(same, f"env has {kind} {other.space}; the model's are {own.space}")
 
     def _env_name(self) -> str | None:
         env = self._env

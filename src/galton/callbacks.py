@@ -6,10 +6,9 @@ They are called in order and may add to the log, so an evaluation goes before wh
 import dataclasses
 import json
 import math
-import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -18,6 +17,7 @@ from galton.errors import UsageError, require, require_integer
 Log = dict[str, float]
 
 
+@runtime_checkable
 class Model(Protocol):
     """What a callback may use of an A2C; it may use all the rest of it too."""
 
@@ -123,14 +123,11 @@ class StopAfter:
 
     def __post_init__(self) -> None:
         require(self.seconds > 0, f"seconds is {self.seconds}; it must be greater than 0")
-        self.start: float | None = None
 
     def __call__(self, model: Model, log: Log) -> bool:
-        """Go on while there is time, counted from the beginning of `learn` that the first log tells."""
+        """Go on while there is time, counted from the beginning of `learn`."""
         del model
-        if self.start is None:
-            self.start = time.monotonic() - log["time/time_elapsed"]
-        return time.monotonic() - self.start < self.seconds
+        return log["time/time_elapsed"] < self.seconds
 
 
 class JSONLines:

@@ -131,7 +131,7 @@ def test_centring_takes_the_bias_away():
             losses = LOSSES[loss].function(whole, jnp.broadcast_to(centers, (K, 1, 2)), HYPERS.eta)
             return losses
 
-        # Each action entry is weighted by its probability; the entries of one row share an index, so take one dimension.
+        # Rows of actions take the same bin in both dimensions; one dimension is enough.
         jacobian = jax.jacrev(mean_loss)(distribution.logits)[:, 0, 0, 0]
         pull = np.abs((np.asarray(distribution.probs)[0, 0][:, None] * np.asarray(jacobian)).sum(0)).max()
         assert (pull > 1e-3) == biased

@@ -18,19 +18,24 @@ from safetensors.numpy import load, save
 from galton.errors import CheckpointError, UsageError, require
 
 FORMAT = 1
-MAX_HEADER = 1 << 20
-MAX_FILE = 1 << 32
+MAX_HEADER = 1 << 23
+MAX_FILE = 1 << 30
 
 
 def write(path: Path, settings: dict[str, Any], arrays: dict[str, np.ndarray]) -> None:
     """Put a checkpoint at path, all of it or none.
 
     Raises:
-        UsageError: a path that can't be written.
+        UsageError: a path that can't be written, or more than `read` takes.
     """
     record = {"format": FORMAT, "settings": settings}
     text = json.dumps(record | {"sha256": _digest(record, arrays)})
     content = save({name: np.asarray(array, order="C") for name, array in arrays.items()}, {"galton": text})
+    require(
+        len(content) <= MAX_FILE and int.from_bytes(content[:8], "little") <= MAX_HEADER,
+        f"the checkpoint is too large: {len(content):,} bytes of at most {MAX_FILE:,}, "
+        f"{len(text):,} of settings of about {MAX_HEADER:,}; make the networks or spaces smaller",
+    )
     path = path.resolve()
     scratch = path.with_name(f".{path.name}.{os.getpid()}")
     try:
@@ -38,9 +43,10 @@ def write(path: Path, settings: dict[str, Any], arrays: dict[str, np.ndarray]) -
         scratch.write_bytes(content)
         scratch.replace(path)
     except OSError as error:
+        raise UsageError(f"path is {path}, which can't be written: {error.strerror}; name another") from None
+    finally:
         with contextlib.suppress(OSError):
             scratch.unlink(missing_ok=True)
-        raise UsageError(f"path is {path}, which can't be written: {error.strerror}; name another") from None
 
 
 def read(path: Path) -> tuple[dict[str, Any], dict[str, np.ndarray]]:

@@ -1,0 +1,96 @@
+"""The settings of a saved model: what they must be before anything of their size is made."""
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from galton.envs.spaces import shown
+from galton.errors import CheckpointError, UsageError
+from galton.types import Config, Hypers
+
+MAX_BINS = 10**6
+"""What settings may call for beyond the numbers in the file."""
+
+EXAMPLE: dict[str, Any] = {
+    "class": "A2C",
+    "env": "",
+    "config": vars(Config()) | {"net_arch": []},
+    "hypers": Hypers()._asdict(),
+    "seed": 0,
+    "step": 0,
+    "log_interval": 1,
+    "n_predictions": 0,
+    "action_space": {},
+    "observation_space": {},
+}
+"""What `A2C.save` writes."""
+
+MALFORMED = (
+    KeyError,
+    TypeError,
+    ValueError,
+    AttributeError,
+    IndexError,
+    OverflowError,
+    MemoryError,
+    RecursionError,
+)
+"""What comes of settings and arrays that `save` did not write."""
+
+
+def unusable(path: Path, error: Exception) -> CheckpointError:
+    """The error for a file whose settings or arrays make no model."""
+    told = error if isinstance(error, CheckpointError | UsageError) else f"{type(error).__name__}: {error}"
+    return CheckpointError(f"{path} is not a model of Galton's: {told}")
+
+
+def check(settings: dict[str, Any], arrays: dict[str, np.ndarray]) -> None:
+    """Raise unless they are what `save` writes beside these arrays, before anything is made of their size."""
+    _check_like("settings", settings, EXAMPLE)
+    config, step = settings["config"], settings["step"]
+    size = config["n_steps"] * config["n_envs"]
+    n_numbers = sum(array.size for array in arrays.values())
+    n_actions, n_observations = _flat_size(settings["action_space"]), _flat_size(settings["observation_space"])
+    length = arrays.get("environments/length")
+    for name, fits in {
+        "class": settings["class"] == "A2C",
+        "action_space": n_actions <= n_numbers,
+        "observation_space": n_observations <= n_numbers,
+        "step": 0 <= step < 2**31 and size > 0 and step % size == 0 and arrays["run/step"].tolist() == [step],
+        "log_interval": settings["log_interval"] > 0,
+        "n_predictions": 0 <= settings["n_predictions"] < 2**32,
+        "n_steps": size < 2**31,
+        "n_envs": length is None or length.shape == (1, config["n_envs"]),
+        "n_bins": n_actions * config["n_bins"] <= max(n_numbers, MAX_BINS),
+        "net_arch": len(config["net_arch"]) <= len(arrays) and sum(config["net_arch"]) <= n_numbers,
+    }.items():
+        if not fits:
+            value = settings.get(name, config.get(name))
+            raise CheckpointError(f"{name} is {shown(value)}, which does not go with the rest of it")
+
+
+def _check_like(name: str, given: Any, like: Any) -> None:
+    """Raise unless given has the types and keys of like."""
+    if type(given) is not type(like):
+        raise CheckpointError(f"{name} is {shown(given)}; it must be of type {type(like).__name__}")
+    if isinstance(like, dict) and like:
+        if given.keys() != like.keys():
+            raise CheckpointError(f"{name} has {shown(sorted(given))}; it must have {sorted(like)}")
+        for key, value in like.items():
+            _check_like(key, given[key], value)
+
+
+def _flat_size(record: dict[str, Any]) -> int:
+    """Numbers in a space, from `to_json` of it."""
+    ((kind, content),) = record.items()
+    if kind in ("Dict", "Tuple"):
+        return sum(_flat_size(part[1] if kind == "Dict" else part) for part in content)
+    if kind == "Box" and np.dtype(content[3]).kind not in "fiub":
+        raise CheckpointError(f"a space is of {shown(content[3])}, not of numbers")
+    sizes = {"Box": lambda: content[2], "Discrete": lambda: content[:1], "MultiBinary": lambda: content}
+    size = math.prod(sizes[kind]()) if kind in sizes else int(np.sum(content))
+    if size < 0:
+        raise CheckpointError(f"a space is {shown(record)}, of negative size")
+    return size

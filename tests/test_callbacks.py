@@ -1,0 +1,225 @@
+import json
+import math
+import sys
+import types
+
+import numpy as np
+import pytest
+
+from galton import A2C, UsageError
+from galton.callbacks import (
+    Checkpoint,
+    Evaluate,
+    JSONLines,
+    StopAfter,
+    StopOnReward,
+    TensorBoard,
+    WeightsAndBiases,
+    is_due,
+)
+
+SB3_NAMES = {
+    "rollout/ep_rew_mean",
+    "rollout/ep_len_mean",
+    "time/total_timesteps",
+    "time/time_elapsed",
+    "time/fps",
+    "train/explained_variance",
+    "train/policy_loss",
+    "train/value_loss",
+}
+
+
+@pytest.fixture(scope="module")
+def model():
+    return A2C("lqr", n_bins=10, net_arch=(8,), n_steps=10)
+
+
+def learn(model, callback, updates=10, log_interval=2):
+    """From the start of a log interval."""
+    assert model.num_timesteps % (10 * log_interval) == 0
+    first = model.num_timesteps
+    model.learn(10 * updates, callback, progress_bar=False, log_interval=log_interval)
+    return model.num_timesteps - first
+
+
+class Fake:
+    """A model whose evaluations are given."""
+
+    def __init__(self, *means):
+        self.num_timesteps, self.log_interval, self.means, self.saved = 0, 20, list(means), []
+
+    def evaluate(self, n_episodes, env=None):
+        assert (n_episodes, env) == (2, "other")
+        mean = self.means.pop(0)
+        return np.array([mean - 1, mean + 1])
+
+    def save(self, path):
+        self.saved.append((str(path), self.num_timesteps))
+
+    def log_points(self, callback, n):
+        for _ in range(n):
+            self.num_timesteps += self.log_interval
+            log = {}
+            assert callback(self, log) is not False
+            yield log
+
+
+def test_the_log_comes_at_every_interval_under_the_names_of_sb3(model):
+    steps, logs, first = [], [], model.num_timesteps
+    learn(model, [lambda model, log: steps.append(model.num_timesteps - first), lambda model, log: logs.append(log)])
+    assert steps == [20, 40, 60, 80, 100]
+    assert [log["time/total_timesteps"] - first for log in logs] == steps
+    assert set(logs[0]) >= SB3_NAMES
+    assert {name.split("/")[0] for name in logs[0]} == {"rollout", "time", "train"}
+    assert math.isnan(logs[0]["rollout/ep_rew_mean"]) or logs[0]["rollout/n_episodes"] > 0
+    assert logs[4]["rollout/ep_len_mean"] == 100
+    assert all(type(value) in (int, float) for log in logs for value in log.values())
+    assert all(log["time/fps"] > 0 for log in logs)
+
+
+def test_log_points_do_not_depend_on_how_training_is_cut(model):
+    steps, first = [], model.num_timesteps
+    for updates in (1, 2, 2, 5):
+        model.learn(updates * 10, lambda model, log: steps.append(model.num_timesteps - first), False, 2)
+    assert steps == [20, 40, 60, 80, 100]
+
+
+def test_callbacks_are_called_in_order_and_share_the_log(model):
+    seen = []
+    learn(model, [lambda model, log: log.update(a=1.0), lambda model, log: seen.append(log["a"])], updates=4)
+    assert seen == [1.0, 1.0]
+
+
+def test_false_stops_at_that_log_point_after_the_others_and_none_and_true_do_not(model):
+    calls = []
+    stop = [lambda model, log: len(calls) < 2, lambda model, log: calls.append(1)]
+    assert learn(model, stop) == 60
+    assert len(calls) == 3
+    assert learn(model, lambda model, log: True) == 100
+    assert learn(model, lambda model, log: None) == 100
+    assert learn(model, lambda model, log: False) == 20
+
+
+def test_evaluate_keeps_the_best_model_exactly_when_the_mean_improves():
+    fake = Fake(-5.0, -7.0, -5.0, -4.0, float("nan"))
+    logs = list(fake.log_points(Evaluate(40, 2, "other", "best"), 10))
+    assert fake.saved == [("best", 40), ("best", 160)]
+    means = [log.get("eval/mean_reward") for log in logs]
+    assert means[:9] == [None, -5.0, None, -7.0, None, -5.0, None, -4.0, None]
+    assert [log["eval/best_mean_reward"] for log in logs[1::2]] == [-5.0, -5.0, -5.0, -4.0, -4.0]
+    assert logs[1]["eval/std_reward"] == 1.0
+    assert logs[0] == {}
+
+
+@pytest.mark.parametrize(("every", "steps"), [(1, [20, 40, 60, 80]), (30, [40, 60]), (40, [40, 80]), (70, [80])])
+def test_every_is_rounded_up_to_log_points(every, steps):
+    fake, due = Fake(), []
+    for _ in range(4):
+        fake.num_timesteps += 20
+        due += [fake.num_timesteps] * is_due(fake, every)
+    assert due == steps
+
+
+def test_evaluation_on_a_model_agrees_with_the_file_of_the_best(model, tmp_path):
+    logs = []
+    learn(model, [Evaluate(20, 3, best_model=tmp_path / "best"), lambda model, log: logs.append(log)], updates=6)
+    best = max(log["eval/mean_reward"] for log in logs)
+    assert [log["eval/best_mean_reward"] for log in logs][-1] == best
+    at = next(log["time/total_timesteps"] for log in logs if log["eval/mean_reward"] == best)
+    assert A2C.load(tmp_path / "best").num_timesteps == at
+
+
+def test_checkpoints_are_kept_by_step_or_written_over(model, tmp_path):
+    first = model.num_timesteps
+    learn(model, [Checkpoint(tmp_path / "run-{step}", every=20), Checkpoint(str(tmp_path / "last"), every=20)], 4)
+    names = {path.name for path in tmp_path.iterdir()}
+    assert names == {f"run-{first + 20}.safetensors", f"run-{first + 40}.safetensors", "last.safetensors"}
+    assert A2C.load(tmp_path / "last").num_timesteps == first + 40
+    assert A2C.load(tmp_path / f"run-{first + 20}").num_timesteps == first + 20
+
+
+def test_stop_on_reward_stops_at_the_threshold_and_passes_over_what_is_not_known():
+    stop = StopOnReward(-3.0)
+    values = ({}, True), ({"eval/mean_reward": -3.1}, True), ({"eval/mean_reward": float("nan")}, True)
+    for log, go_on in (*values, ({"eval/mean_reward": -3.0}, False)):
+        assert stop(Fake(), log) is go_on
+    assert StopOnReward(1.0, "other")(Fake(), {"other": 2.0}) is False
+
+
+def test_stop_on_reward_ends_training(model):
+    assert learn(model, [Evaluate(20, 1), StopOnReward(-1e9)]) == 20
+
+
+def test_stop_after_counts_from_the_beginning_of_each_learn(model):
+    stop = StopAfter(10.0)
+    for elapsed in (1.0, 9.9, 10.0, 1.0):
+        assert stop(Fake(), {"time/time_elapsed": elapsed}) is (elapsed < 10)
+    assert learn(model, StopAfter(1e-9)) == 20
+    assert learn(model, StopAfter(1e9)) == 100
+
+
+def test_json_lines_are_appended_with_null_for_what_is_not_known(model, tmp_path):
+    path, logs = tmp_path / "folder" / "log.jsonl", []
+    path.parent.mkdir()
+    path.write_text('{"old": 1}\n')
+    learn(model, [JSONLines(path), lambda model, log: logs.append(log)], updates=4)
+    lines = path.read_text().splitlines()
+    assert lines[0] == '{"old": 1}'
+
+    def refuse(constant):
+        raise AssertionError(constant)
+
+    for line, log in zip(lines[1:], logs, strict=True):
+        read = json.loads(line, parse_constant=refuse)
+        assert read == {name: value if math.isfinite(value) else None for name, value in log.items()}
+    JSONLines(path)(Fake(), {"a": math.nan, "b": -math.inf, "c": 2})
+    assert json.loads(path.read_text().splitlines()[-1]) == {"a": None, "b": None, "c": 2}
+
+
+def test_tensorboard_reads_back_what_was_logged(model, tmp_path):
+    logs = []
+    writer = TensorBoard(tmp_path)
+    learn(model, [writer, lambda model, log: logs.append(log)])
+    writer._writer.close()
+    from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+
+    events = EventAccumulator(str(tmp_path)).Reload()
+    for name in logs[0]:
+        finite = [(log["time/total_timesteps"], log[name]) for log in logs if math.isfinite(log[name])]
+        read = [(event.step, event.value) for event in events.Scalars(name)] if finite else []
+        assert [step for step, _ in read] == [step for step, _ in finite]
+        np.testing.assert_allclose([value for _, value in read], [value for _, value in finite], rtol=1e-6)
+
+
+def test_weights_and_biases_gets_the_finite_numbers_and_its_settings(monkeypatch):
+    sent, fake = [], types.ModuleType("wandb")
+    run = types.SimpleNamespace(log=lambda numbers, step: sent.append((numbers, step)))
+    fake.init = lambda **settings: sent.append(settings) or run
+    monkeypatch.setitem(sys.modules, "wandb", fake)
+    callback = WeightsAndBiases(project="p")
+    list(Fake().log_points(lambda model, log: callback(model, log | {"a": 1.0, "b": math.nan}), 2))
+    assert sent == [{"project": "p"}, ({"a": 1.0}, 20), ({"a": 1.0}, 40)]
+
+
+def test_weights_and_biases_says_what_to_install(monkeypatch):
+    monkeypatch.setitem(sys.modules, "wandb", None)
+    with pytest.raises(UsageError, match=r"galton\[wandb\]"):
+        WeightsAndBiases()
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda path: Evaluate(every=0), "every is 0"),
+        (lambda path: Evaluate(n_episodes=0), "n_episodes is 0"),
+        (lambda path: Checkpoint("x", every=-1), "every is -1"),
+        (lambda path: StopAfter(0.0), "seconds is 0.0"),
+        (lambda path: StopAfter(math.nan), "seconds is nan"),
+        (lambda path: JSONLines(path), "can't be written"),
+        (lambda path: JSONLines(path / "new" / "/dev/null/x"), "can't be written"),
+    ],
+)
+def test_bad_arguments_are_named(make, message, tmp_path):
+    with pytest.raises(UsageError, match=message):
+        make(tmp_path)

@@ -1,0 +1,150 @@
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.spaces import Box
+from gymnasium.wrappers import TimeLimit
+from stable_baselines3 import A2C as SB3
+from stable_baselines3.common.callbacks import (
+    BaseCallback,
+    CallbackList,
+    CheckpointCallback,
+    EvalCallback,
+    EveryNTimesteps,
+    StopTrainingOnNoModelImprovement,
+    StopTrainingOnRewardThreshold,
+)
+from stable_baselines3.common.env_util import make_vec_env
+from stable_baselines3.common.evaluation import evaluate_policy
+from stable_baselines3.common.monitor import Monitor
+
+from galton import A2C
+
+
+class Drift(gymnasium.Env):
+    """A deterministic task after a seeded start."""
+
+    action_space = Box(-1.0, 1.0, (2,))
+    observation_space = Box(-10.0, 10.0, (2,))
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        self.x = self.np_random.uniform(-1, 1, 2).astype(np.float32)
+        return self.x, {}
+
+    def step(self, action):
+        self.x = np.clip(0.9 * self.x + 0.2 * action, -10, 10).astype(np.float32)
+        return self.x, -float(self.x @ self.x), False, False, {}
+
+
+def drift():
+    return TimeLimit(Drift(), 15)
+
+
+class Recorder(BaseCallback):
+    """What SB3's loop tells."""
+
+    def __init__(self, stop_at=None):
+        super().__init__()
+        self.seen, self.stop_at = [], stop_at
+
+    def _on_training_start(self):
+        self.seen.append(("start", self.num_timesteps, self.training_env.num_envs))
+
+    def _on_rollout_end(self):
+        self.seen.append(("rollout end", self.num_timesteps))
+
+    def _on_training_end(self):
+        self.seen.append(("end", self.num_timesteps))
+
+    def _on_step(self):
+        self.seen.append(("step", self.n_calls, self.num_timesteps))
+        return self.stop_at is None or self.num_timesteps < self.stop_at
+
+
+@pytest.fixture(scope="module")
+def model():
+    return A2C(drift, n_bins=10, net_arch=(8,), n_steps=4, n_envs=2)
+
+
+def test_evaluate_policy_equals_our_own_play_of_the_same_episodes(model):
+    returns, lengths = evaluate_policy(
+        model, make_vec_env(drift, n_envs=1, seed=7), n_eval_episodes=1, return_episode_rewards=True
+    )
+    env = drift()
+    observation, _ = env.reset(seed=7)
+    total, length, ended = 0.0, 0, False
+    while not ended:
+        action, _ = model.predict(observation, deterministic=True)
+        observation, reward, terminated, truncated, _ = env.step(action)
+        total, length, ended = total + reward, length + 1, terminated or truncated
+    assert lengths == [length] == [15]
+    np.testing.assert_allclose(returns, [total], rtol=1e-6)
+
+
+def test_evaluate_policy_runs_on_a_vector_environment_and_without_deterministic_actions(model):
+    for deterministic in (True, False):
+        mean, std = evaluate_policy(model, make_vec_env(drift, 3), n_eval_episodes=6, deterministic=deterministic)
+        assert np.isfinite([mean, std]).all()
+
+
+@pytest.mark.parametrize("stop_at", [None, 12])
+def test_callbacks_see_the_steps_that_they_see_in_sb3(stop_at):
+    ours, theirs = Recorder(stop_at), Recorder(stop_at)
+    model = A2C(drift, n_bins=10, net_arch=(8,), n_steps=4, n_envs=2)
+    model.learn(24, ours, progress_bar=False)
+    SB3("MlpPolicy", make_vec_env(drift, 2), n_steps=4, device="cpu").learn(24, theirs)
+    assert ours.seen == theirs.seen
+    assert model.num_timesteps == (24 if stop_at is None else 16)
+
+
+def test_a_second_learn_goes_on_counting():
+    recorder, model = Recorder(), A2C(drift, n_bins=10, net_arch=(8,), n_steps=4)
+    model.learn(8, recorder, progress_bar=False).learn(4, recorder, progress_bar=False)
+    steps = [entry[1:] for entry in recorder.seen if entry[0] == "step"]
+    assert steps == [(i, i) for i in range(1, 13)]
+
+
+def test_eval_and_checkpoint_callbacks_run_unchanged_and_their_files_load(model, tmp_path):
+    first = model.num_timesteps
+    evaluation = EvalCallback(
+        Monitor(drift()),
+        callback_on_new_best=StopTrainingOnRewardThreshold(1e9, verbose=0),
+        callback_after_eval=StopTrainingOnNoModelImprovement(100),
+        n_eval_episodes=2,
+        eval_freq=8,
+        log_path=str(tmp_path / "log"),
+        best_model_save_path=str(tmp_path / "best"),
+        verbose=0,
+    )
+    checkpoints = CheckpointCallback(8, str(tmp_path / "checkpoints"), name_prefix="m", verbose=0)
+    every = EveryNTimesteps(16, CheckpointCallback(1, str(tmp_path / "every")))
+    model.learn(48, [CallbackList([evaluation, checkpoints]), every], progress_bar=False)
+    assert model.num_timesteps == first + 48
+    log = np.load(tmp_path / "log" / "evaluations.npz")
+    np.testing.assert_array_equal(log["timesteps"], first + np.array([16, 32, 48]))
+    assert log["results"].shape == (3, 2)
+    assert (log["ep_lengths"] == 15).all()
+    np.testing.assert_allclose(evaluation.best_mean_reward, log["results"].mean(1).max())
+    saved = [*(tmp_path / "best").iterdir(), *(tmp_path / "checkpoints").iterdir(), *(tmp_path / "every").iterdir()]
+    assert len(saved) == 7
+    for path in saved:
+        assert A2C.load(path).num_timesteps > first
+    assert A2C.load(tmp_path / "best" / "best_model").predict(np.zeros(2))[0].shape == (2,)
+
+
+def test_a_reward_threshold_stops_training(model):
+    first = model.num_timesteps
+    stop = EvalCallback(
+        Monitor(drift()), callback_on_new_best=StopTrainingOnRewardThreshold(-1e9), eval_freq=5, verbose=0
+    )
+    model.learn(80, stop, progress_bar=False)
+    assert model.num_timesteps == first + 16  # the fifth call comes in the second update
+
+
+def test_ours_and_theirs_run_together_and_one_that_never_stops_does_not_hide_another_that_does(model):
+    logs, first = [], model.num_timesteps
+    callbacks = [Recorder(), lambda model, log: logs.append(log), Recorder(stop_at=first + 20)]
+    model.learn(80, callbacks, progress_bar=False, log_interval=1)
+    assert model.num_timesteps == first + 24
+    assert len(logs) == 3
+    assert len([entry for entry in callbacks[0].seen if entry[0] == "step"]) == 10
