@@ -27,6 +27,7 @@ lint: $(VENV)/installed-dev
 
 bench: $(VENV)/installed-dev  ## Speed against Stable-Baselines3, both sides in one run; rewrites results/benchmarks.
 	$(BIN)/python benchmarks/against_sb3.py
+	$(BIN)/python benchmarks/against_physics.py
 
 clean:
 	rm -rf $(VENV)

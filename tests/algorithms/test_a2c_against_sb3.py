@@ -12,7 +12,7 @@ from gymnasium.spaces import Box, MultiDiscrete
 from galton import Bins, Config, Hypers
 from galton.algorithms import a2c
 from galton.losses import find_loss
-from galton.types import Learner, Transition
+from galton.types import Transition
 
 LOW, HIGH, K = np.array([-1.0, 0.0]), np.array([1.0, 3.0]), 12
 T, N, TIME_LIMIT = 10, 2, 7
@@ -120,7 +120,7 @@ def test_updates_equal_sb3s(loss, normalize_advantage):
     config = Config(loss=loss, n_bins=K, n_steps=T, n_envs=N, normalize_advantage=normalize_advantage)
     policy = a2c.make_policy(config, LOW, HIGH)
     start = jax.tree.map(jnp.asarray, params_of(model))
-    learner = Learner(start, a2c.init(jax.random.key(0), config, policy, 3).optimizer)
+    learner = a2c.init(jax.random.key(0), config, policy, 3)._replace(params=start)
     update = jax.jit(lambda learner, batch: a2c.update(config, policy, learner, batch, HYPERS)[0])
 
     for i in range(20):

@@ -121,7 +121,7 @@ def test_the_bias_is_hl_gausss_alone_and_its_closed_form(loss):
 
 def test_centring_takes_the_bias_away():
     """The mean logit gradient over actions of the policy itself, with the advantage off by one."""
-    config, policy, learner, batch, _ = setup("hl-gauss")
+    _, policy, learner, batch, _ = setup("hl-gauss")
     distribution = a2c.distribution(policy, learner.params, batch.observation[0, :1])
     centers = jnp.asarray(policy.bins.centers.T)[:, None]
     for loss, biased in (("hl-gauss", True), ("hl-gauss-centred", False)):

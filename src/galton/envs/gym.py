@@ -117,18 +117,23 @@ class GymnasiumEnvs:
         n = len(self._envs)
         final = np.empty((n, self._observations.size), np.float32)
         reward, terminated, truncated = np.empty(n, np.float32), np.empty(n, bool), np.empty(n, bool)
+        raw: list[np.ndarray] = []
         following = final
         actions = self._actions.to_env(action)
         for i, env in enumerate(self._envs):
             where = self._where(i)
-            with _blame(f"{where}: step"):
+            try:
                 answer = env.step(actions[i, ...])  # of a box without axes, an array too
+            except Exception as error:
+                raise BrokenEnvironmentError(f"{where}: step raised {_told(error)}") from error
             if not (isinstance(answer, tuple) and len(answer) == 5):
                 raise BrokenEnvironmentError(
                     f"{where}: step returned {shown(answer)}; it must return "
                     "(observation, reward, terminated, truncated, info)"
                 )
-            final[i] = self._observations.flatten(answer[0], where)
+            raw.append(self._observations.numbers(answer[0], where))
+            with np.errstate(over="ignore", invalid="ignore"):  # looked at below
+                final[i] = raw[i].ravel()
             reward[i] = _reward(answer[1], where)
             terminated[i] = _flag(answer[2], "terminated", where)
             truncated[i] = _flag(answer[3], "truncated", where)
@@ -137,6 +142,9 @@ class GymnasiumEnvs:
                 following[i] = self._reset(i, None)
             elif following is not final:
                 following[i] = final[i]
+        if not np.isfinite(final).all():
+            for i, values in enumerate(raw):
+                as_float32(values, "the observation", self._where(i))
         return Steps(following, final, reward, terminated, truncated & ~terminated)
 
     def get_state(self) -> dict[str, np.ndarray] | None:
@@ -233,13 +241,20 @@ def _make_again(env: Env) -> Env:
 
 
 def _reward(value: Any, where: str) -> Any:
+    if isinstance(value, float) and -_LARGEST <= value <= _LARGEST:  # np.float64 is one; NaN is not between
+        return value
     number = as_numbers(value)
     if number is None or number.size != 1:
         raise BrokenEnvironmentError(f"{where}: the reward is {shown(value)}; it must be one number")
     return as_float32(number.reshape(()), "the reward", where)[()]
 
 
+_LARGEST = float(np.finfo(np.float32).max)
+
+
 def _flag(value: Any, name: str, where: str) -> bool:
+    if value is True or value is False:
+        return value
     scalar = value[()] if isinstance(value, np.ndarray) and value.shape == () else value
     if not isinstance(scalar, bool | np.bool):
         raise BrokenEnvironmentError(f"{where}: {name} is {shown(value)}; it must be True or False")

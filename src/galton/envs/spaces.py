@@ -1,6 +1,7 @@
 """Gymnasium's spaces as the flat float32 vectors that networks and policies work on."""
 
 import dataclasses
+import functools
 from typing import Any
 
 import gymnasium
@@ -81,10 +82,10 @@ class ActionBox:
 
     def to_env(self, action: Float[np.ndarray, "*batch d"]) -> np.ndarray:
         """Clipped into the exact bounds, in the environment's shape and precision; a copy."""
-        shaped = action.reshape((*action.shape[:-1], *self.space.shape))
+        space = self.space
         with np.errstate(over="ignore"):  # the bounds take care of it
-            clipped = np.clip(shaped, self.space.low, self.space.high, dtype=self.space.dtype)
-        return np.asarray(clipped)
+            shaped = action.reshape((*action.shape[:-1], *space.shape)).astype(space.dtype)
+        return np.asarray(np.minimum(np.maximum(shaped, space.low), space.high))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -108,13 +109,17 @@ class Observations:
         )
         require(self.size > 0, f"{observations}, which is empty; {remedy}")
 
-    @property
+    @functools.cached_property
     def size(self) -> int:
         """Entries of the flat vector."""
         return int(flatdim(self.space))
 
     def flatten(self, raw: Any, where: str) -> Float[np.ndarray, " o"]:
         """One observation as a vector; BrokenEnvironmentError says what is wrong with it."""
+        return as_float32(self.numbers(raw, where), "the observation", where).ravel()
+
+    def numbers(self, raw: Any, where: str) -> np.ndarray:
+        """One observation as it came, of the right shape; whether it is finite is not looked at."""
         if isinstance(self.space, Box):
             values = as_numbers(raw)
             if values is None or values.shape != self.space.shape:
@@ -130,7 +135,7 @@ class Observations:
                 raise BrokenEnvironmentError(
                     f"{where}: the observation is {shown(raw)}, which the space {self.space} can't hold: {error!r}"
                 ) from error
-        return as_float32(values, "the observation", where).ravel()
+        return values
 
     def rows(self, observation: Any) -> tuple[Float[np.ndarray, "n o"], bool]:
         """One observation or a batch of them as rows, and whether it was one; UsageError for anything else."""

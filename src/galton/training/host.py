@@ -139,8 +139,8 @@ class _Programs(NamedTuple):
     """(runs, first observations `[P, N, o]`) → runs."""
     prepare: Callable[..., Array]
     """Runs → the noise of their next rollout `[P, T, N, n]`."""
-    act: Callable[..., tuple[Array, Array]]
-    """(params, normalizers, observations `[P, N, o]`, noise, t) → normalised observations and actions."""
+    act: Callable[..., tuple[Array, Array | None]]
+    """(params, normalizers, observations `[P, N, o]`, noise, t) → actions and, if it is on, normalised observations."""
     receive: Callable[..., Any]
     """(normalizers, rewards, dones, final and following observations, hypers) → as normalization.receive."""
     learn: Callable[..., RunState]
@@ -167,10 +167,12 @@ def _programs(config: Config, loss: Loss, low: tuple[float, ...], high: tuple[fl
     def prepare(run: RunState) -> Array:
         return policy.noise(rollout_key(run), (config.n_steps, config.n_envs))
 
-    def act(params: Params, normalizer: Normalizer, observation: Array, noise: Array, t: Array) -> tuple[Array, Array]:
+    def act(
+        params: Params, normalizer: Normalizer, observation: Array, noise: Array, t: Array
+    ) -> tuple[Array, Array | None]:
         normalised = normalization.observation(normalizer, observation)
         now = jax.lax.dynamic_index_in_dim(noise, t, keepdims=False)
-        return normalised, a2c.act(policy, params, normalised, now)
+        return a2c.act(policy, params, normalised, now), normalised if config.normalize_observation else None
 
     return _Programs(
         jax.jit(begin_all, static_argnums=0),
@@ -210,6 +212,7 @@ class _Group:
         """Whether an exception left the environments in the middle of a rollout."""
         with jax.default_device(device):
             self.runs: RunState = self.place(programs.begin(observation_size, jnp.asarray(seeds)))
+            self._times = [jnp.int32(t) for t in range(config.n_steps)]
         self._batch = self._empty_batch()
 
     def place(self, tree: Any) -> Any:
@@ -243,10 +246,11 @@ class _Group:
         batch, finished = self._empty_batch(), self._empty_finished()
         noise, learner = programs.prepare(runs), runs.learner
         normalizing = config.normalize_observation or config.normalize_reward
-        for t in range(config.n_steps):
-            observation, action = map(
-                np.asarray, programs.act(learner.params, learner.normalizer, self._observation, noise, np.int32(t))
-            )
+        params = _acting(learner.params)
+        for t, device_t in enumerate(self._times):
+            sampled, normalised = programs.act(params, learner.normalizer, self._observation, noise, device_t)
+            action = np.asarray(sampled)
+            observation = self._observation if normalised is None else np.asarray(normalised)
             steps = self._envs.step(action.reshape(-1, action.shape[-1]))
             reward, final, following = map(self._split, (steps.reward, steps.final_observation, steps.observation))
             terminated, truncated = map(self._split, (steps.terminated, steps.truncated))
@@ -259,10 +263,10 @@ class _Group:
                 self._length[done] = 0
                 self._return[done] = 0.0
             if normalizing:
-                normalizer, *normalised = programs.receive(
+                normalizer, *received = programs.receive(
                     learner.normalizer, reward, done, final, following, self.hypers
                 )
-                reward, final = map(np.asarray, normalised)
+                reward, final = map(np.asarray, received)
                 learner = learner._replace(normalizer=normalizer)
             values = (observation, action, reward, final, terminated, truncated)
             for column, value in zip(batch, values, strict=True):
@@ -331,9 +335,8 @@ class _Group:
         p, n = self._shape
         runs = jax.tree.map(jnp.copy, self.runs)
         zeros = np.zeros((p, n, self._observation_size), np.float32)
-        self._programs.act(
-            runs.learner.params, runs.learner.normalizer, zeros, self._programs.prepare(runs), np.int32(0)
-        )
+        noise = self._programs.prepare(runs)
+        self._programs.act(_acting(runs.learner.params), runs.learner.normalizer, zeros, noise, self._times[0])
         if self._config.normalize_observation or self._config.normalize_reward:
             reward = np.zeros(self._shape, np.float32)
             self._programs.receive(runs.learner.normalizer, reward, reward > 0, zeros, zeros, self.hypers)
@@ -366,3 +369,8 @@ class _Group:
         shape = (self._shape[0], self._config.n_steps, self._shape[1])
         columns: list[Any] = [np.zeros(shape, bool), np.zeros(shape, np.float32), np.zeros(shape, np.int32)]
         return Finished(*columns)
+
+
+def _acting(params: Params) -> Params:
+    """What acting needs: each array that a program is given costs time, and the critic is not asked."""
+    return {name: value for name, value in params.items() if name != "critic"}
