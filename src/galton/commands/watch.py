@@ -1,5 +1,6 @@
 """galton watch: a film of a policy."""
 
+import contextlib
 import dataclasses
 import json
 import os
@@ -53,7 +54,8 @@ def main(arguments: Sequence[str]) -> None:
         frames, returns = _play(env, model, options)
         fps = env.metadata.get("render_fps") or 30
     finally:
-        env.close()
+        with contextlib.suppress(Exception):  # a renderer that never came up can't be closed either
+            env.close()
     _write(out, frames, fps)
     console = Console()
     told = ", ".join(f"{value:,.2f}" for value in returns)
@@ -85,8 +87,8 @@ def _make(name: str, kwargs: dict[str, Any]) -> Any:
         f"env is {name}, one of Galton's own tasks, which have no picture; train on the Gymnasium id to watch it",
     )
     if sys.platform == "linux" and "DISPLAY" not in os.environ:  # without a screen
-        os.environ.setdefault("MUJOCO_GL", "egl")
-        os.environ.setdefault("SDL_VIDEODRIVER", "dummy")
+        for variable, value in (("MUJOCO_GL", "egl"), ("SDL_VIDEODRIVER", "dummy")):
+            os.environ[variable] = os.environ.get(variable) or value
     try:
         env = gymnasium.make(name, **kwargs | {"render_mode": "rgb_array"})
     except Exception as error:
