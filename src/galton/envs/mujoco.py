@@ -169,8 +169,9 @@ def reacher_reward(c: Any, f: Fields, velocity: Rows, action: Matrix) -> Rows:
 def reacher_start(c: Any, generator: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     """The arm nearly straight, the target within its reach."""
     qpos = generator.uniform(-0.1, 0.1, c.model.nq) + c.init_qpos
-    while np.linalg.norm(goal := generator.uniform(-0.2, 0.2, 2)) >= 0.2:
-        pass
+    goal = generator.uniform(-0.2, 0.2, 2)
+    while np.linalg.norm(goal) >= 0.2:
+        goal = generator.uniform(-0.2, 0.2, 2)
     qpos[-2:] = goal
     qvel = c.init_qvel + generator.uniform(-0.005, 0.005, c.model.nv)
     qvel[-2:] = 0

@@ -11,7 +11,7 @@ from jaxtyping import Float, Integer
 
 from galton.envs.base import HostEnvironments, Steps
 from galton.envs.spaces import ActionBox, Observations, as_float32, as_numbers, shown
-from galton.errors import BrokenEnvironmentError, require
+from galton.errors import BrokenEnvironmentError, UsageError, require
 
 
 class VectorTask:
@@ -67,8 +67,8 @@ class _Vector:
         """Vector environments don't tell."""
 
     def set_state(self, state: dict[str, np.ndarray]) -> None:
-        """Never called, for lack of a state."""
-        raise NotImplementedError
+        """Refused: `get_state` gives none."""
+        raise UsageError(f"{self._name} can't be put into a state; vector environments don't tell theirs")
 
     def close(self) -> None:
         """The user made it and closes it."""
