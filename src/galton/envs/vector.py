@@ -68,6 +68,7 @@ class _Vector:
 
     def set_state(self, state: dict[str, np.ndarray]) -> None:
         """Refused: `get_state` gives none."""
+        del state
         raise UsageError(f"{self._name} can't be put into a state; vector environments don't tell theirs")
 
     def close(self) -> None:
