@@ -16,7 +16,7 @@ RANKS = [
     {"training"},
     {"callbacks", "sb3"},
     {"agent"},
-    {"analysis"},
+    {"analysis", "sweep"},
     {"commands"},
     {"cli"},
 ]

@@ -7,6 +7,7 @@ import sys
 COMMANDS = {
     "train": "train one policy and keep it in a run folder",
     "compare": "train several losses over many seeds and say which is best",
+    "sweep": "train a grid of settings on every core or on a cluster",
     "watch": "film a policy that was trained",
 }
 

@@ -1,0 +1,301 @@
+"""galton sweep: a grid of settings × trials, planned on disk and carried out by workers that may die."""
+
+import contextlib
+import dataclasses
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import tyro
+from rich.console import Console, Group
+from rich.live import Live
+from rich.progress_bar import ProgressBar
+from rich.table import Table
+from rich.text import Text
+
+from galton.analysis.statistics import mean_interval
+from galton.commands.common import EnvName, Training, parse, short_name
+from galton.errors import UsageError, require
+from galton.losses import find_loss
+from galton.sweep import engine, results
+from galton.sweep.executors import Processes, one_per_core, one_per_gpu
+from galton.sweep.grid import GRIDS, Setting, Study, find_grid
+from galton.sweep.plan import Plan
+from galton.sweep.shard import Report, finished, work
+from galton.sweep.store import Store
+
+
+@dataclasses.dataclass(frozen=True)
+class Options:
+    """Train every setting of a grid many times. Run it again to go on where it stopped.
+
+    Also: `galton sweep status DIR`, `results DIR`, `rerun DIR --out DIR`, `shard DIR INDEX`.
+    """
+
+    env: EnvName
+    training: Training
+    grid: Annotated[str, tyro.conf.arg(metavar="{" + ",".join(GRIDS) + "} or FILE.toml")] = "paper"
+    """The settings: the paper's (App. C.2), random ones around them, or the [[grid]] tables of a file."""
+    trials: int = 20
+    """Runs per setting."""
+    seed: int = 0
+    """Of the study: another one gives every run a fresh seed."""
+    out: str | None = None
+    """The folder, by default runs/sweep-ENV; or an address that fsspec opens, such as s3://bucket/folder."""
+    shard_width: int = 32
+    """Runs that are trained side by side by one worker."""
+    extend: bool = False
+    """Add to the plan that the folder holds what it lacks of this grid."""
+    plan_only: bool = False
+    """Write the plan and stop: its shards are for `galton sweep shard`."""
+    workers: int | None = None
+    """Processes, by default one per core."""
+    gpus: int = 0
+    """A process for each of so many CUDA devices instead; give a --shard-width of thousands with it."""
+    imports: tuple[str, ...] = ()
+    """Modules that every worker imports first, where losses or environments of your own are registered."""
+
+
+def main(arguments: Sequence[str]) -> None:
+    """Plan, train, and keep the results; or one of the smaller commands."""
+    if arguments and arguments[0] in _OTHERS:
+        _OTHERS[arguments[0]](arguments[1:])
+        return
+    options = parse(Options, "sweep", arguments)
+    training = options.training
+    base = Setting(training.config, training.hypers).record()
+    training.find(options.env)
+    study = Study(
+        options.env,
+        find_grid(options.grid, options.env, base),
+        options.trials,
+        training.steps,
+        training.logs,
+        training.eval_episodes,
+        training.env_kwargs,
+        options.seed,
+        options.imports,
+    )
+    store = Store(options.out or str(Path("runs", f"sweep-{short_name(options.env)}")))
+    places = one_per_gpu(options.gpus) if options.gpus else one_per_core(options.workers)
+    with store.lock():
+        plan = engine.prepare(store, study, options.shard_width, options.extend)
+        if options.plan_only:
+            print(f"{plan.n_runs:,} runs in {plan.n_shards:,} shards: {store.url}")
+            return
+        _carry_out(store, plan, Processes(places), lambda: len(places))
+
+
+def _carry_out(store: Store, plan: Plan, executor: Any, width: Callable[[], int]) -> None:
+    console = Console()
+    try:
+        with _live(console, plan) as view:
+            engine.run(store, plan, executor, width, view)
+    except KeyboardInterrupt:
+        print(
+            f"galton: interrupted; {len(finished(store, plan)):,} of {plan.n_shards:,} shards are done, and the same "
+            "command goes on with the rest",
+            file=sys.stderr,
+        )
+        sys.exit(130)
+    finally:
+        executor.shutdown(cancel_futures=True)
+    _conclude(console, store, plan)
+
+
+def _conclude(console: Console, store: Store, plan: Plan) -> None:
+    table = results.collect(store, plan)
+    results.save(store, table)
+    console.print(_winners(results.best_settings(plan, table)))
+    console.print(f"{table.num_rows:,} runs: {store.url}/{results.FILE}", highlight=False, soft_wrap=True)
+
+
+class View:
+    """The live table."""
+
+    def __init__(self, plan: Plan) -> None:
+        self._plan, self._start = plan, time.monotonic()
+        self._runs = self._steps = 0
+        self._steps_before = self._runs_before = 0
+        self._returns: dict[int, list[float]] = {}
+
+    def resumed(self, reports: list[Report]) -> None:
+        """Shards that were done before."""
+        for report in reports:
+            self._add(report)
+        self._runs_before, self._steps_before = self._runs, self._steps
+
+    def finished(self, report: Report) -> None:
+        """A shard that has just been done."""
+        self._add(report)
+
+    def tick(self) -> None:
+        """The live table draws itself."""
+
+    def _add(self, report: Report) -> None:
+        self._runs += len(report.setting)
+        self._steps += report.steps
+        for setting, value in zip(report.setting, report.final_training_return, strict=True):
+            self._returns.setdefault(setting, []).append(value)
+
+    def __rich__(self) -> Group:
+        """Progress, speed, time left, and the best setting of each loss so far."""
+        elapsed, runs = time.monotonic() - self._start, self._runs - self._runs_before
+        speed = (self._steps - self._steps_before) / elapsed
+        left = (self._plan.n_runs - self._runs) / runs * elapsed if runs else None
+        line = f"{self._runs:,} of {self._plan.n_runs:,} runs"
+        line += f", {speed:,.0f} env-steps/s, {_duration(left)} left" if left is not None else ", no speed known yet"
+        bar = ProgressBar(total=self._plan.n_runs, completed=self._runs, width=60)
+        return Group(Text(line), bar, self._best())
+
+    def _best(self) -> Table:
+        table = Table("loss", "best setting so far", "final training return", "runs", box=None)
+        best: dict[str, tuple[int, float, int]] = {}
+        for i, values in self._returns.items():
+            loss, mean = self._plan.study.settings[i].config.loss, float(np.mean(values))
+            if loss not in best or mean > best[loss][1]:
+                best[loss] = i, mean, len(values)
+        for loss, (i, mean, n) in sorted(best.items()):
+            table.add_row(find_loss(loss).label, _brief(self._plan.study.settings[i]), f"{mean:,.2f}", str(n))
+        return table
+
+
+@contextlib.contextmanager
+def _live(console: Console, plan: Plan) -> Iterator[View]:
+    view = View(plan)
+    if console.is_terminal:
+        with Live(view, console=console, refresh_per_second=2):
+            yield view
+    else:
+        yield view
+        console.print(view)
+
+
+def _duration(seconds: float) -> str:
+    minutes, hours = int(seconds // 60), int(seconds // 3600)
+    return f"{hours} h {minutes % 60} min" if hours else f"{minutes} min {int(seconds % 60)} s"
+
+
+def _brief(setting: Setting) -> str:
+    parts = [f"learning_rate {setting.hypers.learning_rate:g}"]
+    if find_loss(setting.config.loss).policy == "histogram":
+        parts.append(f"n_bins {setting.config.n_bins}")
+    if setting.config.loss.startswith("hl-gauss"):
+        parts.append(f"η {setting.hypers.eta:g}")
+    return ", ".join(parts)
+
+
+def _winners(best: dict[str, results.Best]) -> Table:
+    table = Table(title="best setting per loss, by mean final training return: mean and 95% CI")
+    for heading in ("loss", "setting", "training return", "evaluation return", "of settings"):
+        table.add_column(heading, justify="left" if heading in ("loss", "setting") else "right")
+    for loss, winner in best.items():
+        training, evaluation = (
+            f"{mean_interval(values):,.2f}" for values in (winner.final_training_return, winner.final_evaluation_return)
+        )
+        table.add_row(find_loss(loss).label, _brief(winner.setting), training, evaluation, str(winner.n_settings))
+    return table
+
+
+@dataclasses.dataclass(frozen=True)
+class Folder:
+    """A sweep that was planned."""
+
+    out: tyro.conf.Positional[str]
+    """Its folder."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Shard(Folder):
+    """Train one shard of a planned sweep, as one task of a job array."""
+
+    index: tyro.conf.Positional[int]
+    """From 0 to the number of shards − 1."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Rerun(Folder):
+    """Train the best setting of each loss again on fresh seeds: the best of many flatters."""
+
+    to: str
+    """The folder for it."""
+    trials: int = 20
+    """Runs per setting."""
+    seed: int = 1
+    """Of the study; not the sweep's own."""
+    workers: int | None = None
+    """Processes, by default one per core."""
+
+
+def status(arguments: Sequence[str]) -> None:
+    """What is done, by the files that are there."""
+    store = Store(tyro.cli(Folder, prog="galton sweep status", args=list(arguments)).out)
+    plan = Plan.load(store)
+    done = finished(store, plan)
+    sizes = np.diff(plan.bounds)
+    table = Table("program", "shards done", "runs done", title=f"{store.url}: {plan.study.env}")
+    programs: dict[str, list[int]] = {}
+    for index, config in enumerate(plan.configs):
+        policy = find_loss(config.loss).policy
+        name = f"{config.loss}, k = {config.n_bins}" if policy == "histogram" else config.loss
+        counts = programs.setdefault(name, [0, 0, 0, 0])
+        counts[1] += 1
+        counts[3] += int(sizes[index])
+        if index in done:
+            counts[0] += 1
+            counts[2] += int(sizes[index])
+    for name, (shards, of_shards, runs, of_runs) in programs.items():
+        table.add_row(name, f"{shards:,} of {of_shards:,}", f"{runs:,} of {of_runs:,}")
+    runs = sum(counts[2] for counts in programs.values())
+    console = Console()
+    console.print(table)
+    console.print(f"{len(done):,} of {plan.n_shards:,} shards, {runs:,} of {plan.n_runs:,} runs", highlight=False)
+
+
+def show_results(arguments: Sequence[str]) -> None:
+    """The table of all runs that are done, and the best settings."""
+    store = Store(tyro.cli(Folder, prog="galton sweep results", args=list(arguments)).out)
+    _conclude(Console(), store, Plan.load(store))
+
+
+def one_shard(arguments: Sequence[str]) -> None:
+    """Train one, unless it is done."""
+    options = tyro.cli(Shard, prog="galton sweep shard", args=list(arguments))
+    store = Store(options.out)
+    plan = Plan.load(store)
+    plan.get(options.index)
+    from galton.training.devices import use_all_cores
+
+    if options.index in finished(store, plan):
+        print(f"shard {options.index} is done already")
+        return
+    use_all_cores()
+    report = work(store.url, options.index)
+    print(f"shard {options.index}: {len(report.setting)} runs in {report.train_seconds:,.1f} s")
+
+
+def rerun(arguments: Sequence[str]) -> None:
+    """The winners, again."""
+    options = tyro.cli(Rerun, prog="galton sweep rerun", args=list(arguments))
+    source, target = Store(options.out), Store(options.to)
+    require(options.out != options.to, f"to is {options.to!r}, the sweep's own folder; name another")
+    known = Plan.load(source)
+    best = results.best_settings(known, results.collect(source, known))
+    if not best:
+        raise UsageError(f"out is {options.out}, where no setting has all its trials yet; run the sweep to its end")
+    study = results.rerun(known.study, best, options.trials, options.seed)
+    places = one_per_core(options.workers)
+    with target.lock():
+        plan = engine.prepare(target, study, known.shard_width, extend=False)
+        _carry_out(target, plan, Processes(places), lambda: len(places))
+
+
+_OTHERS: dict[str, Callable[[Sequence[str]], None]] = {
+    "status": status,
+    "results": show_results,
+    "shard": one_shard,
+    "rerun": rerun,
+}

@@ -1,0 +1,144 @@
+"""A plan carried out: shards that are not done go to an executor until all are."""
+
+import collections
+import concurrent.futures
+from collections.abc import Callable, Iterable
+from concurrent.futures import Executor, Future
+from typing import Protocol, runtime_checkable
+
+from galton.errors import UsageError
+from galton.sweep.grid import Study
+from galton.sweep.plan import Plan
+from galton.sweep.shard import Report, discard, finished, read, report, work
+from galton.sweep.store import Store
+from galton.types import Config
+
+
+@runtime_checkable
+class Watcher(Protocol):
+    """Who looks on while a sweep runs."""
+
+    def resumed(self, reports: list[Report]) -> None:
+        """Shards that were done before."""
+
+    def finished(self, report: Report) -> None:
+        """A shard that has just been done."""
+
+    def tick(self) -> None:
+        """A few times a second. An exception that is raised here ends the sweep."""
+
+
+def prepare(store: Store, study: Study, shard_width: int, extend: bool) -> Plan:
+    """The plan that the place holds, if it covers the study; else a new one, or a longer one. The lock must be held.
+
+    Raises:
+        UsageError: the place holds the plan of another sweep.
+    """
+    try:
+        known = Plan.load(store)
+    except UsageError:
+        if "plan.parquet" in store.names(""):
+            raise
+        plan = Plan.create(study, shard_width)
+        plan.save(store)
+        return plan
+    if known.shard_width != shard_width:
+        raise UsageError(
+            f"shard_width is {shard_width}, but the plan in {store.url} has {known.shard_width}; name another folder"
+        )
+    plan = known.extended(study)
+    if plan.n_runs > known.n_runs:
+        if not extend:
+            raise UsageError(
+                f"out is {store.url}, which holds the plan of another sweep: {plan.n_runs - known.n_runs:,} of these "
+                "runs are not in it; name another folder or give --extend to add them"
+            )
+        plan.save(store)
+    return plan
+
+
+def verified(store: Store, plan: Plan) -> list[Report]:
+    """Of the shards that are done. Files that were damaged are removed."""
+    reports = []
+    for done in finished(store, plan).values():
+        table = read(store, done)
+        if table is None:
+            discard(store, done)
+        else:
+            reports.append(report(done.index, table))
+    return reports
+
+
+def run(
+    store: Store, plan: Plan, executor: Executor, width: Callable[[], int], watcher: Watcher, order: Iterable[int] = ()
+) -> None:
+    """Do what is not done yet. The lock must be held.
+
+    Args:
+        store: of the plan.
+        plan: as it is there.
+        executor: what carries shards; it must reach the same place under the same name.
+        width: how many shards it can work on now.
+        watcher: is told of what happens.
+        order: which shards come first, all others follow.
+
+    Raises:
+        BrokenEnvironmentError, UsageError: a shard failed; those that were done stay.
+    """
+    reports = verified(store, plan)
+    watcher.resumed(reports)
+    done = {report.index for report in reports}
+    first = dict.fromkeys(order)
+    pending = _Pending(plan, [i for i in (*first, *range(plan.n_shards)) if i not in done])
+    running: dict[Future[Report], int] = {}
+    free: list[Config] = []
+    try:
+        while pending or running:
+            while pending and len(running) < max(1, width()):
+                index = pending.pop(free.pop() if free else None)
+                running[executor.submit(work, store.url, index)] = index
+            ready, _ = concurrent.futures.wait(running, timeout=0.2, return_when=concurrent.futures.FIRST_COMPLETED)
+            for future in ready:
+                index = running.pop(future)
+                watcher.finished(future.result())
+                free.append(plan.configs[index])
+            watcher.tick()
+    finally:
+        for future in running:
+            future.cancel()
+
+
+class _Pending:
+    """Shards to do. A worker goes on with the Config that it has compiled; a new one gets one that none works on."""
+
+    def __init__(self, plan: Plan, indices: Iterable[int]) -> None:
+        self._queues: dict[Config, collections.deque[int]] = {}
+        for index in dict.fromkeys(indices):
+            self._queues.setdefault(plan.configs[index], collections.deque()).append(index)
+        self._taken: collections.Counter[Config] = collections.Counter()
+
+    def __bool__(self) -> bool:
+        return bool(self._queues)
+
+    def pop(self, compiled: Config | None) -> int:
+        if compiled not in self._queues:
+            compiled = min(self._queues, key=lambda config: (self._taken[config], -len(self._queues[config])))
+            self._taken[compiled] += 1
+        waiting = self._queues[compiled]
+        index = waiting.popleft()
+        if not waiting:
+            del self._queues[compiled]
+        return index
+
+
+class Silent:
+    """A watcher that does nothing."""
+
+    def resumed(self, reports: list[Report]) -> None:
+        """Nothing."""
+
+    def finished(self, report: Report) -> None:
+        """Nothing."""
+
+    def tick(self) -> None:
+        """Nothing."""

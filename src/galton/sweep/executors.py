@@ -1,0 +1,173 @@
+"""What carries shards to processes, as an Executor of concurrent.futures."""
+
+import multiprocessing
+import multiprocessing.connection
+import multiprocessing.context
+import os
+import queue
+import signal
+import threading
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor, Future
+from typing import Any, NamedTuple
+
+from galton.cores import allowed_cores
+from galton.errors import require_integer
+
+ATTEMPTS = 20
+"""How often a call is made again because the process that made it died."""
+
+
+class Place(NamedTuple):
+    """Where a worker lives."""
+
+    cores: tuple[int, ...] = ()
+    """It is kept on these, where the operating system can; () leaves it free."""
+    environment: tuple[tuple[str, str], ...] = ()
+    """Variables that it sees."""
+
+
+def one_per_core(n: int | None = None) -> list[Place]:
+    """As many workers as there are cores, or n, dealt to the cores in turn."""
+    cores = allowed_cores()
+    n = len(cores) if n is None else n
+    require_integer("workers", n, 1)
+    return [Place((cores[i % len(cores)],)) for i in range(n)]
+
+
+def one_per_gpu(n: int) -> list[Place]:
+    """A worker for each of n CUDA devices, each with its share of the cores."""
+    require_integer("gpus", n, 1)
+    cores = allowed_cores()
+    return [Place(tuple(cores[i::n]), (("CUDA_VISIBLE_DEVICES", str(i)),)) for i in range(n)]
+
+
+class WorkerDiedError(RuntimeError):
+    """Every process that made this call died."""
+
+
+class Processes(Executor):
+    """A process for each place. One that dies is replaced, and its call is made again."""
+
+    def __init__(self, places: Sequence[Place]) -> None:
+        self._calls: queue.SimpleQueue[tuple[Future[Any], Callable[..., Any], tuple[Any, ...]] | None]
+        self._calls = queue.SimpleQueue()
+        self._context = multiprocessing.get_context("spawn")
+        self._workers: dict[int, multiprocessing.context.SpawnProcess] = {}
+        self._lock, self._closed = threading.Lock(), threading.Event()
+        self._threads = [
+            threading.Thread(target=self._serve, args=(i, place), daemon=True) for i, place in enumerate(places)
+        ]
+        for thread in self._threads:
+            thread.start()
+
+    @property
+    def n_workers(self) -> int:
+        """How many calls are made at the same time."""
+        return len(self._threads)
+
+    @property
+    def process_ids(self) -> list[int]:
+        """Of the workers that live."""
+        with self._lock:
+            return [worker.pid for worker in self._workers.values() if worker.pid and worker.is_alive()]
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        """Call fn, which a worker must be able to import, with arguments that can be pickled."""
+        assert not kwargs
+        future: Future[Any] = Future()
+        self._calls.put((future, fn, args))
+        return future
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        """Let the workers go; those that are not idle are killed if cancel_futures."""
+        with self._lock:
+            if cancel_futures:
+                self._closed.set()
+                for worker in self._workers.values():
+                    worker.kill()
+        for _ in self._threads:
+            self._calls.put(None)
+        if wait:
+            for thread in self._threads:
+                thread.join()
+
+    def _serve(self, number: int, place: Place) -> None:
+        connection: multiprocessing.connection.Connection[Any, Any] | None = None
+        while (call := self._calls.get()) is not None and not self._closed.is_set():
+            future, fn, args = call
+            if not future.set_running_or_notify_cancel():
+                continue
+            for _ in range(ATTEMPTS):
+                try:
+                    connection = connection or self._start(number, place)
+                    connection.send((fn, args))
+                    value, error = connection.recv()
+                except (EOFError, OSError):  # it died
+                    connection = None
+                    if self._closed.is_set():
+                        error = WorkerDiedError("stopped")
+                        break
+                except Exception as unreadable:
+                    error = unreadable
+                    break
+                else:
+                    break
+            else:
+                error = WorkerDiedError(f"{fn.__name__}{args} killed {ATTEMPTS} workers one after the other")
+            if error is None:
+                future.set_result(value)
+            else:
+                future.set_exception(error)
+        if connection:
+            connection.close()
+        with self._lock:
+            worker = self._workers.pop(number, None)
+        if worker:
+            worker.join()
+
+    def _start(self, number: int, place: Place) -> "multiprocessing.connection.Connection[Any, Any]":
+        ours, its = self._context.Pipe()
+        with self._lock:
+            if self._closed.is_set():
+                raise EOFError
+            worker = self._context.Process(target=_live, args=(its, place), daemon=True)
+            worker.start()
+            self._workers[number] = worker
+        its.close()
+        return ours
+
+
+def _live(connection: "multiprocessing.connection.Connection[Any, Any]", place: Place) -> None:
+    """A worker's life: calls, until there are no more. It ends with its parent, however that ends."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent says when to stop
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    if place.cores and hasattr(os, "sched_setaffinity"):
+        os.sched_setaffinity(0, place.cores)
+    os.environ.update(place.environment)
+    from galton.training.devices import use_all_cores
+
+    use_all_cores()
+    while True:
+        try:
+            fn, args = connection.recv()
+        except EOFError:
+            return
+        answer: tuple[Any, Exception | None]
+        try:
+            answer = fn(*args), None
+        except Exception as error:
+            answer = None, error
+        try:
+            connection.send(answer)
+        except OSError:
+            return
+        except Exception as error:  # what can't be pickled
+            connection.send((None, RuntimeError(repr(answer[1] or error))))
+
+
+def _end_with_parent() -> None:
+    parent = multiprocessing.parent_process()
+    assert parent
+    parent.join()
+    os._exit(1)

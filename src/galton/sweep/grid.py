@@ -1,0 +1,199 @@
+"""A study as data: one environment, a list of settings, and trials of each."""
+
+import dataclasses
+import hashlib
+import itertools
+import json
+import math
+import tomllib
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from galton.envs.registry import find_task, is_known, settings
+from galton.errors import UsageError, require, require_integer
+from galton.losses import LOSSES, find_loss
+from galton.types import Config, Hypers, check_hypers
+
+
+class Setting(NamedTuple):
+    """One point of a grid."""
+
+    config: Config
+    hypers: Hypers
+    """Plain numbers."""
+
+    def record(self) -> dict[str, Any]:
+        """All of it, flat, for JSON and for tables."""
+        return {name: getattr(self.config, name) for name in _CONFIG} | self.hypers._asdict()
+
+    @classmethod
+    def of_record(cls, record: Mapping[str, Any]) -> "Setting":
+        """The setting with these fields, the rest at their defaults.
+
+        Raises:
+            UsageError: an unknown field, a value out of range.
+        """
+        for name in record:
+            known = ", ".join(_FIELDS)
+            require(name in _FIELDS, f"{name!r} is no setting; choose from {known}")
+        config = Config(**{name: value for name, value in record.items() if name not in Hypers._fields})
+        find_loss(config.loss)
+        numbers = {name: value for name, value in record.items() if name in Hypers._fields}
+        for name, value in numbers.items():
+            known_number = isinstance(value, (int, float)) and not isinstance(value, bool)
+            require(known_number, f"{name} is {value!r}; it must be a number")
+        setting = cls(config, Hypers(**{name: float(value) for name, value in numbers.items()}))
+        check_hypers(setting.hypers)
+        return setting
+
+    @property
+    def name(self) -> str:
+        """Of its content: the same in every study that holds it."""
+        return hashlib.sha256(canonical(self.record()).encode()).hexdigest()[:16]
+
+
+_CONFIG = tuple(field.name for field in dataclasses.fields(Config))
+_FIELDS = _CONFIG + Hypers._fields
+
+
+@dataclasses.dataclass(frozen=True)
+class Study:
+    """What a sweep is about."""
+
+    env: str
+    """One of ENVS or a Gymnasium id (`module:Id` imports the module first)."""
+    settings: tuple[Setting, ...]
+    trials: int
+    """Runs of each setting, each with a seed of its own."""
+    steps: int
+    """Environment steps per run."""
+    logs: int = 100
+    """Points of a learning curve."""
+    eval_episodes: int = 10
+    """Episodes of the deterministic policy at each of them."""
+    env_kwargs: str = "{}"
+    """JSON."""
+    seed: int = 0
+    """Of the study: another one gives every run a fresh seed."""
+    imports: tuple[str, ...] = ()
+    """Modules that every worker imports first: where losses, policies and environments of your own are registered."""
+
+    def __post_init__(self) -> None:
+        require(len(self.settings) > 0, "settings is empty; give at least one")
+        names = [setting.name for setting in self.settings]
+        require(len(set(names)) == len(names), "settings holds the same setting twice; give each once")
+        for name, least in (("trials", 1), ("steps", 1), ("logs", 1), ("eval_episodes", 0), ("seed", 0)):
+            require_integer(name, getattr(self, name), least)
+        require(self.seed < 2**63, f"seed is {self.seed}; it must be less than 2⁶³")
+
+    def constants(self) -> dict[str, Any]:
+        """What every run shares, for JSON."""
+        record = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
+        return {name: value for name, value in record.items() if name not in ("settings", "trials")}
+
+
+def canonical(record: Any) -> str:
+    """JSON that is the same for equal records."""
+    return json.dumps(record, sort_keys=True, separators=(",", ":"))
+
+
+def expand(blocks: Iterable[Mapping[str, Any]], base: Mapping[str, Any]) -> tuple[Setting, ...]:
+    """Each block's product: a list is an axis (net_arch's, a list of lists), anything else is fixed.
+
+    Args:
+        blocks: fields of Config and Hypers.
+        base: for the fields that a block doesn't name.
+    """
+    found: dict[Setting, None] = {}
+    for block in blocks:
+        axes = {name: _axis(name, value) for name, value in block.items()}
+        for point in itertools.product(*axes.values()):
+            found[Setting.of_record(dict(base) | dict(zip(axes, point, strict=True)))] = None
+    return tuple(found)
+
+
+def _axis(name: str, value: Any) -> Sequence[Any]:
+    is_list = isinstance(value, (list, tuple))
+    if name == "net_arch":
+        return value if is_list and value and isinstance(value[0], (list, tuple)) else [value]
+    require(not is_list or len(value) > 0, f"{name} is an empty list; give at least one value")
+    return value if is_list else [value]
+
+
+def task_defaults(env: str) -> dict[str, Any]:
+    """The settings of App. C.2 for a task, to put a grid upon."""
+    task = settings(env)
+    return {"learning_rate": task.learning_rate, **task.config}
+
+
+def paper_grid(env: str, base: Mapping[str, Any]) -> tuple[Setting, ...]:
+    """App. C.2: learning rates for all three losses, n_bins for both classifications, η for HL-Gauss.
+
+    88 settings, 76 on the bandit.
+    """
+    if is_known(env) and find_task(env)[0] == "bandit":
+        rates, etas = [0.01, 0.05, 0.1, 1.0], [0.1, 0.25, 0.5, 0.75, 1.0]
+    else:
+        rates, etas = [1e-4, 3e-4, 7e-4, 1e-3], [0.01, 0.05, 0.1, 0.25, 0.5, 0.75]
+    bins = [50, 100, 200]
+    blocks = (
+        {"loss": "gaussian", "learning_rate": rates},
+        {"loss": "hl-one-hot", "learning_rate": rates, "n_bins": bins},
+        {"loss": "hl-gauss", "learning_rate": rates, "n_bins": bins, "eta": etas},
+    )
+    return expand(blocks, base)
+
+
+def random_grid(env: str, base: Mapping[str, Any], n: int = 16, seed: int = 0) -> tuple[Setting, ...]:
+    """N settings of each loss, drawn around the base's learning rate.
+
+    Log-uniform: the learning rate within a factor of 10 of the base's, η from 0.1 to 4; n_bins is 50, 100 or 200. A
+    longer draw begins with a shorter one.
+    """
+    del env
+    require_integer("n", n, 1)
+    found: list[dict[str, Any]] = []
+    for name, loss in LOSSES.items():
+        draw = np.random.default_rng((seed, *name.encode()))
+        for _ in range(n):
+            rate = base["learning_rate"] * 10 ** draw.uniform(-1, 1)
+            bins, eta = int(draw.choice([50, 100, 200])), math.exp(draw.uniform(math.log(0.1), math.log(4)))
+            found.append({"loss": name, "learning_rate": float(f"{rate:.3g}")})
+            if loss.policy == "histogram":
+                found[-1] |= {"n_bins": bins, "eta": float(f"{eta:.3g}")}
+    return expand(found, base)
+
+
+def read_grid(path: Path, base: Mapping[str, Any]) -> tuple[Setting, ...]:
+    """The settings of a TOML file: `[[grid]]` tables as for `expand`.
+
+    Raises:
+        UsageError: no such file, no TOML, no grid in it, an unknown field, a value out of range.
+    """
+    try:
+        record = tomllib.loads(path.read_text())
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise UsageError(f"grid is {str(path)!r}, which can't be read as TOML: {error}") from None
+    blocks = record.get("grid")
+    right = set(record) == {"grid"} and isinstance(blocks, list) and all(isinstance(b, dict) for b in blocks)
+    require(right and bool(blocks), f"grid is {str(path)!r}; it must hold one or more [[grid]] tables and nothing else")
+    try:
+        return expand(blocks, base)  # type: ignore[arg-type]
+    except (TypeError, UsageError) as error:
+        raise UsageError(f"grid is {str(path)!r}: {error}") from None
+
+
+GRIDS: dict[str, Callable[[str, Mapping[str, Any]], tuple[Setting, ...]]] = {
+    "paper": paper_grid,
+    "random": random_grid,
+}
+"""The grids with a name: (environment, fields that all settings share unless the grid says otherwise) → settings."""
+
+
+def find_grid(name: str, env: str, base: Mapping[str, Any] | None = None) -> tuple[Setting, ...]:
+    """A name in GRIDS, or a TOML file; the base is by default the task's."""
+    base = task_defaults(env) if base is None else base
+    return GRIDS[name](env, base) if name in GRIDS else read_grid(Path(name), base)

@@ -1,0 +1,216 @@
+"""The plan: every run of a sweep, dealt into shards, on disk. It is the truth; what carries it out is disposable."""
+
+import dataclasses
+import functools
+import hashlib
+import io
+import itertools
+import json
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+from jaxtyping import Int, UInt
+
+from galton.errors import UsageError, require, require_integer
+from galton.sweep.grid import Setting, Study, canonical
+from galton.sweep.store import Store, checksum
+from galton.types import Config, Hypers
+
+FILE = "plan.parquet"
+_RECORD = b"galton"
+"""The key of our record in the file's metadata."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Shard:
+    """Runs that are trained side by side, W of them: one program of one Config. The last run fills up a short shard."""
+
+    index: int
+    n_runs: int
+    """Without the repeated ones."""
+    config: Config
+    hypers: Hypers
+    """Each field `[W]`."""
+    setting: Int[np.ndarray, " W"]
+    """Into the plan's settings."""
+    trial: Int[np.ndarray, " W"]
+    seeds: UInt[np.ndarray, " W"]
+    name: str
+    """Of all that determines its results."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Plan:
+    """R runs in S shards. Nothing in it ever changes but that new shards are added behind the last one."""
+
+    study: Study
+    """With all settings, in the order in which they were added."""
+    shard_width: int
+    shard: Int[np.ndarray, " R"]
+    """Going up."""
+    setting: Int[np.ndarray, " R"]
+    """Into the study's settings."""
+    trial: Int[np.ndarray, " R"]
+    seed: UInt[np.ndarray, " R"]
+
+    @classmethod
+    def create(cls, study: Study, shard_width: int = 32) -> "Plan":
+        """The runs of a study, grouped by Config, in shards of `shard_width`."""
+        require_integer("shard_width", shard_width, 1)
+        none = np.zeros(0, np.int32)
+        empty = dataclasses.replace(study, settings=study.settings[:1])
+        return cls(empty, shard_width, none, none, none, none.astype(np.uint32)).extended(study)
+
+    def extended(self, study: Study) -> "Plan":
+        """The same plan, with shards added for the runs of this study that it lacks.
+
+        Raises:
+            UsageError: the study differs in something that all runs share.
+        """
+        ours, theirs = self.study.constants(), study.constants()
+        for name, value in theirs.items():
+            require(ours[name] == value, f"{name} is {value!r}, but the plan has {ours[name]!r}; name another folder")
+        place = {known: i for i, known in enumerate(self.study.settings)}
+        for wanted in study.settings:
+            place.setdefault(wanted, len(place))
+        settings = tuple(place)
+
+        setting = np.repeat(np.array([place[s] for s in study.settings], np.int32), study.trials)
+        trial = np.tile(np.arange(study.trials, dtype=np.int32), len(study.settings))
+        new = ~np.isin(setting.astype(np.int64) << 32 | trial, self.setting.astype(np.int64) << 32 | self.trial)
+        setting, trial = setting[new], trial[new]
+        groups: dict[Config, int] = {}
+        group = np.array([groups.setdefault(s.config, len(groups)) for s in settings], np.int32)[setting]
+        order = np.lexsort((trial, setting, group))
+        setting, trial, group = setting[order], trial[order], group[order]
+        place_in_group = np.arange(len(group)) - np.searchsorted(group, group)
+        shard = self.n_shards - 1 + np.cumsum(place_in_group % self.shard_width == 0)
+        names = [s.name for s in settings]
+        seeds = [fold_in(study.seed, names[s], t) for s, t in zip(setting.tolist(), trial.tolist(), strict=True)]
+        return Plan(
+            dataclasses.replace(study, settings=settings, trials=max(study.trials, self.study.trials)),
+            self.shard_width,
+            np.r_[self.shard, shard.astype(np.int32)],
+            np.r_[self.setting, setting],
+            np.r_[self.trial, trial],
+            np.r_[self.seed, np.array(seeds, np.uint32)],
+        )
+
+    @property
+    def n_runs(self) -> int:
+        """R."""
+        return len(self.shard)
+
+    @property
+    def n_shards(self) -> int:
+        """S."""
+        return int(self.shard[-1]) + 1 if len(self.shard) else 0
+
+    @functools.cached_property
+    def bounds(self) -> Int[np.ndarray, " S+1"]:
+        """Where each shard's runs begin."""
+        return np.searchsorted(self.shard, np.arange(self.n_shards + 1))
+
+    @functools.cached_property
+    def configs(self) -> list[Config]:
+        """Of each shard."""
+        settings = self.study.settings
+        return [settings[i].config for i in self.setting[self.bounds[:-1]].tolist()]
+
+    @functools.cached_property
+    def names(self) -> list[str]:
+        """Of each shard, by all that determines its results."""
+        common = canonical([self.study.constants(), self.shard_width]).encode()
+        settings = np.array([setting.name.encode() for setting in self.study.settings])[self.setting]
+        columns = [np.ascontiguousarray(column) for column in (settings, self.trial, self.seed)]
+        bounds = self.bounds.tolist()
+        return [
+            checksum(common + b"".join(column[start:stop].tobytes() for column in columns))[:16]
+            for start, stop in itertools.pairwise(bounds)
+        ]
+
+    def get(self, index: int) -> Shard:
+        """One shard.
+
+        Raises:
+            UsageError: there is none of that number.
+        """
+        fits = 0 <= index < self.n_shards
+        require(fits, f"shard is {index}; the plan has {self.n_shards}, from 0 to {self.n_shards - 1}")
+        start, stop = self.bounds[index : index + 2].tolist()
+        runs = np.minimum(np.arange(start, start + self.shard_width), stop - 1)
+        setting, trial, seeds = self.setting[runs], self.trial[runs], self.seed[runs]
+        settings = [self.study.settings[i] for i in setting.tolist()]
+        hypers: Any = (np.array(column, np.float32) for column in zip(*(s.hypers for s in settings), strict=True))
+        return Shard(index, stop - start, settings[0].config, Hypers(*hypers), setting, trial, seeds, self.names[index])
+
+    def save(self, store: Store) -> None:
+        """Write it down, in place of an earlier and shorter one."""
+        columns = {"shard": self.shard, "setting": self.setting, "trial": self.trial, "seed": self.seed}
+        record = {
+            "constants": self.study.constants(),
+            "trials": self.study.trials,
+            "shard_width": self.shard_width,
+            "settings": [setting.record() for setting in self.study.settings],
+        }
+        table = pa.table(columns)
+        digest = _digest(record, table)
+        table = table.replace_schema_metadata({_RECORD: json.dumps({"plan": record, "digest": digest})})
+        buffer = io.BytesIO()
+        pq.write_table(table, buffer, compression="zstd")
+        store.write(FILE, buffer.getvalue())
+
+    @classmethod
+    def load(cls, store: Store) -> "Plan":
+        """The plan that a folder holds.
+
+        Raises:
+            UsageError: none, or one that was damaged.
+        """
+        try:
+            data = store.read(FILE)
+        except FileNotFoundError:
+            raise UsageError(f"out is {store.url}, which holds no sweep; start one with: galton sweep ENV") from None
+        return _parse(store.url, data)
+
+
+@functools.lru_cache(maxsize=4)
+def _parse(url: str, data: bytes) -> Plan:
+    try:
+        table = pq.read_table(io.BytesIO(data))
+        whole = json.loads(table.schema.metadata[_RECORD])
+        record = whole["plan"]
+        columns = [table.column(name).to_numpy() for name in ("shard", "setting", "trial", "seed")]
+        intact = whole["digest"] == _digest(record, table)
+    except (pa.ArrowException, OSError, KeyError, TypeError, ValueError, MemoryError):
+        intact = False
+    if not intact:
+        raise UsageError(
+            f"out is {url}, whose {FILE} was damaged; put it back from a copy, or plan the same sweep in another "
+            "folder and move the shards folder there: whole shards of the same runs count"
+        )
+    constants = record["constants"] | {"imports": tuple(record["constants"]["imports"])}
+    settings = tuple(
+        Setting(
+            Config(**{name: value for name, value in setting.items() if name not in Hypers._fields}),
+            Hypers(**{name: setting[name] for name in Hypers._fields}),
+        )
+        for setting in record["settings"]
+    )
+    return Plan(Study(settings=settings, trials=record["trials"], **constants), record["shard_width"], *columns)
+
+
+def _digest(record: dict[str, Any], table: pa.Table) -> str:
+    columns = b"".join(np.ascontiguousarray(column.to_numpy()).tobytes() for column in table.columns)
+    return checksum(canonical(record).encode() + columns)
+
+
+def fold_in(study: int, setting: str, trial: int) -> int:
+    """The seed of a run, 0 … 2³² − 1: a hash of the study's seed, the setting's name and the trial.
+
+    Neither other settings nor other trials have a part in it.
+    """
+    content = study.to_bytes(8, "little") + trial.to_bytes(8, "little") + setting.encode()
+    return int.from_bytes(hashlib.blake2b(content, digest_size=4).digest(), "little")

@@ -1,0 +1,87 @@
+"""What a sweep found: the table of all runs, the best setting of each loss, and the study that checks it."""
+
+import dataclasses
+import io
+from typing import NamedTuple
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+from jaxtyping import Float
+
+from galton.errors import UsageError, require
+from galton.sweep.grid import Setting, Study
+from galton.sweep.plan import Plan
+from galton.sweep.shard import finished, read
+from galton.sweep.store import Store
+
+FILE = "results.parquet"
+
+
+class Best(NamedTuple):
+    """The setting of a loss with the highest mean final training return over its trials (App. C.2)."""
+
+    setting: Setting
+    final_training_return: Float[np.ndarray, " trials"]
+    final_evaluation_return: Float[np.ndarray, " trials"]
+    n_settings: int
+    """Of how many it is the best: the more, the more its mean flatters."""
+
+
+def collect(store: Store, plan: Plan) -> pa.Table:
+    """One row per run that is done, by setting and trial: its setting, its final numbers, its curves.
+
+    The bytes depend on the runs alone, not on when, where or in which order they were trained.
+
+    Raises:
+        UsageError: a shard's file was damaged.
+    """
+    parts = []
+    for done in finished(store, plan).values():
+        table = read(store, done)
+        if table is None:
+            raise UsageError(f"{done.file} in {store.url} was damaged; run the sweep again to replace it")
+        parts.append(table.replace_schema_metadata(None))
+    require(bool(parts), f"out is {store.url}, where no shard is done yet")
+    runs = pa.concat_tables(parts).sort_by([("setting", "ascending"), ("trial", "ascending")])
+    settings = pa.Table.from_pylist([setting.record() for setting in plan.study.settings])
+    return pa.table(
+        {f"setting.{name}": settings.column(name).take(runs.column("setting")) for name in settings.column_names}
+        | {name: runs.column(name) for name in runs.column_names}
+    ).combine_chunks()
+
+
+def save(store: Store, table: pa.Table) -> None:
+    """Write the table as results.parquet."""
+    buffer = io.BytesIO()
+    pq.write_table(table, buffer, compression="zstd")
+    store.write(FILE, buffer.getvalue())
+
+
+def best_settings(plan: Plan, table: pa.Table) -> dict[str, Best]:
+    """For each loss, among the settings whose trials are all there; one with a diverged trial comes last."""
+    columns = ("setting", "final_training_return", "final_evaluation_return")
+    setting, training, evaluation = (table.column(name).to_numpy() for name in columns)
+    trials = plan.study.trials
+    n = len(plan.study.settings)
+    count = np.bincount(setting, minlength=n)
+    with np.errstate(invalid="ignore"):
+        mean = np.bincount(setting, np.where(np.isnan(training), -np.inf, training), n) / np.maximum(count, 1)
+    found: dict[str, Best] = {}
+    for loss in dict.fromkeys(s.config.loss for s in plan.study.settings):
+        own = [i for i, s in enumerate(plan.study.settings) if s.config.loss == loss and count[i] == trials]
+        if own:
+            i = max(own, key=lambda i: mean[i])
+            rows = setting == i
+            found[loss] = Best(plan.study.settings[i], training[rows], evaluation[rows], len(own))
+    return found
+
+
+def rerun(study: Study, best: dict[str, Best], trials: int, seed: int) -> Study:
+    """The winners alone, on fresh seeds: the mean of the best of many settings flatters, this one doesn't.
+
+    Raises:
+        UsageError: the seed is the study's own.
+    """
+    require(seed != study.seed, f"seed is {seed}, the sweep's own; another one gives fresh seeds")
+    return dataclasses.replace(study, settings=tuple(b.setting for b in best.values()), trials=trials, seed=seed)

@@ -1,0 +1,171 @@
+"""One shard: trained, and committed as one Parquet file whose name holds its checksum."""
+
+import dataclasses
+import datetime
+import functools
+import importlib
+import importlib.metadata
+import io
+import json
+import platform
+import re
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from galton.envs.find import find
+from galton.errors import UsageError
+from galton.sweep.plan import Plan, Shard
+from galton.sweep.store import Store, checksum
+from galton.training.train import Result, train
+
+FOLDER = "shards"
+_NAME = re.compile(r"(\d{7,})-([0-9a-f]{16})-([0-9a-f]{32})\.parquet")
+_RECORD = b"galton"
+
+
+@dataclasses.dataclass(frozen=True)
+class Done:
+    """What is known of a finished shard without opening its file."""
+
+    index: int
+    name: str
+    """Of what determined its results."""
+    checksum: str
+    file: str
+
+
+@dataclasses.dataclass(frozen=True)
+class Report:
+    """What a worker tells of the shard it finished; arrays of plain numbers, small enough to send."""
+
+    index: int
+    setting: list[int]
+    trial: list[int]
+    final_training_return: list[float]
+    """NaN for a diverged run."""
+    steps: int
+    """Environment steps, all runs together."""
+    compile_seconds: float
+    train_seconds: float
+
+
+def work(url: str, index: int) -> Report:
+    """Train shard `index` of the plan at `url` and commit it. Doing it again replaces nothing and does no harm.
+
+    Raises:
+        UsageError: no such plan or shard, no room to write.
+        BrokenEnvironmentError: the environment broke.
+    """
+    store = Store(url)
+    plan = Plan.load(store)
+    shard = plan.get(index)
+    for module in plan.study.imports:
+        importlib.import_module(module)
+    study = plan.study
+    result = train(
+        find(study.env, **_constants(study.env_kwargs)),
+        shard.config,
+        shard.hypers,
+        shard.seeds.tolist(),
+        study.steps,
+        n_logs=study.logs,
+        n_eval_episodes=study.eval_episodes,
+    )
+    table = tabulate(shard, result)
+    buffer = io.BytesIO()
+    pq.write_table(table, buffer, compression="zstd")
+    data = buffer.getvalue()
+    store.write(f"{FOLDER}/{index:07d}-{shard.name}-{checksum(data)}.parquet", data)
+    return report(index, table)
+
+
+def tabulate(shard: Shard, result: Result) -> pa.Table:
+    """One row per run: what it is, its final numbers and its curves. Machine and times are in the metadata."""
+    n = shard.n_runs
+    columns: dict[str, Any] = {
+        "setting": shard.setting[:n],
+        "trial": shard.trial[:n],
+        "seed": shard.seeds[:n],
+        "final_training_return": result.final("training_return")[:n].astype(np.float32),
+        "final_evaluation_return": result.final("evaluation_return")[:n].astype(np.float32),
+        "diverged_at": result.diverged_at[:n],
+        "steps": _lists(np.broadcast_to(result.steps.astype(np.int32), (n, len(result.steps)))),
+    }
+    for name, curves in result.log._asdict().items():
+        columns[name] = _lists(np.asarray(curves, np.float32)[:n])
+    record = {
+        "shard": shard.name,
+        "env_steps": n * int(result.steps[-1]),
+        "compile_seconds": result.compile_seconds,
+        "train_seconds": result.train_seconds,
+        "finished": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
+        "versions": versions(),
+        "machine": f"{platform.node()} {platform.machine()} {platform.platform()}",
+    }
+    return pa.table(columns, metadata={_RECORD: json.dumps(record)})
+
+
+def report(index: int, table: pa.Table) -> Report:
+    """Of a shard's table."""
+    record = json.loads(table.schema.metadata[_RECORD])
+    names = ("setting", "trial", "final_training_return")
+    columns = (table.column(name).to_pylist() for name in names)
+    return Report(index, *columns, *(record[name] for name in ("env_steps", "compile_seconds", "train_seconds")))
+
+
+def finished(store: Store, plan: Plan) -> dict[int, Done]:
+    """The shards of this plan that are there, by their names alone; a file of other runs does not count."""
+    found: dict[int, Done] = {}
+    for file in store.names(FOLDER):
+        match = _NAME.fullmatch(file)
+        if match and int(match[1]) < plan.n_shards and plan.names[int(match[1])] == match[2]:
+            found[int(match[1])] = Done(int(match[1]), match[2], match[3], file)
+    return found
+
+
+def read(store: Store, done: Done) -> pa.Table | None:
+    """A finished shard's table; None where the file was damaged or is gone."""
+    try:
+        data = store.read(f"{FOLDER}/{done.file}")
+    except OSError:
+        return None
+    return pq.read_table(io.BytesIO(data)) if checksum(data) == done.checksum else None
+
+
+def discard(store: Store, done: Done) -> None:
+    """Remove a damaged file, so that its shard is trained again."""
+    store.remove(f"{FOLDER}/{done.file}")
+
+
+@functools.lru_cache(maxsize=1)
+def versions() -> dict[str, str | None]:
+    """Of what the results depend on; the commit where this is a checkout."""
+    found: dict[str, str | None] = {}
+    for name in ("galton", "jax", "jaxlib", "numpy", "optax", "gymnasium", "mujoco"):
+        try:
+            found[name] = importlib.metadata.version(name)
+        except importlib.metadata.PackageNotFoundError:
+            found[name] = None
+    command = ["git", "-C", str(Path(__file__).parent), "describe", "--always", "--dirty", "--abbrev=12"]
+    try:
+        commit = subprocess.run(command, capture_output=True, text=True, check=True, timeout=10).stdout.strip()
+    except (OSError, subprocess.SubprocessError):
+        commit = None
+    return found | {"commit": commit, "python": platform.python_version()}
+
+
+def _constants(env_kwargs: str) -> dict[str, Any]:
+    try:
+        constants = json.loads(env_kwargs)
+    except json.JSONDecodeError as error:
+        raise UsageError(f"env_kwargs is {env_kwargs!r}, which is not JSON: {error}") from None
+    return {name: tuple(value) if isinstance(value, list) else value for name, value in constants.items()}
+
+
+def _lists(rows: np.ndarray) -> pa.Array:
+    return pa.FixedSizeListArray.from_arrays(pa.array(np.ascontiguousarray(rows).ravel()), rows.shape[1])

@@ -1,0 +1,131 @@
+"""The folder of a sweep, on a disk, a shared file system or an object store: whole files or none."""
+
+import contextlib
+import errno
+import hashlib
+import os
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+import filelock
+import fsspec
+from fsspec.implementations.local import LocalFileSystem
+
+from galton.errors import UsageError
+
+SCRATCH = ".writing-"
+"""How the names of files begin that are not whole yet."""
+
+
+class Store:
+    """Files by name under one place.
+
+    Args:
+        url: a path, or whatever fsspec opens (`s3://bucket/sweep` with s3fs installed).
+
+    Raises:
+        UsageError: fsspec can't open the place.
+    """
+
+    def __init__(self, url: str) -> None:
+        try:
+            self._files, self._root = fsspec.core.url_to_fs(url)
+        except (ImportError, ValueError) as error:
+            raise UsageError(f"out is {url!r}, which can't be opened: {error}") from None
+        self.url = url
+        self.local = Path(self._root) if isinstance(self._files, LocalFileSystem) else None
+
+    def names(self, folder: str) -> list[str]:
+        """The files of a folder, sorted; none where there is no such folder."""
+        if self.local is not None:
+            try:
+                with os.scandir(self.local / folder) as entries:
+                    return sorted(entry.name for entry in entries if not entry.name.startswith(SCRATCH))
+            except FileNotFoundError:
+                return []
+        self._files.invalidate_cache()  # others write here too
+        try:
+            return sorted(path.rsplit("/", 1)[-1] for path in self._files.ls(f"{self._root}/{folder}", detail=False))
+        except FileNotFoundError:
+            return []
+
+    def read(self, name: str) -> bytes:
+        """A whole file.
+
+        Raises:
+            FileNotFoundError: there is none.
+        """
+        data: bytes = self._files.cat_file(f"{self._root}/{name}")
+        return data
+
+    def write(self, name: str, data: bytes) -> None:
+        """All of it or nothing, even if the machine stops meanwhile; what had that name is replaced.
+
+        Raises:
+            UsageError: no room, or no permission.
+        """
+        try:
+            if self.local is not None:
+                _write_atomically(self.local / name, data)
+            else:
+                self._files.pipe_file(f"{self._root}/{name}", data)
+        except OSError as error:
+            if error.errno in (errno.ENOSPC, errno.EDQUOT):
+                raise UsageError(
+                    f"out is {self.url}, where there is no room left ({error.strerror}); make room and run the same "
+                    "command again, which goes on where this one stopped"
+                ) from None
+            raise UsageError(f"out is {self.url}, where {name} can't be written: {error}") from None
+
+    def remove(self, name: str) -> None:
+        """A file that may be there."""
+        with contextlib.suppress(FileNotFoundError):
+            self._files.rm_file(f"{self._root}/{name}")
+
+    @contextlib.contextmanager
+    def lock(self) -> Iterator[None]:
+        """Held by the one process that runs the sweep; what killed processes left half-written is cleared away.
+
+        An object store has no locks: there two sweeps would do the same work twice, and nothing worse.
+
+        Raises:
+            UsageError: another process holds it.
+        """
+        if self.local is None:
+            yield
+            return
+        try:
+            self.local.mkdir(parents=True, exist_ok=True)
+            lock = filelock.FileLock(self.local / ".lock", blocking=False)
+            lock.acquire()
+        except filelock.Timeout:
+            raise UsageError(f"out is {self.url}, where another process runs a sweep; wait for it") from None
+        except OSError as error:
+            raise UsageError(f"out is {self.url}, which can't be written: {error}") from None
+        try:
+            for stale in self.local.glob(f"**/{SCRATCH}*"):
+                stale.unlink(missing_ok=True)
+            yield
+        finally:
+            lock.release()
+
+
+def checksum(data: bytes) -> str:
+    """32 hexadecimal digits."""
+    return hashlib.sha256(data).hexdigest()[:32]
+
+
+def _write_atomically(path: Path, data: bytes) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    number, scratch = tempfile.mkstemp(prefix=SCRATCH, dir=path.parent)
+    try:
+        with os.fdopen(number, "wb") as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        Path(scratch).chmod(0o644)
+        Path(scratch).replace(path)
+    except BaseException:
+        Path(scratch).unlink(missing_ok=True)
+        raise

@@ -1,0 +1,122 @@
+"""Studies as data."""
+
+import collections
+
+import pytest
+
+from galton import LOSSES, Config, Hypers
+from galton.envs import ENVS
+from galton.errors import UsageError
+from galton.sweep.grid import GRIDS, Setting, Study, expand, find_grid, paper_grid, random_grid, task_defaults
+
+
+@pytest.mark.parametrize(("env", "n"), [("bandit", 76), ("lqr", 88), ("acrobot", 88), ("HalfCheetah-v5", 88)])
+def test_the_papers_grid_has_its_settings_in_seven_programs(env, n):
+    settings = paper_grid(env, task_defaults(env))
+    assert len(set(settings)) == len(settings) == n
+    assert len({setting.config for setting in settings}) == 7
+    per_loss = collections.Counter(setting.config.loss for setting in settings)
+    assert per_loss == {"gaussian": 4, "hl-one-hot": 12, "hl-gauss": n - 16}
+
+
+def test_the_papers_grid_is_that_of_the_appendix():
+    settings = find_grid("paper", "mountain-car")
+    assert {s.hypers.learning_rate for s in settings} == {1e-4, 3e-4, 7e-4, 1e-3}
+    assert {s.hypers.eta for s in settings if s.config.loss == "hl-gauss"} == {0.01, 0.05, 0.1, 0.25, 0.5, 0.75}
+    assert {s.config.n_bins for s in settings if s.config.loss != "gaussian"} == {50, 100, 200}
+    bandit = find_grid("paper", "bandit")
+    assert {s.hypers.learning_rate for s in bandit} == {0.01, 0.05, 0.1, 1}
+    assert {(s.config.n_steps, s.config.net_arch) for s in bandit} == {(5, ())}
+
+
+def test_lists_are_axes_and_the_rest_is_fixed():
+    blocks = [
+        {"loss": "gaussian", "learning_rate": [1e-3, 1e-4], "net_arch": [8, 8]},
+        {"loss": "hl-gauss", "eta": [1, 2, 4], "n_bins": [10, 20], "net_arch": [[8], []]},
+    ]
+    settings = expand(blocks, {"n_steps": 7, "gamma": 0.5})
+    assert len(settings) == 2 + 12
+    assert all(s.config.n_steps == 7 and s.hypers.gamma == 0.5 for s in settings)
+    assert {s.config.net_arch for s in settings if s.config.loss == "gaussian"} == {(8, 8)}
+    assert {s.config.net_arch for s in settings if s.config.loss == "hl-gauss"} == {(8,), ()}
+    assert expand(blocks + blocks, {}) == expand(blocks, {})
+
+
+def test_a_setting_survives_its_record_and_its_name_is_of_its_content():
+    for setting in random_grid("lqr", task_defaults("lqr")):
+        assert Setting.of_record(setting.record()) == setting
+        assert Setting.of_record(setting.record()).name == setting.name
+    names = {setting.name for setting in paper_grid("lqr", {})}
+    assert len(names) == 88
+
+
+def test_a_longer_random_draw_begins_with_a_shorter_one_and_covers_all_losses():
+    short, long = (random_grid("lqr", task_defaults("lqr"), n) for n in (3, 9))
+    assert len(short) == 3 * len(LOSSES)
+    assert set(short) < set(long)
+    assert random_grid("lqr", task_defaults("lqr"), 3, seed=1) != short
+    for setting in long:
+        assert 7e-5 <= setting.hypers.learning_rate <= 7e-3
+        assert 0.1 <= setting.hypers.eta <= 4
+
+
+def test_a_grid_is_read_from_toml(tmp_path):
+    path = tmp_path / "grid.toml"
+    path.write_text('[[grid]]\nloss = "gaussian"\n[[grid]]\nloss = "hl-gauss-centred"\neta = [2.0, 4]\nn_bins = [50]\n')
+    assert find_grid(str(path), "lqr") == (
+        Setting(Config("gaussian"), Hypers(7e-4)),
+        Setting(Config("hl-gauss-centred", 50), Hypers(7e-4, 2.0)),
+        Setting(Config("hl-gauss-centred", 50), Hypers(7e-4, 4.0)),
+    )
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("grid = 3", "must hold one or more"),
+        ("[[grid]]\n[other]", "must hold one or more"),
+        ("", "must hold one or more"),
+        ("[[grid]", "can't be read as TOML"),
+        ('[[grid]]\nlose = "gaussian"', "'lose' is no setting; choose from loss, n_bins"),
+        ('[[grid]]\nloss = "mse"', "loss is 'mse'; choose from gaussian"),
+        ("[[grid]]\neta = []", "eta is an empty list"),
+        ("[[grid]]\neta = [0.5, -1]", "eta is -1.0; it must be greater than 0"),
+        ('[[grid]]\neta = "wide"', "eta is 'wide'; it must be a number"),
+        ("[[grid]]\nn_bins = [1]", "n_bins is 1; it must be an integer of at least 2"),
+        ("[[grid]]\nn_bins = 2.5", "n_bins is 2.5; it must be an integer"),
+    ],
+)
+def test_a_wrong_grid_is_refused_in_words(tmp_path, text, message):
+    path = tmp_path / "grid.toml"
+    path.write_text(text)
+    with pytest.raises(UsageError, match="grid") as told:
+        find_grid(str(path), "lqr")
+    assert message in str(told.value)
+
+
+def test_an_unknown_grid_is_taken_for_a_file():
+    with pytest.raises(UsageError, match="grid is 'papers'"):
+        find_grid("papers", "lqr")
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"trials": 0}, "trials is 0"),
+        ({"steps": 1.5}, "steps is 1.5"),
+        ({"seed": -1}, "seed is -1"),
+        ({"seed": 2**63}, "less than"),
+        ({"settings": ()}, "settings is empty"),
+        ({"settings": (Setting(Config(), Hypers()),) * 2}, "the same setting twice"),
+    ],
+)
+def test_a_wrong_study_is_refused(change, message):
+    study = {"env": "lqr", "settings": (Setting(Config(), Hypers()),), "trials": 2, "steps": 100}
+    with pytest.raises(UsageError, match=message):
+        Study(**study | change)
+
+
+def test_every_named_grid_fits_every_task():
+    for name in GRIDS:
+        for env in ENVS:
+            assert {s.config.loss for s in find_grid(name, env)} <= set(LOSSES)

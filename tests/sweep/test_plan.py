@@ -1,0 +1,144 @@
+"""The plan on disk."""
+
+import collections
+import dataclasses
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from galton import Config, Hypers
+from galton.errors import UsageError
+from galton.sweep.grid import Setting, Study, expand, find_grid
+from galton.sweep.plan import FILE, Plan, fold_in
+from galton.sweep.store import Store
+
+
+def study(n_settings=5, trials=3, **changes):
+    settings = expand(
+        [{"loss": ["gaussian", "hl-one-hot"], "learning_rate": [float(i + 1) for i in range(n_settings)]}], {}
+    )
+    return dataclasses.replace(Study("lqr", settings, trials, 100), **changes)
+
+
+def runs(plan):
+    return list(zip(plan.setting.tolist(), plan.trial.tolist(), plan.seed.tolist(), strict=True))
+
+
+@given(st.integers(1, 7), st.integers(1, 9), st.integers(1, 12))
+def test_every_run_is_in_one_shard_with_its_like(n_settings, trials, width):
+    wanted = study(n_settings, trials)
+    plan = Plan.create(wanted, width)
+    assert len(set(runs(plan))) == plan.n_runs == len(wanted.settings) * trials
+    sizes = collections.Counter(plan.shard.tolist())
+    assert sorted(sizes) == list(range(plan.n_shards))
+    assert max(sizes.values()) <= width
+    assert plan.n_shards == 2 * -(-n_settings * trials // width)
+    for index in range(plan.n_shards):
+        shard = plan.get(index)
+        assert shard.n_runs == sizes[index]
+        assert len(shard.seeds) == len(shard.hypers.eta) == width
+        assert {wanted.settings[i].config for i in shard.setting.tolist()} == {shard.config} == {plan.configs[index]}
+        rates = [wanted.settings[i].hypers.learning_rate for i in shard.setting.tolist()]
+        np.testing.assert_array_equal(shard.hypers.learning_rate, np.float32(rates))
+        assert set(shard.seeds[shard.n_runs :].tolist()) <= {shard.seeds[shard.n_runs - 1]}
+
+
+def test_a_seed_depends_on_study_setting_and_trial_alone():
+    small, large = Plan.create(study(2, 2)), Plan.create(study(7, 5), shard_width=3)
+
+    def seeds(plan):
+        names = [s.name for s in plan.study.settings]
+        return {(names[s], t): seed for s, t, seed in runs(plan)}
+
+    assert seeds(small).items() <= seeds(large).items()
+    assert len(set(seeds(large).values())) == large.n_runs
+    assert not set(seeds(small).values()) & set(seeds(Plan.create(study(2, 2, seed=1))).values())
+    # Golden: a change here would make sweeps that were begun before impossible to go on with.
+    assert fold_in(0, Setting(Config("gaussian"), Hypers()).name, 3) == GOLDEN
+
+
+GOLDEN = 0
+
+
+@given(st.integers(1, 4), st.integers(1, 4), st.integers(1, 6), st.integers(1, 6), st.integers(1, 5))
+def test_an_extension_only_adds(n_settings, trials, more_settings, more_trials, width):
+    plan = Plan.create(study(n_settings, trials), width)
+    longer = plan.extended(study(more_settings, more_trials))
+    assert longer.names[: plan.n_shards] == plan.names
+    assert runs(longer)[: plan.n_runs] == runs(plan)
+    wanted = {(s, t) for p in (plan, Plan.create(study(more_settings, more_trials))) for s, t in pairs(p)}
+    assert set(pairs(longer)) == wanted
+    assert len(runs(longer)) == len(wanted)
+    assert longer.extended(study(n_settings, trials)).names == longer.names
+
+
+def pairs(plan):
+    names = [s.name for s in plan.study.settings]
+    return [(names[s], t) for s, t, _ in runs(plan)]
+
+
+@pytest.mark.parametrize(
+    "change",
+    [{"steps": 101}, {"env": "bandit"}, {"seed": 1}, {"logs": 3}, {"eval_episodes": 1}, {"env_kwargs": '{"d": 1}'}],
+)
+def test_a_plan_is_not_extended_by_another_study(change):
+    (name,) = change
+    with pytest.raises(UsageError, match=f"{name} is .* but the plan has"):
+        Plan.create(study()).extended(study(**change))
+
+
+def test_a_plan_comes_back_as_it_was_saved(tmp_path):
+    store = Store(str(tmp_path))
+    plan = Plan.create(Study("bandit", find_grid("paper", "bandit"), 2, 2_000, imports=("json",)), 8)
+    plan.save(store)
+    loaded = Plan.load(store)
+    assert loaded.study == plan.study
+    assert loaded.names == plan.names
+    assert runs(loaded) == runs(plan)
+    first = (tmp_path / FILE).read_bytes()
+    loaded.save(store)
+    assert (tmp_path / FILE).read_bytes() == first
+
+
+def test_a_damaged_plan_is_noticed(tmp_path):
+    store = Store(str(tmp_path))
+    Plan.create(study()).save(store)
+    whole = (tmp_path / FILE).read_bytes()
+    draw = np.random.default_rng(0)
+    damaged = [whole[:n] for n in draw.integers(0, len(whole), 40)]
+    for position, bit in zip(draw.integers(0, len(whole), 300), draw.integers(0, 8, 300), strict=True):
+        flipped = bytearray(whole)
+        flipped[position] ^= 1 << bit
+        damaged.append(bytes(flipped))
+    harmless = 0
+    for data in damaged:
+        (tmp_path / FILE).write_bytes(data)
+        try:
+            loaded = Plan.load(store)
+        except UsageError as error:
+            assert "was damaged" in str(error)
+        else:  # a bit that nothing is read from, such as a statistic
+            harmless += 1
+            assert (runs(loaded), loaded.study, loaded.shard_width) == (runs(Plan.create(study())), study(), 32)
+    assert harmless < len(damaged) / 2
+
+
+def test_a_folder_without_a_plan_says_how_to_begin(tmp_path):
+    with pytest.raises(UsageError, match="holds no sweep; start one with: galton sweep ENV"):
+        Plan.load(Store(str(tmp_path)))
+
+
+def test_a_shard_that_is_not_there_is_refused():
+    with pytest.raises(UsageError, match="shard is 2; the plan has 2, from 0 to 1"):
+        Plan.create(study()).get(2)
+
+
+def test_a_million_runs_fit_in_a_few_megabytes(tmp_path):
+    store = Store(str(tmp_path))
+    plan = Plan.create(study(25_000, 20), 10)
+    plan.save(store)
+    assert plan.n_runs == 1_000_000
+    assert (tmp_path / FILE).stat().st_size < 500e6
+    assert Plan.load(store).names == plan.names

@@ -1,0 +1,84 @@
+"""Whole files or none."""
+
+import errno
+import subprocess
+import sys
+import uuid
+
+import pytest
+
+from galton.errors import UsageError
+from galton.sweep import store
+from galton.sweep.store import SCRATCH, Store
+
+
+@pytest.fixture(params=["local", "object store"])
+def place(request, tmp_path):
+    return Store(str(tmp_path / "sweep") if request.param == "local" else f"memory://{uuid.uuid4()}")
+
+
+def test_what_is_written_is_read_and_listed(place):
+    assert place.names("shards") == []
+    place.write("shards/b", b"2")
+    place.write("shards/a", b"1")
+    place.write("shards/b", b"3")
+    assert place.names("shards") == ["a", "b"]
+    assert place.read("shards/b") == b"3"
+    place.remove("shards/b")
+    place.remove("shards/b")
+    assert place.names("shards") == ["a"]
+    with pytest.raises(FileNotFoundError):
+        place.read("shards/b")
+
+
+def test_a_second_process_is_refused_and_a_dead_ones_lock_is_free(tmp_path):
+    place = Store(str(tmp_path))
+    holder = (
+        "import sys, time; from galton.sweep.store import Store\n"
+        f"with Store({str(tmp_path)!r}).lock(): print('held', flush=True); time.sleep(60)"
+    )
+    with subprocess.Popen([sys.executable, "-c", holder], stdout=subprocess.PIPE) as process:
+        process.stdout.readline()
+        with pytest.raises(UsageError, match="another process runs a sweep"), place.lock():
+            pass
+        process.kill()
+    with place.lock():
+        pass
+
+
+def test_what_a_killed_process_left_is_cleared_away(place):
+    place.write("shards/a", b"1")
+    if place.local is not None:
+        (place.local / "shards" / f"{SCRATCH}x").write_bytes(b"half")
+    assert place.names("shards") == ["a"]
+    with place.lock():
+        if place.local is not None:
+            assert [path.name for path in (place.local / "shards").iterdir()] == ["a"]
+
+
+@pytest.mark.parametrize("step", ["write", "fsync", "replace"])
+def test_a_full_disk_is_told_and_leaves_the_old_file(tmp_path, monkeypatch, step):
+    place = Store(str(tmp_path))
+    place.write("a", b"old")
+
+    def full(*_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    if step == "write":
+        monkeypatch.setattr(store.os, "fdopen", full)
+    elif step == "fsync":
+        monkeypatch.setattr(store.os, "fsync", full)
+    else:
+        monkeypatch.setattr(store.Path, "replace", full)
+    with pytest.raises(UsageError, match="no room left .* run the same command again"):
+        place.write("a", b"new")
+    assert place.read("a") == b"old"
+    assert place.names("") == ["a"]
+    assert [path.name for path in tmp_path.iterdir()] == ["a"]
+
+
+def test_a_place_that_cant_be_opened_is_refused():
+    with pytest.raises(UsageError, match="out is 'nonsense://x', which can't be opened"):
+        Store("nonsense://x")
+    with pytest.raises(UsageError, match="can't be written"), Store("/proc/galton").lock():
+        pass
