@@ -1,10 +1,10 @@
 """Training on MuJoCo against the bare physics and against Stable-Baselines3, all sides in one run.
 
-Populations: 64 runs of HL-Gauss at k = 100, 20 steps an update, beside `mujoco.batch` stepping 64 simulations with
-random actions on as many threads (for Ant, whose contact forces it does not compute, a loop over MjData in threads),
-and beside one SB3 process per core with A2C on MultiDiscrete. One run: HalfCheetah-v5 through plain Gymnasium.
-SB3 takes one torch thread, which is its faster setting. Sides take turns; medians over the rounds. Nothing else
-should be running.
+Populations: 64 runs of HL-Gauss at k = 100, 20 steps an update, in a process per core as a sweep trains them, beside
+`mujoco.batch` stepping 64 simulations with random actions on as many threads (for Ant, whose contact forces it does
+not compute, a loop over MjData in threads), and beside one SB3 process per core with A2C on MultiDiscrete. One run:
+HalfCheetah-v5 through plain Gymnasium. SB3 takes one torch thread, which is its faster setting. Each side lives in
+processes of its own; sides take turns; medians over the rounds. Nothing else should be running.
 
     python benchmarks/against_physics.py [--rounds 3] [--out results/benchmarks]
 """
@@ -12,7 +12,6 @@ should be running.
 import argparse
 import importlib.metadata
 import json
-import multiprocessing
 import platform
 import statistics
 import time
@@ -20,45 +19,37 @@ from pathlib import Path
 
 import gymnasium
 import numpy as np
-import torch
-from against_sb3 import Discretised, K
 from rich.console import Console
 from rich.table import Table
-from stable_baselines3 import A2C
 
 import galton
 from galton.cores import n_cores
+from galton.sweep.executors import Place, Processes, one_per_core
 from galton.training.populate import populate
 
-RUNS = 64
+RUNS, K = 64, 100
 TASKS = ("Reacher-v5", "HalfCheetah-v5", "Ant-v5")
+_made = {}
+"""What this process measures."""
 
 
 class SB3:
     """One of SB3's models, trained on in slices."""
 
     def __init__(self, task, discrete):
+        import torch
+        from against_sb3 import Discretised
+        from stable_baselines3 import A2C
+
         torch.set_num_threads(1)
         env = gymnasium.make(task)
         env = Discretised(env) if discrete else env
         self.model = A2C("MlpPolicy", env, n_steps=20, gae_lambda=1.0, use_rms_prop=False, device="cpu", seed=0)
         self.model.learn(400)
 
-    def steps_per_second(self, steps=1_500):
-        start = time.perf_counter()
-        self.model.learn(steps)
-        return steps / (time.perf_counter() - start)
-
-
-def sb3_process(task):
-    """MultiDiscrete, in a process of its own beside others."""
-    return SB3(task, discrete=True).steps_per_second()
-
-
-def sb3_processes(task):
-    """Steps per second of one process per core, together."""
-    with multiprocessing.get_context("spawn").Pool(n_cores()) as pool:
-        return sum(pool.map(sb3_process, [task] * n_cores(), chunksize=1))
+    def advance(self):
+        self.model.learn(1_500)
+        return 1_500
 
 
 class Physics:
@@ -69,27 +60,51 @@ class Physics:
         self.envs.reset(np.arange(RUNS))
         self.control = np.random.default_rng(0).uniform(-1, 1, (50, RUNS, self.envs._actions.low.size))
 
-    def steps_per_second(self):
-        substeps = self.envs._constants.frame_skip
-        start = time.perf_counter()
+    def advance(self):
         for control in self.control:
-            self.envs._simulations.step(control, substeps)
-        return len(self.control) * RUNS / (time.perf_counter() - start)
+            self.envs._simulations.step(control, self.envs._constants.frame_skip)
+        return len(self.control) * RUNS
 
 
 class Ours:
     """Runs of ours, trained on in slices."""
 
-    def __init__(self, env, loss, runs, updates):
+    def __init__(self, task, plain, loss, runs, updates):
+        env = (lambda: gymnasium.make(task)) if plain else task
         hypers = galton.Hypers._make(np.full(runs, value, np.float32) for value in galton.Hypers())
         self.population = populate(env, galton.Config(loss=loss, n_bins=K), hypers, range(runs), 10)
         self.runs, self.updates = runs, updates
         self.population.advance(2)
 
-    def steps_per_second(self):
-        start = time.perf_counter()
+    def advance(self):
         self.population.advance(self.updates)
-        return self.updates * 20 * self.runs / (time.perf_counter() - start)
+        return self.updates * 20 * self.runs
+
+
+def prepare(kind, *arguments):
+    """Make what this process measures."""
+    galton.use_all_cores()
+    _made["side"] = kind(*arguments)
+
+
+def measure():
+    """Steps per second."""
+    start = time.perf_counter()
+    return _made["side"].advance() / (time.perf_counter() - start)
+
+
+class Side:
+    """The same thing in each of some processes, which work at the same time."""
+
+    def __init__(self, places, kind, *arguments):
+        self.processes, self.n = Processes(places), len(places)
+        self._each(prepare, kind, *arguments)
+
+    def steps_per_second(self):
+        return sum(self._each(measure))
+
+    def _each(self, function, *arguments):
+        return [future.result() for future in [self.processes.submit(function, *arguments) for _ in range(self.n)]]
 
 
 def main():
@@ -97,21 +112,22 @@ def main():
     parser.add_argument("--rounds", type=int, default=3)
     parser.add_argument("--out", type=Path, default=Path("results/benchmarks"))
     arguments = parser.parse_args()
-    galton.use_all_cores()
-
-    def plain():
-        return gymnasium.make("HalfCheetah-v5")
-
-    sides = {(task, "physics"): Physics(task) for task in TASKS}
-    sides |= {(task, "galton"): Ours(task, "hl-gauss", RUNS, 10) for task in TASKS}
-    sides |= {("one", "sb3", discrete): SB3("HalfCheetah-v5", discrete) for discrete in (False, True)}
-    sides |= {("one", loss): Ours(plain, loss, 1, 150) for loss in ("gaussian", "hl-one-hot", "hl-gauss")}
-    speeds = {key: [] for key in sides} | {(task, "sb3"): [] for task in TASKS}
+    cores, free = one_per_core(), [Place()]
+    sides = {}
+    for task in TASKS:
+        sides[task, "physics"] = Side(free, Physics, task)
+        sides[task, "galton"] = Side(cores, Ours, task, False, "hl-gauss", RUNS // len(cores), 10)
+        sides[task, "sb3"] = Side(cores, SB3, task, True)
+    for discrete in (False, True):
+        sides["one", "sb3", discrete] = Side(free, SB3, "HalfCheetah-v5", discrete)
+    for loss in ("gaussian", "hl-one-hot", "hl-gauss"):
+        sides["one", loss] = Side(free, Ours, "HalfCheetah-v5", True, loss, 1, 200)
+    speeds = {key: [] for key in sides}
     for _ in range(arguments.rounds):
         for key, side in sides.items():
             speeds[key].append(side.steps_per_second())
-        for task in TASKS:
-            speeds[task, "sb3"].append(sb3_processes(task))
+    for side in sides.values():
+        side.processes.shutdown()
     median = {key: statistics.median(values) for key, values in speeds.items()}
 
     table = Table(title=f"{RUNS} runs, HL-Gauss, k = {K}; {n_cores()} cores, median of {arguments.rounds} rounds")

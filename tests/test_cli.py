@@ -48,7 +48,7 @@ def test_a_commands_help_lists_losses_and_environments(command):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["frobnicate"], "command is 'frobnicate'; choose from train, compare, watch"),
+        (["frobnicate"], "command is 'frobnicate'; choose from train, compare, sweep, watch"),
         (["compare", "cartpole"], "environment is 'cartpole'; Gymnasium knows no environment of that name"),
         (["train", "lqr", "--loss", "mse"], "loss is 'mse'; choose from gaussian"),
         (["compare", "lqr", "--losses", "gaussian", "mse"], "loss is 'mse'; choose from gaussian"),

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import jax
 import jax.numpy as jnp
+from jax import lax
 from jax.nn.initializers import orthogonal
 from jaxtyping import Array, Float, Key
 
@@ -26,11 +27,38 @@ def init_mlp(key: Key[Array, ""], sizes: Sequence[int], last_scale: float) -> li
 def features(layers: list[Params], x: Float[Array, "*batch n_in"]) -> Float[Array, "*batch hidden"]:
     """f_φ(s): what the last layer sees (§4.3)."""
     for layer in layers[:-1]:
-        x = jnp.tanh(x @ layer["kernel"] + layer["bias"])
+        x = jnp.tanh(linear(layer, x))
     return x
 
 
 def mlp(layers: list[Params], x: Float[Array, "*batch n_in"]) -> Float[Array, "*batch n_out"]:
     """Tanh layers and a linear one."""
-    outputs: Array = features(layers, x) @ layers[-1]["kernel"] + layers[-1]["bias"]
+    return linear(layers[-1], features(layers, x))
+
+
+def linear(layer: Params, x: Float[Array, "*batch n_in"]) -> Float[Array, "*batch n_out"]:
+    """One layer without its activation."""
+    outputs: Array = _matmul(x, layer["kernel"]) + layer["bias"]
     return outputs
+
+
+@jax.custom_vjp
+def _matmul(x: Float[Array, "*batch n"], kernel: Float[Array, "n m"]) -> Float[Array, "*batch m"]:
+    """X W, whose backward pass is cheap on a CPU: XLA is slow at a product with a transposed kernel, not at a copy."""
+    return x @ kernel
+
+
+def _matmul_forward(
+    x: Float[Array, "*batch n"], kernel: Float[Array, "n m"]
+) -> tuple[Float[Array, "*batch m"], tuple[Array, Array]]:
+    return x @ kernel, (x, kernel)
+
+
+def _matmul_backward(saved: tuple[Array, Array], g: Float[Array, "*batch m"]) -> tuple[Array, Array]:
+    x, kernel = saved
+    g = lax.optimization_barrier(g)  # else it is computed again inside both products
+    rows, columns = x.reshape(-1, x.shape[-1]), g.reshape(-1, g.shape[-1])
+    return g @ lax.optimization_barrier(kernel.T), rows.T @ columns
+
+
+_matmul.defvjp(_matmul_forward, _matmul_backward)

@@ -31,8 +31,8 @@ def test_the_papers_grid_is_that_of_the_appendix():
 
 def test_lists_are_axes_and_the_rest_is_fixed():
     blocks = [
-        {"loss": "gaussian", "learning_rate": [1e-3, 1e-4], "net_arch": [8, 8]},
-        {"loss": "hl-gauss", "eta": [1, 2, 4], "n_bins": [10, 20], "net_arch": [[8], []]},
+        {"loss": "gaussian", "learning_rate": [1e-3, 1e-4], "net_arch": (8, 8)},
+        {"loss": "hl-gauss", "eta": [1, 2, 4], "n_bins": [10, 20], "net_arch": [(8,), ()]},
     ]
     settings = expand(blocks, {"n_steps": 7, "gamma": 0.5})
     assert len(settings) == 2 + 12
@@ -83,7 +83,6 @@ def test_a_grid_is_read_from_toml(tmp_path):
         ("[[grid]]\neta = [0.5, -1]", "eta is -1.0; it must be greater than 0"),
         ('[[grid]]\neta = "wide"', "eta is 'wide'; it must be a number"),
         ("[[grid]]\nn_bins = [1]", "n_bins is 1; it must be an integer of at least 2"),
-        ("[[grid]]\nn_bins = 2.5", "n_bins is 2.5; it must be an integer"),
     ],
 )
 def test_a_wrong_grid_is_refused_in_words(tmp_path, text, message):
@@ -103,7 +102,7 @@ def test_an_unknown_grid_is_taken_for_a_file():
     ("change", "message"),
     [
         ({"trials": 0}, "trials is 0"),
-        ({"steps": 1.5}, "steps is 1.5"),
+        ({"steps": 0}, "steps is 0"),
         ({"seed": -1}, "seed is -1"),
         ({"seed": 2**63}, "less than"),
         ({"settings": ()}, "settings is empty"),

@@ -59,7 +59,7 @@ def test_a_seed_depends_on_study_setting_and_trial_alone():
     assert fold_in(0, Setting(Config("gaussian"), Hypers()).name, 3) == GOLDEN
 
 
-GOLDEN = 0
+GOLDEN = 1928762484
 
 
 @given(st.integers(1, 4), st.integers(1, 4), st.integers(1, 6), st.integers(1, 6), st.integers(1, 5))
@@ -117,11 +117,13 @@ def test_a_damaged_plan_is_noticed(tmp_path):
         (tmp_path / FILE).write_bytes(data)
         try:
             loaded = Plan.load(store)
-        except UsageError as error:
-            assert "was damaged" in str(error)
+        except UsageError as refused:
+            error = refused
         else:  # a bit that nothing is read from, such as a statistic
             harmless += 1
             assert (runs(loaded), loaded.study, loaded.shard_width) == (runs(Plan.create(study())), study(), 32)
+            continue
+        assert "was damaged" in str(error)
     assert harmless < len(damaged) / 2
 
 
@@ -135,6 +137,7 @@ def test_a_shard_that_is_not_there_is_refused():
         Plan.create(study()).get(2)
 
 
+@pytest.mark.slow
 def test_a_million_runs_fit_in_a_few_megabytes(tmp_path):
     store = Store(str(tmp_path))
     plan = Plan.create(study(25_000, 20), 10)

@@ -16,7 +16,6 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
-from galton.analysis.statistics import mean_interval
 from galton.commands.common import EnvName, Training, parse, short_name
 from galton.errors import UsageError, require
 from galton.losses import find_loss
@@ -189,6 +188,8 @@ def _brief(setting: Setting) -> str:
 
 
 def _winners(best: dict[str, results.Best]) -> Table:
+    from galton.analysis.statistics import mean_interval  # scipy takes a second, which `status` needn't
+
     table = Table(title="best setting per loss, by mean final training return: mean and 95% CI")
     for heading in ("loss", "setting", "training return", "evaluation return", "of settings"):
         table.add_column(heading, justify="left" if heading in ("loss", "setting") else "right")
@@ -267,12 +268,9 @@ def one_shard(arguments: Sequence[str]) -> None:
     store = Store(options.out)
     plan = Plan.load(store)
     plan.get(options.index)
-    from galton.training.devices import use_all_cores
-
     if options.index in finished(store, plan):
         print(f"shard {options.index} is done already")
         return
-    use_all_cores()
     report = work(store.url, options.index)
     print(f"shard {options.index}: {len(report.setting)} runs in {report.train_seconds:,.1f} s")
 

@@ -1,5 +1,6 @@
 """What carries shards to processes, as an Executor of concurrent.futures."""
 
+import contextlib
 import multiprocessing
 import multiprocessing.connection
 import multiprocessing.context
@@ -81,11 +82,15 @@ class Processes(Executor):
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """Let the workers go; those that are not idle are killed if cancel_futures."""
-        with self._lock:
-            if cancel_futures:
+        if cancel_futures:
+            with self._lock:
                 self._closed.set()
                 for worker in self._workers.values():
                     worker.kill()
+            with contextlib.suppress(queue.Empty):
+                while True:
+                    if call := self._calls.get_nowait():
+                        call[0].cancel()
         for _ in self._threads:
             self._calls.put(None)
         if wait:
@@ -145,9 +150,6 @@ def _live(connection: "multiprocessing.connection.Connection[Any, Any]", place: 
     if place.cores and hasattr(os, "sched_setaffinity"):
         os.sched_setaffinity(0, place.cores)
     os.environ.update(place.environment)
-    from galton.training.devices import use_all_cores
-
-    use_all_cores()
     while True:
         try:
             fn, args = connection.recv()

@@ -39,7 +39,7 @@ class Setting(NamedTuple):
         for name in record:
             known = ", ".join(_FIELDS)
             require(name in _FIELDS, f"{name!r} is no setting; choose from {known}")
-        config = Config(**{name: value for name, value in record.items() if name not in Hypers._fields})
+        config = make_config(record)
         find_loss(config.loss)
         numbers = {name: value for name, value in record.items() if name in Hypers._fields}
         for name, value in numbers.items():
@@ -53,6 +53,14 @@ class Setting(NamedTuple):
     def name(self) -> str:
         """Of its content: the same in every study that holds it."""
         return hashlib.sha256(canonical(self.record()).encode()).hexdigest()[:16]
+
+
+def make_config(record: Mapping[str, Any]) -> Config:
+    """The Config in a setting's record."""
+    fields = {name: value for name, value in record.items() if name not in Hypers._fields}
+    if isinstance(fields.get("net_arch"), list):
+        fields["net_arch"] = tuple(fields["net_arch"])  # JSON and TOML know lists only
+    return Config(**fields)
 
 
 _CONFIG = tuple(field.name for field in dataclasses.fields(Config))
@@ -83,8 +91,7 @@ class Study:
 
     def __post_init__(self) -> None:
         require(len(self.settings) > 0, "settings is empty; give at least one")
-        names = [setting.name for setting in self.settings]
-        require(len(set(names)) == len(names), "settings holds the same setting twice; give each once")
+        require(len(set(self.settings)) == len(self.settings), "settings holds the same setting twice; give each once")
         for name, least in (("trials", 1), ("steps", 1), ("logs", 1), ("eval_episodes", 0), ("seed", 0)):
             require_integer(name, getattr(self, name), least)
         require(self.seed < 2**63, f"seed is {self.seed}; it must be less than 2⁶³")

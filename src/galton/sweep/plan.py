@@ -6,6 +6,7 @@ import hashlib
 import io
 import itertools
 import json
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ import pyarrow.parquet as pq
 from jaxtyping import Int, UInt
 
 from galton.errors import UsageError, require, require_integer
-from galton.sweep.grid import Setting, Study, canonical
+from galton.sweep.grid import Setting, Study, canonical, make_config
 from galton.sweep.store import Store, checksum
 from galton.types import Config, Hypers
 
@@ -109,8 +110,8 @@ class Plan:
         return int(self.shard[-1]) + 1 if len(self.shard) else 0
 
     @functools.cached_property
-    def bounds(self) -> Int[np.ndarray, " S+1"]:
-        """Where each shard's runs begin."""
+    def bounds(self) -> Int[np.ndarray, " starts"]:
+        """Where each shard's runs begin, and where the last one ends `[S + 1]`."""
         return np.searchsorted(self.shard, np.arange(self.n_shards + 1))
 
     @functools.cached_property
@@ -153,7 +154,7 @@ class Plan:
             "constants": self.study.constants(),
             "trials": self.study.trials,
             "shard_width": self.shard_width,
-            "settings": [setting.record() for setting in self.study.settings],
+            "settings": _by_field([setting.record() for setting in self.study.settings]),
         }
         table = pa.table(columns)
         digest = _digest(record, table)
@@ -192,14 +193,26 @@ def _parse(url: str, data: bytes) -> Plan:
             "folder and move the shards folder there: whole shards of the same runs count"
         )
     constants = record["constants"] | {"imports": tuple(record["constants"]["imports"])}
-    settings = tuple(
-        Setting(
-            Config(**{name: value for name, value in setting.items() if name not in Hypers._fields}),
-            Hypers(**{name: setting[name] for name in Hypers._fields}),
-        )
-        for setting in record["settings"]
-    )
+    settings = tuple(_settings(**record["settings"]))
     return Plan(Study(settings=settings, trials=record["trials"], **constants), record["shard_width"], *columns)
+
+
+def _by_field(records: list[dict[str, Any]]) -> dict[str, dict[str, Any]]:
+    """Fields with one value for all settings, and the lists of values of the others."""
+    lists = {name: [record[name] for record in records] for name in records[0]}
+    same = {name: values[0] for name, values in lists.items() if all(value == values[0] for value in values)}
+    return {"same": same, "different": {name: values for name, values in lists.items() if name not in same}}
+
+
+def _settings(same: dict[str, Any], different: dict[str, list[Any]]) -> Iterator[Setting]:
+    """The settings that `_by_field` took apart."""
+    configs: dict[str, Config] = {}
+    for values in zip(*different.values(), strict=True) if different else [()]:
+        record = same | dict(zip(different, values, strict=True))
+        hypers = Hypers(*(record.pop(name) for name in Hypers._fields))
+        key = repr(record)
+        config = configs.get(key) or configs.setdefault(key, make_config(record))
+        yield Setting(config, hypers)
 
 
 def _digest(record: dict[str, Any], table: pa.Table) -> str:

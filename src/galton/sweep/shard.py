@@ -1,5 +1,6 @@
 """One shard: trained, and committed as one Parquet file whose name holds its checksum."""
 
+import contextlib
 import dataclasses
 import datetime
 import functools
@@ -13,6 +14,7 @@ import subprocess
 from pathlib import Path
 from typing import Any
 
+import jax
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -21,6 +23,7 @@ from galton.envs.find import find
 from galton.errors import UsageError
 from galton.sweep.plan import Plan, Shard
 from galton.sweep.store import Store, checksum
+from galton.training.devices import use_all_cores
 from galton.training.train import Result, train
 
 FOLDER = "shards"
@@ -61,6 +64,8 @@ def work(url: str, index: int) -> Report:
         UsageError: no such plan or shard, no room to write.
         BrokenEnvironmentError: the environment broke.
     """
+    with contextlib.suppress(RuntimeError):  # an earlier shard has seen to it
+        use_all_cores()
     store = Store(url)
     plan = Plan.load(store)
     shard = plan.get(index)
@@ -75,6 +80,7 @@ def work(url: str, index: int) -> Report:
         study.steps,
         n_logs=study.logs,
         n_eval_episodes=study.eval_episodes,
+        devices=jax.devices()[:1],  # a split would change the last bits
     )
     table = tabulate(shard, result)
     buffer = io.BytesIO()

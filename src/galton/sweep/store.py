@@ -2,8 +2,10 @@
 
 import contextlib
 import errno
+import glob
 import hashlib
 import os
+import platform
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -104,10 +106,10 @@ class Store:
         except OSError as error:
             raise UsageError(f"out is {self.url}, which can't be written: {error}") from None
         try:
-            for stale in self.local.glob(f"**/{SCRATCH}*"):
-                stale.unlink(missing_ok=True)
+            _clear(self.local)
             yield
         finally:
+            _clear(self.local)
             lock.release()
 
 
@@ -116,9 +118,22 @@ def checksum(data: bytes) -> str:
     return hashlib.sha256(data).hexdigest()[:32]
 
 
+def _clear(folder: Path) -> None:
+    """Remove what processes of this machine left half-written when they were killed."""
+    if os.name != "posix":  # elsewhere nobody can ask whether a process lives
+        return
+    for scratch in folder.glob(f"**/{SCRATCH}{glob.escape(platform.node())}-*-*"):
+        try:
+            os.kill(int(scratch.name.split("-")[-2]), 0)
+        except ProcessLookupError:
+            scratch.unlink(missing_ok=True)
+        except OSError:
+            continue
+
+
 def _write_atomically(path: Path, data: bytes) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
-    number, scratch = tempfile.mkstemp(prefix=SCRATCH, dir=path.parent)
+    number, scratch = tempfile.mkstemp(prefix=f"{SCRATCH}{platform.node()}-{os.getpid()}-", dir=path.parent)
     try:
         with os.fdopen(number, "wb") as file:
             file.write(data)

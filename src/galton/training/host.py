@@ -35,14 +35,16 @@ class HostPopulation:
         config: shared by all runs.
         hypers: each field `[R]`.
         seeds: one for each run, 0 … 2³² − 1.
+        devices: what to compute on, each with a thread.
 
     Raises:
         UsageError: more copies than the task has.
         BrokenEnvironmentError: an environment broke in its first reset.
     """
 
-    def __init__(self, task: HostTask, config: Config, hypers: Hypers, seeds: Sequence[int]) -> None:
-        devices = jax.devices()
+    def __init__(
+        self, task: HostTask, config: Config, hypers: Hypers, seeds: Sequence[int], devices: Sequence[jax.Device]
+    ) -> None:
         n_groups = min(task.n_threads, len(devices), len(seeds))
         self._slices = [slice(part[0], part[-1] + 1) for part in np.array_split(np.arange(len(seeds)), n_groups)]
         self._groups: list[_Group] = []

@@ -3,6 +3,8 @@
 from collections.abc import Sequence
 from typing import Any
 
+import jax
+
 from galton.envs.base import Environment
 from galton.envs.find import find
 from galton.training.host import HostPopulation
@@ -11,7 +13,14 @@ from galton.training.scan import ScanPopulation
 from galton.types import Config, Hypers
 
 
-def populate(env: Any, config: Config, hypers: Hypers, seeds: Sequence[int], interval: int) -> Population:
+def populate(
+    env: Any,
+    config: Config,
+    hypers: Hypers,
+    seeds: Sequence[int],
+    interval: int,
+    devices: Sequence[jax.Device] | None = None,
+) -> Population:
     """R new runs, one per seed, with hypers `[R]` each.
 
     Args:
@@ -20,8 +29,9 @@ def populate(env: Any, config: Config, hypers: Hypers, seeds: Sequence[int], int
         hypers: each field `[R]`.
         seeds: R integers.
         interval: updates between log points.
+        devices: what to compute on; by default, on all of this process.
     """
-    found = find(env)
+    found, devices = find(env), devices or jax.devices()
     if isinstance(found, Environment):
-        return ScanPopulation(found, config, hypers, seeds, interval)
-    return HostPopulation(found, config, hypers, seeds)
+        return ScanPopulation(found, config, hypers, seeds, interval, devices)
+    return HostPopulation(found, config, hypers, seeds, devices)

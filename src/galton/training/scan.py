@@ -39,13 +39,22 @@ class ScanPopulation:
         hypers: each field `[R]`.
         seeds: one for each run, 0 … 2³² − 1.
         interval: updates between log points, for which the program is laid out; any other number works too.
+        devices: what to compute on.
     """
 
-    def __init__(self, env: Environment, config: Config, hypers: Hypers, seeds: Sequence[int], interval: int) -> None:
+    def __init__(
+        self,
+        env: Environment,
+        config: Config,
+        hypers: Hypers,
+        seeds: Sequence[int],
+        interval: int,
+        devices: Sequence[jax.Device],
+    ) -> None:
         self._env, self._config, self._n_runs = env, config, len(seeds)
-        n_devices = min(jax.device_count(), self._n_runs)
+        n_devices = min(len(devices), self._n_runs)
         self._padded = np.minimum(np.arange(math.ceil(self._n_runs / n_devices) * n_devices), self._n_runs - 1)
-        self._on_runs = NamedSharding(Mesh(jax.devices()[:n_devices], "runs"), PartitionSpec("runs"))
+        self._on_runs = NamedSharding(Mesh(devices[:n_devices], "runs"), PartitionSpec("runs"))
         start = time.perf_counter()
         self._programs = _compile(env, config, find_loss(config.loss), interval, len(self._padded), self._on_runs)
         self.compile_seconds = time.perf_counter() - start

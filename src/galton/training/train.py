@@ -65,8 +65,9 @@ def train(
     n_logs: int = 100,
     n_eval_episodes: int = 10,
     on_log: Callable[[int, Log], None] | None = None,
+    devices: Sequence[jax.Device] | None = None,
 ) -> Result:
-    """Train R runs side by side, one per seed, on every JAX device of this process.
+    """Train R runs side by side, one per seed.
 
     Args:
         env: one of our records (hashable, pure JAX), or what `galton.envs.find` makes a task of: a name, a
@@ -78,6 +79,7 @@ def train(
         n_logs: log points, at most one per update.
         n_eval_episodes: episodes of each evaluation at each log point; 0 turns evaluation off.
         on_log: called at each log point with the steps so far and the log's `[R]` arrays.
+        devices: the JAX devices that the runs are split over; by default all of this process.
 
     Raises:
         UsageError: a number out of range, an environment that can't be used.
@@ -92,7 +94,7 @@ def train(
     require(steps[-1] < 2**31, f"total_timesteps is {total_timesteps}; one run counts up to 2³¹ − 1 steps")
     all_hypers = Hypers._make(np.broadcast_to(np.asarray(h, np.float32), n_runs) for h in hypers)
 
-    population = populate(env, config, all_hypers, seeds, updates_per_log)
+    population = populate(env, config, all_hypers, seeds, updates_per_log, devices)
     try:
         compiled, start = population.compile_seconds, time.perf_counter()
         logs = []

@@ -1,0 +1,204 @@
+"""Plans carried out in this process, and what is found in the end."""
+
+import dataclasses
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
+
+import numpy as np
+import pytest
+
+from galton.errors import UsageError
+from galton.sweep import engine, results
+from galton.sweep.grid import Study, expand
+from galton.sweep.plan import Plan
+from galton.sweep.shard import FOLDER, finished
+from galton.sweep.store import Store
+
+SETTINGS = expand(
+    [{"loss": ["gaussian", "hl-one-hot"], "learning_rate": [0.001, 0.1], "n_steps": 5, "net_arch": (), "n_bins": 5}], {}
+)
+STUDY = Study("bandit", SETTINGS, trials=3, steps=200, logs=2, eval_episodes=1)
+
+
+class Inline(Executor):
+    """Calls at once, here."""
+
+    def __init__(self):
+        self.indices = []
+
+    def submit(self, fn, /, *args, **kwargs):
+        future = Future()
+        self.indices.append(args[1])
+        try:
+            future.set_result(fn(*args))
+        except Exception as error:
+            future.set_exception(error)
+        return future
+
+
+class Recorder(engine.Silent):
+    def __init__(self):
+        self.before, self.now = [], []
+
+    def resumed(self, reports):
+        self.before = [report.index for report in reports]
+
+    def finished(self, report):
+        self.now.append(report.index)
+
+
+def sweep(url, study=STUDY, executor=None, order=(), width=1, extend=False):
+    store, recorder = Store(str(url)), Recorder()
+    with store.lock():
+        plan = engine.prepare(store, study, 4, extend)
+        engine.run(store, plan, executor or Inline(), lambda: width, recorder, order)
+    table = results.collect(store, plan)
+    results.save(store, table)
+    return recorder, plan, table
+
+
+@pytest.fixture(scope="module")
+def reference(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("reference")
+    sweep(folder)
+    return folder
+
+
+def test_a_sweep_does_every_shard_once_and_then_nothing(tmp_path):
+    recorder, plan, table = sweep(tmp_path)
+    assert recorder.before == []
+    assert sorted(recorder.now) == list(range(plan.n_shards))
+    assert table.num_rows == 12
+    recorder, _, _ = sweep(tmp_path)
+    assert (sorted(recorder.before), recorder.now) == (list(range(plan.n_shards)), [])
+
+
+def test_the_table_has_every_run_with_its_setting(reference):
+    table = results.collect(Store(str(reference)), Plan.load(Store(str(reference))))
+    rows = [(r["setting.loss"], r["setting.learning_rate"], r["trial"]) for r in table.to_pylist()]
+    assert rows == [(s.config.loss, s.hypers.learning_rate, t) for s in SETTINGS for t in range(3)]
+    assert len(set(table.column("seed").to_pylist())) == 12
+
+
+@pytest.mark.parametrize("width", [1, 2, 4])
+def test_neither_order_nor_workers_change_a_byte(tmp_path, reference, width):
+    order = np.random.default_rng(width).permutation(4).tolist()
+    with ThreadPoolExecutor(width) as threads:
+        recorder, _, _ = sweep(tmp_path, executor=threads, order=order, width=width)
+    assert sorted(recorder.now) == sorted(order)
+    assert (tmp_path / results.FILE).read_bytes() == (reference / results.FILE).read_bytes()
+
+
+def test_damaged_shards_alone_are_done_again(tmp_path, reference):
+    sweep(tmp_path)
+    files = [tmp_path / FOLDER / name for name in Store(str(tmp_path)).names(FOLDER)]
+    files[0].write_bytes(files[0].read_bytes()[:-1])
+    flipped = bytearray(files[2].read_bytes())
+    flipped[len(flipped) // 2] ^= 4
+    files[2].write_bytes(flipped)
+    with pytest.raises(UsageError, match="was damaged; run the sweep again"):
+        results.collect(Store(str(tmp_path)), Plan.load(Store(str(tmp_path))))
+    recorder, _, _ = sweep(tmp_path)
+    assert sorted(recorder.now) == [0, 2]
+    assert (tmp_path / results.FILE).read_bytes() == (reference / results.FILE).read_bytes()
+
+
+def test_an_object_store_will_do(reference):
+    store = Store("memory://sweep-of-the-test")
+    with ThreadPoolExecutor(1) as threads:
+        sweep("memory://sweep-of-the-test", executor=threads)
+    assert store.read(results.FILE) == (reference / results.FILE).read_bytes()
+
+
+def test_another_plan_is_refused_and_an_extension_adds(tmp_path):
+    _, before, _ = sweep(tmp_path)
+    more = dataclasses.replace(STUDY, trials=5)
+    with pytest.raises(UsageError, match="holds the plan of another sweep: 8 of these runs are not in it"):
+        sweep(tmp_path, more)
+    for change in ({"steps": 300}, {"seed": 3}, {"env": "lqr"}):
+        with pytest.raises(UsageError, match="but the plan has"):
+            sweep(tmp_path, dataclasses.replace(STUDY, **change), extend=True)
+    with pytest.raises(UsageError, match="shard_width is 5"):
+        engine.prepare(Store(str(tmp_path)), STUDY, 5, extend=True)
+    recorder, plan, table = sweep(tmp_path, more, extend=True)
+    assert sorted(recorder.before) == list(range(before.n_shards))
+    assert sorted(recorder.now) == list(range(before.n_shards, plan.n_shards))
+    assert table.num_rows == 20
+
+
+def test_a_shard_that_fails_ends_the_sweep_and_keeps_the_others(tmp_path, monkeypatch):
+    real = engine.work
+
+    def work(url, index):
+        if index == 2:
+            raise UsageError("no room left")
+        return real(url, index)
+
+    monkeypatch.setattr(engine, "work", work)
+    with pytest.raises(UsageError, match="no room left"):
+        sweep(tmp_path)
+    store = Store(str(tmp_path))
+    done = set(finished(store, Plan.load(store)))
+    assert 2 not in done
+    monkeypatch.undo()
+    recorder, _, _ = sweep(tmp_path)
+    assert set(recorder.before) == done
+    assert 2 in recorder.now
+
+
+def test_a_worker_keeps_its_program_and_a_new_one_takes_another():
+    plan = Plan.create(dataclasses.replace(STUDY, trials=20), 4)  # ten shards of each loss
+    pending = engine._Pending(plan, range(plan.n_shards))
+    first, second = pending.pop(None), pending.pop(None)
+    own, other = plan.configs[first], plan.configs[second]
+    assert own != other
+    assert [plan.configs[pending.pop(own)] for _ in range(9)] == [own] * 9
+    assert plan.configs[pending.pop(own)] == other  # nothing else is left
+    left = 0
+    while pending:
+        pending.pop(other)
+        left += 1
+    assert left == 8
+
+
+def test_the_best_setting_is_that_of_the_highest_mean(reference):
+    store = Store(str(reference))
+    plan = Plan.load(store)
+    table = results.collect(store, plan)
+    best = results.best_settings(plan, table)
+    rows = table.to_pylist()
+    for loss, winner in best.items():
+        means = {
+            rate: np.mean([r["final_training_return"] for r in rows if key(r) == (loss, rate)]) for rate in (0.001, 0.1)
+        }
+        assert winner.setting.hypers.learning_rate == max(means, key=means.get)
+        assert winner.final_training_return.mean() == pytest.approx(max(means.values()), rel=1e-6)
+        assert winner.n_settings == 2
+
+
+def key(row):
+    return row["setting.loss"], row["setting.learning_rate"]
+
+
+def test_a_setting_with_a_diverged_or_missing_trial_does_not_win(reference):
+    store = Store(str(reference))
+    plan = Plan.load(store)
+    table = results.collect(store, plan)
+    finals = table.column("final_training_return").to_numpy().copy()
+    finals[:3] = [1e3, 1e3, np.nan]
+    place = table.column_names.index("final_training_return")
+    spoilt = table.set_column(place, "final_training_return", [finals])
+    assert results.best_settings(plan, spoilt)["gaussian"].setting == SETTINGS[1]
+    assert results.best_settings(plan, table.slice(1))["gaussian"].setting == SETTINGS[1]
+
+
+def test_a_rerun_has_the_winners_and_none_of_the_seeds(reference):
+    store = Store(str(reference))
+    plan = Plan.load(store)
+    best = results.best_settings(plan, results.collect(store, plan))
+    study = results.rerun(plan.study, best, trials=7, seed=1)
+    assert study.settings == tuple(winner.setting for winner in best.values())
+    fresh = Plan.create(study)
+    assert fresh.n_runs == 14
+    assert not set(fresh.seed.tolist()) & set(plan.seed.tolist())
+    with pytest.raises(UsageError, match="seed is 0, the sweep's own"):
+        results.rerun(plan.study, best, trials=7, seed=0)
