@@ -82,6 +82,7 @@ class Loss(NamedTuple):
     label: str
     """Its name in figures and tables."""
     in_paper: bool = True
+    uses_eta: bool = False
     bias: Callable[[Any, Eta], Array] | None = None
     """(distribution, eta) → what an error of the baseline adds to the mean logit gradient `[*batch, d, k]`; None: 0."""
 
@@ -89,8 +90,8 @@ class Loss(NamedTuple):
 LOSSES = {
     "gaussian": Loss(gaussian, "gaussian", "Gaussian"),
     "hl-one-hot": Loss(hl_one_hot, "histogram", "HL-1-Hot"),
-    "hl-gauss": Loss(hl_gauss, "histogram", "HL-Gauss", bias=hl_gauss_bias),
-    "hl-gauss-centred": Loss(hl_gauss_centred, "histogram", "Centred HL-Gauss (ours)", in_paper=False),
+    "hl-gauss": Loss(hl_gauss, "histogram", "HL-Gauss", uses_eta=True, bias=hl_gauss_bias),
+    "hl-gauss-centred": Loss(hl_gauss_centred, "histogram", "Centred HL-Gauss (ours)", in_paper=False, uses_eta=True),
 }
 
 

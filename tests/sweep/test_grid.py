@@ -43,7 +43,7 @@ def test_lists_are_axes_and_the_rest_is_fixed():
 
 
 def test_a_setting_survives_its_record_and_its_name_is_of_its_content():
-    for setting in random_grid("lqr", task_defaults("lqr")):
+    for setting in random_grid(task_defaults("lqr")):
         assert Setting.of_record(setting.record()) == setting
         assert Setting.of_record(setting.record()).name == setting.name
     names = {setting.name for setting in paper_grid("lqr", {})}
@@ -51,10 +51,10 @@ def test_a_setting_survives_its_record_and_its_name_is_of_its_content():
 
 
 def test_a_longer_random_draw_begins_with_a_shorter_one_and_covers_all_losses():
-    short, long = (random_grid("lqr", task_defaults("lqr"), n) for n in (3, 9))
+    short, long = (random_grid(task_defaults("lqr"), n) for n in (3, 9))
     assert len(short) == 3 * len(LOSSES)
     assert set(short) < set(long)
-    assert random_grid("lqr", task_defaults("lqr"), 3, seed=1) != short
+    assert random_grid(task_defaults("lqr"), 3, seed=1) != short
     for setting in long:
         assert 7e-5 <= setting.hypers.learning_rate <= 7e-3
         assert 0.1 <= setting.hypers.eta <= 4

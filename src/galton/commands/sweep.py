@@ -2,11 +2,13 @@
 
 import contextlib
 import dataclasses
+import re
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Executor
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import tyro
@@ -20,7 +22,7 @@ from galton.commands.common import EnvName, Training, parse, short_name
 from galton.errors import UsageError, require
 from galton.losses import find_loss
 from galton.sweep import engine, results
-from galton.sweep.executors import Processes, one_per_core, one_per_gpu
+from galton.sweep.executors import Place, Processes, one_per_core, one_per_gpu
 from galton.sweep.grid import GRIDS, Setting, Study, find_grid
 from galton.sweep.plan import Plan
 from galton.sweep.shard import Report, finished, work
@@ -36,8 +38,13 @@ class Options:
 
     env: EnvName
     training: Training
-    grid: Annotated[str, tyro.conf.arg(metavar="{" + ",".join(GRIDS) + "} or FILE.toml")] = "paper"
-    """The settings: the paper's (App. C.2), random ones around them, or the [[grid]] tables of a file."""
+    grid: Annotated[str, tyro.conf.arg(metavar="{" + ",".join(GRIDS) + ",optuna} or FILE.toml")] = "paper"
+    """The settings: the paper's (App. C.2), random ones around them, what Optuna proposes, or the [[grid]] tables of a
+    file."""
+    n_settings: int = 16
+    """Settings per loss of the random grid and of Optuna's search."""
+    batch: int = 4
+    """Settings per loss that Optuna proposes before it hears of their results."""
     trials: int = 20
     """Runs per setting."""
     seed: int = 0
@@ -54,6 +61,20 @@ class Options:
     """Processes, by default one per core."""
     gpus: int = 0
     """A process for each of so many CUDA devices instead; give a --shard-width of thousands with it."""
+    scheduler: str | None = None
+    """A Dask scheduler that runs, such as tls://host:8786: its workers train, instead of processes here."""
+    cluster: Annotated[Literal["htcondor", "slurm", "pbs"] | None, tyro.conf.arg(metavar="{htcondor,slurm,pbs}")] = None
+    """A batch system to start such workers with, from a login node."""
+    jobs: int = 10
+    """How many of them; each is one core."""
+    walltime: str = "12:00:00"
+    """Of each job."""
+    memory: str = "2GB"
+    """Of each job."""
+    directives: tuple[str, ...] = ()
+    """Further lines for the batch system, such as its account; for HTCondor NAME=VALUE."""
+    tls: Path | None = None
+    """A folder with ca.pem, cert.pem and key.pem: encrypt and authenticate all that goes to workers and back."""
     imports: tuple[str, ...] = ()
     """Modules that every worker imports first, where losses or environments of your own are registered."""
 
@@ -67,32 +88,110 @@ def main(arguments: Sequence[str]) -> None:
     training = options.training
     base = Setting(training.config, training.hypers).record()
     training.find(options.env)
-    study = Study(
-        options.env,
-        find_grid(options.grid, options.env, base),
-        options.trials,
-        training.steps,
-        training.logs,
-        training.eval_episodes,
-        training.env_kwargs,
-        options.seed,
-        options.imports,
-    )
+
+    def study_of(settings: tuple[Setting, ...]) -> Study:
+        return Study(
+            options.env,
+            settings,
+            options.trials,
+            training.steps,
+            training.logs,
+            training.eval_episodes,
+            training.env_kwargs,
+            options.seed,
+            options.imports,
+        )
+
     store = Store(options.out or str(Path("runs", f"sweep-{short_name(options.env)}")))
-    places = one_per_gpu(options.gpus) if options.gpus else one_per_core(options.workers)
+    _check_carrier(options)
+    if options.grid == "optuna":
+        require(not options.plan_only, "plan_only is given, but grid is 'optuna', whose plan grows with what it finds")
+        with store.lock(), _carrier(options, store) as carry_out:
+            _search(options, store, study_of, base, carry_out)
+            _conclude(Console(), store, Plan.load(store))
+        return
+    study = study_of(find_grid(options.grid, options.env, base, options.n_settings))
     with store.lock():
         plan = engine.prepare(store, study, options.shard_width, options.extend)
         if options.plan_only:
             print(f"{plan.n_runs:,} runs in {plan.n_shards:,} shards: {store.url}")
             return
-        _carry_out(store, plan, Processes(places), lambda: len(places))
+        with _carrier(options, store) as carry_out:
+            carry_out(plan)
+        _conclude(Console(), store, plan)
 
 
-def _carry_out(store: Store, plan: Plan, executor: Any, width: Callable[[], int]) -> None:
-    console = Console()
+def _search(
+    options: Options,
+    store: Store,
+    study_of: Callable[[tuple[Setting, ...]], Study],
+    base: Mapping[str, Any],
+    carry_out: Callable[[Plan], None],
+) -> None:
+    from galton.sweep.search import search
+
+    def means(study: Study) -> dict[Setting, float]:
+        plan = engine.prepare(store, study, options.shard_width, extend=True)
+        carry_out(plan)
+        return results.mean_returns(plan, results.collect(store, plan))
+
+    search(study_of, base, options.n_settings, options.batch, means)
+
+
+def _check_carrier(options: Options) -> None:
+    require(
+        not (options.scheduler and options.cluster),
+        f"scheduler is {options.scheduler!r} and cluster {options.cluster!r}; give one of them",
+    )
+    far = "scheduler" if options.scheduler else "cluster" if options.cluster else None
+    require(far is None or options.workers is None, f"workers is {options.workers}, which goes without a {far}")
+    require(far is None or not options.gpus, f"gpus is {options.gpus}, which goes without a {far}")
+    require(far is not None or options.tls is None, f"tls is {options.tls}; it goes with a scheduler or a cluster")
+    right = re.fullmatch(r"\d+:\d\d:\d\d", options.walltime) is not None
+    require(right, f"walltime is {options.walltime!r}; write 12:00:00")
+    for line in options.directives:
+        right = options.cluster != "htcondor" or "=" in line
+        require(right, f"directives holds {line!r}; for HTCondor each is NAME=VALUE")
+
+
+@contextlib.contextmanager
+def _carrier(options: Options, store: Store) -> Iterator[Callable[[Plan], None]]:
+    """What carries plans out where the options say."""
+    if not (options.scheduler or options.cluster):
+        places = one_per_gpu(options.gpus) if options.gpus else one_per_core(options.workers)
+        with _processes(store, places) as carry_out:
+            yield carry_out
+        return
+    from galton.sweep import cluster
+
+    if options.scheduler:
+        carrier = cluster.connect(options.scheduler, options.tls)
+    else:
+        jobs = cluster.Jobs(options.jobs, options.walltime, options.memory, options.directives)
+        carrier = cluster.start(str(options.cluster), jobs, store.local or Path.cwd(), options.tls)
+    with carrier as (executor, width):
+        yield lambda plan: _carry_out(Store(store.absolute), plan, executor, width, cluster.LOST)
+
+
+@contextlib.contextmanager
+def _processes(store: Store, places: Sequence[Place]) -> Iterator[Callable[[Plan], None]]:
+    executor = Processes(places)
     try:
-        with _live(console, plan) as view:
-            engine.run(store, plan, executor, width, view)
+        yield lambda plan: _carry_out(store, plan, executor, lambda: len(places))
+    finally:
+        executor.shutdown(cancel_futures=True)
+
+
+def _carry_out(
+    store: Store,
+    plan: Plan,
+    executor: Executor,
+    width: Callable[[], int],
+    lost: tuple[type[BaseException], ...] = (),
+) -> None:
+    try:
+        with _live(Console(), plan) as view:
+            engine.run(store, plan, executor, width, view, lost=lost)
     except KeyboardInterrupt:
         print(
             f"galton: interrupted; {len(finished(store, plan)):,} of {plan.n_shards:,} shards are done, and the same "
@@ -100,9 +199,6 @@ def _carry_out(store: Store, plan: Plan, executor: Any, width: Callable[[], int]
             file=sys.stderr,
         )
         sys.exit(130)
-    finally:
-        executor.shutdown(cancel_futures=True)
-    _conclude(console, store, plan)
 
 
 def _conclude(console: Console, store: Store, plan: Plan) -> None:
@@ -179,11 +275,11 @@ def _duration(seconds: float) -> str:
 
 
 def _brief(setting: Setting) -> str:
-    parts = [f"learning_rate {setting.hypers.learning_rate:g}"]
+    parts = [f"learning_rate {setting.hypers.learning_rate:.3g}"]
     if find_loss(setting.config.loss).policy == "histogram":
         parts.append(f"n_bins {setting.config.n_bins}")
-    if setting.config.loss.startswith("hl-gauss"):
-        parts.append(f"η {setting.hypers.eta:g}")
+    if find_loss(setting.config.loss).uses_eta:
+        parts.append(f"η {setting.hypers.eta:.3g}")
     return ", ".join(parts)
 
 
@@ -285,10 +381,11 @@ def rerun(arguments: Sequence[str]) -> None:
     if not best:
         raise UsageError(f"out is {options.out}, where no setting has all its trials yet; run the sweep to its end")
     study = results.rerun(known.study, best, options.trials, options.seed)
-    places = one_per_core(options.workers)
     with target.lock():
         plan = engine.prepare(target, study, known.shard_width, extend=False)
-        _carry_out(target, plan, Processes(places), lambda: len(places))
+        with _processes(target, one_per_core(options.workers)) as carry_out:
+            carry_out(plan)
+        _conclude(Console(), target, plan)
 
 
 _OTHERS: dict[str, Callable[[Sequence[str]], None]] = {

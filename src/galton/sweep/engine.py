@@ -7,6 +7,7 @@ from concurrent.futures import Executor, Future
 from typing import Protocol, runtime_checkable
 
 from galton.errors import UsageError
+from galton.sweep.executors import ATTEMPTS
 from galton.sweep.grid import Study
 from galton.sweep.plan import Plan
 from galton.sweep.shard import Report, discard, finished, read, report, work
@@ -70,7 +71,13 @@ def verified(store: Store, plan: Plan) -> list[Report]:
 
 
 def run(
-    store: Store, plan: Plan, executor: Executor, width: Callable[[], int], watcher: Watcher, order: Iterable[int] = ()
+    store: Store,
+    plan: Plan,
+    executor: Executor,
+    width: Callable[[], int],
+    watcher: Watcher,
+    order: Iterable[int] = (),
+    lost: tuple[type[BaseException], ...] = (),
 ) -> None:
     """Do what is not done yet. The lock must be held.
 
@@ -81,6 +88,7 @@ def run(
         width: how many shards it can work on now.
         watcher: is told of what happens.
         order: which shards come first, all others follow.
+        lost: what a future of the executor raises whose workers died; its shard is done again, up to ATTEMPTS times.
 
     Raises:
         BrokenEnvironmentError, UsageError: a shard failed; those that were done stay.
@@ -92,16 +100,24 @@ def run(
     pending = _Pending(plan, [i for i in (*first, *range(plan.n_shards)) if i not in done])
     running: dict[Future[Report], int] = {}
     free: list[Config] = []
+    losses: collections.Counter[int] = collections.Counter()
     try:
         while pending or running:
-            while pending and len(running) < max(1, width()):
+            while pending and len(running) < width():
                 index = pending.pop(free.pop() if free else None)
                 running[executor.submit(work, store.url, index)] = index
             ready, _ = concurrent.futures.wait(running, timeout=0.2, return_when=concurrent.futures.FIRST_COMPLETED)
             for future in ready:
                 index = running.pop(future)
-                watcher.finished(future.result())
-                free.append(plan.configs[index])
+                try:
+                    watcher.finished(future.result())
+                except lost:
+                    losses[index] += 1
+                    if losses[index] >= ATTEMPTS:
+                        raise
+                    pending.push(index)
+                else:
+                    free.append(plan.configs[index])
             watcher.tick()
     finally:
         for future in running:
@@ -112,13 +128,17 @@ class _Pending:
     """Shards to do. A worker goes on with the Config that it has compiled; a new one gets one that none works on."""
 
     def __init__(self, plan: Plan, indices: Iterable[int]) -> None:
+        self._plan = plan
         self._queues: dict[Config, collections.deque[int]] = {}
-        for index in dict.fromkeys(indices):
-            self._queues.setdefault(plan.configs[index], collections.deque()).append(index)
         self._taken: collections.Counter[Config] = collections.Counter()
+        for index in dict.fromkeys(indices):
+            self.push(index)
 
     def __bool__(self) -> bool:
         return bool(self._queues)
+
+    def push(self, index: int) -> None:
+        self._queues.setdefault(self._plan.configs[index], collections.deque()).append(index)
 
     def pop(self, compiled: Config | None) -> int:
         if compiled not in self._queues:

@@ -154,14 +154,13 @@ def paper_grid(env: str, base: Mapping[str, Any]) -> tuple[Setting, ...]:
     return expand(blocks, base)
 
 
-def random_grid(env: str, base: Mapping[str, Any], n: int = 16, seed: int = 0) -> tuple[Setting, ...]:
+def random_grid(base: Mapping[str, Any], n: int = 16, seed: int = 0) -> tuple[Setting, ...]:
     """N settings of each loss, drawn around the base's learning rate.
 
     Log-uniform: the learning rate within a factor of 10 of the base's, η from 0.1 to 4; n_bins is 50, 100 or 200. A
     longer draw begins with a shorter one.
     """
-    del env
-    require_integer("n", n, 1)
+    require_integer("n_settings", n, 1)
     found: list[dict[str, Any]] = []
     for name, loss in LOSSES.items():
         draw = np.random.default_rng((seed, *name.encode()))
@@ -170,7 +169,9 @@ def random_grid(env: str, base: Mapping[str, Any], n: int = 16, seed: int = 0) -
             bins, eta = int(draw.choice([50, 100, 200])), math.exp(draw.uniform(math.log(0.1), math.log(4)))
             found.append({"loss": name, "learning_rate": float(f"{rate:.3g}")})
             if loss.policy == "histogram":
-                found[-1] |= {"n_bins": bins, "eta": float(f"{eta:.3g}")}
+                found[-1]["n_bins"] = bins
+            if loss.uses_eta:
+                found[-1]["eta"] = float(f"{eta:.3g}")
     return expand(found, base)
 
 
@@ -193,14 +194,15 @@ def read_grid(path: Path, base: Mapping[str, Any]) -> tuple[Setting, ...]:
         raise UsageError(f"grid is {str(path)!r}: {error}") from None
 
 
-GRIDS: dict[str, Callable[[str, Mapping[str, Any]], tuple[Setting, ...]]] = {
-    "paper": paper_grid,
-    "random": random_grid,
+GRIDS: dict[str, Callable[[str, Mapping[str, Any], int], tuple[Setting, ...]]] = {
+    "paper": lambda env, base, _: paper_grid(env, base),
+    "random": lambda _, base, n: random_grid(base, n),
 }
-"""The grids with a name: (environment, fields that all settings share unless the grid says otherwise) → settings."""
+"""The grids with a name: (environment, fields that all settings share unless the grid says otherwise, settings per loss
+where the grid leaves that open) → settings."""
 
 
-def find_grid(name: str, env: str, base: Mapping[str, Any] | None = None) -> tuple[Setting, ...]:
+def find_grid(name: str, env: str, base: Mapping[str, Any] | None = None, n: int = 16) -> tuple[Setting, ...]:
     """A name in GRIDS, or a TOML file; the base is by default the task's."""
     base = task_defaults(env) if base is None else base
-    return GRIDS[name](env, base) if name in GRIDS else read_grid(Path(name), base)
+    return GRIDS[name](env, base, n) if name in GRIDS else read_grid(Path(name), base)

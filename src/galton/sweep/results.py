@@ -62,19 +62,25 @@ def best_settings(plan: Plan, table: pa.Table) -> dict[str, Best]:
     """For each loss, among the settings whose trials are all there; one with a diverged trial comes last."""
     columns = ("setting", "final_training_return", "final_evaluation_return")
     setting, training, evaluation = (table.column(name).to_numpy() for name in columns)
-    trials = plan.study.trials
-    n = len(plan.study.settings)
-    count = np.bincount(setting, minlength=n)
-    with np.errstate(invalid="ignore"):
-        mean = np.bincount(setting, np.where(np.isnan(training), -np.inf, training), n) / np.maximum(count, 1)
+    means = mean_returns(plan, table)
     found: dict[str, Best] = {}
     for loss in dict.fromkeys(s.config.loss for s in plan.study.settings):
-        own = [i for i, s in enumerate(plan.study.settings) if s.config.loss == loss and count[i] == trials]
+        own = [s for s in means if s.config.loss == loss]
         if own:
-            i = max(own, key=lambda i: mean[i])
-            rows = setting == i
-            found[loss] = Best(plan.study.settings[i], training[rows], evaluation[rows], len(own))
+            best = max(own, key=lambda s: means[s])
+            rows = setting == plan.study.settings.index(best)
+            found[loss] = Best(best, training[rows], evaluation[rows], len(own))
     return found
+
+
+def mean_returns(plan: Plan, table: pa.Table) -> dict[Setting, float]:
+    """The mean final training return of each setting whose trials are all there; −∞ where one diverged."""
+    setting, final = (table.column(name).to_numpy() for name in ("setting", "final_training_return"))
+    n = len(plan.study.settings)
+    count = np.bincount(setting, minlength=n)
+    total = np.bincount(setting, np.where(np.isnan(final), -np.inf, final), n)
+    whole = np.flatnonzero(count == plan.study.trials).tolist()
+    return {plan.study.settings[i]: float(total[i] / count[i]) for i in whole}
 
 
 def rerun(study: Study, best: dict[str, Best], trials: int, seed: int) -> Study:

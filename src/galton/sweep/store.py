@@ -38,6 +38,11 @@ class Store:
         self.url = url
         self.local = Path(self._root) if isinstance(self._files, LocalFileSystem) else None
 
+    @property
+    def absolute(self) -> str:
+        """Its address for a process that works in another folder."""
+        return self.url if self.local is None else str(self.local.resolve())
+
     def names(self, folder: str) -> list[str]:
         """The files of a folder, sorted; none where there is no such folder."""
         if self.local is not None:

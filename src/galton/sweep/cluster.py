@@ -1,0 +1,127 @@
+"""Dask as what carries shards: a scheduler that runs, or one started here whose workers a batch system starts."""
+
+import contextlib
+from collections.abc import Callable, Iterator
+from concurrent.futures import CancelledError, Executor
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from galton.errors import UsageError, require, require_integer
+
+try:
+    import dask_jobqueue
+    import distributed
+except ImportError as missing:
+    raise UsageError(f"a cluster needs Dask: pip install 'galton[cluster]' ({missing})") from None
+
+CLUSTERS = {
+    "htcondor": dask_jobqueue.HTCondorCluster,
+    "slurm": dask_jobqueue.SLURMCluster,
+    "pbs": dask_jobqueue.PBSCluster,
+}
+PATIENCE = 10
+"""Seconds to wait for a scheduler that is said to run."""
+LOST = (distributed.scheduler.KilledWorker, CancelledError, distributed.client.FutureCancelledError)
+"""What a future raises whose workers died."""
+
+
+class Jobs(NamedTuple):
+    """What each job of a batch system asks for. It is one worker on one core."""
+
+    n: int
+    walltime: str
+    """Hours, minutes and seconds, as in 12:00:00."""
+    memory: str
+    """Such as 2GB."""
+    directives: tuple[str, ...] = ()
+    """Further lines for the batch system: its account, its queue."""
+
+
+class Carrier(NamedTuple):
+    """An executor, and how many shards it can work on now."""
+
+    executor: Executor
+    width: Callable[[], int]
+
+
+@contextlib.contextmanager
+def connect(address: str, tls: Path | None = None) -> Iterator[Carrier]:
+    """To a scheduler that runs; each thread of its workers is one place.
+
+    Args:
+        address: such as tcp://host:8786, or tls://.
+        tls: a folder with ca.pem, cert.pem and key.pem.
+
+    Raises:
+        UsageError: no scheduler answers there, or a file is missing.
+    """
+    security = None if tls is None else _security(tls)
+    require(
+        tls is None or address.startswith("tls://"), f"scheduler is {address!r}; with tls it must begin with tls://"
+    )
+    try:
+        client = distributed.Client(address, security=security, timeout=PATIENCE)
+    except (OSError, TimeoutError, ValueError, TypeError) as error:
+        raise UsageError(f"scheduler is {address!r}, where none answers: {error}") from None
+    with client:
+        yield _carrier(client)
+
+
+@contextlib.contextmanager
+def start(kind: str, jobs: Jobs, folder: Path, tls: Path | None = None) -> Iterator[Carrier]:
+    """A scheduler in this process, and jobs of a batch system for its workers; jobs that end are started again.
+
+    Args:
+        kind: a key of CLUSTERS.
+        jobs: what to ask for.
+        folder: for the jobs' logs.
+        tls: as for `connect`; the workers must see the folder under the same path.
+
+    Raises:
+        UsageError: an unknown batch system, or one that this machine can't submit to.
+    """
+    require(kind in CLUSTERS, f"cluster is {kind!r}; choose from {', '.join(CLUSTERS)}")
+    require_integer("jobs", jobs.n, 1)
+    try:
+        cluster = CLUSTERS[kind](**job_options(kind, jobs, folder), security=None if tls is None else _security(tls))
+    except (OSError, RuntimeError, ValueError) as error:
+        raise UsageError(f"cluster is {kind!r}, which can't be started here: {error}") from None
+    with cluster, distributed.Client(cluster) as client:
+        cluster.adapt(minimum_jobs=jobs.n, maximum_jobs=jobs.n)
+        yield _carrier(client)
+
+
+def job_options(kind: str, jobs: Jobs, folder: Path) -> dict[str, Any]:
+    """The arguments of dask-jobqueue for one worker of one thread per job."""
+    options: dict[str, Any] = {
+        "cores": 1,
+        "processes": 1,
+        "memory": jobs.memory,
+        "log_directory": str(folder / "logs"),
+        "death_timeout": 600,
+        "scheduler_options": {"dashboard": False},
+        "job_extra_directives": list(jobs.directives),
+    }
+    if kind == "htcondor":
+        hours, minutes, seconds = map(int, jobs.walltime.split(":"))
+        limit = (hours * 60 + minutes) * 60 + seconds
+        extra = dict(line.split("=", 1) for line in jobs.directives)
+        over = f"JobStatus == 2 && time() - EnteredCurrentStatus > {limit}"  # HTCondor has no walltime of its own
+        return options | {"disk": "1GB", "job_extra_directives": {"periodic_remove": over} | extra}
+    return options | {"walltime": jobs.walltime}
+
+
+def _carrier(client: Any) -> Carrier:
+    def width() -> int:
+        return sum(client.nthreads().values())
+
+    return Carrier(client.get_executor(pure=False), width)
+
+
+def _security(folder: Path) -> Any:
+    files = {name: folder / f"{name}.pem" for name in ("ca", "cert", "key")}
+    for path in files.values():
+        require(path.is_file(), f"tls is {folder}, which holds no {path.name}; it needs ca.pem, cert.pem and key.pem")
+    roles = ("client", "scheduler", "worker")
+    pairs = {f"tls_{role}_{name}": str(files[name]) for role in roles for name in ("cert", "key")}
+    return distributed.Security(require_encryption=True, tls_ca_file=str(files["ca"]), **pairs)

@@ -1,0 +1,73 @@
+"""Settings that Optuna proposes, a round of them at a time; each round extends the plan of the sweep."""
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+
+from galton.errors import UsageError, require_integer
+from galton.losses import LOSSES, find_loss
+from galton.sweep.grid import Setting, Study, expand
+
+try:
+    import optuna
+except ImportError as missing:
+    raise UsageError(f"grid is 'optuna', which needs Optuna: pip install 'galton[search]' ({missing})") from None
+
+FAILED = -1e30
+"""What a setting with a diverged run is told to be worth."""
+
+
+def search(
+    common: Callable[[tuple[Setting, ...]], Study],
+    base: Mapping[str, Any],
+    n: int,
+    batch: int,
+    carry_out: Callable[[Study], Mapping[Setting, float]],
+) -> None:
+    """Ask, train and tell until every loss has had n settings.
+
+    Optuna's TPE sampler is seeded with the study, and what it is told comes from the sweep. So, run again, it proposes
+    what it proposed, the sweep knows the results, and the search goes on where it stopped.
+
+    Args:
+        common: settings → the study of them.
+        base: fields of all settings; learning rates are searched around its own, as in `random_grid`.
+        n: settings per loss.
+        batch: settings per loss and round.
+        carry_out: trains all settings of a study and gives the mean final training return of each.
+    """
+    require_integer("n_settings", n, 1)
+    require_integer("batch", batch, 1)
+    optuna.logging.set_verbosity(optuna.logging.WARNING)
+    seed = common(expand([{"loss": list(LOSSES)}], base)).seed
+    searches = {loss: _begin(seed, loss) for loss in LOSSES}
+    settings: dict[Setting, None] = {}
+    for start in range(0, n, batch):
+        asked: list[tuple[str, Any, Setting]] = []
+        for loss, study in searches.items():
+            space = _space(loss, base)
+            for _ in range(min(batch, n - start)):
+                trial = study.ask(space)
+                asked.append((loss, trial, Setting.of_record({**base, "loss": loss, **trial.params})))
+        settings |= {setting: None for _, _, setting in asked}
+        means = carry_out(common(tuple(settings)))
+        for loss, trial, setting in asked:
+            mean = means[setting]
+            searches[loss].tell(trial, mean if np.isfinite(mean) else FAILED)
+
+
+def _begin(seed: int, loss: str) -> Any:
+    entropy = np.random.SeedSequence((seed, *loss.encode())).generate_state(1)[0]
+    sampler = optuna.samplers.TPESampler(seed=int(entropy), constant_liar=True)
+    return optuna.create_study(direction="maximize", sampler=sampler)
+
+
+def _space(loss: str, base: Mapping[str, Any]) -> dict[str, Any]:
+    rate = base["learning_rate"]
+    space: dict[str, Any] = {"learning_rate": optuna.distributions.FloatDistribution(rate / 10, rate * 10, log=True)}
+    if find_loss(loss).policy == "histogram":
+        space["n_bins"] = optuna.distributions.CategoricalDistribution([50, 100, 200])
+    if find_loss(loss).uses_eta:
+        space["eta"] = optuna.distributions.FloatDistribution(0.1, 4.0, log=True)
+    return space
