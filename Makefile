@@ -25,12 +25,13 @@ lint: $(VENV)/installed-dev
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
-bench: $(VENV)/installed-dev  ## Speed against Stable-Baselines3, both sides in one run; rewrites results/benchmarks.
+bench: $(VENV)/installed-dev $(VENV)-rejax/installed  ## Speed against others and the machine; rewrites results/benchmarks.
+	$(BIN)/python benchmarks/sweep_speed.py --rejax $(VENV)-rejax/bin/python
 	$(BIN)/python benchmarks/against_sb3.py
 	$(BIN)/python benchmarks/against_physics.py
 
 clean:
-	rm -rf $(VENV)
+	rm -rf $(VENV) $(VENV)-rejax
 
 $(VENV)/bin/python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
@@ -44,3 +45,9 @@ $(VENV)/installed: pyproject.toml constraints.txt | $(VENV)/bin/python
 $(VENV)/installed-dev: pyproject.toml constraints.txt | $(VENV)/bin/python
 	$(PIP) -e '.[dev]'
 	@touch $@ $(VENV)/installed
+
+# rejax needs packages that Galton doesn't: an environment of its own.
+$(VENV)-rejax/installed: constraints.txt | $(VENV)/bin/python
+	$(PYTHON) -m venv $(VENV)-rejax
+	$(VENV)-rejax/bin/python -m pip install --quiet --disable-pip-version-check -c constraints.txt "rejax==0.1.3" "gymnax<1"
+	@touch $@

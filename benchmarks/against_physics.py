@@ -10,46 +10,20 @@ processes of its own; sides take turns; medians over the rounds. Nothing else sh
 """
 
 import argparse
-import importlib.metadata
-import json
-import platform
 import statistics
-import time
 from pathlib import Path
 
-import gymnasium
 import numpy as np
 from rich.console import Console
 from rich.table import Table
+from sides import SB3, K, Ours, Side, write
 
 import galton
 from galton.cores import n_cores
-from galton.sweep.executors import Place, Processes, one_per_core
-from galton.training.populate import populate
+from galton.sweep.executors import Place, one_per_core
 
-RUNS, K = 64, 100
+RUNS = 64
 TASKS = ("Reacher-v5", "HalfCheetah-v5", "Ant-v5")
-_made = {}
-"""What this process measures."""
-
-
-class SB3:
-    """One of SB3's models, trained on in slices."""
-
-    def __init__(self, task, discrete):
-        import torch
-        from against_sb3 import Discretised
-        from stable_baselines3 import A2C
-
-        torch.set_num_threads(1)
-        env = gymnasium.make(task)
-        env = Discretised(env) if discrete else env
-        self.model = A2C("MlpPolicy", env, n_steps=20, gae_lambda=1.0, use_rms_prop=False, device="cpu", seed=0)
-        self.model.learn(400)
-
-    def advance(self):
-        self.model.learn(1_500)
-        return 1_500
 
 
 class Physics:
@@ -66,47 +40,6 @@ class Physics:
         return len(self.control) * RUNS
 
 
-class Ours:
-    """Runs of ours, trained on in slices."""
-
-    def __init__(self, task, plain, loss, runs, updates):
-        env = (lambda: gymnasium.make(task)) if plain else task
-        hypers = galton.Hypers._make(np.full(runs, value, np.float32) for value in galton.Hypers())
-        self.population = populate(env, galton.Config(loss=loss, n_bins=K), hypers, range(runs), 10)
-        self.runs, self.updates = runs, updates
-        self.population.advance(2)
-
-    def advance(self):
-        self.population.advance(self.updates)
-        return self.updates * 20 * self.runs
-
-
-def prepare(kind, *arguments):
-    """Make what this process measures."""
-    galton.use_all_cores()
-    _made["side"] = kind(*arguments)
-
-
-def measure():
-    """Steps per second."""
-    start = time.perf_counter()
-    return _made["side"].advance() / (time.perf_counter() - start)
-
-
-class Side:
-    """The same thing in each of some processes, which work at the same time."""
-
-    def __init__(self, places, kind, *arguments):
-        self.processes, self.n = Processes(places), len(places)
-        self._each(prepare, kind, *arguments)
-
-    def steps_per_second(self):
-        return sum(self._each(measure))
-
-    def _each(self, function, *arguments):
-        return [future.result() for future in [self.processes.submit(function, *arguments) for _ in range(self.n)]]
-
-
 def main():
     parser = argparse.ArgumentParser()
     parser.add_argument("--rounds", type=int, default=3)
@@ -116,18 +49,18 @@ def main():
     sides = {}
     for task in TASKS:
         sides[task, "physics"] = Side(free, Physics, task)
-        sides[task, "galton"] = Side(cores, Ours, task, False, "hl-gauss", RUNS // len(cores), 10)
-        sides[task, "sb3"] = Side(cores, SB3, task, True)
+        sides[task, "galton"] = Side(cores, Ours, task, False, "hl-gauss", K, RUNS // len(cores), 10)
+        sides[task, "sb3"] = Side(cores, SB3, task, True, 1_500)
     for discrete in (False, True):
-        sides["one", "sb3", discrete] = Side(free, SB3, "HalfCheetah-v5", discrete)
+        sides["one", "sb3", discrete] = Side(free, SB3, "HalfCheetah-v5", discrete, 1_500)
     for loss in ("gaussian", "hl-one-hot", "hl-gauss"):
-        sides["one", loss] = Side(free, Ours, "HalfCheetah-v5", True, loss, 1, 200)
+        sides["one", loss] = Side(free, Ours, "HalfCheetah-v5", True, loss, K, 1, 200)
     speeds = {key: [] for key in sides}
     for _ in range(arguments.rounds):
         for key, side in sides.items():
             speeds[key].append(side.steps_per_second())
     for side in sides.values():
-        side.processes.shutdown()
+        side.close()
     median = {key: statistics.median(values) for key, values in speeds.items()}
 
     table = Table(title=f"{RUNS} runs, HL-Gauss, k = {K}; {n_cores()} cores, median of {arguments.rounds} rounds")
@@ -154,17 +87,9 @@ def main():
         table.add_row(row["side"], f"{row['steps_per_second']:,.0f}", f"{row['ratio']:.1f}")
     Console().print(table)
 
-    names = ("galton", "jax", "mujoco", "gymnasium", "stable-baselines3", "torch")
-    record = {
-        "cores": n_cores(),
-        "machine": platform.processor() or platform.machine(),
-        "versions": {name: importlib.metadata.version(name) for name in names},
-        "populations": rows,
-        "one_run": one,
-        "rounds": {" ".join(map(str, key)): values for key, values in speeds.items()},
-    }
-    arguments.out.mkdir(parents=True, exist_ok=True)
-    (arguments.out / "against_physics.json").write_text(json.dumps(record, indent=2) + "\n")
+    packages = ("mujoco", "gymnasium", "stable-baselines3", "torch")
+    rounds = {" ".join(map(str, key)): values for key, values in speeds.items()}
+    write(arguments.out / "against_physics.json", packages, populations=rows, one_run=one, rounds=rounds)
 
 
 if __name__ == "__main__":

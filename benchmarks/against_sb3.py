@@ -17,28 +17,13 @@ import time
 from pathlib import Path
 
 import gymnasium
-import numpy as np
 import torch
-from gymnasium.spaces import MultiDiscrete
 from rich.console import Console
 from rich.table import Table
+from sides import Discretised, K
 from stable_baselines3 import A2C
 
 import galton
-
-K = 100
-
-
-class Discretised(gymnasium.ActionWrapper):
-    """Bin indices in, bin centers on."""
-
-    def __init__(self, env):
-        super().__init__(env)
-        self.bins = galton.Bins(env.action_space.low, env.action_space.high, K)
-        self.action_space = MultiDiscrete([K] * len(self.bins.low))
-
-    def action(self, action):
-        return self.bins.centers[np.arange(len(action)), action]
 
 
 class SB3:

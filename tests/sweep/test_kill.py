@@ -104,7 +104,7 @@ def children(process_id):
 
 @pytest.mark.slow
 def test_with_a_worker_killed_every_two_seconds_it_still_ends(tmp_path, grid, programs, reference):
-    process = start(tmp_path / "out", grid, programs, "--steps", 100_000)
+    process = start(tmp_path / "out", grid, programs, "--steps", 400_000)
     killed, draw = 0, random.Random(0)
     while process.poll() is None:
         time.sleep(2)
@@ -114,7 +114,7 @@ def test_with_a_worker_killed_every_two_seconds_it_still_ends(tmp_path, grid, pr
     _, errors = process.communicate()
     assert process.returncode == 0, errors
     assert killed > 3
-    finish(tmp_path / "whole", grid, programs, "--steps", 100_000)
+    finish(tmp_path / "whole", grid, programs, "--steps", 400_000)
     assert (tmp_path / "out" / results.FILE).read_bytes() == (tmp_path / "whole" / results.FILE).read_bytes()
 
 

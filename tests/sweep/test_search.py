@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 
 from galton import LOSSES
-from galton.sweep.grid import Study, task_defaults
+from galton.sweep.grid import task_defaults
 from galton.sweep.search import search
 
 BASE = task_defaults("lqr")
@@ -20,11 +20,11 @@ def run(n, batch, fail=()):
             return -np.inf
         return -abs(np.log(setting.hypers.learning_rate / 2e-3)) - abs(np.log(setting.hypers.eta))
 
-    def carry_out(study):
-        rounds.append(study.settings)
-        return {setting: worth(setting) for setting in study.settings}
+    def means(settings):
+        rounds.append(settings)
+        return {setting: worth(setting) for setting in settings}
 
-    search(lambda settings: Study("lqr", settings, 2, 100), BASE, n, batch, carry_out)
+    search(means, BASE, n, batch)
     return rounds
 
 

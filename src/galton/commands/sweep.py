@@ -5,10 +5,10 @@ import dataclasses
 import re
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 import tyro
@@ -19,6 +19,7 @@ from rich.table import Table
 from rich.text import Text
 
 from galton.commands.common import EnvName, Training, parse, short_name
+from galton.envs.base import Environment
 from galton.errors import UsageError, require
 from galton.losses import find_loss
 from galton.sweep import engine, results
@@ -51,8 +52,8 @@ class Options:
     """Of the study: another one gives every run a fresh seed."""
     out: str | None = None
     """The folder, by default runs/sweep-ENV; or an address that fsspec opens, such as s3://bucket/folder."""
-    shard_width: int = 32
-    """Runs that are trained side by side by one worker."""
+    shard_width: int | None = None
+    """Runs that are trained side by side by one worker; by default 16, or 32 on environments outside JAX."""
     extend: bool = False
     """Add to the plan that the folder holds what it lacks of this grid."""
     plan_only: bool = False
@@ -87,7 +88,8 @@ def main(arguments: Sequence[str]) -> None:
     options = parse(Options, "sweep", arguments)
     training = options.training
     base = Setting(training.config, training.hypers).record()
-    training.find(options.env)
+    known = isinstance(training.find(options.env), Environment)
+    shard_width = options.shard_width or (16 if known else 32)
 
     def study_of(settings: tuple[Setting, ...]) -> Study:
         return Study(
@@ -104,38 +106,27 @@ def main(arguments: Sequence[str]) -> None:
 
     store = Store(options.out or str(Path("runs", f"sweep-{short_name(options.env)}")))
     _check_carrier(options)
-    if options.grid == "optuna":
-        require(not options.plan_only, "plan_only is given, but grid is 'optuna', whose plan grows with what it finds")
-        with store.lock(), _carrier(options, store) as carry_out:
-            _search(options, store, study_of, base, carry_out)
-            _conclude(Console(), store, Plan.load(store))
-        return
-    study = study_of(find_grid(options.grid, options.env, base, options.n_settings))
     with store.lock():
-        plan = engine.prepare(store, study, options.shard_width, options.extend)
-        if options.plan_only:
-            print(f"{plan.n_runs:,} runs in {plan.n_shards:,} shards: {store.url}")
-            return
-        with _carrier(options, store) as carry_out:
-            carry_out(plan)
-        _conclude(Console(), store, plan)
+        if options.grid == "optuna":
+            require(not options.plan_only, "plan_only goes without grid 'optuna', whose plan grows with what it finds")
+            from galton.sweep.search import search
 
+            def means(settings: tuple[Setting, ...]) -> dict[Setting, float]:
+                plan = engine.prepare(store, study_of(settings), shard_width, extend=True)
+                carry_out(plan)
+                return results.mean_returns(plan, results.collect(store, plan))
 
-def _search(
-    options: Options,
-    store: Store,
-    study_of: Callable[[tuple[Setting, ...]], Study],
-    base: Mapping[str, Any],
-    carry_out: Callable[[Plan], None],
-) -> None:
-    from galton.sweep.search import search
-
-    def means(study: Study) -> dict[Setting, float]:
-        plan = engine.prepare(store, study, options.shard_width, extend=True)
-        carry_out(plan)
-        return results.mean_returns(plan, results.collect(store, plan))
-
-    search(study_of, base, options.n_settings, options.batch, means)
+            with _carrier(options, store) as carry_out:
+                search(means, base, options.n_settings, options.batch, options.seed)
+        else:
+            study = study_of(find_grid(options.grid, options.env, base, options.n_settings))
+            plan = engine.prepare(store, study, shard_width, options.extend)
+            if options.plan_only:
+                print(f"{plan.n_runs:,} runs in {plan.n_shards:,} shards: {store.url}")
+                return
+            with _carrier(options, store) as carry_out:
+                carry_out(plan)
+        _conclude(Console(), store, Plan.load(store))
 
 
 def _check_carrier(options: Options) -> None:
@@ -238,13 +229,16 @@ class View:
 
     def __rich__(self) -> Group:
         """Progress, speed, time left, and the best setting of each loss so far."""
+        bar = ProgressBar(total=self._plan.n_runs, completed=self._runs, width=60)
+        return Group(Text(self.line()), bar, self._best())
+
+    def line(self) -> str:
+        """Progress, speed and time left."""
         elapsed, runs = time.monotonic() - self._start, self._runs - self._runs_before
         speed = (self._steps - self._steps_before) / elapsed
         left = (self._plan.n_runs - self._runs) / runs * elapsed if runs else None
         line = f"{self._runs:,} of {self._plan.n_runs:,} runs"
-        line += f", {speed:,.0f} env-steps/s, {_duration(left)} left" if left is not None else ", no speed known yet"
-        bar = ProgressBar(total=self._plan.n_runs, completed=self._runs, width=60)
-        return Group(Text(line), bar, self._best())
+        return line if left is None else f"{line}, {speed:,.0f} env-steps/s, {_duration(left)} left"
 
     def _best(self) -> Table:
         table = Table("loss", "best setting so far", "final training return", "runs", box=None)
@@ -266,7 +260,7 @@ def _live(console: Console, plan: Plan) -> Iterator[View]:
             yield view
     else:
         yield view
-        console.print(view)
+        console.print(view.line(), highlight=False)
 
 
 def _duration(seconds: float) -> str:

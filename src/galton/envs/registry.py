@@ -64,7 +64,12 @@ def settings(name: str) -> Task:
     """The entry of that name, or the settings for an environment that is not ours: fewer evaluations, which cost."""
     if is_known(name):
         return find_task(name)[1]
-    return Task("", name, name, max_episode_steps=0, n_logs=50, n_eval_episodes=2)
+    steps = _PAPER_STEPS.get(name, 500_000)
+    return Task("", name, name, max_episode_steps=0, total_timesteps=steps, n_logs=50, n_eval_episodes=2)
+
+
+_PAPER_STEPS = {"HalfCheetah-v5": 1_000_000, "Ant-v5": 1_000_000}
+"""The paper's training length, where it is not 500,000 (App. C.2)."""
 
 
 def is_known(name: str) -> bool:

@@ -7,7 +7,7 @@ import numpy as np
 
 from galton.errors import UsageError, require_integer
 from galton.losses import LOSSES, find_loss
-from galton.sweep.grid import Setting, Study, expand
+from galton.sweep.grid import Setting
 
 try:
     import optuna
@@ -19,28 +19,27 @@ FAILED = -1e30
 
 
 def search(
-    common: Callable[[tuple[Setting, ...]], Study],
+    means: Callable[[tuple[Setting, ...]], Mapping[Setting, float]],
     base: Mapping[str, Any],
     n: int,
     batch: int,
-    carry_out: Callable[[Study], Mapping[Setting, float]],
+    seed: int = 0,
 ) -> None:
     """Ask, train and tell until every loss has had n settings.
 
-    Optuna's TPE sampler is seeded with the study, and what it is told comes from the sweep. So, run again, it proposes
-    what it proposed, the sweep knows the results, and the search goes on where it stopped.
+    Optuna's TPE sampler is seeded, and what it is told comes from the sweep. So, run again, it proposes what it
+    proposed, the sweep knows the results, and the search goes on where it stopped.
 
     Args:
-        common: settings → the study of them.
+        means: trains all these settings, those of earlier rounds first; gives each one's mean final training return.
         base: fields of all settings; learning rates are searched around its own, as in `random_grid`.
         n: settings per loss.
         batch: settings per loss and round.
-        carry_out: trains all settings of a study and gives the mean final training return of each.
+        seed: of the proposals.
     """
     require_integer("n_settings", n, 1)
     require_integer("batch", batch, 1)
     optuna.logging.set_verbosity(optuna.logging.WARNING)
-    seed = common(expand([{"loss": list(LOSSES)}], base)).seed
     searches = {loss: _begin(seed, loss) for loss in LOSSES}
     settings: dict[Setting, None] = {}
     for start in range(0, n, batch):
@@ -51,10 +50,9 @@ def search(
                 trial = study.ask(space)
                 asked.append((loss, trial, Setting.of_record({**base, "loss": loss, **trial.params})))
         settings |= {setting: None for _, _, setting in asked}
-        means = carry_out(common(tuple(settings)))
+        found = means(tuple(settings))
         for loss, trial, setting in asked:
-            mean = means[setting]
-            searches[loss].tell(trial, mean if np.isfinite(mean) else FAILED)
+            searches[loss].tell(trial, found[setting] if np.isfinite(found[setting]) else FAILED)
 
 
 def _begin(seed: int, loss: str) -> Any:

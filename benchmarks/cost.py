@@ -1,0 +1,103 @@
+"""What the whole paper costs, from rates that are measured here: rewrites docs/cost.md.
+
+Each analytic task is trained as a sweep trains it, 16 runs in each of one process per core, with an evaluation of ten
+episodes every 5,000 steps (500 on the bandit: every 20), for each program of App. C.2. The MuJoCo tasks' rates are those of
+against_physics.json: HL-Gauss at k = 100, without evaluation. Nothing else should be running.
+
+    python benchmarks/cost.py [--out results/benchmarks]
+"""
+
+import argparse
+import collections
+import json
+import time
+from pathlib import Path
+
+import numpy as np
+from sides import write
+
+import galton
+from galton.cores import n_cores
+from galton.envs.registry import ENVS, settings
+from galton.sweep.executors import Processes, one_per_core
+from galton.sweep.grid import find_grid
+
+TRIALS, RUNS, LOG_POINTS = 20, 16, 4
+MUJOCO = ("Reacher-v5", "HalfCheetah-v5", "Ant-v5")
+
+
+def seconds_per_step(env, config):
+    """Of one core, evaluation included; and the seconds of compiling."""
+    galton.use_all_cores()
+    task = settings(env)
+    steps = LOG_POINTS * task.total_timesteps // task.n_logs
+    hypers = galton.Hypers(learning_rate=task.learning_rate)
+    result = galton.train(env, config, hypers, range(RUNS), steps, n_logs=LOG_POINTS, n_eval_episodes=10)
+    return result.train_seconds / (RUNS * float(result.steps[-1])), result.compile_seconds
+
+
+def main():
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--out", type=Path, default=Path("results/benchmarks"))
+    arguments = parser.parse_args()
+    start = time.perf_counter()
+    rows = []
+    with Processes(one_per_core()) as executor:
+        for env in ENVS:
+            programs = collections.Counter(setting.config for setting in find_grid("paper", env))
+            core_seconds = compile_seconds = 0.0
+            for config, n_settings in programs.items():
+                calls = [executor.submit(seconds_per_step, env, config) for _ in range(n_cores())]
+                rate, compiling = np.mean([call.result() for call in calls], axis=0)
+                core_seconds += rate * n_settings * TRIALS * settings(env).total_timesteps
+                compile_seconds += compiling
+            runs = programs.total() * TRIALS
+            rows.append((env, runs, runs * settings(env).total_timesteps, core_seconds, compile_seconds))
+    physics = json.loads((arguments.out / "against_physics.json").read_text())
+    for row in physics["populations"]:
+        steps = 88 * TRIALS * settings(row["task"]).total_timesteps
+        rows.append((row["task"], 88 * TRIALS, steps, steps / row["training"] * physics["cores"], None))
+    keys = ("env", "runs", "steps", "core_seconds", "compile_seconds")
+    write(arguments.out / "cost.json", ("mujoco",), rows=[dict(zip(keys, row, strict=True)) for row in rows])
+    page(json.loads((arguments.out / "cost.json").read_text()))
+    print(f"measured in {time.perf_counter() - start:,.0f} s; docs/cost.md is new")
+
+
+def page(found):
+    lines = [
+        "# What the whole paper costs",
+        "",
+        "App. C.2: 88 settings × 20 trials on each task (76 on the bandit). Hours of training, evaluation of ten episodes at",
+        "100 log points included on the first four; on MuJoCo, HL-Gauss at k = 100 stands for all settings, without evaluation.",
+        f"Rates were measured with `python benchmarks/cost.py` on one machine: {found['cores']} cores of {found['machine']}",
+        "(`results/benchmarks/cost.json`). A hundred slots means a hundred such cores; a queue's waiting time is not in it.",
+        "",
+        "| task | runs | environment steps | 2 cores | 100 Condor slots | one H100 |",
+        "|---|---|---|---|---|---|",
+    ]
+    total_steps = total = 0
+    for row in found["rows"]:
+        lines.append(line(row["env"], f"{row['runs']:,}", row["steps"], row["core_seconds"]))
+        total_steps, total = total_steps + row["steps"], total + row["core_seconds"]
+    lines.append(line("all", "", total_steps, total))
+    compiling = [row["compile_seconds"] for row in found["rows"] if row["compile_seconds"]]
+    lines += [
+        "",
+        f"Compiling comes on top: the seven programs of a task take a worker {max(compiling):.0f} seconds at most, once.",
+        "No H100 has been at hand: that column stays empty until somebody measures it.",
+    ]
+    Path("docs/cost.md").write_text("\n".join(lines) + "\n")
+
+
+def line(name, runs, steps, core_seconds):
+    return f"| {name} | {runs} | {steps / 1e6:,.0f} M | {span(core_seconds / 2)} | {span(core_seconds / 100)} | not measured |"
+
+
+def span(seconds):
+    if seconds < 5_400:
+        return f"{seconds / 60:,.1f} min"
+    return f"{seconds / 3600:,.1f} h"
+
+
+if __name__ == "__main__":
+    main()
