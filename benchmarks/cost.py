@@ -1,8 +1,8 @@
 """What the whole paper costs, from rates that are measured here: rewrites docs/cost.md.
 
-Each analytic task is trained as a sweep trains it, 16 runs in each of one process per core, with an evaluation of ten
-episodes every 5,000 steps (500 on the bandit: every 20), for each program of App. C.2. The MuJoCo tasks' rates are those of
-against_physics.json: HL-Gauss at k = 100, without evaluation. Nothing else should be running.
+Each analytic task is trained as a sweep trains it, 16 runs in each of one process per core, with an evaluation of
+ten episodes every 5,000 steps (every 20 on the bandit), for each program of App. C.2. The MuJoCo tasks' rates are
+those of against_physics.json: HL-Gauss at k = 100, without evaluation. Nothing else should be running.
 
     python benchmarks/cost.py [--out results/benchmarks]
 """
@@ -67,10 +67,11 @@ def page(found):
     lines = [
         "# What the whole paper costs",
         "",
-        "App. C.2: 88 settings × 20 trials on each task (76 on the bandit). Hours of training, evaluation of ten episodes at",
-        "100 log points included on the first four; on MuJoCo, HL-Gauss at k = 100 stands for all settings, without evaluation.",
-        f"Rates were measured with `python benchmarks/cost.py` on one machine: {found['cores']} cores of {found['machine']}",
-        "(`results/benchmarks/cost.json`). A hundred slots means a hundred such cores; a queue's waiting time is not in it.",
+        "App. C.2: 88 settings × 20 trials on each task (76 on the bandit). Times of training. On the first four",
+        "an evaluation of ten episodes at each of 100 log points is included; on MuJoCo, HL-Gauss at k = 100 stands",
+        "for all settings, without evaluation. Rates were measured with `python benchmarks/cost.py` on",
+        f"{found['cores']} cores of {found['machine']} (`results/benchmarks/cost.json`). A hundred slots means",
+        "a hundred such cores; a queue's waiting time is not in it.",
         "",
         "| task | runs | environment steps | 2 cores | 100 Condor slots | one H100 |",
         "|---|---|---|---|---|---|",
@@ -83,14 +84,16 @@ def page(found):
     compiling = [row["compile_seconds"] for row in found["rows"] if row["compile_seconds"]]
     lines += [
         "",
-        f"Compiling comes on top: the seven programs of a task take a worker {max(compiling):.0f} seconds at most, once.",
+        "Compiling comes on top: the seven programs of a task take a worker "
+        f"{max(compiling):.0f} seconds at most, once.",
         "No H100 has been at hand: that column stays empty until somebody measures it.",
     ]
     Path("docs/cost.md").write_text("\n".join(lines) + "\n")
 
 
 def line(name, runs, steps, core_seconds):
-    return f"| {name} | {runs} | {steps / 1e6:,.0f} M | {span(core_seconds / 2)} | {span(core_seconds / 100)} | not measured |"
+    times = f"{span(core_seconds / 2)} | {span(core_seconds / 100)}"
+    return f"| {name} | {runs} | {steps / 1e6:,.0f} M | {times} | not measured |"
 
 
 def span(seconds):

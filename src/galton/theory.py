@@ -15,18 +15,18 @@ Scalar = float | Float[Array, ""]
 def output_lipschitz(layers: list[Params], observation: Float[Array, " o"]) -> Float[Array, ""]:
     """The least l with ‖∇_φ w_jᵀ f_φ(s)‖ ≤ l for every output j at this observation.
 
-    Backpropagation of all outputs at once: layer by layer, the gradient of output j is an outer product, whose
-    norm is that of its factors.
+    Backpropagation of all outputs at once: layer by layer, the gradient of output j is an outer product of row j times
+    the slopes and what the layer saw, and its norm is that of its factors.
     """
     hidden = [observation]
     for layer in layers[:-1]:
         hidden.append(jnp.tanh(hidden[-1] @ layer["kernel"] + layer["bias"]))
-    backward = layers[-1]["kernel"]
-    squares = jnp.zeros(backward.shape[1])
+    backward = layers[-1]["kernel"].T
+    squares = jnp.zeros(len(backward))
     for layer, below, here in zip(layers[-2::-1], hidden[-2::-1], hidden[:0:-1], strict=True):
-        delta = backward * (1 - here**2)[:, None]
-        squares = squares + (delta**2).sum(0) * (1 + below @ below)
-        backward = layer["kernel"] @ delta
+        slope = 1 - here**2  # of tanh
+        squares = squares + backward**2 @ slope**2 * (1 + below @ below)
+        backward = backward @ (slope[:, None] * layer["kernel"].T)
     return jnp.sqrt(squares.max())
 
 

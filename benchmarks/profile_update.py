@@ -1,0 +1,152 @@
+"""Where the time of training goes: each part alone in a loop of its own, on one core, Mountain Car, 16 runs.
+
+The parts are those of one update of 20 steps: the noise, the rollout, and learning, which is the networks' products
+forwards and backwards, the losses between them, and Adam with the norm of the gradient. The products alone are timed
+too, at the sizes that the update has, to tell arithmetic from the rest. The sum differs from the whole where XLA
+merges parts or keeps them apart. Nothing else should be running.
+
+    python benchmarks/profile_update.py [--loss hl-gauss] [--n-bins 100] [--out results/benchmarks]
+"""
+
+import argparse
+import functools
+import os
+import statistics
+import time
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+from rich.console import Console
+from rich.table import Table
+from sides import write
+
+import galton
+from galton.algorithms import a2c
+from galton.networks import mlp
+from galton.training import scan
+from galton.training.rollout import draw_noise, rollout
+from galton.training.state import learn
+
+RUNS, LOOPS, HIDDEN = 16, 200, 64
+
+
+def microseconds(body, carry, *arguments):
+    """Of one call per run, in a loop of one program over all runs; the median of five."""
+
+    def loop(carry, *arguments):
+        return lax.fori_loop(0, LOOPS, lambda _, carry: body(carry, *arguments), carry)
+
+    program = jax.jit(jax.vmap(loop))
+    jax.block_until_ready(program(carry, *arguments))
+    times = []
+    for _ in range(5):
+        start = time.perf_counter()
+        jax.block_until_ready(program(carry, *arguments))
+        times.append(time.perf_counter() - start)
+    return statistics.median(times) * 1e6 / LOOPS / RUNS
+
+
+def products(rows, n_outputs):
+    """The matrix products of one update, each as (left, right) shapes: [rows, n] times [n, m]."""
+    layers = [(2, HIDDEN), (HIDDEN, HIDDEN)]
+    actor, critic = [*layers, (HIDDEN, n_outputs)], [*layers, (HIDDEN, 1)]
+    forward = [((rows, n), (n, m)) for network in (actor, critic, critic) for n, m in network]
+    to_kernels = [((n, rows), (rows, m)) for network in (actor, critic) for n, m in network]
+    to_inputs = [((rows, m), (m, n)) for network in (actor, critic) for n, m in network[1:]]
+    return forward + to_kernels + to_inputs
+
+
+def main():
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--loss", default="hl-gauss")
+    parser.add_argument("--n-bins", type=int, default=100)
+    parser.add_argument("--out", type=Path, default=Path("results/benchmarks"))
+    arguments = parser.parse_args()
+    if hasattr(os, "sched_setaffinity"):
+        os.sched_setaffinity(0, {0})
+    galton.use_all_cores()
+
+    env, config = galton.envs.MountainCar(), galton.Config(arguments.loss, n_bins=arguments.n_bins)
+    policy = a2c.make_policy(config, env.action_low, env.action_high)
+    begin = functools.partial(scan._begin, env, config, policy)
+    state = jax.jit(functools.partial(lax.map, begin))(jnp.arange(RUNS, dtype=jnp.uint32))
+    hypers = jax.tree.map(lambda h: jnp.full(RUNS, h), galton.Hypers(learning_rate=1e-8))
+    draw = functools.partial(draw_noise, env=env, policy=policy, config=config)
+    noise = jax.jit(jax.vmap(draw))(state.run.key)
+
+    def act(episodes, run, noise, hypers):
+        return rollout(env, policy, run.learner, episodes, noise, hypers)
+
+    episodes, _, batch, finished = jax.jit(jax.vmap(act))(state.episodes, state.run, noise, hypers)
+
+    def differentiate(params, batch):
+        """Networks forwards and backwards, with a gradient of ones in place of the losses'."""
+
+        def outputs(params):
+            values, following = (a2c.value(params, a2c.flatten(x)) for x in (batch.observation, batch.next_observation))
+            logits = mlp(params["actor"], a2c.flatten(batch.observation))
+            return logits.sum() + values.sum() + lax.stop_gradient(following).sum()
+
+        gradient = jax.grad(outputs)(params)
+        return jax.tree.map(lambda p, g: p + 1e-12 * g, params, gradient)
+
+    def adam(learner, hypers):
+        """On the parameters themselves as the gradient."""
+        norm = jnp.sqrt(sum(jnp.vdot(x, x) for x in jax.tree.leaves(learner.params)))
+        gradient = jax.tree.map(lambda p: p * jnp.minimum(1.0, hypers.max_grad_norm / norm), learner.params)
+        step, optimizer = a2c._ADAM.update(gradient, learner.optimizer)
+        params = jax.tree.map(lambda p, s: p - hypers.learning_rate * s, learner.params, step)
+        return learner._replace(params=params, optimizer=optimizer)
+
+    whole = galton.training.populate.populate(
+        env, config, jax.tree.map(jnp.asarray, hypers), range(RUNS), LOOPS, jax.devices()[:1]
+    )
+    times = []
+    for _ in range(6):  # the first one is not counted
+        start = time.perf_counter()
+        whole.advance(LOOPS)
+        jax.block_until_ready(whole.learner.params)
+        middle = time.perf_counter()
+        whole.log()
+        times.append((middle - start, time.perf_counter() - middle))
+    update, log = (statistics.median(column) * 1e6 / RUNS for column in zip(*times[1:], strict=True))
+    parts = {"one update, whole": update / LOOPS, "one log point": log}
+    parts["noise"] = microseconds(
+        lambda total, key: jax.tree.map(jnp.add, total, draw(jax.random.fold_in(key, total.action[0, 0, 0] * 1e6))),
+        noise,
+        state.run.key,
+    )
+    parts["rollout of 20 steps"] = microseconds(
+        lambda episodes, *rest: act(episodes, *rest)[0], episodes, state.run, noise, hypers
+    )
+    parts["learning"] = microseconds(
+        lambda run, *rest: learn(config, policy, run, *rest), state.run, batch, finished, hypers
+    )
+    parts["· networks forwards and backwards"] = microseconds(differentiate, state.run.learner.params, batch)
+    parts["· Adam and the gradient's norm"] = microseconds(adam, state.run.learner, hypers)
+    products_alone, operations = 0.0, 0
+    n_outputs = 1 if arguments.loss == "gaussian" else arguments.n_bins
+    for left, right in products(20, n_outputs):
+        a, b = (jax.random.normal(jax.random.key(0), (RUNS, *shape)) for shape in (left, right))
+        products_alone += microseconds(lambda a, b: a + 1e-30 * (a @ b).sum(), a, b)
+        operations += 2 * left[0] * left[1] * right[1]
+    parts["·· its products alone"] = products_alone
+    table = Table(
+        title=f"Mountain Car, {config.loss}, k = {config.n_bins}, {RUNS} runs, one core: µs per run and update"
+    )
+    for heading in ("part", "µs", "of the whole"):
+        table.add_column(heading, justify="left" if heading == "part" else "right")
+    for name, value in parts.items():
+        table.add_row(name, f"{value:.1f}", f"{value / parts['one update, whole']:.0%}")
+    console = Console()
+    console.print(table)
+    speed = operations / products_alone / 1e3
+    console.print(f"products alone: {operations / 1e6:.2f} million operations, {speed:.0f} GFLOP/s", highlight=False)
+    name = f"profile_{config.loss}_{config.n_bins}.json"
+    write(arguments.out / name, (), microseconds=parts, operations=operations)
+
+
+if __name__ == "__main__":
+    main()
