@@ -13,8 +13,8 @@ def run(code):
 
 
 @pytest.mark.parametrize("path", sorted((ROOT / "examples").glob("*.py")), ids=lambda path: path.stem)
-def test_an_example_runs(path):
-    done = subprocess.run([sys.executable, path], capture_output=True, text=True, timeout=300)
+def test_an_example_runs(path, tmp_path):
+    done = subprocess.run([sys.executable, path], capture_output=True, text=True, timeout=300, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert re.search(r"\d", done.stdout)
 

@@ -127,6 +127,13 @@ def test_an_environment_that_is_not_there_is_told(tmp_path):
         work(store.url, 0)
 
 
+def test_a_module_that_is_not_there_is_told(tmp_path):
+    store = Store(str(tmp_path))
+    Plan.create(Study("bandit", expand([TINY], {}), 1, 20, imports=("no_such_module",)), 2).save(store)
+    with pytest.raises(UsageError, match="imports names 'no_such_module', which can't be imported"):
+        work(store.url, 0)
+
+
 def test_modules_named_in_the_study_are_imported_first(tmp_path, monkeypatch):
     (tmp_path / "my_losses_for_sweeps.py").write_text(
         "from galton.losses import LOSSES\nLOSSES['mine'] = LOSSES['gaussian']._replace(label='Mine')\n"

@@ -20,11 +20,11 @@ from rich.text import Text
 
 from galton.commands.common import EnvName, Training, parse, short_name
 from galton.envs.base import Environment
-from galton.errors import UsageError, require
+from galton.errors import UsageError, require, require_integer
 from galton.losses import find_loss
 from galton.sweep import engine, results
 from galton.sweep.executors import Place, Processes, one_per_core, one_per_gpu
-from galton.sweep.grid import GRIDS, Setting, Study, find_grid
+from galton.sweep.grid import GRIDS, Setting, Study, find_grid, import_all
 from galton.sweep.plan import Plan
 from galton.sweep.shard import Report, finished, work
 from galton.sweep.store import Store
@@ -86,10 +86,11 @@ def main(arguments: Sequence[str]) -> None:
         _OTHERS[arguments[0]](arguments[1:])
         return
     options = parse(Options, "sweep", arguments)
+    import_all(options.imports)
     training = options.training
     base = Setting(training.config, training.hypers).record()
     known = isinstance(training.find(options.env), Environment)
-    shard_width = options.shard_width or (16 if known else 32)
+    shard_width = options.shard_width if options.shard_width is not None else 16 if known else 32
 
     def study_of(settings: tuple[Setting, ...]) -> Study:
         return Study(
@@ -106,9 +107,11 @@ def main(arguments: Sequence[str]) -> None:
 
     store = Store(options.out or str(Path("runs", f"sweep-{short_name(options.env)}")))
     _check_carrier(options)
-    with store.lock():
-        if options.grid == "optuna":
-            require(not options.plan_only, "plan_only goes without grid 'optuna', whose plan grows with what it finds")
+    require_integer("shard_width", shard_width, 1)
+    if options.grid == "optuna":
+        require(not options.plan_only, "plan_only goes without grid 'optuna', whose plan grows with what it finds")
+        study_of((Setting(training.config, training.hypers),))  # wrong numbers are told before anything is written
+        with store.lock(), _carrier(options, store) as carry_out:
             from galton.sweep.search import search
 
             def means(settings: tuple[Setting, ...]) -> dict[Setting, float]:
@@ -116,17 +119,18 @@ def main(arguments: Sequence[str]) -> None:
                 carry_out(plan)
                 return results.mean_returns(plan, results.collect(store, plan))
 
-            with _carrier(options, store) as carry_out:
-                search(means, base, options.n_settings, options.batch, options.seed)
-        else:
-            study = study_of(find_grid(options.grid, options.env, base, options.n_settings))
-            plan = engine.prepare(store, study, shard_width, options.extend)
-            if options.plan_only:
-                print(f"{plan.n_runs:,} runs in {plan.n_shards:,} shards: {store.url}")
-                return
-            with _carrier(options, store) as carry_out:
-                carry_out(plan)
-        _conclude(Console(), store, Plan.load(store))
+            search(means, base, options.n_settings, options.batch, options.seed)
+            _conclude(Console(), store, Plan.load(store))
+        return
+    study = study_of(find_grid(options.grid, options.env, base, options.n_settings))
+    with store.lock():
+        plan = engine.prepare(store, study, shard_width, options.extend)
+        if options.plan_only:
+            print(f"{plan.n_runs:,} runs in {plan.n_shards:,} shards: {store.url}")
+            return
+        with _carrier(options, store) as carry_out:
+            carry_out(plan)
+        _conclude(Console(), store, plan)
 
 
 def _check_carrier(options: Options) -> None:
@@ -138,6 +142,7 @@ def _check_carrier(options: Options) -> None:
     require(far is None or options.workers is None, f"workers is {options.workers}, which goes without a {far}")
     require(far is None or not options.gpus, f"gpus is {options.gpus}, which goes without a {far}")
     require(far is not None or options.tls is None, f"tls is {options.tls}; it goes with a scheduler or a cluster")
+    _places(options)
     right = re.fullmatch(r"\d+:\d\d:\d\d", options.walltime) is not None
     require(right, f"walltime is {options.walltime!r}; write 12:00:00")
     for line in options.directives:
@@ -145,12 +150,15 @@ def _check_carrier(options: Options) -> None:
         require(right, f"directives holds {line!r}; for HTCondor each is NAME=VALUE")
 
 
+def _places(options: Options) -> list[Place]:
+    return one_per_gpu(options.gpus) if options.gpus else one_per_core(options.workers)
+
+
 @contextlib.contextmanager
 def _carrier(options: Options, store: Store) -> Iterator[Callable[[Plan], None]]:
     """What carries plans out where the options say."""
     if not (options.scheduler or options.cluster):
-        places = one_per_gpu(options.gpus) if options.gpus else one_per_core(options.workers)
-        with _processes(store, places) as carry_out:
+        with _processes(store, _places(options)) as carry_out:
             yield carry_out
         return
     from galton.sweep import cluster
@@ -321,10 +329,16 @@ class Rerun(Folder):
     """Processes, by default one per core."""
 
 
+def _load(store: Store) -> Plan:
+    plan = Plan.load(store)
+    import_all(plan.study.imports)
+    return plan
+
+
 def status(arguments: Sequence[str]) -> None:
     """What is done, by the files that are there."""
     store = Store(tyro.cli(Folder, prog="galton sweep status", args=list(arguments)).out)
-    plan = Plan.load(store)
+    plan = _load(store)
     done = finished(store, plan)
     sizes = np.diff(plan.bounds)
     table = Table("program", "shards done", "runs done", title=f"{store.url}: {plan.study.env}")
@@ -349,7 +363,7 @@ def status(arguments: Sequence[str]) -> None:
 def show_results(arguments: Sequence[str]) -> None:
     """The table of all runs that are done, and the best settings."""
     store = Store(tyro.cli(Folder, prog="galton sweep results", args=list(arguments)).out)
-    _conclude(Console(), store, Plan.load(store))
+    _conclude(Console(), store, _load(store))
 
 
 def one_shard(arguments: Sequence[str]) -> None:
@@ -370,7 +384,7 @@ def rerun(arguments: Sequence[str]) -> None:
     options = tyro.cli(Rerun, prog="galton sweep rerun", args=list(arguments))
     source, target = Store(options.out), Store(options.to)
     require(options.out != options.to, f"to is {options.to!r}, the sweep's own folder; name another")
-    known = Plan.load(source)
+    known = _load(source)
     best = results.best_settings(known, results.collect(source, known))
     if not best:
         raise UsageError(f"out is {options.out}, where no setting has all its trials yet; run the sweep to its end")

@@ -6,8 +6,11 @@ from collections.abc import Callable, Iterable
 from concurrent.futures import Executor, Future
 from typing import Protocol, runtime_checkable
 
+import pyarrow as pa
+
 from galton.errors import UsageError
-from galton.sweep.executors import ATTEMPTS
+from galton.sweep import results
+from galton.sweep.executors import ATTEMPTS, Processes, one_per_core
 from galton.sweep.grid import Study
 from galton.sweep.plan import Plan
 from galton.sweep.shard import Report, discard, finished, read, report, work
@@ -27,6 +30,38 @@ class Watcher(Protocol):
 
     def tick(self) -> None:
         """A few times a second. An exception that is raised here ends the sweep."""
+
+
+def sweep(
+    study: Study, out: str, *, workers: int | None = None, shard_width: int = 16, extend: bool = False
+) -> pa.Table:
+    """Train the runs of a study that `out` lacks, on this machine; then all of them, as `results.collect` tells.
+
+    A script that calls this must be one that its workers can import: what it does stands under
+    `if __name__ == "__main__":`, losses and environments of its own above.
+
+    Args:
+        study: what to train.
+        out: the folder for plan and results, of this study alone.
+        workers: processes; by default one per core.
+        shard_width: runs that a worker trains side by side.
+        extend: add to the plan in the folder what it lacks.
+
+    Raises:
+        UsageError: the folder is of another study, or in use, or full.
+        BrokenEnvironmentError: an environment broke.
+    """
+    store, places = Store(out), one_per_core(workers)
+    with store.lock():
+        plan = prepare(store, study, shard_width, extend)
+        executor = Processes(places)
+        try:
+            run(store, plan, executor, lambda: len(places), Silent())
+        finally:
+            executor.shutdown(cancel_futures=True)
+        table = results.collect(store, plan)
+        results.save(store, table)
+    return table
 
 
 def prepare(store: Store, study: Study, shard_width: int, extend: bool) -> Plan:

@@ -2,6 +2,7 @@
 
 import dataclasses
 import hashlib
+import importlib
 import itertools
 import json
 import math
@@ -100,6 +101,19 @@ class Study:
         """What every run shares, for JSON."""
         record = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
         return {name: value for name, value in record.items() if name not in ("settings", "trials")}
+
+
+def import_all(modules: Iterable[str]) -> None:
+    """A study's imports.
+
+    Raises:
+        UsageError: one that can't be imported.
+    """
+    for module in modules:
+        try:
+            importlib.import_module(module)
+        except ImportError as error:
+            raise UsageError(f"imports names {module!r}, which can't be imported: {error}") from None
 
 
 def canonical(record: Any) -> str:

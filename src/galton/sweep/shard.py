@@ -4,7 +4,6 @@ import contextlib
 import dataclasses
 import datetime
 import functools
-import importlib
 import importlib.metadata
 import io
 import json
@@ -21,6 +20,7 @@ import pyarrow.parquet as pq
 
 from galton.envs.find import find
 from galton.errors import UsageError
+from galton.sweep.grid import import_all
 from galton.sweep.plan import Plan, Shard
 from galton.sweep.store import Store, checksum
 from galton.training.devices import use_all_cores
@@ -69,9 +69,8 @@ def work(url: str, index: int) -> Report:
     store = Store(url)
     plan = Plan.load(store)
     shard = plan.get(index)
-    for module in plan.study.imports:
-        importlib.import_module(module)
     study = plan.study
+    import_all(study.imports)
     result = train(
         find(study.env, **_constants(study.env_kwargs)),
         shard.config,
