@@ -12,7 +12,7 @@ demo: $(VENV)/installed  ## Classification against regression on the LQR: a tabl
 
 # Programs that tests compile more than once, in several processes, are compiled once.
 test test-all: export JAX_COMPILATION_CACHE_DIR = $(abspath $(VENV))/jax-cache
-test test-all: export JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS = 0.3
+test test-all: export JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS = 1
 
 test: lint  ## Lint, types and the tests that take seconds.
 	$(BIN)/python -m pytest -n auto -m "not slow"

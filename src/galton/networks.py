@@ -38,7 +38,7 @@ def mlp(layers: list[Params], x: Float[Array, "*batch n_in"]) -> Float[Array, "*
 
 def linear(layer: Params, x: Float[Array, "*batch n_in"]) -> Float[Array, "*batch n_out"]:
     """One layer without its activation."""
-    outputs: Array = _matmul(x, layer["kernel"]) + layer["bias"]
+    outputs: Array = _matmul(jnp.asarray(x), jnp.asarray(layer["kernel"])) + layer["bias"]
     return outputs
 
 
