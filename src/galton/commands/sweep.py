@@ -12,11 +12,10 @@ from typing import Annotated, Literal
 
 import numpy as np
 import tyro
-from rich.console import Console, Group
+from rich.console import Console
 from rich.live import Live
 from rich.progress_bar import ProgressBar
 from rich.table import Table
-from rich.text import Text
 
 from galton.commands.common import EnvName, Training, parse, short_name
 from galton.envs.base import Environment
@@ -235,10 +234,13 @@ class View:
         for setting, value in zip(report.setting, report.final_training_return, strict=True):
             self._returns.setdefault(setting, []).append(value)
 
-    def __rich__(self) -> Group:
+    def __rich__(self) -> Table:
         """Progress, speed, time left, and the best setting of each loss so far."""
         bar = ProgressBar(total=self._plan.n_runs, completed=self._runs, width=60)
-        return Group(Text(self.line()), bar, self._best())
+        rows = Table.grid()
+        for row in (self.line(), bar, self._best()):
+            rows.add_row(row)
+        return rows
 
     def line(self) -> str:
         """Progress, speed and time left."""
