@@ -120,6 +120,13 @@ def test_a_diverged_run_is_kept_as_such(tmp_path):
     assert np.isnan(told.final_training_return).tolist() == [False, True]
 
 
+def test_an_environments_constants_may_be_matrices(tmp_path):
+    store = Store(str(tmp_path))
+    kwargs = '{"A": [[0.5, 0], [0, 0.5]]}'
+    Plan.create(Study("lqr", expand([TINY], {}), 1, 10, 1, 0, env_kwargs=kwargs), 2).save(store)
+    assert work(store.url, 0).setting == [0, 1]
+
+
 def test_an_environment_that_is_not_there_is_told(tmp_path):
     store = Store(str(tmp_path))
     Plan.create(Study("bandit", expand([TINY], {}), 1, 100, env_kwargs='{"depth": 3}'), 2).save(store)

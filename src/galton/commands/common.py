@@ -21,7 +21,7 @@ from rich.text import Text
 
 from galton.envs.base import Environment, HostTask
 from galton.envs.find import find
-from galton.envs.registry import ENVS, find_task, is_known, settings
+from galton.envs.registry import ENVS, find_task, is_known, read_constants, settings
 from galton.errors import UsageError
 from galton.losses import LOSSES
 from galton.training.state import Log
@@ -100,17 +100,7 @@ class Training:
 
     def constants(self) -> dict[str, Any]:
         """env_kwargs as a dictionary."""
-        try:
-            constants = json.loads(self.env_kwargs)
-        except json.JSONDecodeError as error:
-            raise UsageError(f"env_kwargs is {self.env_kwargs!r}, which is not JSON: {error}") from None
-        if not isinstance(constants, dict):
-            raise UsageError(f"env_kwargs is {self.env_kwargs!r}; it must be a JSON object")
-        return {name: _tuples(value) for name, value in constants.items()}
-
-
-def _tuples(value: Any) -> Any:
-    return tuple(map(_tuples, value)) if isinstance(value, list) else value
+        return read_constants(self.env_kwargs)
 
 
 def short_name(env: str) -> str:

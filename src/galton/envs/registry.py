@@ -2,6 +2,7 @@
 
 import dataclasses
 import importlib
+import json
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -97,6 +98,25 @@ def make(name: str, **constants: Any) -> "Environment":
             raise
         raise UsageError(f"{name} can't be made with {constants}: {error}") from None
     return env
+
+
+def read_constants(text: str) -> dict[str, Any]:
+    """An environment's keyword arguments from JSON; lists become tuples, as hashable records want them.
+
+    Raises:
+        UsageError: no JSON, or no object.
+    """
+    try:
+        constants = json.loads(text)
+    except json.JSONDecodeError as error:
+        raise UsageError(f"env_kwargs is {text!r}, which is not JSON: {error}") from None
+    if not isinstance(constants, dict):
+        raise UsageError(f"env_kwargs is {text!r}; it must be a JSON object")
+    return {name: _tuples(value) for name, value in constants.items()}
+
+
+def _tuples(value: Any) -> Any:
+    return tuple(map(_tuples, value)) if isinstance(value, list) else value
 
 
 def register_with_gymnasium() -> None:

@@ -19,7 +19,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from galton.envs.find import find
-from galton.errors import UsageError
+from galton.envs.registry import read_constants
 from galton.sweep.grid import import_all
 from galton.sweep.plan import Plan, Shard
 from galton.sweep.store import Store, checksum
@@ -72,7 +72,7 @@ def work(url: str, index: int) -> Report:
     study = plan.study
     import_all(study.imports)
     result = train(
-        find(study.env, **_constants(study.env_kwargs)),
+        find(study.env, **read_constants(study.env_kwargs)),
         shard.config,
         shard.hypers,
         shard.seeds.tolist(),
@@ -162,14 +162,6 @@ def versions() -> dict[str, str | None]:
     except (OSError, subprocess.SubprocessError):
         commit = None
     return found | {"commit": commit, "python": platform.python_version()}
-
-
-def _constants(env_kwargs: str) -> dict[str, Any]:
-    try:
-        constants = json.loads(env_kwargs)
-    except json.JSONDecodeError as error:
-        raise UsageError(f"env_kwargs is {env_kwargs!r}, which is not JSON: {error}") from None
-    return {name: tuple(value) if isinstance(value, list) else value for name, value in constants.items()}
 
 
 def _lists(rows: np.ndarray) -> pa.Array:
