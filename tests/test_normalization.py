@@ -87,7 +87,8 @@ def test_what_is_off_costs_and_changes_nothing(flags):
 def test_the_host_loop_records_standardised_observations():
     config = Config(loss="gaussian", n_envs=2, n_steps=50, net_arch=(4,), normalize_observation=True)
     hypers = Hypers._make(np.full(1, value, np.float32) for value in Hypers())
-    population = HostPopulation(find(lambda: gymnasium.wrappers.TimeLimit(Drift(), 100)), config, hypers, [0])
+    task = find(lambda: gymnasium.wrappers.TimeLimit(Drift(), 100))
+    population = HostPopulation(task, config, hypers, [0], jax.devices())
     population.advance(20)
     moments = population.learner.normalizer.observation
     np.testing.assert_allclose(moments.mean[0], [5, -200], rtol=0.2)

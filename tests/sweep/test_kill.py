@@ -82,7 +82,7 @@ def kill_once(out, grid, programs, seed):
     return n_done(out) if (out / "plan.parquet").exists() else 0
 
 
-@pytest.mark.parametrize("seed", [0, 1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(2, 50))])
+@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 50))])
 def test_killed_at_any_time_it_goes_on_to_the_same_bytes(tmp_path, grid, programs, reference, seed):
     kill_once(tmp_path / "out", grid, programs, seed)
     finish(tmp_path / "out", grid, programs)
@@ -90,7 +90,8 @@ def test_killed_at_any_time_it_goes_on_to_the_same_bytes(tmp_path, grid, program
     assert not list((tmp_path / "out").glob(f"**/{SCRATCH}*"))
 
 
-@pytest.mark.parametrize("workers", [1, pytest.param(4, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("workers", [1, 4])
 def test_the_number_of_workers_does_not_change_a_byte(tmp_path, grid, programs, reference, workers):
     finish(tmp_path / "out", grid, programs, "--workers", workers)
     assert (tmp_path / "out" / results.FILE).read_bytes() == reference
@@ -125,7 +126,7 @@ def is_worker(process_id):
         return False
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)])
 def test_an_interrupt_is_clean_and_says_how_to_go_on(tmp_path, grid, programs, reference, number):
     out = tmp_path / "out"
     process = start(out, grid, programs)
