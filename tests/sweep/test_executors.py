@@ -96,6 +96,16 @@ def test_an_exception_comes_back_as_it_was(two):
     assert two.submit(abs, -3).result() == 3
 
 
+def test_calls_that_cant_be_made_are_refused():
+    executor = Processes(one_per_core(1))
+    with pytest.raises(TypeError, match="give them by position"):
+        executor.submit(nap, seconds=1)
+    executor.shutdown()
+    executor.shutdown(cancel_futures=True)
+    with pytest.raises(RuntimeError, match="after a shutdown"):
+        executor.submit(nap, 1)
+
+
 def test_shutting_down_kills_those_at_work():
     executor = Processes(one_per_core(2))
     futures = [executor.submit(nap, 60) for _ in range(3)]

@@ -33,7 +33,7 @@ from galton.sweep.store import Store
 class Options:
     """Train every setting of a grid many times. Run it again to go on where it stopped.
 
-    Also: `galton sweep status DIR`, `results DIR`, `rerun DIR --out DIR`, `shard DIR INDEX`.
+    Also: `galton sweep status DIR`, `results DIR`, `rerun DIR --to DIR`, `shard DIR INDEX`.
     """
 
     env: EnvName

@@ -55,17 +55,12 @@ class Processes(Executor):
         self._calls = queue.SimpleQueue()
         self._context = multiprocessing.get_context("spawn")
         self._workers: dict[int, multiprocessing.context.SpawnProcess] = {}
-        self._lock, self._closed = threading.Lock(), threading.Event()
+        self._lock, self._closed, self._shut = threading.Lock(), threading.Event(), False
         self._threads = [
             threading.Thread(target=self._serve, args=(i, place), daemon=True) for i, place in enumerate(places)
         ]
         for thread in self._threads:
             thread.start()
-
-    @property
-    def n_workers(self) -> int:
-        """How many calls are made at the same time."""
-        return len(self._threads)
 
     @property
     def process_ids(self) -> list[int]:
@@ -74,8 +69,16 @@ class Processes(Executor):
             return [worker.pid for worker in self._workers.values() if worker.pid and worker.is_alive()]
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        """Call fn, which a worker must be able to import, with arguments that can be pickled."""
-        assert not kwargs
+        """Call fn, which a worker must be able to import, with arguments that can be pickled.
+
+        Raises:
+            RuntimeError: after a shutdown.
+            TypeError: keyword arguments.
+        """
+        if kwargs:
+            raise TypeError(f"keyword arguments {sorted(kwargs)} are not sent to workers; give them by position")
+        if self._shut:
+            raise RuntimeError("no calls can be made after a shutdown")
         future: Future[Any] = Future()
         self._calls.put((future, fn, args))
         return future
@@ -91,16 +94,23 @@ class Processes(Executor):
                 while True:
                     if call := self._calls.get_nowait():
                         call[0].cancel()
-        for _ in self._threads:
-            self._calls.put(None)
+                    else:
+                        self._calls.put(None)
+                        break
+        if not self._shut:
+            self._shut = True
+            for _ in self._threads:
+                self._calls.put(None)
         if wait:
             for thread in self._threads:
                 thread.join()
 
     def _serve(self, number: int, place: Place) -> None:
         connection: multiprocessing.connection.Connection[Any, Any] | None = None
-        while (call := self._calls.get()) is not None and not self._closed.is_set():
+        while (call := self._calls.get()) is not None:
             future, fn, args = call
+            if self._closed.is_set():
+                future.cancel()
             if not future.set_running_or_notify_cancel():
                 continue
             for _ in range(ATTEMPTS):
