@@ -1,7 +1,8 @@
 """A study of your own: two losses, two learning rates, five runs each. Run it again: it knows what it has done."""
 
 from galton.sweep.engine import sweep
-from galton.sweep.grid import Study, expand, task_defaults
+from galton.sweep.grid import expand, task_defaults
+from galton.sweep.study import Study
 
 STUDY = Study(
     env="bandit",

@@ -13,10 +13,11 @@ import pytest
 
 from galton.errors import UsageError
 from galton.sweep import cluster, engine, results
-from galton.sweep.grid import Study, expand
+from galton.sweep.grid import expand
 from galton.sweep.plan import Plan
 from galton.sweep.shard import finished
 from galton.sweep.store import Store
+from galton.sweep.study import Study
 
 SETTING = {"loss": ["gaussian", "hl-one-hot"], "learning_rate": [0.01, 0.1], "n_steps": 5, "net_arch": (), "n_bins": 5}
 STUDY = Study("bandit", expand([SETTING], {}), trials=6, steps=60_000, logs=2, eval_episodes=0)

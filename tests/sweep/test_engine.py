@@ -8,10 +8,11 @@ import pytest
 
 from galton.errors import UsageError
 from galton.sweep import engine, results
-from galton.sweep.grid import Study, expand
+from galton.sweep.grid import expand
 from galton.sweep.plan import Plan
 from galton.sweep.shard import FOLDER, finished
 from galton.sweep.store import Store
+from galton.sweep.study import Study
 
 SETTINGS = expand(
     [{"loss": ["gaussian", "hl-one-hot"], "learning_rate": [0.001, 0.1], "n_steps": 5, "net_arch": (), "n_bins": 5}], {}
@@ -164,7 +165,7 @@ def test_the_best_setting_is_that_of_the_highest_mean(reference):
     store = Store(str(reference))
     plan = Plan.load(store)
     table = results.collect(store, plan)
-    best = results.best_settings(plan, table)
+    best = results.best_settings(plan.study, table)
     rows = table.to_pylist()
     for loss, winner in best.items():
         means = {
@@ -187,14 +188,14 @@ def test_a_setting_with_a_diverged_or_missing_trial_does_not_win(reference):
     finals[:3] = [1e3, 1e3, np.nan]
     place = table.column_names.index("final_training_return")
     spoilt = table.set_column(place, "final_training_return", [finals])
-    assert results.best_settings(plan, spoilt)["gaussian"].setting == SETTINGS[1]
-    assert results.best_settings(plan, table.slice(1))["gaussian"].setting == SETTINGS[1]
+    assert results.best_settings(plan.study, spoilt)["gaussian"].setting == SETTINGS[1]
+    assert results.best_settings(plan.study, table.slice(1))["gaussian"].setting == SETTINGS[1]
 
 
 def test_a_rerun_has_the_winners_and_none_of_the_seeds(reference):
     store = Store(str(reference))
     plan = Plan.load(store)
-    best = results.best_settings(plan, results.collect(store, plan))
+    best = results.best_settings(plan.study, results.collect(store, plan))
     study = results.rerun(plan.study, best, trials=7, seed=1)
     assert study.settings == tuple(winner.setting for winner in best.values())
     fresh = Plan.create(study)

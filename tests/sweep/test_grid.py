@@ -7,7 +7,8 @@ import pytest
 from galton import LOSSES, Config, Hypers
 from galton.envs import ENVS
 from galton.errors import UsageError
-from galton.sweep.grid import GRIDS, Setting, Study, expand, find_grid, paper_grid, random_grid, task_defaults
+from galton.sweep.grid import GRIDS, expand, find_grid, paper_grid, random_grid, task_defaults
+from galton.sweep.study import Setting, Study
 
 
 @pytest.mark.parametrize(("env", "n"), [("bandit", 76), ("lqr", 88), ("acrobot", 88), ("HalfCheetah-v5", 88)])

@@ -10,9 +10,10 @@ from hypothesis import strategies as st
 
 from galton import Config, Hypers
 from galton.errors import UsageError
-from galton.sweep.grid import Setting, Study, expand, find_grid
+from galton.sweep.grid import expand, find_grid
 from galton.sweep.plan import FILE, Plan, fold_in
 from galton.sweep.store import Store
+from galton.sweep.study import Setting, Study
 
 
 def study(n_settings=5, trials=3, **changes):

@@ -6,10 +6,11 @@ import jax
 import pytest
 
 from galton.sweep.executors import Processes, one_per_core
-from galton.sweep.grid import Study, find_grid
+from galton.sweep.grid import find_grid
 from galton.sweep.plan import Plan
 from galton.sweep.shard import work
 from galton.sweep.store import Store
+from galton.sweep.study import Study
 
 PROGRAMS = 4
 """Of one Config: begin, train, log, evaluate."""

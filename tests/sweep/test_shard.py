@@ -9,10 +9,11 @@ import pytest
 
 import galton
 from galton.errors import UsageError
-from galton.sweep.grid import Study, expand
+from galton.sweep.grid import expand
 from galton.sweep.plan import Plan
 from galton.sweep.shard import FOLDER, finished, read, work
 from galton.sweep.store import Store
+from galton.sweep.study import Study
 
 TINY = {"n_steps": 5, "net_arch": (), "n_bins": 5, "learning_rate": [0.01, 0.1]}
 

@@ -1,22 +1,31 @@
-"""Figures."""
+"""What figures share: the look, a curve with its band, a page of panels. And the figure of `galton compare`.
 
+Artists with a gid are a series of that name, which the page lets readers hover over and toggle; artists whose gid
+begins with RUN are single runs, which print leaves out.
+"""
+
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
 import numpy as np
+from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.ticker import EngFormatter
 
 from galton.analysis.comparison import Results
-from galton.analysis.statistics import fill_forward, mean_interval
+from galton.analysis.statistics import Interval, fill_forward, mean_interval
 from galton.envs.base import Environment
 from galton.losses import LOSSES
 
 # Okabe and Ito's colours, told apart by readers of every colour vision.
 COLORS = dict(zip(LOSSES, ("#000000", "#E69F00", "#0072B2", "#009E73"), strict=False))
+
+RUN = "run:"
+"""How the gid of a single run's line begins; the name of its series follows."""
 
 _STYLE: Any = {
     "axes.spines.top": False,
@@ -29,51 +38,107 @@ _STYLE: Any = {
 }
 
 
+def panels(n: int, columns: int = 4, height: float = 2.7) -> tuple[Figure, list[Axes]]:
+    """A figure of n panels in rows of so many columns."""
+    columns = min(n, columns)
+    rows = -(-n // columns)
+    with mpl.rc_context(_STYLE):
+        figure = Figure(figsize=(3.1 * columns + 0.4, height * rows + 0.5), layout=ConstrainedLayoutEngine())
+        axes = list(np.ravel(figure.subplots(rows, columns)))
+        for spare in axes[n:]:
+            spare.remove()
+    return figure, axes[:n]
+
+
+def draw_series(
+    axes: Axes,
+    x: Float[np.ndarray, " L"] | Sequence[float],
+    interval: Interval,
+    name: str,
+    color: Any,
+    linestyle: str = "-",
+    marker: str = "",
+    single_runs: Float[np.ndarray, "R L"] | None = None,
+) -> None:
+    """A curve and its band, named; and the runs behind it, for the page."""
+    axes.plot(x, interval.mean, label=name, gid=name, lw=1.6, color=color, ls=linestyle, marker=marker, ms=4)
+    axes.fill_between(x, interval.low, interval.high, gid=name, color=color, alpha=0.18, linewidth=0)
+    if single_runs is not None:
+        for run in single_runs:
+            axes.plot(x, run, gid=RUN + name, lw=0.6, color=color, alpha=0.35, ls=linestyle)
+
+
+def draw_optimum(axes: Axes, value: float) -> None:
+    """A line at the best that any policy can do."""
+    axes.axhline(value, color="#777777", linestyle="--", linewidth=1, label="optimum", gid="optimum")
+
+
+def look_of(loss: str) -> tuple[str, str, str]:
+    """Label, colour and line style: what is not the paper's is dash-dotted."""
+    return LOSSES[loss].label, COLORS[loss], "-" if LOSSES[loss].in_paper else "-."
+
+
+def finish(figure: Figure, axes: Sequence[Axes], columns: int = 4) -> None:
+    """One legend below all panels, of every name in them."""
+    found: dict[str, Any] = {}
+    for panel in axes:
+        for handle, label in zip(*panel.get_legend_handles_labels(), strict=True):
+            found.setdefault(label, handle)
+    with mpl.rc_context(_STYLE):
+        figure.legend(list(found.values()), list(found), loc="outside lower center", ncols=min(len(found), columns))
+
+
+def over_steps(axes: Axes, last: float) -> None:
+    """The x axis of a learning curve."""
+    axes.set_xlabel("environment steps")
+    axes.set_xlim(0, last)
+    axes.xaxis.set_major_formatter(EngFormatter(sep=""))
+
+
+def fit(axes: Axes, means: Sequence[Float[np.ndarray, "*any"]]) -> None:
+    """The y axis by the means alone: a single run's crash must not flatten everybody's curve."""
+    values = np.concatenate([np.ravel(mean) for mean in means])
+    known = values[np.isfinite(values)]
+    if len(known):
+        margin = 0.05 * np.ptp(known) + 1e-9
+        axes.set_ylim(known.min() - margin, known.max() + 2 * margin)
+
+
 def learning_curves(results: Results, env: Environment | None, title: str) -> Figure:
     """Training and evaluation return over environment steps: mean over runs and its 95% CI; the optimum if known."""
     optimum = env.optimal_return if env is not None else None
-    with mpl.rc_context(_STYLE):
-        figure = Figure(figsize=(9.5, 4.2), layout=ConstrainedLayoutEngine(wspace=0.05))
-        left, right = figure.subplots(1, 2, sharey=True)
-        figure.suptitle(title)
-        means: list[Any] = [] if optimum is None else [np.array([optimum])]
-        for axes, metric, heading in (
-            (left, "training_return", "training return"),
-            (right, "evaluation_return", "evaluation return, deterministic policy"),
-        ):
-            means += _draw(axes, results, metric)
-            axes.set_title(heading, fontsize=10)
-            axes.set_xlabel("environment steps")
-            axes.xaxis.set_major_formatter(EngFormatter(sep=""))
-            if optimum is not None:
-                axes.axhline(optimum, color="#777777", linestyle="--", linewidth=1, label="optimum")
-        known = np.concatenate(means)[~np.isnan(np.concatenate(means))]
-        if len(known):  # by the means: a single run's crash must not flatten everybody's curve
-            margin = 0.05 * np.ptp(known) + 1e-9
-            left.set_ylim(known.min() - margin, known.max() + 2 * margin)
-        left.set_ylabel("undiscounted return")
-        handles, labels = left.get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside lower center", ncols=len(handles))
+    figure, (left, right) = panels(2, height=3.7)
+    right.sharey(left)
+    figure.set_size_inches(9.5, 4.2)
+    figure.suptitle(title)
+    means: list[Any] = [] if optimum is None else [np.array([optimum])]
+    for axes, metric, heading in (
+        (left, "training_return", "training return"),
+        (right, "evaluation_return", "evaluation return, deterministic policy"),
+    ):
+        for loss, result in results.items():
+            curves = fill_forward(getattr(result.log, metric).astype(np.float64))
+            curves[(result.diverged_at >= 0)[:, None] & (result.steps >= result.diverged_at[:, None])] = np.nan
+            interval = mean_interval(curves)
+            draw_series(axes, result.steps, interval, *look_of(loss))
+            means.append(interval.mean)
+        axes.set_title(heading, fontsize=10)
+        over_steps(axes, max(result.steps[-1] for result in results.values()))
+        if optimum is not None:
+            draw_optimum(axes, optimum)
+    fit(left, means)
+    left.set_ylabel("undiscounted return")
+    finish(figure, [left], columns=len(results) + 1)
     return figure
 
 
-def _draw(axes: Axes, results: Results, metric: str) -> list[Any]:
-    """Draw the curves and return their means."""
-    means = []
-    for loss, result in results.items():
-        curves = fill_forward(getattr(result.log, metric).astype(np.float64))
-        curves[(result.diverged_at >= 0)[:, None] & (result.steps >= result.diverged_at[:, None])] = np.nan
-        interval = mean_interval(curves)
-        color, line = COLORS.get(loss), "-" if LOSSES[loss].in_paper else "-."
-        axes.plot(result.steps, interval.mean, label=LOSSES[loss].label, linewidth=1.6, color=color, linestyle=line)
-        axes.fill_between(result.steps, interval.low, interval.high, color=color, alpha=0.18, linewidth=0)
-        means.append(interval.mean)
-    axes.set_xlim(0, max(result.steps[-1] for result in results.values()))
-    return means
-
-
 def save(figure: Figure, stem: Path) -> None:
-    """As stem.png and stem.svg, the same bytes for the same figure."""
+    """As stem.png and stem.svg, without the single runs; the same bytes for the same figure."""
+    hidden = [line for line in figure.findobj() if str(line.get_gid()).startswith(RUN) and line.get_visible()]
+    for line in hidden:
+        line.set_visible(False)
     with mpl.rc_context(_STYLE):
         figure.savefig(stem.with_suffix(".png"), dpi=160)
         figure.savefig(stem.with_suffix(".svg"), metadata={"Date": None})
+    for line in hidden:
+        line.set_visible(True)

@@ -21,10 +21,11 @@ from galton.errors import UsageError, require, require_integer
 from galton.losses import find_loss
 from galton.sweep import engine, results
 from galton.sweep.executors import Place, Processes, one_per_core, one_per_gpu
-from galton.sweep.grid import GRIDS, Setting, Study, find_grid, import_all
+from galton.sweep.grid import GRIDS, find_grid
 from galton.sweep.plan import Plan
 from galton.sweep.shard import finished, work
 from galton.sweep.store import Store
+from galton.sweep.study import Setting, Study, import_all
 
 
 @dataclasses.dataclass(frozen=True)
@@ -114,7 +115,7 @@ def main(arguments: Sequence[str]) -> None:
             def means(settings: tuple[Setting, ...]) -> dict[Setting, float]:
                 plan = engine.prepare(store, study_of(settings), shard_width, extend=True)
                 carry_out(plan)
-                return results.mean_returns(plan, results.collect(store, plan))
+                return results.mean_returns(plan.study, results.collect(store, plan))
 
             search(means, base, options.n_settings, options.batch, options.seed)
             _conclude(Console(), store, Plan.load(store))
@@ -200,7 +201,7 @@ def _carry_out(
 def _conclude(console: Console, store: Store, plan: Plan) -> None:
     table = results.collect(store, plan)
     results.save(store, table)
-    console.print(winners(results.best_settings(plan, table)))
+    console.print(winners(results.best_settings(plan.study, table)))
     console.print(f"{table.num_rows:,} runs: {store.url}/{results.FILE}", highlight=False, soft_wrap=True)
 
 
@@ -290,7 +291,7 @@ def rerun(arguments: Sequence[str]) -> None:
     source, target = Store(options.out), Store(options.to)
     require(options.out != options.to, f"to is {options.to!r}, the sweep's own folder; name another")
     known = _load(source)
-    best = results.best_settings(known, results.collect(source, known))
+    best = results.best_settings(known.study, results.collect(source, known))
     if not best:
         raise UsageError(f"out is {options.out}, where no setting has all its trials yet; run the sweep to its end")
     study = results.rerun(known.study, best, options.trials, options.seed)

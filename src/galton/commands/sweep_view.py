@@ -11,10 +11,10 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 
 from galton.losses import find_loss
-from galton.sweep.grid import Setting
 from galton.sweep.plan import Plan
 from galton.sweep.results import Best
 from galton.sweep.shard import Report
+from galton.sweep.study import Setting
 
 
 class View:

@@ -11,10 +11,10 @@ import pyarrow as pa
 from galton.errors import UsageError
 from galton.sweep import results
 from galton.sweep.executors import ATTEMPTS, Processes, one_per_core
-from galton.sweep.grid import Study
 from galton.sweep.plan import Plan
 from galton.sweep.shard import Report, discard, finished, read, report, work
 from galton.sweep.store import Store
+from galton.sweep.study import Study
 from galton.types import Config
 
 

@@ -1,124 +1,18 @@
-"""A study as data: one environment, a list of settings, and trials of each."""
+"""Grids: products of values, and those with a name."""
 
-import dataclasses
-import hashlib
-import importlib
 import itertools
-import json
 import math
 import tomllib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from galton.envs.registry import find_task, is_known, settings
 from galton.errors import UsageError, require, require_integer
-from galton.losses import LOSSES, find_loss
-from galton.types import Config, Hypers, check_hypers
-
-
-class Setting(NamedTuple):
-    """One point of a grid."""
-
-    config: Config
-    hypers: Hypers
-    """Plain numbers."""
-
-    def record(self) -> dict[str, Any]:
-        """All of it, flat, for JSON and for tables."""
-        return {name: getattr(self.config, name) for name in _CONFIG} | self.hypers._asdict()
-
-    @classmethod
-    def of_record(cls, record: Mapping[str, Any]) -> "Setting":
-        """The setting with these fields, the rest at their defaults.
-
-        Raises:
-            UsageError: an unknown field, a value out of range.
-        """
-        for name in record:
-            known = ", ".join(_FIELDS)
-            require(name in _FIELDS, f"{name!r} is no setting; choose from {known}")
-        config = make_config(record)
-        find_loss(config.loss)
-        numbers = {name: value for name, value in record.items() if name in Hypers._fields}
-        for name, value in numbers.items():
-            known_number = isinstance(value, (int, float)) and not isinstance(value, bool)
-            require(known_number, f"{name} is {value!r}; it must be a number")
-        setting = cls(config, Hypers(**{name: float(value) for name, value in numbers.items()}))
-        check_hypers(setting.hypers)
-        return setting
-
-    @property
-    def name(self) -> str:
-        """Of its content: the same in every study that holds it."""
-        return hashlib.sha256(canonical(self.record()).encode()).hexdigest()[:16]
-
-
-def make_config(record: Mapping[str, Any]) -> Config:
-    """The Config in a setting's record."""
-    fields = {name: value for name, value in record.items() if name not in Hypers._fields}
-    if isinstance(fields.get("net_arch"), list):
-        fields["net_arch"] = tuple(fields["net_arch"])  # JSON and TOML know lists only
-    return Config(**fields)
-
-
-_CONFIG = tuple(field.name for field in dataclasses.fields(Config))
-_FIELDS = _CONFIG + Hypers._fields
-
-
-@dataclasses.dataclass(frozen=True)
-class Study:
-    """What a sweep is about."""
-
-    env: str
-    """One of ENVS or a Gymnasium id (`module:Id` imports the module first)."""
-    settings: tuple[Setting, ...]
-    trials: int
-    """Runs of each setting, each with a seed of its own."""
-    steps: int
-    """Environment steps per run."""
-    logs: int = 100
-    """Points of a learning curve."""
-    eval_episodes: int = 10
-    """Episodes of the deterministic policy at each of them."""
-    env_kwargs: str = "{}"
-    """JSON."""
-    seed: int = 0
-    """Of the study: another one gives every run a fresh seed."""
-    imports: tuple[str, ...] = ()
-    """Modules that every worker imports first: where losses, policies and environments of your own are registered."""
-
-    def __post_init__(self) -> None:
-        require(len(self.settings) > 0, "settings is empty; give at least one")
-        require(len(set(self.settings)) == len(self.settings), "settings holds the same setting twice; give each once")
-        for name, least in (("trials", 1), ("steps", 1), ("logs", 1), ("eval_episodes", 0), ("seed", 0)):
-            require_integer(name, getattr(self, name), least)
-        require(self.seed < 2**63, f"seed is {self.seed}; it must be less than 2⁶³")
-
-    def constants(self) -> dict[str, Any]:
-        """What every run shares, for JSON."""
-        record = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
-        return {name: value for name, value in record.items() if name not in ("settings", "trials")}
-
-
-def import_all(modules: Iterable[str]) -> None:
-    """A study's imports.
-
-    Raises:
-        UsageError: one that can't be imported.
-    """
-    for module in modules:
-        try:
-            importlib.import_module(module)
-        except ImportError as error:
-            raise UsageError(f"imports names {module!r}, which can't be imported: {error}") from None
-
-
-def canonical(record: Any) -> str:
-    """JSON that is the same for equal records."""
-    return json.dumps(record, sort_keys=True, separators=(",", ":"))
+from galton.losses import LOSSES
+from galton.sweep.study import Setting
 
 
 def expand(blocks: Iterable[Mapping[str, Any]], base: Mapping[str, Any]) -> tuple[Setting, ...]:

@@ -6,7 +6,6 @@ import hashlib
 import io
 import itertools
 import json
-from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -15,8 +14,8 @@ import pyarrow.parquet as pq
 from jaxtyping import Int, UInt
 
 from galton.errors import UsageError, require, require_integer
-from galton.sweep.grid import Setting, Study, canonical, make_config
 from galton.sweep.store import Store, checksum
+from galton.sweep.study import Study, canonical
 from galton.types import Config, Hypers
 
 FILE = "plan.parquet"
@@ -150,12 +149,7 @@ class Plan:
     def save(self, store: Store) -> None:
         """Write it down, in place of an earlier and shorter one."""
         columns = {"shard": self.shard, "setting": self.setting, "trial": self.trial, "seed": self.seed}
-        record = {
-            "constants": self.study.constants(),
-            "trials": self.study.trials,
-            "shard_width": self.shard_width,
-            "settings": _by_field([setting.record() for setting in self.study.settings]),
-        }
+        record = self.study.record() | {"shard_width": self.shard_width}
         table = pa.table(columns)
         digest = _digest(record, table)
         table = table.replace_schema_metadata({_RECORD: json.dumps({"plan": record, "digest": digest})})
@@ -192,27 +186,7 @@ def _parse(url: str, data: bytes) -> Plan:
             f"out is {url}, whose {FILE} was damaged; put it back from a copy, or plan the same sweep in another "
             "folder and move the shards folder there: whole shards of the same runs count"
         )
-    constants = record["constants"] | {"imports": tuple(record["constants"]["imports"])}
-    settings = tuple(_settings(**record["settings"]))
-    return Plan(Study(settings=settings, trials=record["trials"], **constants), record["shard_width"], *columns)
-
-
-def _by_field(records: list[dict[str, Any]]) -> dict[str, dict[str, Any]]:
-    """Fields with one value for all settings, and the lists of values of the others."""
-    lists = {name: [record[name] for record in records] for name in records[0]}
-    same = {name: values[0] for name, values in lists.items() if all(value == values[0] for value in values)}
-    return {"same": same, "different": {name: values for name, values in lists.items() if name not in same}}
-
-
-def _settings(same: dict[str, Any], different: dict[str, list[Any]]) -> Iterator[Setting]:
-    """The settings that `_by_field` took apart."""
-    configs: dict[str, Config] = {}
-    for values in zip(*different.values(), strict=True) if different else [()]:
-        record = same | dict(zip(different, values, strict=True))
-        hypers = Hypers(*(record.pop(name) for name in Hypers._fields))
-        key = repr(record)
-        config = configs.get(key) or configs.setdefault(key, make_config(record))
-        yield Setting(config, hypers)
+    return Plan(Study.of_record(record), record["shard_width"], *columns)
 
 
 def _digest(record: dict[str, Any], table: pa.Table) -> str:

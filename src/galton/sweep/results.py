@@ -10,10 +10,10 @@ import pyarrow.parquet as pq
 from jaxtyping import Float
 
 from galton.errors import UsageError, require
-from galton.sweep.grid import Setting, Study
 from galton.sweep.plan import Plan
 from galton.sweep.shard import finished, read
 from galton.sweep.store import Store
+from galton.sweep.study import Setting, Study
 
 FILE = "results.parquet"
 
@@ -58,29 +58,29 @@ def save(store: Store, table: pa.Table) -> None:
     store.write(FILE, buffer.getvalue())
 
 
-def best_settings(plan: Plan, table: pa.Table) -> dict[str, Best]:
+def best_settings(study: Study, table: pa.Table) -> dict[str, Best]:
     """For each loss, among the settings whose trials are all there; one with a diverged trial comes last."""
     columns = ("setting", "final_training_return", "final_evaluation_return")
     setting, training, evaluation = (table.column(name).to_numpy() for name in columns)
-    means = mean_returns(plan, table)
+    means = mean_returns(study, table)
     found: dict[str, Best] = {}
-    for loss in dict.fromkeys(s.config.loss for s in plan.study.settings):
+    for loss in dict.fromkeys(s.config.loss for s in study.settings):
         own = [s for s in means if s.config.loss == loss]
         if own:
             best = max(own, key=lambda s: means[s])
-            rows = setting == plan.study.settings.index(best)
+            rows = setting == study.settings.index(best)
             found[loss] = Best(best, training[rows], evaluation[rows], len(own))
     return found
 
 
-def mean_returns(plan: Plan, table: pa.Table) -> dict[Setting, float]:
+def mean_returns(study: Study, table: pa.Table) -> dict[Setting, float]:
     """The mean final training return of each setting whose trials are all there; −∞ where one diverged."""
     setting, final = (table.column(name).to_numpy() for name in ("setting", "final_training_return"))
-    n = len(plan.study.settings)
+    n = len(study.settings)
     count = np.bincount(setting, minlength=n)
     total = np.bincount(setting, np.where(np.isnan(final), -np.inf, final), n)
-    whole = np.flatnonzero(count == plan.study.trials).tolist()
-    return {plan.study.settings[i]: float(total[i] / count[i]) for i in whole}
+    whole = np.flatnonzero(count == study.trials).tolist()
+    return {study.settings[i]: float(total[i] / count[i]) for i in whole}
 
 
 def rerun(study: Study, best: dict[str, Best], trials: int, seed: int) -> Study:

@@ -7,7 +7,7 @@ import numpy as np
 
 from galton.errors import UsageError, require_integer
 from galton.losses import LOSSES, find_loss
-from galton.sweep.grid import Setting
+from galton.sweep.study import Setting
 
 try:
     import optuna

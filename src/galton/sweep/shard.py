@@ -20,9 +20,9 @@ import pyarrow.parquet as pq
 
 from galton.envs.find import find
 from galton.envs.registry import read_constants
-from galton.sweep.grid import import_all
 from galton.sweep.plan import Plan, Shard
 from galton.sweep.store import Store, checksum
+from galton.sweep.study import import_all
 from galton.training.devices import use_all_cores
 from galton.training.train import Result, train
 
@@ -121,6 +121,22 @@ def report(index: int, table: pa.Table) -> Report:
     names = ("setting", "trial", "final_training_return")
     columns = (table.column(name).to_pylist() for name in names)
     return Report(index, *columns, *(record[name] for name in ("env_steps", "compile_seconds", "train_seconds")))
+
+
+def provenance(store: Store, plan: Plan) -> dict[str, Any]:
+    """Of a sweep that is done: versions and machines, each once, and the seconds of all workers together."""
+    records = []
+    for done in finished(store, plan).values():
+        table = read(store, done)
+        if table is not None:
+            records.append(json.loads(table.schema.metadata[_RECORD]))
+    versions = {json.dumps(record["versions"], sort_keys=True) for record in records}
+    return {
+        "versions": [json.loads(text) for text in sorted(versions)],
+        "machines": sorted({record["machine"] for record in records}),
+        "train_seconds": round(sum(record["train_seconds"] for record in records)),
+        "compile_seconds": round(sum(record["compile_seconds"] for record in records)),
+    }
 
 
 def finished(store: Store, plan: Plan) -> dict[int, Done]:

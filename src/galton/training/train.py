@@ -46,13 +46,19 @@ class Result:
         NaN for a diverged run. Points without a finished episode don't count; if all lack one, the last before
         them does.
         """
-        curves = getattr(self.log, metric)
-        last = curves[:, -max(1, round(fraction * len(self.steps))) :]
-        known = ~np.isnan(last)
-        mean = np.where(known, last, 0).sum(1) / np.maximum(known.sum(1), 1)
-        latest = np.where(np.isnan(curves), -1, np.arange(curves.shape[1])).max(1)
-        mean = np.where(known.any(1), mean, curves[np.arange(len(curves)), latest])
-        return np.where(self.diverged_at >= 0, np.nan, mean)
+        return final(getattr(self.log, metric), self.diverged_at, fraction)
+
+
+def final(
+    curves: Float[np.ndarray, "R L"], diverged_at: Int[np.ndarray, " R"], fraction: float = 0.05
+) -> Float[np.ndarray, " R"]:
+    """What `Result.final` says, of curves."""
+    last = curves[:, -max(1, round(fraction * curves.shape[1])) :]
+    known = ~np.isnan(last)
+    mean = np.where(known, last, 0).sum(1) / np.maximum(known.sum(1), 1)
+    latest = np.where(np.isnan(curves), -1, np.arange(curves.shape[1])).max(1)
+    mean = np.where(known.any(1), mean, curves[np.arange(len(curves)), latest])
+    return np.where(diverged_at >= 0, np.nan, mean)
 
 
 def train(

@@ -1,0 +1,67 @@
+"""What figures need, trained: each sweep in a folder of its own, then as a summary of a megabyte or less."""
+
+from collections.abc import Callable, Iterable
+
+import pyarrow as pa
+
+from galton.errors import UsageError
+from galton.studies.summary import Summary
+from galton.studies.sweeps import Budget, find_sweep
+from galton.sweep import engine, results
+from galton.sweep.plan import Plan
+from galton.sweep.shard import provenance
+from galton.sweep.store import Store
+
+DATA = "data"
+"""The folder of summaries."""
+CarryOut = Callable[[Store, Plan], None]
+"""Trains what a plan lacks."""
+
+
+def needed(sweeps: Iterable[str]) -> list[str]:
+    """These sweeps and what they need, that first."""
+    found: dict[str, None] = {}
+    for name in sweeps:
+        found |= dict.fromkeys([*needed(find_sweep(name).needs), name])
+    return list(found)
+
+
+def load(out: str) -> dict[str, Summary]:
+    """The summaries in a folder, by the names of their sweeps."""
+    store = Store(f"{out}/{DATA}")
+    files = (file for file in store.names("") if file.endswith(".parquet"))
+    return {file.removesuffix(".parquet"): Summary.load(store, file) for file in files}
+
+
+def train(sweeps: Iterable[str], budget: Budget, out: str, carry_out: CarryOut) -> dict[str, Summary]:
+    """Do what is not done yet; all summaries in the folder in the end.
+
+    Args:
+        sweeps: keys of SWEEPS; what they need comes first.
+        budget: how much of each.
+        out: summaries go to its folder `data`, the runs to `sweeps`; a run needs no second training, and with its
+            summary there a sweep needs no runs.
+        carry_out: what trains.
+
+    Raises:
+        UsageError: the folder holds a sweep at another budget, or is in use, or full.
+    """
+    done = load(out)
+    for name in needed(sweeps):
+        sweep = find_sweep(name)
+        study = sweep.study(budget, done)
+        if name in done:
+            if done[name].study != study:
+                raise UsageError(
+                    f"out is {out}, whose {name} is of another study than budget {budget!r} asks for (it was made with "
+                    f"{done[name].provenance['budget']!r}); name another folder, or remove {DATA}/{name}.parquet there"
+                )
+            continue
+        store = Store(f"{out}/sweeps/{name}")
+        with store.lock():
+            plan = engine.prepare(store, study, sweep.shard_width(study), extend=False)
+            carry_out(store, plan)
+            table: pa.Table = results.collect(store, plan)
+            done[name] = Summary.of_results(study, table, {"budget": budget} | provenance(store, plan))
+        done[name].save(Store(f"{out}/{DATA}"), f"{name}.parquet")
+    return done

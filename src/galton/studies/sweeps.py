@@ -1,0 +1,163 @@
+"""What is trained for the figures: the tasks, and each sweep at three budgets."""
+
+import dataclasses
+import json
+from collections.abc import Callable, Mapping
+from typing import Any, Literal, NamedTuple
+
+from galton.errors import UsageError
+from galton.studies.summary import Summary
+from galton.sweep.grid import expand, paper_grid, task_defaults
+from galton.sweep.results import rerun
+from galton.sweep.study import Setting, Study
+
+Budget = Literal["smoke", "small", "paper"]
+Done = Mapping[str, Summary]
+"""The sweeps that are done, by name."""
+
+
+class Task(NamedTuple):
+    """One of the paper's seven."""
+
+    env: str
+    title: str
+    d: int
+    """Action dimensions."""
+    in_jax: bool = True
+
+
+TASKS = {
+    "bandit": Task("bandit", "Bandit", 2),
+    "lqr": Task("lqr", "LQR", 2),
+    "mountain-car": Task("mountain-car", "Mountain Car", 1),
+    "acrobot": Task("acrobot", "Acrobot", 1),
+    "reacher": Task("Reacher-v5", "Reacher", 2, in_jax=False),
+    "half-cheetah": Task("HalfCheetah-v5", "HalfCheetah", 6, in_jax=False),
+    "ant": Task("Ant-v5", "Ant", 8, in_jax=False),
+}
+
+NOISES = (0.0, 2.0, 5.0, 10.0)
+"""Reward noise of Figure 3a, beside the bandit's own 1; the paper doesn't tell its values."""
+DIMENSIONS = (1, 4, 8, 16)
+"""Action dimensions of Figure 3b, beside the bandit's own 2."""
+CENTRED_ETAS = [0.75, 1.0, 2.0, 4.0]
+"""Of centred HL-Gauss, which the paper does not have: η wider than its grid."""
+
+
+class Sweep(NamedTuple):
+    """One folder of runs."""
+
+    task: str
+    """The key in TASKS."""
+    about: str
+    study: Callable[[Budget, Done], Study]
+    needs: tuple[str, ...] = ()
+    """The sweeps whose winners it trains."""
+
+    def shard_width(self, study: Study) -> int:
+        """Runs side by side: no more than a Config has, to train none for nothing."""
+        configs = [setting.config for setting in study.settings]
+        most = max(configs.count(config) for config in configs) * study.trials
+        return min(16 if TASKS[self.task].in_jax else 32, most)
+
+
+def _settings(task: str, budget: Budget) -> tuple[Setting, ...]:
+    """The grid of a task's main sweep: the paper's, centred HL-Gauss beside it, or a part of both."""
+    env, base = TASKS[task].env, task_defaults(TASKS[task].env)
+    paper = paper_grid(env, base)
+    rates = list(dict.fromkeys(setting.hypers.learning_rate for setting in paper))
+    if budget == "paper":
+        centred = {"loss": "hl-gauss-centred", "learning_rate": rates, "n_bins": 100, "eta": CENTRED_ETAS}
+        return paper + expand([centred], base)
+    rates, bins = (rates[-3:], 100) if budget == "small" else (rates[1:3], 20)
+    etas, wide = ([0.25, 0.75], [2.0]) if TASKS[task].in_jax else ([0.25], [2.0])
+    if task == "ant":
+        rates = rates[::2]
+    blocks = (
+        {"loss": "gaussian", "learning_rate": rates},
+        {"loss": "hl-one-hot", "learning_rate": rates, "n_bins": bins},
+        {"loss": "hl-gauss", "learning_rate": rates, "n_bins": bins, "eta": etas},
+        {"loss": "hl-gauss-centred", "learning_rate": rates, "n_bins": bins, "eta": wide},
+    )
+    return expand(blocks, base)
+
+
+_TRIALS: dict[Budget, dict[str, int]] = {
+    "paper": dict.fromkeys(TASKS, 20) | {"bandit": 50},
+    "small": dict.fromkeys(TASKS, 5) | {"bandit": 20, "ant": 3},
+    "smoke": dict.fromkeys(TASKS, 2),
+}
+
+
+def _study(task: str, budget: Budget, settings: tuple[Setting, ...]) -> Study:
+    """App. C.2's lengths, but for the smoke test."""
+    env, trials = TASKS[task].env, _TRIALS[budget][task]
+    if budget == "smoke":
+        return Study(env, settings, trials, steps=400, logs=4, eval_episodes=1)
+    if task == "bandit":
+        return Study(env, settings, trials, steps=2_000, logs=50)
+    steps = 1_000_000 if task in ("half-cheetah", "ant") else 500_000
+    if TASKS[task].in_jax:
+        return Study(env, settings, trials, steps, logs=100)
+    return Study(env, settings, trials, steps, logs=50, eval_episodes=2)
+
+
+def _main(task: str) -> Sweep:
+    about = f"{TASKS[task].title}: the grid of App. C.2, and centred HL-Gauss"
+    return Sweep(task, about, lambda budget, _: _study(task, budget, _settings(task, budget)))
+
+
+def _again(task: str) -> Sweep:
+    """The winners on fresh seeds: the mean of the best of many flatters."""
+
+    def study(_: Budget, done: Done) -> Study:
+        main = done[task]
+        return rerun(main.study, main.best, main.study.trials, seed=1)
+
+    return Sweep(task, f"{TASKS[task].title}: each loss's best setting on fresh seeds", study, (task,))
+
+
+def _bandit_control(field: str) -> Sweep:
+    """The bandit's sweep again, with the softmax policies under one of §5.2.3's two conditions."""
+
+    def study(budget: Budget, _: Done) -> Study:
+        change: dict[str, Any] = {field: "gaussian"}
+        changed = tuple(
+            setting._replace(config=dataclasses.replace(setting.config, **change))
+            for setting in _settings("bandit", budget)
+            if setting.config.loss != "gaussian"
+        )
+        return _study("bandit", budget, changed)
+
+    names = {"initial_policy": "Init Gaussian", "exploration": "Gaussian Exploration"}
+    return Sweep("bandit", f"Bandit: the classification losses with {names[field]}", study)
+
+
+def _bandit_with(constant: str, value: float) -> Sweep:
+    """The bandit's winners on another bandit."""
+
+    def study(_: Budget, done: Done) -> Study:
+        main = done["bandit"]
+        settings = tuple(best.setting for best in main.best.values())
+        return dataclasses.replace(main.study, settings=settings, env_kwargs=json.dumps({constant: value}))
+
+    return Sweep("bandit", f"Bandit: each loss's best setting, {constant} = {value}", study, ("bandit",))
+
+
+SWEEPS: dict[str, Sweep] = (
+    {task: _main(task) for task in TASKS}
+    | {f"{task}-again": _again(task) for task in TASKS}
+    | {f"bandit-noise-{noise:g}": _bandit_with("noise_std", noise) for noise in NOISES}
+    | {f"bandit-d-{d}": _bandit_with("d", d) for d in DIMENSIONS}
+    | {
+        "bandit-init-gaussian": _bandit_control("initial_policy"),
+        "bandit-gaussian-exploration": _bandit_control("exploration"),
+    }
+)
+
+
+def find_sweep(name: str) -> Sweep:
+    """The entry of that name; UsageError lists the names if there is none."""
+    if name not in SWEEPS:
+        raise UsageError(f"sweep is {name!r}; choose from {', '.join(SWEEPS)}")
+    return SWEEPS[name]
