@@ -10,14 +10,14 @@ from typing import Any
 
 import matplotlib as mpl
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Real
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.ticker import EngFormatter
 
 from galton.analysis.comparison import Results
-from galton.analysis.statistics import Interval, fill_forward, mean_interval
+from galton.analysis.statistics import Interval, Numbers, fill_until, mean_interval
 from galton.envs.base import Environment
 from galton.losses import LOSSES
 
@@ -52,7 +52,7 @@ def panels(n: int, columns: int = 4, height: float = 2.7) -> tuple[Figure, list[
 
 def draw_series(
     axes: Axes,
-    x: Float[np.ndarray, " L"] | Sequence[float],
+    x: Real[np.ndarray, " L"] | Sequence[float],
     interval: Interval,
     name: str,
     color: Any,
@@ -95,7 +95,7 @@ def over_steps(axes: Axes, last: float) -> None:
     axes.xaxis.set_major_formatter(EngFormatter(sep=""))
 
 
-def fit(axes: Axes, means: Sequence[Float[np.ndarray, "*any"]]) -> None:
+def fit(axes: Axes, means: Sequence[Numbers]) -> None:
     """The y axis by the means alone: a single run's crash must not flatten everybody's curve."""
     values = np.concatenate([np.ravel(mean) for mean in means])
     known = values[np.isfinite(values)]
@@ -117,13 +117,12 @@ def learning_curves(results: Results, env: Environment | None, title: str) -> Fi
         (right, "evaluation_return", "evaluation return, deterministic policy"),
     ):
         for loss, result in results.items():
-            curves = fill_forward(getattr(result.log, metric).astype(np.float64))
-            curves[(result.diverged_at >= 0)[:, None] & (result.steps >= result.diverged_at[:, None])] = np.nan
-            interval = mean_interval(curves)
+            curves = getattr(result.log, metric).astype(np.float64)
+            interval = mean_interval(fill_until(curves, result.steps, result.diverged_at))
             draw_series(axes, result.steps, interval, *look_of(loss))
             means.append(interval.mean)
         axes.set_title(heading, fontsize=10)
-        over_steps(axes, max(result.steps[-1] for result in results.values()))
+        over_steps(axes, float(max(result.steps[-1] for result in results.values())))
         if optimum is not None:
             draw_optimum(axes, optimum)
     fit(left, means)

@@ -3,7 +3,7 @@
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from scipy import stats
 
 Numbers = np.float64 | Float[np.ndarray, "*rest"]
@@ -55,3 +55,11 @@ def fill_forward(curves: Float[np.ndarray, "R L"]) -> Float[np.ndarray, "R L"]:
     known = ~np.isnan(curves)
     last = np.maximum.accumulate(np.where(known, np.arange(curves.shape[1]), 0), axis=1)
     return np.take_along_axis(curves, last, axis=1)
+
+
+def fill_until(
+    curves: Float[np.ndarray, "R L"], steps: Int[np.ndarray, " L"], diverged_at: Int[np.ndarray, " R"]
+) -> Float[np.ndarray, "R L"]:
+    """`fill_forward`, but NaN from the step where a run diverged; −1 for one that did not."""
+    gone = (diverged_at >= 0)[:, None] & (steps >= diverged_at[:, None])
+    return np.where(gone, np.nan, fill_forward(curves))

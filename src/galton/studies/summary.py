@@ -11,6 +11,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from jaxtyping import Bool, Float, Int
 
+from galton.analysis.statistics import fill_until
 from galton.errors import UsageError
 from galton.sweep.results import Best, best_settings
 from galton.sweep.store import Store
@@ -100,8 +101,9 @@ class Summary:
         return np.asarray(self.table.column(f"final_{metric}").to_numpy(), np.float64)
 
     def curves(self, metric: str) -> Float[np.ndarray, "R L"]:
-        """One of CURVES; NaN once a run has diverged."""
-        return _matrix(self.table, metric).astype(np.float64)
+        """One of CURVES, each point without a finished episode as the one before it; NaN once a run has diverged."""
+        diverged_at = self.table.column("diverged_at").to_numpy()
+        return fill_until(_matrix(self.table, metric).astype(np.float64), self.steps, diverged_at)
 
 
 def _matrix(table: pa.Table, name: str) -> np.ndarray:

@@ -44,6 +44,30 @@ CENTRED_ETAS = [0.75, 1.0, 2.0, 4.0]
 """Of centred HL-Gauss, which the paper does not have: η wider than its grid."""
 
 
+CHANGES: dict[str, dict[str, Any]] = {
+    "as in the paper": {},
+    "λ = 0.95": {"gae_lambda": 0.95},
+    "entropy bonus 0.01": {"ent_coef": 0.01},
+    "λ = 0.95 and entropy bonus": {"gae_lambda": 0.95, "ent_coef": 0.01},
+    "advantages normalised": {"normalize_advantage": True},
+    "observations normalised": {"normalize_observation": True},
+    "rewards normalised": {"normalize_reward": True},
+    "batch of 4 × 5": {"n_envs": 4, "n_steps": 5},
+    "batch of 8 × 20": {"n_envs": 8, "n_steps": 20},
+    "all of these, batch of 8 × 20": {
+        "gae_lambda": 0.95,
+        "ent_coef": 0.01,
+        "normalize_advantage": True,
+        "normalize_observation": True,
+        "normalize_reward": True,
+        "n_envs": 8,
+        "n_steps": 20,
+    },
+}
+"""What the study of causes changes, one thing at a time and then together."""
+WHY_TASKS = ("lqr", "mountain-car", "acrobot")
+
+
 class Sweep(NamedTuple):
     """One folder of runs."""
 
@@ -144,6 +168,25 @@ def _bandit_with(constant: str, value: float) -> Sweep:
     return Sweep("bandit", f"Bandit: each loss's best setting, {constant} = {value}", study, ("bandit",))
 
 
+def _why(task: str) -> Sweep:
+    """All losses with each of CHANGES."""
+
+    def study(budget: Budget, _: Done) -> Study:
+        smoke = budget == "smoke"
+        rates, bins = ([1e-3], 20) if smoke else ([3e-4, 1e-3], 100)
+        names = ["as in the paper", "advantages normalised"] if smoke else list(CHANGES)
+        losses: list[dict[str, Any]] = [
+            {"loss": ["gaussian", "hl-one-hot"]},
+            {"loss": "hl-gauss", "eta": 0.25},
+            {"loss": "hl-gauss-centred", "eta": [2.0] if smoke else [2.0, 4.0]},
+        ]
+        blocks = [{"learning_rate": rates, "n_bins": bins} | loss | CHANGES[name] for name in names for loss in losses]
+        whole = _study(task, budget, expand(blocks, task_defaults(TASKS[task].env)))
+        return dataclasses.replace(whole, trials={"smoke": 2, "small": 3, "paper": 6}[budget])
+
+    return Sweep(task, f"{TASKS[task].title}: what changes the order of the losses", study)
+
+
 SWEEPS: dict[str, Sweep] = (
     {task: _main(task) for task in TASKS}
     | {f"{task}-again": _again(task) for task in TASKS}
@@ -153,6 +196,7 @@ SWEEPS: dict[str, Sweep] = (
         "bandit-init-gaussian": _bandit_control("initial_policy"),
         "bandit-gaussian-exploration": _bandit_control("exploration"),
     }
+    | {f"why-{task}": _why(task) for task in WHY_TASKS}
 )
 
 

@@ -1,0 +1,41 @@
+"""Learning curves of each loss's best setting: what Figures 2, 8, 9 and half of 3 draw."""
+
+from collections.abc import Mapping
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from galton.analysis.plots import draw_optimum, draw_series, finish, fit, look_of, over_steps, panels
+from galton.analysis.statistics import Numbers, mean_interval
+from galton.studies.base import heading, optimum, present
+from galton.studies.summary import Summary
+from galton.studies.sweeps import Done
+
+
+def draw_best(axes: Axes, best_of: Mapping[str, Summary], metric: str, best: float | None) -> None:
+    """Mean and 95% CI of each loss's best setting (App. C.2), from the sweep that it is the best of."""
+    means: list[Numbers] = []
+    for loss, summary in best_of.items():
+        runs = summary.curves(metric)[summary.rows(summary.best[loss].setting)]
+        interval = mean_interval(runs)
+        label, color, line = look_of(loss)
+        draw_series(axes, summary.steps, interval, label, color, line, single_runs=runs)
+        over_steps(axes, float(summary.steps[-1]))
+        means.append(interval.mean)
+    if best is not None:
+        draw_optimum(axes, best)
+        means.append(np.array([best]))
+    fit(axes, means)
+
+
+def best_curves(done: Done, tasks: tuple[str, ...], metric: str) -> Figure:
+    """A panel per task that is done."""
+    found = present(done, tasks)
+    figure, axes = panels(len(found))
+    for panel, (task, summary) in zip(axes, found.items(), strict=True):
+        draw_best(panel, dict.fromkeys(summary.best, summary), metric, optimum(task))
+        panel.set_title(heading(task), fontsize=10)
+    axes[0].set_ylabel("undiscounted return")
+    finish(figure, axes, columns=5)
+    return figure

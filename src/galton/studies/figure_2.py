@@ -1,0 +1,13 @@
+"""Figure 2: training return of each loss's best setting, on all seven tasks."""
+
+from galton.studies.base import FigureStudy
+from galton.studies.curves import best_curves
+from galton.studies.sweeps import TASKS
+
+FIGURE = FigureStudy(
+    "Training return",
+    "Undiscounted training return of each loss's best setting (highest mean final training return): mean over trials "
+    "and 95% confidence interval. The dashed line is the best that any policy can do, where that is known.",
+    tuple(TASKS),
+    lambda done: best_curves(done, tuple(TASKS), "training_return"),
+)

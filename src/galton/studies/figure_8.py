@@ -1,0 +1,13 @@
+"""Figure 8: return of the deterministic policy, for the settings of Figure 2."""
+
+from galton.studies.base import FigureStudy
+from galton.studies.curves import best_curves
+from galton.studies.sweeps import TASKS
+
+FIGURE = FigureStudy(
+    "Evaluation return",
+    "Undiscounted return of the deterministic policy (the Gaussian's mean, the softmax's most likely bin) during "
+    "training, with the settings of Figure 2: mean over trials and 95% confidence interval.",
+    tuple(TASKS),
+    lambda done: best_curves(done, tuple(TASKS), "evaluation_return"),
+)
