@@ -1,6 +1,7 @@
 """Plans carried out in this process, and what is found in the end."""
 
 import dataclasses
+import time
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 
 from galton.errors import UsageError
 from galton.sweep import engine, results
+from galton.sweep.executors import WorkerDiedError
 from galton.sweep.grid import expand
 from galton.sweep.plan import Plan
 from galton.sweep.shard import FOLDER, finished
@@ -47,11 +49,11 @@ class Recorder(engine.Silent):
         self.now.append(report.index)
 
 
-def sweep(url, study=STUDY, executor=None, order=(), width=1, extend=False):
+def sweep(url, study=STUDY, executor=None, width=1, extend=False):
     store, recorder = Store(str(url)), Recorder()
     with store.lock():
         plan = engine.prepare(store, study, 4, extend)
-        engine.run(store, plan, executor or Inline(), lambda: width, recorder, order)
+        engine.run(store, plan, executor or Inline(), lambda: width, recorder)
     table = results.collect(store, plan)
     results.save(store, table)
     return recorder, plan, table
@@ -82,10 +84,14 @@ def test_the_table_has_every_run_with_its_setting(reference):
 
 @pytest.mark.parametrize("width", [1, 2, 4])
 def test_neither_order_nor_workers_change_a_byte(tmp_path, reference, width):
-    order = np.random.default_rng(width).permutation(4).tolist()
+    store = Store(str(tmp_path))
+    plan = engine.prepare(store, STUDY, 4, extend=False)
+    order = np.random.default_rng(width).permutation(plan.n_shards).tolist()
+    for index in order[:width]:
+        engine.work(store.url, index)
     with ThreadPoolExecutor(width) as threads:
-        recorder, _, _ = sweep(tmp_path, executor=threads, order=order, width=width)
-    assert sorted(recorder.now) == sorted(order)
+        recorder, _, _ = sweep(tmp_path, executor=threads, width=width)
+    assert sorted(recorder.now) == sorted(order[width:])
     assert (tmp_path / results.FILE).read_bytes() == (reference / results.FILE).read_bytes()
 
 
@@ -120,6 +126,8 @@ def test_another_plan_is_refused_and_an_extension_adds(tmp_path):
             sweep(tmp_path, dataclasses.replace(STUDY, **change), extend=True)
     with pytest.raises(UsageError, match="shard_width is 5"):
         engine.prepare(Store(str(tmp_path)), STUDY, 5, extend=True)
+    with pytest.raises(UsageError, match="whose plan was replaced meanwhile"):
+        engine.work(str(tmp_path), 0, "of another plan")
     recorder, plan, table = sweep(tmp_path, more, extend=True)
     assert sorted(recorder.before) == list(range(before.n_shards))
     assert sorted(recorder.now) == list(range(before.n_shards, plan.n_shards))
@@ -129,10 +137,10 @@ def test_another_plan_is_refused_and_an_extension_adds(tmp_path):
 def test_a_shard_that_fails_ends_the_sweep_and_keeps_the_others(tmp_path, monkeypatch):
     real = engine.work
 
-    def work(url, index):
+    def work(url, index, name):
         if index == 2:
             raise UsageError("no room left")
-        return real(url, index)
+        return real(url, index, name)
 
     monkeypatch.setattr(engine, "work", work)
     with pytest.raises(UsageError, match="no room left"):
@@ -144,6 +152,62 @@ def test_a_shard_that_fails_ends_the_sweep_and_keeps_the_others(tmp_path, monkey
     recorder, _, _ = sweep(tmp_path)
     assert set(recorder.before) == done
     assert 2 in recorder.now
+
+
+def test_a_shard_that_cannot_be_read_now_is_kept(tmp_path, monkeypatch):
+    _, plan, _ = sweep(tmp_path)
+    store = Store(str(tmp_path))
+
+    def fail(*_):
+        raise PermissionError("not now")
+
+    monkeypatch.setattr(store._files, "cat_file", fail)
+    with pytest.raises(UsageError, match="can't be read: not now"):
+        engine.verified(store, plan)
+    monkeypatch.undo()
+    assert len(finished(store, plan)) == plan.n_shards
+
+
+def test_without_workers_it_waits_without_haste(tmp_path, monkeypatch):
+    monkeypatch.setattr(engine, "TICK", 0.05)
+    looks, begin = [], time.monotonic()
+
+    def width():
+        looks.append(time.monotonic() - begin)
+        return int(looks[-1] > 0.5)
+
+    store = Store(str(tmp_path))
+    engine.run(store, engine.prepare(store, STUDY, 4, False), Inline(), width, Recorder())
+    assert len([look for look in looks if look <= 0.5]) <= 11
+
+
+def test_a_shard_that_ends_every_worker_says_what_to_do(tmp_path):
+    class Fatal(Inline):
+        def submit(self, fn, /, *args, **kwargs):
+            future = Future()
+            future.set_exception(WorkerDiedError("killed 20 workers"))
+            return future
+
+    with pytest.raises(UsageError, match=r"ended every worker .* smaller shard_width .*killed 20 workers"):
+        sweep(tmp_path, executor=Fatal())
+
+
+def test_a_lost_call_is_made_again(tmp_path, reference):
+    class Lossy(Inline):
+        def submit(self, fn, /, *args, **kwargs):
+            if args[1] in self.indices:
+                return super().submit(fn, *args, **kwargs)
+            self.indices.append(args[1])
+            future = Future()
+            future.set_exception(ConnectionResetError())
+            return future
+
+    store, recorder = Store(str(tmp_path)), Recorder()
+    plan = engine.prepare(store, STUDY, 4, False)
+    engine.run(store, plan, Lossy(), lambda: 2, recorder, lost=(ConnectionResetError,))
+    assert sorted(recorder.now) == list(range(plan.n_shards))
+    results.save(store, results.collect(store, plan))
+    assert (tmp_path / results.FILE).read_bytes() == (reference / results.FILE).read_bytes()
 
 
 def test_a_worker_keeps_its_program_and_a_new_one_takes_another():

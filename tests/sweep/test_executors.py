@@ -60,11 +60,16 @@ def test_it_is_an_executor_of_pinned_workers(two):
     assert list(two.map(abs, [-1, 2])) == [1, 2]
 
 
-def test_a_worker_per_gpu_sees_its_own():
+def test_a_worker_per_gpu_sees_its_own(monkeypatch):
+    monkeypatch.delenv("CUDA_VISIBLE_DEVICES", raising=False)
     places = one_per_gpu(2)
     assert [dict(place.environment)["CUDA_VISIBLE_DEVICES"] for place in places] == ["0", "1"]
     with Processes(places[1:]) as executor:
         assert executor.submit(where).result()[1] == "1"
+    monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "5,7")
+    assert [dict(place.environment)["CUDA_VISIBLE_DEVICES"] for place in one_per_gpu(2)] == ["5", "7"]
+    with pytest.raises(UsageError, match="gpus is 3, but CUDA_VISIBLE_DEVICES is '5,7'; give 2 at most"):
+        one_per_gpu(3)
 
 
 def test_a_worker_that_dies_is_replaced_and_its_call_made_again(two, tmp_path):

@@ -24,8 +24,6 @@ n_steps = 5
 net_arch = []
 n_bins = 5
 """
-LENGTH = 8.0
-"""Seconds within which a sweep is killed: from its first import to its last shard."""
 
 
 @pytest.fixture(scope="module")
@@ -74,9 +72,13 @@ def n_done(out):
 
 
 def kill_once(out, grid, programs, seed):
-    """SIGKILL to the whole group at a random time; how many shards were done then."""
-    process = start(out, grid, programs)
-    time.sleep(random.Random(seed).uniform(0, LENGTH))
+    """SIGKILL to the whole group at a random time, before the last of the 8 shards; how many were done then."""
+    process, draw = start(out, grid, programs), random.Random(seed)
+    target = draw.randrange(7)
+    while target and not ((out / "plan.parquet").exists() and n_done(out) >= target):
+        assert process.poll() is None, process.communicate()
+        time.sleep(0.01)
+    time.sleep(draw.uniform(0, 0.1 if target else 4.0))
     os.killpg(process.pid, signal.SIGKILL)
     process.communicate()
     return n_done(out) if (out / "plan.parquet").exists() else 0
@@ -84,7 +86,7 @@ def kill_once(out, grid, programs, seed):
 
 @pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 50))])
 def test_killed_at_any_time_it_goes_on_to_the_same_bytes(tmp_path, grid, programs, reference, seed):
-    kill_once(tmp_path / "out", grid, programs, seed)
+    assert kill_once(tmp_path / "out", grid, programs, seed) < 8
     finish(tmp_path / "out", grid, programs)
     assert (tmp_path / "out" / results.FILE).read_bytes() == reference
     assert not list((tmp_path / "out").glob(f"**/{SCRATCH}*"))
@@ -169,6 +171,11 @@ def test_status_shard_results_and_rerun(tmp_path, grid, programs, reference):
     assert "shard 3: 2 runs" in galton("shard", out, 3).stdout
     assert "shard 3 is done already" in galton("shard", out, 3).stdout
     assert "1 of 8 shards, 2 of 16 runs" in galton("status", out).stdout
+    assert "2 of 16 runs: " in galton("results", out).stdout
+    assert "14 runs are missing; run the sweep to its end first" in galton("rerun", out, "--to", out / "again").stderr
+    (file,) = (out / FOLDER).iterdir()
+    file.write_bytes(file.read_bytes()[:-1])
+    assert "shard 3: 2 runs" in galton("shard", out, 3).stdout
     wrong = galton("shard", out, 8)
     assert (wrong.returncode, "shard is 8; the plan has 8, from 0 to 7" in wrong.stderr) == (2, True)
     finish(out, grid, programs)

@@ -1,16 +1,27 @@
-"""Means with confidence intervals."""
+"""Means and, after Agarwal et al. (2021, "Statistical precipice"), robuster statistics, with confidence intervals."""
 
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
 from scipy import stats
 
+from galton.errors import require, require_integer
+
 Numbers = np.float64 | Float[np.ndarray, "*rest"]
+
+Tasks = Sequence[Float[np.ndarray, " _"]]
+"""The scores of each task's runs, [R_m]: tasks may have unequal numbers of runs. A diverged run is NaN."""
+
+Scores = Tasks | Float[np.ndarray, "_ _"]
+"""The same; a matrix is [R, M], a row per run and a column per task."""
+
+Statistic = Callable[[Tasks], float | Numbers]
 
 
 class Interval(NamedTuple):
-    """A mean and its 95% confidence interval; arrays where the input had further axes."""
+    """A mean, or another estimate, and its 95% confidence interval; arrays where there are several."""
 
     mean: Numbers
     low: Numbers
@@ -20,8 +31,9 @@ class Interval(NamedTuple):
         """Mean ± half the width, or the mean alone where the interval is not known."""
         if np.isnan(self.mean):
             return "—"
-        mean, half = (format(float(x), spec).replace("-", "−") for x in (self.mean, self.high - self.mean))
-        return mean if np.isnan(self.high) else f"{mean} ± {half.lstrip('+')}"
+        width = float(self.high) - float(self.low)
+        mean, half = (format(float(x), spec).replace("-", "−") for x in (self.mean, width / 2))
+        return mean if np.isnan(width) else f"{mean} ± {half.lstrip('+')}"
 
 
 def mean_interval(samples: Float[np.ndarray, "n *rest"]) -> Interval:
@@ -50,6 +62,79 @@ def difference_interval(a: Float[np.ndarray, " n"], b: Float[np.ndarray, " m"]) 
     return Interval(mean, mean - half, mean + half)
 
 
+def paired_difference_interval(a: Float[np.ndarray, " n"], b: Float[np.ndarray, " m"]) -> Interval:
+    """Student's t interval of the mean of a − b, a[i] paired with b[i]; pairs with a NaN are left out.
+
+    NaN with fewer than two pairs. Raises UsageError unless n = m.
+    """
+    require(len(a) == len(b), f"a has {len(a)} samples and b {len(b)}; give pairs, such as runs of the same seed")
+    return mean_interval(a - b)
+
+
+def interquartile_mean(scores: Scores) -> float:
+    """Mean of the middle half of all scores, the tasks pooled: one with more runs weighs more.
+
+    Diverged runs count as −∞, so they are cut off with the lowest quarter; if there are more of them, the mean is −∞.
+    """
+    pooled = np.concatenate(_tasks("scores", scores), dtype=np.float64)
+    return float(stats.trim_mean(_ranked(pooled), 0.25))
+
+
+def stratified_bootstrap(scores: Scores, statistic: Statistic, n_resamples: int = 2000, seed: int = 0) -> Interval:
+    """A statistic of the scores and its percentile interval, runs resampled within each task.
+
+    The interval is NaN if a task has fewer than two runs, or if the statistic of a resample is NaN. Diverged runs reach
+    the statistic as NaN.
+    """
+    require_integer("n_resamples", n_resamples, 1)
+    require_integer("seed", seed, 0)
+    tasks = _tasks("scores", scores)
+    estimate = np.asarray(statistic(tasks), np.float64)[()]
+    if min(len(task) for task in tasks) < 2:
+        return Interval(estimate, estimate * np.nan, estimate * np.nan)
+    rng = np.random.default_rng(seed)
+    resamples = ([task[rng.integers(len(task), size=len(task))] for task in tasks] for _ in range(n_resamples))
+    estimates = np.array([statistic(resample) for resample in resamples])
+    # Any method that interpolates makes NaN of two neighbours that are −∞.
+    low, high = np.quantile(estimates, (0.025, 0.975), axis=0, method="inverted_cdf")
+    return Interval(estimate, low, high)
+
+
+def probability_of_improvement(x: Scores, y: Scores, n_resamples: int = 2000, seed: int = 0) -> Interval:
+    """P(X > Y) + ½ P(X = Y) for a run of x and one of y on the same task, averaged over tasks.
+
+    Mann and Whitney's U / (R_x R_y), with a bootstrap interval. A diverged run loses to every score and ties with
+    another that diverged.
+    """
+    xs, ys = _tasks("x", x), _tasks("y", y)
+    require(len(xs) == len(ys), f"x has {len(xs)} tasks and y {len(ys)}; give both scores on the same tasks")
+
+    def probability(both: Tasks) -> float:
+        shares = []
+        for a, b in zip(both[: len(xs)], both[len(xs) :], strict=True):
+            ascending = np.sort(b)
+            below, not_above = np.searchsorted(ascending, a, "left"), np.searchsorted(ascending, a, "right")
+            shares.append((below + not_above).mean() / (2 * len(b)))
+        return float(np.mean(shares))
+
+    return stratified_bootstrap([_ranked(task) for task in (*xs, *ys)], probability, n_resamples, seed)
+
+
+def performance_profile(
+    scores: Scores, taus: Float[np.ndarray, " T"], n_resamples: int = 2000, seed: int = 0
+) -> Interval:
+    """Share of runs that score above each tau, averaged over tasks, with a pointwise bootstrap band: [T] each.
+
+    A diverged run is above no tau.
+    """
+
+    def profile(tasks: Tasks) -> Float[np.ndarray, " T"]:
+        not_above = [np.searchsorted(np.sort(task), taus, "right") / len(task) for task in tasks]
+        return np.asarray(1 - np.mean(not_above, axis=0))
+
+    return stratified_bootstrap([_ranked(task) for task in _tasks("scores", scores)], profile, n_resamples, seed)
+
+
 def fill_forward(curves: Float[np.ndarray, "R L"]) -> Float[np.ndarray, "R L"]:
     """Each NaN replaced by the last known value before it, where there is one."""
     known = ~np.isnan(curves)
@@ -63,3 +148,18 @@ def fill_until(
     """`fill_forward`, but NaN from the step where a run diverged; −1 for one that did not."""
     gone = (diverged_at >= 0)[:, None] & (steps >= diverged_at[:, None])
     return np.where(gone, np.nan, fill_forward(curves))
+
+
+def _tasks(name: str, scores: Scores) -> Tasks:
+    """The scores task by task, checked."""
+    tasks = list(scores.T if isinstance(scores, np.ndarray) else scores)
+    require(len(tasks) > 0, f"{name} has no tasks; give an array of scores for each")
+    for i, task in enumerate(tasks):
+        shape = np.shape(task)
+        require(len(shape) == 1 and shape[0] > 0, f"{name}[{i}] has shape {shape}; give the task's scores, one per run")
+    return tasks
+
+
+def _ranked(scores: Float[np.ndarray, " R"]) -> Float[np.ndarray, " R"]:
+    """Diverged runs below every score."""
+    return np.where(np.isnan(scores), -np.inf, scores)

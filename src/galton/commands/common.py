@@ -111,8 +111,13 @@ def short_name(env: str) -> str:
 OptionsT = TypeVar("OptionsT")
 
 
-def parse(options: type[OptionsT], name: str, arguments: Sequence[str]) -> OptionsT:
-    """Parse twice: the first time for the task, whose settings are the defaults of the second."""
+def parse(
+    options: type[OptionsT], name: str, arguments: Sequence[str], prepare: Callable[[OptionsT], None] = lambda _: None
+) -> OptionsT:
+    """Parse twice: the first time for the task, whose settings are the defaults of the second.
+
+    Between the two, `prepare` may register the task.
+    """
 
     def read(training: Training) -> OptionsT:
         return tyro.cli(
@@ -133,6 +138,7 @@ def parse(options: type[OptionsT], name: str, arguments: Sequence[str]) -> Optio
                 raise cause from None
             cause = cause.__context__
         first = read(Training())  # tyro explains itself, or prints its help
+    prepare(first)
     return read(Training.of_task(first.env))  # type: ignore[attr-defined]
 
 

@@ -3,9 +3,7 @@
 import contextlib
 import dataclasses
 import re
-import sys
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Executor
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -14,16 +12,16 @@ import tyro
 from rich.console import Console
 from rich.table import Table
 
+from galton.commands.carry import CarryOut, carry, processes
 from galton.commands.common import EnvName, Training, parse, short_name
-from galton.commands.sweep_view import live, winners
-from galton.envs.base import Environment
-from galton.errors import UsageError, require, require_integer
+from galton.commands.sweep_view import winners
+from galton.errors import require, require_integer
 from galton.losses import find_loss
 from galton.sweep import engine, results
-from galton.sweep.executors import Place, Processes, one_per_core, one_per_gpu
+from galton.sweep.executors import Place, one_per_core, one_per_gpu
 from galton.sweep.grid import GRIDS, find_grid
 from galton.sweep.plan import Plan
-from galton.sweep.shard import finished, work
+from galton.sweep.shard import discard, finished, read, work
 from galton.sweep.store import Store
 from galton.sweep.study import Setting, Study, import_all
 
@@ -49,9 +47,11 @@ class Options:
     seed: int = 0
     """Of the study: another one gives every run a fresh seed."""
     out: str | None = None
-    """The folder, by default runs/sweep-ENV; or an address that fsspec opens, such as s3://bucket/folder."""
+    """The folder, by default runs/sweep-ENV, or runs/sweep-ENV-optuna for Optuna's search; or an address that fsspec
+    opens, such as s3://bucket/folder."""
     shard_width: int | None = None
-    """Runs that are trained side by side by one worker; by default 16, or 32 on environments outside JAX."""
+    """Runs that are trained side by side by one worker; by default 16, or 32 on environments outside JAX, but no more
+    than share a program."""
     extend: bool = False
     """Add to the plan that the folder holds what it lacks of this grid."""
     plan_only: bool = False
@@ -83,12 +83,10 @@ def main(arguments: Sequence[str]) -> None:
     if arguments and arguments[0] in _OTHERS:
         _OTHERS[arguments[0]](arguments[1:])
         return
-    options = parse(Options, "sweep", arguments)
-    import_all(options.imports)
+    options = parse(Options, "sweep", arguments, lambda options: import_all(options.imports))
     training = options.training
     base = Setting(training.config, training.hypers).record()
-    known = isinstance(training.find(options.env), Environment)
-    shard_width = options.shard_width if options.shard_width is not None else 16 if known else 32
+    training.find(options.env)
 
     def study_of(settings: tuple[Setting, ...]) -> Study:
         return Study(
@@ -103,18 +101,24 @@ def main(arguments: Sequence[str]) -> None:
             options.imports,
         )
 
-    store = Store(options.out or str(Path("runs", f"sweep-{short_name(options.env)}")))
+    folder = f"sweep-{short_name(options.env)}" + ("-optuna" if options.grid == "optuna" else "")
+    store = Store(options.out or str(Path("runs", folder)))
     _check_carrier(options)
-    require_integer("shard_width", shard_width, 1)
+    if options.shard_width is not None:
+        require_integer("shard_width", options.shard_width, 1)
     if options.grid == "optuna":
         require(not options.plan_only, "plan_only goes without grid 'optuna', whose plan grows with what it finds")
         study_of((Setting(training.config, training.hypers),))  # wrong numbers are told before anything is written
         with store.lock(), _carrier(options, store) as carry_out:
             from galton.sweep.search import search
 
+            rounds: list[tuple[Setting, ...]] = []
+
             def means(settings: tuple[Setting, ...]) -> dict[Setting, float]:
-                plan = engine.prepare(store, study_of(settings), shard_width, extend=True)
-                carry_out(plan)
+                rounds.append(settings)
+                engine.prepare(store, study_of(rounds[0]), options.shard_width, options.extend)
+                plan = engine.prepare(store, study_of(settings), options.shard_width, extend=True)
+                carry_out(store, plan)
                 return results.mean_returns(plan.study, results.collect(store, plan))
 
             search(means, base, options.n_settings, options.batch, options.seed)
@@ -122,12 +126,12 @@ def main(arguments: Sequence[str]) -> None:
         return
     study = study_of(find_grid(options.grid, options.env, base, options.n_settings))
     with store.lock():
-        plan = engine.prepare(store, study, shard_width, options.extend)
+        plan = engine.prepare(store, study, options.shard_width, options.extend)
         if options.plan_only:
             print(f"{plan.n_runs:,} runs in {plan.n_shards:,} shards: {store.url}")
             return
         with _carrier(options, store) as carry_out:
-            carry_out(plan)
+            carry_out(store, plan)
         _conclude(Console(), store, plan)
 
 
@@ -137,6 +141,8 @@ def _check_carrier(options: Options) -> None:
         f"scheduler is {options.scheduler!r} and cluster {options.cluster!r}; give one of them",
     )
     far = "scheduler" if options.scheduler else "cluster" if options.cluster else None
+    if options.gpus:
+        require(options.workers is None, f"workers is {options.workers}, which goes without gpus: each GPU has one")
     require(far is None or options.workers is None, f"workers is {options.workers}, which goes without a {far}")
     require(far is None or not options.gpus, f"gpus is {options.gpus}, which goes without a {far}")
     require(far is not None or options.tls is None, f"tls is {options.tls}; it goes with a scheduler or a cluster")
@@ -153,10 +159,10 @@ def _places(options: Options) -> list[Place]:
 
 
 @contextlib.contextmanager
-def _carrier(options: Options, store: Store) -> Iterator[Callable[[Plan], None]]:
+def _carrier(options: Options, store: Store) -> Iterator[CarryOut]:
     """What carries plans out where the options say."""
     if not (options.scheduler or options.cluster):
-        with _processes(store, _places(options)) as carry_out:
+        with processes(_places(options)) as carry_out:
             yield carry_out
         return
     from galton.sweep import cluster
@@ -167,42 +173,15 @@ def _carrier(options: Options, store: Store) -> Iterator[Callable[[Plan], None]]
         jobs = cluster.Jobs(options.jobs, options.walltime, options.memory, options.directives)
         carrier = cluster.start(str(options.cluster), jobs, store.local or Path.cwd(), options.tls)
     with carrier as (executor, width):
-        yield lambda plan: _carry_out(Store(store.absolute), plan, executor, width, cluster.LOST)
-
-
-@contextlib.contextmanager
-def _processes(store: Store, places: Sequence[Place]) -> Iterator[Callable[[Plan], None]]:
-    executor = Processes(places)
-    try:
-        yield lambda plan: _carry_out(store, plan, executor, lambda: len(places))
-    finally:
-        executor.shutdown(cancel_futures=True)
-
-
-def _carry_out(
-    store: Store,
-    plan: Plan,
-    executor: Executor,
-    width: Callable[[], int],
-    lost: tuple[type[BaseException], ...] = (),
-) -> None:
-    try:
-        with live(Console(), plan) as view:
-            engine.run(store, plan, executor, width, view, lost=lost)
-    except KeyboardInterrupt:
-        print(
-            f"galton: interrupted; {len(finished(store, plan)):,} of {plan.n_shards:,} shards are done, and the same "
-            "command goes on with the rest",
-            file=sys.stderr,
-        )
-        sys.exit(130)
+        yield lambda store, plan: carry(Store(store.absolute), plan, executor, width, cluster.LOST)
 
 
 def _conclude(console: Console, store: Store, plan: Plan) -> None:
     table = results.collect(store, plan)
     results.save(store, table)
     console.print(winners(results.best_settings(plan.study, table)))
-    console.print(f"{table.num_rows:,} runs: {store.url}/{results.FILE}", highlight=False, soft_wrap=True)
+    runs = f"{table.num_rows:,}" if table.num_rows == plan.n_runs else f"{table.num_rows:,} of {plan.n_runs:,}"
+    console.print(f"{runs} runs: {store.url}/{results.FILE}", highlight=False, soft_wrap=True)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -278,9 +257,12 @@ def one_shard(arguments: Sequence[str]) -> None:
     store = Store(options.out)
     plan = Plan.load(store)
     plan.get(options.index)
-    if options.index in finished(store, plan):
+    done = finished(store, plan).get(options.index)
+    if done and read(store, done) is not None:
         print(f"shard {options.index} is done already")
         return
+    if done:
+        discard(store, done)
     report = work(store.url, options.index)
     print(f"shard {options.index}: {len(report.setting)} runs in {report.train_seconds:,.1f} s")
 
@@ -291,14 +273,15 @@ def rerun(arguments: Sequence[str]) -> None:
     source, target = Store(options.out), Store(options.to)
     require(options.out != options.to, f"to is {options.to!r}, the sweep's own folder; name another")
     known = _load(source)
-    best = results.best_settings(known.study, results.collect(source, known))
-    if not best:
-        raise UsageError(f"out is {options.out}, where no setting has all its trials yet; run the sweep to its end")
+    table = results.collect(source, known)
+    missing = known.n_runs - table.num_rows
+    require(not missing, f"out is {options.out}, where {missing:,} runs are missing; run the sweep to its end first")
+    best = results.best_settings(known.study, table)
     study = results.rerun(known.study, best, options.trials, options.seed)
     with target.lock():
         plan = engine.prepare(target, study, known.shard_width, extend=False)
-        with _processes(target, one_per_core(options.workers)) as carry_out:
-            carry_out(plan)
+        with processes(one_per_core(options.workers)) as carry_out:
+            carry_out(target, plan)
         _conclude(Console(), target, plan)
 
 

@@ -36,9 +36,6 @@ class View:
         """A shard that has just been done."""
         self._add(report)
 
-    def tick(self) -> None:
-        """The live table draws itself."""
-
     def _add(self, report: Report) -> None:
         self._runs += len(report.setting)
         self._steps += report.steps
@@ -55,17 +52,19 @@ class View:
 
     def line(self) -> str:
         """Progress, speed and time left."""
-        elapsed, runs = time.monotonic() - self._start, self._runs - self._runs_before
-        speed = (self._steps - self._steps_before) / elapsed
-        left = (self._plan.n_runs - self._runs) / runs * elapsed if runs else None
-        line = f"{self._runs:,} of {self._plan.n_runs:,} runs"
-        return line if left is None else f"{line}, {speed:,.0f} env-steps/s, {_duration(left)} left"
+        line, runs = f"{self._runs:,} of {self._plan.n_runs:,} runs", self._runs - self._runs_before
+        if not runs:
+            return line
+        elapsed = time.monotonic() - self._start
+        speed, left = (self._steps - self._steps_before) / elapsed, (self._plan.n_runs - self._runs) / runs * elapsed
+        return f"{line}, {speed:,.0f} env-steps/s, {_duration(left)} left"
 
     def _best(self) -> Table:
         table = Table("loss", "best setting so far", "final training return", "runs", box=None)
         best: dict[str, tuple[int, float, int]] = {}
-        for i, values in self._returns.items():
+        for i, values in list(self._returns.items()):  # the sweep adds to it from another thread
             loss, mean = self._plan.study.settings[i].config.loss, float(np.mean(values))
+            mean = -np.inf if np.isnan(mean) else mean
             if loss not in best or mean > best[loss][1]:
                 best[loss] = i, mean, len(values)
         for loss, (i, mean, n) in sorted(best.items()):

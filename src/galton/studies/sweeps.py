@@ -78,12 +78,6 @@ class Sweep(NamedTuple):
     needs: tuple[str, ...] = ()
     """The sweeps whose winners it trains."""
 
-    def shard_width(self, study: Study) -> int:
-        """Runs side by side: no more than a Config has, to train none for nothing."""
-        configs = [setting.config for setting in study.settings]
-        most = max(configs.count(config) for config in configs) * study.trials
-        return min(16 if TASKS[self.task].in_jax else 32, most)
-
 
 def _settings(task: str, budget: Budget) -> tuple[Setting, ...]:
     """The grid of a task's main sweep: the paper's, centred HL-Gauss beside it, or a part of both."""
@@ -157,7 +151,7 @@ def _bandit_control(field: str) -> Sweep:
     return Sweep("bandit", f"Bandit: the classification losses with {names[field]}", study)
 
 
-def _bandit_with(constant: str, value: float) -> Sweep:
+def _bandit_with(constant: str, value: float | int) -> Sweep:
     """The bandit's winners on another bandit."""
 
     def study(_: Budget, done: Done) -> Study:
@@ -182,7 +176,8 @@ def _why(task: str) -> Sweep:
         ]
         blocks = [{"learning_rate": rates, "n_bins": bins} | loss | CHANGES[name] for name in names for loss in losses]
         whole = _study(task, budget, expand(blocks, task_defaults(TASKS[task].env)))
-        return dataclasses.replace(whole, trials={"smoke": 2, "small": 3, "paper": 6}[budget])
+        trials = {"smoke": 2, "small": 3, "paper": 6}[budget]
+        return dataclasses.replace(whole, trials=trials, logs=whole.logs if smoke else 125)  # for batches of 20 and 160
 
     return Sweep(task, f"{TASKS[task].title}: what changes the order of the losses", study)
 

@@ -113,7 +113,13 @@ def job_options(kind: str, jobs: Jobs, folder: Path) -> dict[str, Any]:
 
 def _carrier(client: Any) -> Carrier:
     def width() -> int:
-        return sum(client.nthreads().values())
+        try:
+            return sum(client.nthreads().values())
+        except OSError as error:
+            raise UsageError(
+                f"scheduler is {client.scheduler.address}, which no longer answers ({error}); start it and run the "
+                "same command again, which goes on where this one stopped"
+            ) from None
 
     return Carrier(client.get_executor(pure=False), width)
 

@@ -2,6 +2,7 @@
 
 import collections
 import concurrent.futures
+import time
 from collections.abc import Callable, Iterable
 from concurrent.futures import Executor, Future
 from typing import Protocol, runtime_checkable
@@ -10,12 +11,15 @@ import pyarrow as pa
 
 from galton.errors import UsageError
 from galton.sweep import results
-from galton.sweep.executors import ATTEMPTS, Processes, one_per_core
-from galton.sweep.plan import Plan
+from galton.sweep.executors import ATTEMPTS, WorkerDiedError, one_per_core, processes
+from galton.sweep.plan import FILE, Plan
 from galton.sweep.shard import Report, discard, finished, read, report, work
 from galton.sweep.store import Store
 from galton.sweep.study import Study
 from galton.types import Config
+
+TICK = 0.2
+"""Seconds between two looks at who is there to work."""
 
 
 @runtime_checkable
@@ -28,12 +32,9 @@ class Watcher(Protocol):
     def finished(self, report: Report) -> None:
         """A shard that has just been done."""
 
-    def tick(self) -> None:
-        """A few times a second. An exception that is raised here ends the sweep."""
-
 
 def sweep(
-    study: Study, out: str, *, workers: int | None = None, shard_width: int = 16, extend: bool = False
+    study: Study, out: str, *, workers: int | None = None, shard_width: int | None = None, extend: bool = False
 ) -> pa.Table:
     """Train the runs of a study that `out` lacks, on this machine; then all of them, as `results.collect` tells.
 
@@ -44,7 +45,7 @@ def sweep(
         study: what to train.
         out: the folder for plan and results, of this study alone.
         workers: processes; by default one per core.
-        shard_width: runs that a worker trains side by side.
+        shard_width: runs that a worker trains side by side, by default as `Plan.create` has it.
         extend: add to the plan in the folder what it lacks.
 
     Raises:
@@ -52,19 +53,15 @@ def sweep(
         BrokenEnvironmentError: an environment broke.
     """
     store, places = Store(out), one_per_core(workers)
-    with store.lock():
+    with store.lock(), processes(places) as executor:
         plan = prepare(store, study, shard_width, extend)
-        executor = Processes(places)
-        try:
-            run(store, plan, executor, lambda: len(places), Silent())
-        finally:
-            executor.shutdown(cancel_futures=True)
+        run(store, plan, executor, lambda: len(places), Silent())
         table = results.collect(store, plan)
         results.save(store, table)
     return table
 
 
-def prepare(store: Store, study: Study, shard_width: int, extend: bool) -> Plan:
+def prepare(store: Store, study: Study, shard_width: int | None, extend: bool) -> Plan:
     """The plan that the place holds, if it covers the study; else a new one, or a longer one. The lock must be held.
 
     Raises:
@@ -73,12 +70,12 @@ def prepare(store: Store, study: Study, shard_width: int, extend: bool) -> Plan:
     try:
         known = Plan.load(store)
     except UsageError:
-        if "plan.parquet" in store.names(""):
+        if FILE in store.names(""):
             raise
         plan = Plan.create(study, shard_width)
         plan.save(store)
         return plan
-    if known.shard_width != shard_width:
+    if shard_width not in (None, known.shard_width):
         raise UsageError(
             f"shard_width is {shard_width}, but the plan in {store.url} has {known.shard_width}; name another folder"
         )
@@ -111,7 +108,6 @@ def run(
     executor: Executor,
     width: Callable[[], int],
     watcher: Watcher,
-    order: Iterable[int] = (),
     lost: tuple[type[BaseException], ...] = (),
 ) -> None:
     """Do what is not done yet. The lock must be held.
@@ -122,7 +118,6 @@ def run(
         executor: what carries shards; it must reach the same place under the same name.
         width: how many shards it can work on now.
         watcher: is told of what happens.
-        order: which shards come first, all others follow.
         lost: what a future of the executor raises whose workers died; its shard is done again, up to ATTEMPTS times.
 
     Raises:
@@ -131,29 +126,34 @@ def run(
     reports = verified(store, plan)
     watcher.resumed(reports)
     done = {report.index for report in reports}
-    first = dict.fromkeys(order)
-    pending = _Pending(plan, [i for i in (*first, *range(plan.n_shards)) if i not in done])
+    pending = _Pending(plan, [i for i in range(plan.n_shards) if i not in done])
     running: dict[Future[Report], int] = {}
     free: list[Config] = []
     losses: collections.Counter[int] = collections.Counter()
+    failures: tuple[type[BaseException], ...] = (WorkerDiedError, *lost)
     try:
         while pending or running:
             while pending and len(running) < width():
                 index = pending.pop(free.pop() if free else None)
-                running[executor.submit(work, store.url, index)] = index
-            ready, _ = concurrent.futures.wait(running, timeout=0.2, return_when=concurrent.futures.FIRST_COMPLETED)
+                running[executor.submit(work, store.url, index, plan.names[index])] = index
+            if not running:
+                time.sleep(TICK)  # nobody is there to work yet
+            ready, _ = concurrent.futures.wait(running, timeout=TICK, return_when=concurrent.futures.FIRST_COMPLETED)
             for future in ready:
                 index = running.pop(future)
                 try:
                     watcher.finished(future.result())
-                except lost:
+                except failures as error:
                     losses[index] += 1
-                    if losses[index] >= ATTEMPTS:
-                        raise
+                    if isinstance(error, WorkerDiedError) or losses[index] >= ATTEMPTS:
+                        raise UsageError(
+                            f"shard {index} ended every worker that tried it; give fewer workers or a smaller "
+                            "shard_width if memory is short, and in a script start sweeps under "
+                            f'if __name__ == "__main__": ({error})'
+                        ) from error
                     pending.push(index)
                 else:
                     free.append(plan.configs[index])
-            watcher.tick()
     finally:
         for future in running:
             future.cancel()
@@ -193,7 +193,4 @@ class Silent:
         """Nothing."""
 
     def finished(self, report: Report) -> None:
-        """Nothing."""
-
-    def tick(self) -> None:
         """Nothing."""

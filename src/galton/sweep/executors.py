@@ -8,12 +8,12 @@ import os
 import queue
 import signal
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, Future
 from typing import Any, NamedTuple
 
 from galton.cores import allowed_cores
-from galton.errors import require_integer
+from galton.errors import require, require_integer
 
 ATTEMPTS = 20
 """How often a call is made again because the process that made it died."""
@@ -37,10 +37,12 @@ def one_per_core(n: int | None = None) -> list[Place]:
 
 
 def one_per_gpu(n: int) -> list[Place]:
-    """A worker for each of n CUDA devices, each with its share of the cores."""
+    """A worker for each of n CUDA devices, of those that this process may use, each with its share of the cores."""
     require_integer("gpus", n, 1)
-    cores = allowed_cores()
-    return [Place(tuple(cores[i::n]), (("CUDA_VISIBLE_DEVICES", str(i)),)) for i in range(n)]
+    cores, given = allowed_cores(), os.environ.get("CUDA_VISIBLE_DEVICES")
+    devices = [str(i) for i in range(n)] if given is None else given.split(",") if given else []
+    require(len(devices) >= n, f"gpus is {n}, but CUDA_VISIBLE_DEVICES is {given!r}; give {len(devices)} at most")
+    return [Place(tuple(cores[i::n]), (("CUDA_VISIBLE_DEVICES", devices[i]),)) for i in range(n)]
 
 
 class WorkerDiedError(RuntimeError):
@@ -151,6 +153,16 @@ class Processes(Executor):
             self._workers[number] = worker
         its.close()
         return ours
+
+
+@contextlib.contextmanager
+def processes(places: Sequence[Place]) -> Iterator[Processes]:
+    """A process for each place, killed in the end."""
+    executor = Processes(places)
+    try:
+        yield executor
+    finally:
+        executor.shutdown(cancel_futures=True)
 
 
 def _live(connection: "multiprocessing.connection.Connection[Any, Any]", place: Place) -> None:

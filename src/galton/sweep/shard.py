@@ -1,6 +1,5 @@
 """One shard: trained, and committed as one Parquet file whose name holds its checksum."""
 
-import contextlib
 import dataclasses
 import datetime
 import functools
@@ -20,6 +19,7 @@ import pyarrow.parquet as pq
 
 from galton.envs.find import find
 from galton.envs.registry import read_constants
+from galton.errors import require
 from galton.sweep.plan import Plan, Shard
 from galton.sweep.store import Store, checksum
 from galton.sweep.study import import_all
@@ -57,18 +57,26 @@ class Report:
     train_seconds: float
 
 
-def work(url: str, index: int) -> Report:
+def work(url: str, index: int, name: str | None = None) -> Report:
     """Train shard `index` of the plan at `url` and commit it. Doing it again replaces nothing and does no harm.
 
+    Args:
+        url: the sweep's folder, as this process sees it.
+        index: of the shard.
+        name: the shard's, if the plan might be another by now.
+
     Raises:
-        UsageError: no such plan or shard, no room to write.
+        UsageError: no such plan, or one whose shard is of another name; no room to write.
         BrokenEnvironmentError: the environment broke.
     """
-    with contextlib.suppress(RuntimeError):  # an earlier shard has seen to it
-        use_all_cores()
+    _settle()
     store = Store(url)
     plan = Plan.load(store)
     shard = plan.get(index)
+    require(
+        name in (None, shard.name),
+        f"out is {url}, whose plan was replaced meanwhile; give each sweep a folder of its own",
+    )
     study = plan.study
     import_all(study.imports)
     result = train(
@@ -87,6 +95,12 @@ def work(url: str, index: int) -> Report:
     data = buffer.getvalue()
     store.write(f"{FOLDER}/{index:07d}-{shard.name}-{checksum(data)}.parquet", data)
     return report(index, table)
+
+
+@functools.cache
+def _settle() -> None:
+    """Before the first shard of this process."""
+    use_all_cores()
 
 
 def tabulate(shard: Shard, result: Result) -> pa.Table:
@@ -130,9 +144,9 @@ def provenance(store: Store, plan: Plan) -> dict[str, Any]:
         table = read(store, done)
         if table is not None:
             records.append(json.loads(table.schema.metadata[_RECORD]))
-    versions = {json.dumps(record["versions"], sort_keys=True) for record in records}
+    found = {json.dumps(record["versions"], sort_keys=True) for record in records}
     return {
-        "versions": [json.loads(text) for text in sorted(versions)],
+        "versions": [json.loads(text) for text in sorted(found)],
         "machines": sorted({record["machine"] for record in records}),
         "train_seconds": round(sum(record["train_seconds"] for record in records)),
         "compile_seconds": round(sum(record["compile_seconds"] for record in records)),
@@ -150,10 +164,14 @@ def finished(store: Store, plan: Plan) -> dict[int, Done]:
 
 
 def read(store: Store, done: Done) -> pa.Table | None:
-    """A finished shard's table; None where the file was damaged or is gone."""
+    """A finished shard's table; None where the file was damaged or is gone.
+
+    Raises:
+        UsageError: it can't be read now, which says nothing of what is in it.
+    """
     try:
         data = store.read(f"{FOLDER}/{done.file}")
-    except OSError:
+    except FileNotFoundError:
         return None
     return pq.read_table(io.BytesIO(data)) if checksum(data) == done.checksum else None
 
@@ -172,12 +190,22 @@ def versions() -> dict[str, str | None]:
             found[name] = importlib.metadata.version(name)
         except importlib.metadata.PackageNotFoundError:
             found[name] = None
-    command = ["git", "-C", str(Path(__file__).parent), "describe", "--always", "--dirty", "--abbrev=12"]
+    return found | {"commit": _commit(), "python": platform.python_version()}
+
+
+def _commit() -> str | None:
+    """Of the checkout that this file belongs to, if any."""
+
+    def git(*command: str) -> str:
+        here = Path(__file__).parent
+        done = subprocess.run(["git", *command], cwd=here, capture_output=True, text=True, check=True, timeout=10)
+        return done.stdout.strip()
+
     try:
-        commit = subprocess.run(command, capture_output=True, text=True, check=True, timeout=10).stdout.strip()
+        git("ls-files", "--error-unmatch", Path(__file__).name)  # it may lie in somebody else's
+        return git("describe", "--always", "--dirty", "--abbrev=12")
     except (OSError, subprocess.SubprocessError):
-        commit = None
-    return found | {"commit": commit, "python": platform.python_version()}
+        return None
 
 
 def _lists(rows: np.ndarray) -> pa.Array:

@@ -2,10 +2,10 @@
 
 import contextlib
 import errno
-import glob
 import hashlib
 import os
 import platform
+import re
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -51,6 +51,8 @@ class Store:
                     return sorted(entry.name for entry in entries if not entry.name.startswith(SCRATCH))
             except FileNotFoundError:
                 return []
+            except OSError as error:
+                raise UsageError(f"out is {self.url}, where {folder or 'it'} can't be read: {error}") from None
         self._files.invalidate_cache()  # others write here too
         try:
             return sorted(path.rsplit("/", 1)[-1] for path in self._files.ls(f"{self._root}/{folder}", detail=False))
@@ -62,8 +64,14 @@ class Store:
 
         Raises:
             FileNotFoundError: there is none.
+            UsageError: it can't be read.
         """
-        data: bytes = self._files.cat_file(f"{self._root}/{name}")
+        try:
+            data: bytes = self._files.cat_file(f"{self._root}/{name}")
+        except FileNotFoundError:
+            raise
+        except OSError as error:
+            raise UsageError(f"out is {self.url}, where {name} can't be read: {error}") from None
         return data
 
     def write(self, name: str, data: bytes) -> None:
@@ -94,7 +102,8 @@ class Store:
     def lock(self) -> Iterator[None]:
         """Held by the one process that runs the sweep; what killed processes left half-written is cleared away.
 
-        An object store has no locks: there two sweeps would do the same work twice, and nothing worse.
+        An object store has no locks: there two of the same sweep would do the same work twice, and the workers of
+        two that differ would refuse.
 
         Raises:
             UsageError: another process holds it.
@@ -127,13 +136,15 @@ def _clear(folder: Path) -> None:
     """Remove what processes of this machine left half-written when they were killed."""
     if os.name != "posix":  # elsewhere nobody can ask whether a process lives
         return
-    for scratch in folder.glob(f"**/{SCRATCH}{glob.escape(platform.node())}-*-*"):
-        try:
-            os.kill(int(scratch.name.split("-")[-2]), 0)
-        except ProcessLookupError:
-            scratch.unlink(missing_ok=True)
-        except OSError:
-            continue
+    ours = re.compile(rf"{re.escape(SCRATCH + platform.node())}-(\d+)-[^-]*")
+    for scratch in [*folder.glob(f"{SCRATCH}*"), *folder.glob(f"*/{SCRATCH}*")]:
+        if match := ours.fullmatch(scratch.name):
+            try:
+                os.kill(int(match[1]), 0)
+            except ProcessLookupError:
+                scratch.unlink(missing_ok=True)
+            except OSError:
+                continue
 
 
 def _write_atomically(path: Path, data: bytes) -> None:

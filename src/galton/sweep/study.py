@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 from galton.errors import UsageError, require, require_integer
 from galton.losses import find_loss
+from galton.training.train import log_points
 from galton.types import Config, Hypers, check_hypers
 
 
@@ -88,7 +89,19 @@ class Study:
         require(len(set(self.settings)) == len(self.settings), "settings holds the same setting twice; give each once")
         for name, least in (("trials", 1), ("steps", 1), ("logs", 1), ("eval_episodes", 0), ("seed", 0)):
             require_integer(name, getattr(self, name), least)
+            object.__setattr__(self, name, int(getattr(self, name)))  # numpy's integers are not JSON's
         require(self.seed < 2**63, f"seed is {self.seed}; it must be less than 2⁶³")
+        points = {
+            len(log_points(config, self.steps, self.logs)): (config.n_envs, config.n_steps)
+            for config in dict.fromkeys(setting.config for setting in self.settings)
+        }
+        shown = " and ".join(
+            f"{n} with {n_envs} × {n_steps} steps an update" for n, (n_envs, n_steps) in points.items()
+        )
+        require(
+            len(points) == 1,
+            f"logs is {self.logs}, which makes {shown}; choose steps and logs so that every setting has as many",
+        )
 
     def constants(self) -> dict[str, Any]:
         """What every run shares, for JSON."""

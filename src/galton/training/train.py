@@ -93,10 +93,8 @@ def train(
     """
     check_arguments(hypers, seeds, total_timesteps, n_logs, n_eval_episodes)
     n_runs = len(seeds)
-    n_updates = math.ceil(total_timesteps / (config.n_steps * config.n_envs))
-    updates_per_log = math.ceil(n_updates / min(n_logs, n_updates))
-    n_logs = math.ceil(n_updates / updates_per_log)
-    steps = (1 + np.arange(n_logs)) * updates_per_log * config.n_steps * config.n_envs
+    steps = log_points(config, total_timesteps, n_logs)
+    updates_per_log = int(steps[0]) // (config.n_steps * config.n_envs)
     require(steps[-1] < 2**31, f"total_timesteps is {total_timesteps}; one run counts up to 2³¹ − 1 steps")
     all_hypers = Hypers._make(np.broadcast_to(np.asarray(h, np.float32), n_runs) for h in hypers)
 
@@ -131,6 +129,14 @@ def train(
         compiled + compiled_since,
         train_seconds,
     )
+
+
+def log_points(config: Config, total_timesteps: int, n_logs: int) -> Int[np.ndarray, " L"]:
+    """The environment steps at which `train` writes its log: whole updates, as many between each two."""
+    batch = config.n_steps * config.n_envs
+    n_updates = math.ceil(total_timesteps / batch)
+    updates_per_log = math.ceil(n_updates / min(n_logs, n_updates))
+    return (1 + np.arange(math.ceil(n_updates / updates_per_log))) * updates_per_log * batch
 
 
 def check_arguments(
