@@ -14,10 +14,10 @@ demo: $(VENV)/installed  ## Classification against regression on the LQR: a tabl
 test test-all: export JAX_COMPILATION_CACHE_DIR = $(abspath $(VENV))/jax-cache
 test test-all: export JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS = 1
 
-test: lint  ## Lint, types and the tests that take seconds.
+test: lint $(VENV)/browser  ## Lint, types and the tests that take seconds.
 	$(BIN)/python -m pytest -n auto -m "not slow"
 
-test-all: lint  ## All tests, the long learning claims included.
+test-all: lint $(VENV)/browser  ## All tests, the long learning claims included.
 	$(BIN)/python -m pytest -n auto
 
 lint: $(VENV)/installed-dev
@@ -45,6 +45,11 @@ $(VENV)/installed: pyproject.toml constraints.txt | $(VENV)/bin/python
 $(VENV)/installed-dev: pyproject.toml constraints.txt | $(VENV)/bin/python
 	$(PIP) -e '.[dev]'
 	@touch $@ $(VENV)/installed
+
+# The tests of the page need a browser: one that is there, or else Playwright's or Debian's.
+$(VENV)/browser: tests/analysis/browser.py | $(VENV)/installed-dev
+	$(BIN)/python tests/analysis/browser.py
+	@touch $@
 
 # rejax needs packages that Galton doesn't: an environment of its own.
 $(VENV)-rejax/installed: constraints.txt | $(VENV)/bin/python

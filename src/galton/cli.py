@@ -9,7 +9,12 @@ COMMANDS = {
     "compare": "train several losses over many seeds and say which is best",
     "sweep": "train a grid of settings on every core or on a cluster",
     "watch": "film a policy that was trained",
+    "reproduce": "train and draw the figures of the paper",
+    "report": "write the page of what was reproduced",
 }
+
+RESUMABLE = ("sweep", "reproduce")
+"""Whose work is kept as it is done."""
 
 HELP = f"""\
 usage: galton COMMAND ...
@@ -45,7 +50,8 @@ def main() -> None:
     except BrokenEnvironmentError as error:
         sys.exit(_complain(str(error)) - 1)
     except KeyboardInterrupt:
-        print("galton: interrupted; nothing was written", file=sys.stderr)
+        left = "the same command goes on with the rest" if name in RESUMABLE else "nothing was written"
+        print(f"galton: interrupted; {left}", file=sys.stderr)
         sys.exit(130)
 
 

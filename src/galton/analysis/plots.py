@@ -17,7 +17,7 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.ticker import EngFormatter
 
 from galton.analysis.comparison import Results
-from galton.analysis.statistics import Interval, Numbers, fill_until, mean_interval
+from galton.analysis.statistics import Interval, fill_until, mean_interval
 from galton.envs.base import Environment
 from galton.losses import LOSSES
 
@@ -39,7 +39,9 @@ _STYLE: Any = {
 
 
 def panels(n: int, columns: int = 4, height: float = 2.7) -> tuple[Figure, list[Axes]]:
-    """A figure of n panels in rows of so many columns."""
+    """A figure of n panels in rows of so many columns; without panels it is empty."""
+    if not n:
+        return Figure(), []
     columns = min(n, columns)
     rows = -(-n // columns)
     with mpl.rc_context(_STYLE):
@@ -84,6 +86,8 @@ def finish(figure: Figure, axes: Sequence[Axes], columns: int = 4) -> None:
     for panel in axes:
         for handle, label in zip(*panel.get_legend_handles_labels(), strict=True):
             found.setdefault(label, handle)
+    if not found:
+        return
     with mpl.rc_context(_STYLE):
         figure.legend(list(found.values()), list(found), loc="outside lower center", ncols=min(len(found), columns))
 
@@ -95,7 +99,7 @@ def over_steps(axes: Axes, last: float) -> None:
     axes.xaxis.set_major_formatter(EngFormatter(sep=""))
 
 
-def fit(axes: Axes, means: Sequence[Numbers]) -> None:
+def fit(axes: Axes, means: Sequence[np.ndarray | np.float64]) -> None:
     """The y axis by the means alone: a single run's crash must not flatten everybody's curve."""
     values = np.concatenate([np.ravel(mean) for mean in means])
     known = values[np.isfinite(values)]

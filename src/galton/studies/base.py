@@ -1,14 +1,24 @@
 """What a figure of the paper is, as data."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
+import pyarrow as pa
 from matplotlib.figure import Figure
 
 from galton.envs.base import Environment
 from galton.envs.find import find
 from galton.studies.summary import Summary
-from galton.studies.sweeps import TASKS, Done
+from galton.studies.sweeps import TASKS
+
+
+class Data(NamedTuple):
+    """What was trained."""
+
+    sweeps: Mapping[str, Summary]
+    """By their keys in SWEEPS; those that are not done are not in it."""
+    propositions: pa.Table | None = None
+    """What `gradients.collect` measured."""
 
 
 class FigureStudy(NamedTuple):
@@ -18,8 +28,10 @@ class FigureStudy(NamedTuple):
     caption: str
     sweeps: tuple[str, ...]
     """Keys of SWEEPS."""
-    draw: Callable[[Done], Figure]
-    """From the sweeps that are done, which may lack some of these."""
+    draw: Callable[[Data], Figure]
+    """From data that may lack some of these sweeps, but not all."""
+    needs_propositions: bool = False
+    """It draws those, not sweeps."""
 
 
 def optimum(task: str, **constants: object) -> float | None:
@@ -30,9 +42,9 @@ def optimum(task: str, **constants: object) -> float | None:
     return env.optimal_return if isinstance(env, Environment) else None
 
 
-def present(done: Done, tasks: tuple[str, ...] = tuple(TASKS)) -> dict[str, Summary]:
+def present(data: Data, tasks: tuple[str, ...] = tuple(TASKS)) -> dict[str, Summary]:
     """The tasks whose main sweep is done."""
-    return {task: done[task] for task in tasks if task in done}
+    return {task: data.sweeps[task] for task in tasks if task in data.sweeps}
 
 
 def heading(task: str) -> str:

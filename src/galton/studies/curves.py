@@ -7,15 +7,14 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from galton.analysis.plots import draw_optimum, draw_series, finish, fit, look_of, over_steps, panels
-from galton.analysis.statistics import Numbers, mean_interval
-from galton.studies.base import heading, optimum, present
+from galton.analysis.statistics import mean_interval
+from galton.studies.base import Data, heading, optimum, present
 from galton.studies.summary import Summary
-from galton.studies.sweeps import Done
 
 
 def draw_best(axes: Axes, best_of: Mapping[str, Summary], metric: str, best: float | None) -> None:
     """Mean and 95% CI of each loss's best setting (App. C.2), from the sweep that it is the best of."""
-    means: list[Numbers] = []
+    means: list[np.ndarray | np.float64] = []
     for loss, summary in best_of.items():
         runs = summary.curves(metric)[summary.rows(summary.best[loss].setting)]
         interval = mean_interval(runs)
@@ -29,9 +28,9 @@ def draw_best(axes: Axes, best_of: Mapping[str, Summary], metric: str, best: flo
     fit(axes, means)
 
 
-def best_curves(done: Done, tasks: tuple[str, ...], metric: str) -> Figure:
+def best_curves(data: Data, tasks: tuple[str, ...], metric: str) -> Figure:
     """A panel per task that is done."""
-    found = present(done, tasks)
+    found = present(data, tasks)
     figure, axes = panels(len(found))
     for panel, (task, summary) in zip(axes, found.items(), strict=True):
         draw_best(panel, dict.fromkeys(summary.best, summary), metric, optimum(task))

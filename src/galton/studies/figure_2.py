@@ -9,5 +9,5 @@ FIGURE = FigureStudy(
     "Undiscounted training return of each loss's best setting (highest mean final training return): mean over trials "
     "and 95% confidence interval. The dashed line is the best that any policy can do, where that is known.",
     tuple(TASKS),
-    lambda done: best_curves(done, tuple(TASKS), "training_return"),
+    lambda data: best_curves(data, tuple(TASKS), "training_return"),
 )

@@ -1,6 +1,7 @@
 """Figure 3: the bandit under noise, in more dimensions, and with the two controls of §5.2.3."""
 
 import json
+from collections.abc import Mapping
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -8,54 +9,52 @@ from matplotlib.figure import Figure
 
 from galton.analysis.plots import draw_series, finish, look_of, panels
 from galton.analysis.statistics import mean_interval
-from galton.studies.base import FigureStudy, optimum
+from galton.studies.base import Data, FigureStudy, optimum
 from galton.studies.curves import draw_best
 from galton.studies.summary import Summary
-from galton.studies.sweeps import DIMENSIONS, NOISES, Done
+from galton.studies.sweeps import DIMENSIONS, NOISES
 
 _NOISE = tuple(f"bandit-noise-{noise:g}" for noise in NOISES)
 _DIMENSION = tuple(f"bandit-d-{d}" for d in DIMENSIONS)
 CONTROLS = {"bandit-init-gaussian": "Init Gaussian", "bandit-gaussian-exploration": "Gaussian Exploration"}
 
 
-def across(done: Done, constant: str, default: float) -> dict[float, Summary]:
+def across(done: Mapping[str, Summary], constant: str, default: float) -> dict[float, Summary]:
     """The bandits with the winners of the main one, by the constant's value; its own value is the winners' re-run."""
     names = _NOISE if constant == "noise_std" else _DIMENSION
-    found = {json.loads(done[name].study.env_kwargs)[constant]: done[name] for name in names if name in done}
+    found = {float(json.loads(done[name].study.env_kwargs)[constant]): done[name] for name in names if name in done}
     if "bandit-again" in done:
         found[default] = done["bandit-again"]
     return dict(sorted(found.items()))
 
 
-def _final(axes: Axes, bandits: dict[float, Summary]) -> None:
-    """Final return of each loss's setting against the bandit's constant."""
-    if not bandits:
-        return
-    losses = [setting.config.loss for setting in next(iter(bandits.values())).study.settings]
-    for loss in losses:
-        finals = [b.best[loss].final_training_return.astype(np.float64) for b in bandits.values()]
-        interval = mean_interval(np.stack(finals, axis=1))
-        draw_series(axes, list(bandits), interval, *look_of(loss), marker="o")
-    axes.set_ylabel("final training return")
-
-
-def draw(done: Done) -> Figure:
-    """The four panels."""
-    figure, axes = panels(4, columns=2, height=2.9)
-    _final(axes[0], across(done, "noise_std", 1.0))
-    axes[0].set_xlabel("standard deviation of the reward's noise")
-    _final(axes[1], across(done, "d", 2))
-    axes[1].set_xlabel("action dimensions d")
-    axes[1].set_xscale("log", base=2)
-    axes[1].xaxis.set_major_formatter("{x:g}")
-    for panel, (name, title) in zip(axes[2:], CONTROLS.items(), strict=True):
-        if name in done and "bandit" in done:
-            best_of = {"gaussian": done["bandit"]} | dict.fromkeys(done[name].best, done[name])
-            draw_best(panel, best_of, "training_return", optimum("bandit"))
-        panel.set_title(title, fontsize=10)
+def draw(data: Data) -> Figure:
+    """Final returns by noise and by dimension, learning curves under the two controls: those that are there."""
+    constants = {"noise_std": across(data.sweeps, "noise_std", 1.0), "d": across(data.sweeps, "d", 2.0)}
+    constants = {name: bandits for name, bandits in constants.items() if bandits}
+    controls = {name: data.sweeps[name] for name in CONTROLS if name in data.sweeps}
+    figure, axes = panels(len(constants) + len(controls), columns=2, height=2.9)
+    for panel, (name, bandits) in zip(axes, constants.items(), strict=False):
+        _draw_final(panel, bandits)
+        panel.set_xlabel("standard deviation of the reward's noise" if name == "noise_std" else "action dimensions d")
+        if name == "d":
+            panel.set_xscale("log", base=2)
+            panel.xaxis.set_major_formatter("{x:g}")
+    for panel, (name, control) in zip(axes[len(constants) :], controls.items(), strict=True):
+        main = {"gaussian": data.sweeps["bandit"]} if "bandit" in data.sweeps else {}
+        draw_best(panel, main | dict.fromkeys(control.best, control), "training_return", optimum("bandit"))
+        panel.set_title(CONTROLS[name], fontsize=10)
         panel.set_ylabel("training return")
     finish(figure, axes, columns=5)
     return figure
+
+
+def _draw_final(axes: Axes, bandits: dict[float, Summary]) -> None:
+    """Final return of each loss's setting against the bandit's constant."""
+    for loss in next(iter(bandits.values())).best:
+        finals = [bandit.best[loss].final_training_return.astype(np.float64) for bandit in bandits.values()]
+        draw_series(axes, list(bandits), mean_interval(np.stack(finals, axis=1)), *look_of(loss), marker="o")
+    axes.set_ylabel("final training return")
 
 
 FIGURE = FigureStudy(

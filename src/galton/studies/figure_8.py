@@ -9,5 +9,5 @@ FIGURE = FigureStudy(
     "Undiscounted return of the deterministic policy (the Gaussian's mean, the softmax's most likely bin) during "
     "training, with the settings of Figure 2: mean over trials and 95% confidence interval.",
     tuple(TASKS),
-    lambda done: best_curves(done, tuple(TASKS), "evaluation_return"),
+    lambda data: best_curves(data, tuple(TASKS), "evaluation_return"),
 )

@@ -9,5 +9,5 @@ FIGURE = FigureStudy(
     "Training return on the LQR and on Acrobot",
     "Two panels of Figure 2, larger, as the paper has them in its appendix.",
     _TASKS,
-    lambda done: best_curves(done, _TASKS, "training_return"),
+    lambda data: best_curves(data, _TASKS, "training_return"),
 )

@@ -1,12 +1,16 @@
 """What figures need, trained: each sweep in a folder of its own, then as a summary of a megabyte or less."""
 
+import io
 from collections.abc import Callable, Iterable
 
 import pyarrow as pa
+import pyarrow.parquet as pq
 
 from galton.errors import UsageError
+from galton.studies.base import Data
+from galton.studies.gradients import collect
 from galton.studies.summary import Summary
-from galton.studies.sweeps import Budget, find_sweep
+from galton.studies.sweeps import SWEEPS, Budget, find_sweep
 from galton.sweep import engine, results
 from galton.sweep.plan import Plan
 from galton.sweep.shard import provenance
@@ -14,6 +18,8 @@ from galton.sweep.store import Store
 
 DATA = "data"
 """The folder of summaries."""
+PROPOSITIONS = "propositions.parquet"
+"""What was measured of the propositions, there."""
 CarryOut = Callable[[Store, Plan], None]
 """Trains what a plan lacks."""
 
@@ -26,15 +32,25 @@ def needed(sweeps: Iterable[str]) -> list[str]:
     return list(found)
 
 
-def load(out: str) -> dict[str, Summary]:
-    """The summaries in a folder, by the names of their sweeps."""
+def load(out: str) -> Data:
+    """What a folder holds."""
     store = Store(f"{out}/{DATA}")
-    files = (file for file in store.names("") if file.endswith(".parquet"))
-    return {file.removesuffix(".parquet"): Summary.load(store, file) for file in files}
+    files = store.names("")
+    sweeps = {name: Summary.load(store, f"{name}.parquet") for name in SWEEPS if f"{name}.parquet" in files}
+    return Data(sweeps, pq.read_table(io.BytesIO(store.read(PROPOSITIONS))) if PROPOSITIONS in files else None)
 
 
-def train(sweeps: Iterable[str], budget: Budget, out: str, carry_out: CarryOut) -> dict[str, Summary]:
-    """Do what is not done yet; all summaries in the folder in the end.
+def measure_propositions(budget: Budget, out: str) -> None:
+    """Unless the folder has them: train networks and measure both sides of both bounds on them."""
+    store = Store(f"{out}/{DATA}")
+    if PROPOSITIONS not in store.names(""):
+        buffer = io.BytesIO()
+        pq.write_table(collect(budget), buffer, compression="zstd")
+        store.write(PROPOSITIONS, buffer.getvalue())
+
+
+def train(sweeps: Iterable[str], budget: Budget, out: str, carry_out: CarryOut) -> None:
+    """Do what is not done yet.
 
     Args:
         sweeps: keys of SWEEPS; what they need comes first.
@@ -46,7 +62,7 @@ def train(sweeps: Iterable[str], budget: Budget, out: str, carry_out: CarryOut) 
     Raises:
         UsageError: the folder holds a sweep at another budget, or is in use, or full.
     """
-    done = load(out)
+    done = dict(load(out).sweeps)
     for name in needed(sweeps):
         sweep = find_sweep(name)
         study = sweep.study(budget, done)
@@ -59,9 +75,8 @@ def train(sweeps: Iterable[str], budget: Budget, out: str, carry_out: CarryOut) 
             continue
         store = Store(f"{out}/sweeps/{name}")
         with store.lock():
-            plan = engine.prepare(store, study, sweep.shard_width(study), extend=False)
+            plan = engine.prepare(store, study, None, extend=False)
             carry_out(store, plan)
             table: pa.Table = results.collect(store, plan)
             done[name] = Summary.of_results(study, table, {"budget": budget} | provenance(store, plan))
         done[name].save(Store(f"{out}/{DATA}"), f"{name}.parquet")
-    return done

@@ -8,9 +8,9 @@ from scipy import stats
 
 from galton.analysis.plots import draw_series, fit, over_steps, panels
 from galton.analysis.statistics import Interval, mean_interval
-from galton.studies.base import FigureStudy, heading, present
+from galton.studies.base import Data, FigureStudy, heading, present
 from galton.studies.summary import Summary
-from galton.studies.sweeps import TASKS, Done
+from galton.studies.sweeps import TASKS
 
 NAMES = {"learning_rate": "learning rate", "n_bins": "k", "eta": "η"}
 
@@ -25,7 +25,7 @@ def marginals(summary: Summary, loss: str, field: str, metric: str) -> dict[floa
     for setting in summary.study.settings:
         if setting.config.loss == loss:
             runs = curves[summary.rows(setting)]
-            groups.setdefault(setting.record()[field], []).append(runs)
+            groups.setdefault(float(setting.record()[field]), []).append(runs)
     return {value: stratified_mean(group) for value, group in sorted(groups.items())}
 
 
@@ -39,11 +39,11 @@ def stratified_mean(strata: list[Float[np.ndarray, "n *rest"]]) -> Interval:
     return Interval(mean, mean - half, mean + half)
 
 
-def draw_sensitivity(done: Done, loss: str, fields: tuple[str, ...]) -> Figure:
+def draw_sensitivity(data: Data, loss: str, fields: tuple[str, ...]) -> Figure:
     """A row per field, a column per task whose sweep varies it."""
     found: list[tuple[str, str, dict[float, Interval], Summary]] = []
     for field in fields:
-        for task, summary in present(done).items():
+        for task, summary in present(data).items():
             curves = marginals(summary, loss, field, "training_return")
             if len(curves) > 1:
                 found.append((field, task, curves, summary))
@@ -63,8 +63,8 @@ def draw_sensitivity(done: Done, loss: str, fields: tuple[str, ...]) -> Figure:
 def study(loss: str, label: str, fields: tuple[str, ...]) -> FigureStudy:
     """Of a loss: Figure 4, 5 or 6."""
 
-    def draw(done: Done) -> Figure:
-        return draw_sensitivity(done, loss, fields)
+    def draw(data: Data) -> Figure:
+        return draw_sensitivity(data, loss, fields)
 
     names = ", ".join(NAMES[field] for field in fields)
     return FigureStudy(

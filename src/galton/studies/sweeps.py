@@ -89,7 +89,7 @@ def _settings(task: str, budget: Budget) -> tuple[Setting, ...]:
         return paper + expand([centred], base)
     rates, bins = (rates[-3:], 100) if budget == "small" else (rates[1:3], 20)
     etas, wide = ([0.25, 0.75], [2.0]) if TASKS[task].in_jax else ([0.25], [2.0])
-    if task == "ant":
+    if (task, budget) == ("ant", "small"):
         rates = rates[::2]
     blocks = (
         {"loss": "gaussian", "learning_rate": rates},
@@ -175,9 +175,11 @@ def _why(task: str) -> Sweep:
             {"loss": "hl-gauss-centred", "eta": [2.0] if smoke else [2.0, 4.0]},
         ]
         blocks = [{"learning_rate": rates, "n_bins": bins} | loss | CHANGES[name] for name in names for loss in losses]
-        whole = _study(task, budget, expand(blocks, task_defaults(TASKS[task].env)))
+        settings = expand(blocks, task_defaults(TASKS[task].env))
+        main = _study(task, budget, settings[:1])
         trials = {"smoke": 2, "small": 3, "paper": 6}[budget]
-        return dataclasses.replace(whole, trials=trials, logs=whole.logs if smoke else 125)  # for batches of 20 and 160
+        logs = main.logs if smoke else 125  # for batches of 20 and 160
+        return dataclasses.replace(main, settings=settings, trials=trials, logs=logs)
 
     return Sweep(task, f"{TASKS[task].title}: what changes the order of the losses", study)
 

@@ -1,0 +1,31 @@
+"""From differences to verdicts and words."""
+
+from collections.abc import Iterable, Mapping
+
+from galton.analysis.statistics import Interval
+
+UNKNOWN = "not decidable here"
+NOT_TRAINED = "What it needs was not trained."
+
+
+def verdict(gaps: Iterable[Interval]) -> str:
+    """Of differences that the paper says are positive: all are, some are, none is."""
+    clear = [bool(gap.low > 0) for gap in gaps]
+    return UNKNOWN if not clear else "holds" if all(clear) else "holds in part" if any(clear) else "does not hold"
+
+
+def listed(gaps: Mapping[str, Interval], spec: str = "+.2f") -> str:
+    """Each by its name."""
+    return "; ".join(f"{name} {gap:{spec}}" for name, gap in gaps.items())
+
+
+def sorted_out(gaps: Mapping[str, Interval]) -> str:
+    """Which are clearly positive, clearly negative, or neither, in words."""
+    if not gaps:
+        return NOT_TRAINED
+    words = {
+        "better": [name for name, gap in gaps.items() if gap.low > 0],
+        "worse": [name for name, gap in gaps.items() if gap.high < 0],
+        "no clear difference": [name for name, gap in gaps.items() if not (gap.low > 0 or gap.high < 0)],
+    }
+    return "; ".join(f"{word}: {', '.join(names)}" for word, names in words.items() if names) + "."

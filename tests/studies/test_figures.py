@@ -1,0 +1,76 @@
+"""Figures drawn from sweeps that nobody trained: what stands in them is what went in."""
+
+import numpy as np
+import pytest
+
+from galton.analysis.plots import RUN
+from galton.errors import UsageError
+from galton.losses import LOSSES
+from galton.studies.base import Data
+from galton.studies.registry import FIGURES, find_figure
+from galton.studies.sweeps import DIMENSIONS, NOISES, SWEEPS, TASKS
+
+from . import made_up
+
+ENDS = {"gaussian": 1.0, "hl-one-hot": 2.0, "hl-gauss": 3.0, "hl-gauss-centred": 4.0}
+
+
+@pytest.fixture(scope="module")
+def data():
+    return made_up.data(lambda name, setting: ENDS[setting.config.loss] - (name == "bandit-noise-10"))
+
+
+def named(axes, name):
+    (line,) = [line for line in axes.get_lines() if line.get_gid() == name]
+    return line
+
+
+SWEPT = [name for name in FIGURES if find_figure(name).sweeps]
+
+
+@pytest.mark.parametrize("name", SWEPT)
+def test_a_figure_needs_sweeps_that_exist_and_draws_any_part_of_them(name, data):
+    study = find_figure(name)
+    assert set(study.sweeps) <= set(SWEEPS)
+    assert study.draw(data).axes
+    for sweep in study.sweeps:
+        panels = study.draw(Data({sweep: data.sweeps[sweep]})).axes
+        assert all(panel.lines or panel.collections for panel in panels)
+
+
+@pytest.mark.parametrize("name", ["figure-2", "figure-8", "figure-9"])
+def test_learning_curves_are_means_over_the_winners_trials(name, data):
+    study = find_figure(name)
+    figure = study.draw(data)
+    metric = "evaluation_return" if name == "figure-8" else "training_return"
+    for axes, task in zip(figure.axes, study.sweeps, strict=True):
+        assert TASKS[task].title in axes.get_title()
+        summary = data.sweeps[task]
+        for loss, best in summary.best.items():
+            curves = summary.curves(metric)[summary.rows(best.setting)]
+            np.testing.assert_allclose(named(axes, LOSSES[loss].label).get_ydata(), curves.mean(0))
+            assert sum(line.get_gid() == RUN + LOSSES[loss].label for line in axes.get_lines()) == len(curves)
+
+
+def test_figure_3_shows_final_returns_by_noise_and_dimension(data):
+    noise, dimension, *_ = find_figure("figure-3").draw(data).axes
+    for loss, end in ENDS.items():
+        line = named(noise, LOSSES[loss].label)
+        assert list(line.get_xdata()) == sorted([1.0, *NOISES])
+        np.testing.assert_allclose(line.get_ydata()[:-1], end, atol=0.1)
+        assert line.get_ydata()[-1] == pytest.approx(end - 1, abs=0.1)
+        assert list(named(dimension, LOSSES[loss].label).get_xdata()) == sorted([2, *DIMENSIONS])
+
+
+def test_a_profile_falls_from_all_to_none(data):
+    for axes in find_figure("figure-7").draw(data).axes:
+        for loss in ENDS:
+            share = named(axes, LOSSES[loss].label).get_ydata()
+            assert (np.diff(share) <= 0).all()
+            assert share[-1] <= 0.5
+    assert named(axes, LOSSES["hl-gauss-centred"].label).get_ydata()[0] == 1
+
+
+def test_an_unknown_figure_is_named():
+    with pytest.raises(UsageError, match="figure is 'figure-10'; choose from figure-1"):
+        find_figure("figure-10")

@@ -1,0 +1,109 @@
+"""The command that trains, draws and tells, at its smallest budget."""
+
+import os
+import shutil
+import subprocess
+import sys
+
+import pytest
+
+from galton.commands.reproduce import asked
+from galton.errors import UsageError
+from galton.studies import reproduce
+from galton.studies.registry import FIGURES, find_figure
+from galton.studies.sweeps import SWEEPS, TASKS
+
+from . import made_up
+
+
+def galton(*arguments):
+    return subprocess.run(
+        [sys.executable, "-m", "galton", *map(str, arguments)], capture_output=True, text=True, timeout=900
+    )
+
+
+def files(folder):
+    return {str(path.relative_to(folder)): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """All of it, as a user asks for it."""
+    out = tmp_path_factory.mktemp("whole") / "paper"
+    done = galton("reproduce", "all", "--budget", "smoke", "--out", out)
+    assert done.returncode == 0, done.stderr
+    return out
+
+
+def test_all_of_it_at_the_smallest_budget(whole):
+    assert set(reproduce.load(str(whole)).sweeps) == set(SWEEPS)
+    for name in FIGURES:
+        assert (whole / "figures" / f"{name}.png").stat().st_size > 5_000
+        assert (whole / "figures" / f"{name}.svg").stat().st_size > 5_000
+    page = (whole / "index.html").read_text()
+    assert all(f'id="{name}"' in page for name in FIGURES)
+    assert "Not trained here" not in page
+    assert len(page) < 5_000_000
+
+
+def test_the_summaries_alone_give_the_same_page_without_training(whole, tmp_path):
+    shutil.copytree(whole / reproduce.DATA, tmp_path / reproduce.DATA)
+    done = galton("reproduce", "all", "--budget", "smoke", "--out", tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert not (tmp_path / "sweeps").exists()
+    again = files(tmp_path)
+    assert {name: data for name, data in files(whole).items() if not name.startswith("sweeps")} == again
+    shutil.rmtree(tmp_path / "figures")
+    (tmp_path / "index.html").unlink()
+    assert galton("report", tmp_path).returncode == 0
+    assert files(tmp_path) == again
+
+
+def test_another_budget_in_the_same_folder_is_refused(whole):
+    done = galton("reproduce", "lqr", "--budget", "small", "--out", whole)
+    assert done.returncode == 2
+    assert "whose lqr is of another study than budget 'small'" in done.stderr
+    assert done.stderr.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("arguments", "complaint"),
+    [
+        (["reproduce", "figure-11"], "what is 'figure-11'; choose from figure-1, "),
+        (["report", os.devnull + "/nowhere"], "holds no data; make some with: galton reproduce"),
+    ],
+)
+def test_wrong_words_are_one_line(arguments, complaint):
+    done = galton(*arguments)
+    assert done.returncode == 2
+    assert complaint in done.stderr
+    assert done.stderr.count("\n") == 1
+
+
+def test_words_ask_for_sweeps():
+    everything, propositions = asked(["all"])
+    assert set(everything) == set(SWEEPS)
+    assert propositions
+    assert asked(["figure-3"]) == (list(find_figure("figure-3").sweeps), False)
+    assert asked(["analytic"])[0] == [f"{task}{part}" for task in list(TASKS)[:4] for part in ("", "-again")]
+    assert asked(["ant", "propositions"]) == (["ant", "ant-again"], True)
+    with pytest.raises(UsageError, match="what is 'cart-pole'"):
+        asked(["lqr", "cart-pole"])
+
+
+def test_winners_come_after_the_sweep_that_they_win():
+    assert reproduce.needed(["bandit-noise-5", "lqr-again"]) == ["bandit", "bandit-noise-5", "lqr", "lqr-again"]
+
+
+def test_a_summary_is_enough(tmp_path):
+    """No sweep is carried out whose summary is there."""
+    data = made_up.data(lambda *_: 1.0, ("bandit", "bandit-again"))
+    for name, summary in data.sweeps.items():
+        summary.save(reproduce.Store(f"{tmp_path}/{reproduce.DATA}"), f"{name}.parquet")
+
+    def fail(*_):
+        raise AssertionError("trained")
+
+    reproduce.train(["bandit-again"], "smoke", str(tmp_path), fail)
+    with pytest.raises(AssertionError, match="trained"):
+        reproduce.train(["lqr"], "smoke", str(tmp_path), fail)

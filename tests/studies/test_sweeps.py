@@ -1,0 +1,85 @@
+import collections
+import dataclasses
+
+import pytest
+
+from galton.errors import UsageError
+from galton.studies.sweeps import CENTRED_ETAS, CHANGES, SWEEPS, TASKS, WHY_TASKS, find_sweep
+from galton.studies.why import change_of
+from galton.sweep.grid import paper_grid, task_defaults
+from galton.sweep.plan import Plan
+
+from . import made_up
+
+
+def losses(study):
+    return collections.Counter(setting.config.loss for setting in study.settings)
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_at_paper_budget_a_task_is_app_c2_and_centred_hl_gauss(task):
+    study = SWEEPS[task].study("paper", {})
+    env = TASKS[task].env
+    assert set(paper_grid(env, task_defaults(env))) < set(study.settings)
+    ours = [setting for setting in study.settings if setting.config.loss == "hl-gauss-centred"]
+    assert len(ours) == 4 * len(CENTRED_ETAS) == len(study.settings) - len(paper_grid(env, task_defaults(env)))
+    assert study.trials == (50 if task == "bandit" else 20)
+    assert study.steps == {"bandit": 2_000, "half-cheetah": 10**6, "ant": 10**6}.get(task, 500_000)
+
+
+@pytest.mark.parametrize(("task", "settings", "trials"), [("reacher", 12, 5), ("half-cheetah", 12, 5), ("ant", 6, 3)])
+def test_the_small_budget_of_mujoco(task, settings, trials):
+    study = SWEEPS[task].study("small", {})
+    assert len(study.settings) >= settings
+    assert study.trials >= trials
+    assert study.steps == SWEEPS[task].study("paper", {}).steps
+
+
+@pytest.mark.parametrize("budget", ["smoke", "small", "paper"])
+@pytest.mark.parametrize("task", TASKS)
+def test_every_budget_has_every_loss(budget, task):
+    assert set(losses(SWEEPS[task].study(budget, {}))) == {"gaussian", "hl-one-hot", "hl-gauss", "hl-gauss-centred"}
+
+
+def test_winners_train_again_on_fresh_seeds_and_on_other_bandits():
+    done = made_up.data(lambda _, setting: setting.hypers.learning_rate, ("bandit",)).sweeps
+    main = done["bandit"].study
+    winners = {best.setting for best in done["bandit"].best.values()}
+    again = SWEEPS["bandit-again"].study("smoke", done)
+    assert again.seed != main.seed
+    noisy = SWEEPS["bandit-noise-5"].study("smoke", done)
+    assert noisy == dataclasses.replace(main, settings=noisy.settings, env_kwargs='{"noise_std": 5.0}')
+    assert set(again.settings) == set(noisy.settings) == winners
+
+
+def test_the_controls_change_the_softmax_policies_alone():
+    main = SWEEPS["bandit"].study("paper", {})
+    for name, field in (("init-gaussian", "initial_policy"), ("gaussian-exploration", "exploration")):
+        study = SWEEPS[f"bandit-{name}"].study("paper", {})
+        expected = [
+            setting._replace(config=dataclasses.replace(setting.config, **{field: "gaussian"}))
+            for setting in main.settings
+            if setting.config.loss != "gaussian"
+        ]
+        assert list(study.settings) == expected
+
+
+@pytest.mark.parametrize("task", WHY_TASKS)
+def test_the_study_of_causes_has_every_change_for_every_loss(task):
+    study = SWEEPS[f"why-{task}"].study("paper", {})
+    base = task_defaults(TASKS[task].env)
+    found = collections.Counter((change_of(s, base), s.config.loss) for s in study.settings)
+    assert set(found) == {(change, loss) for change in CHANGES for loss in losses(study)}
+    assert all(count == (4 if loss == "hl-gauss-centred" else 2) for (_, loss), count in found.items())
+
+
+def test_no_shard_trains_runs_for_nothing():
+    for name in ("half-cheetah", "ant"):
+        study = SWEEPS[name].study("small", {})
+        configs = collections.Counter(setting.config for setting in study.settings)
+        assert {count * study.trials for count in configs.values()} == {Plan.create(study).shard_width}
+
+
+def test_an_unknown_sweep_is_named():
+    with pytest.raises(UsageError, match="sweep is 'cart-pole'; choose from bandit, lqr"):
+        find_sweep("cart-pole")
