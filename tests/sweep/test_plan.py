@@ -143,9 +143,7 @@ def test_a_shard_that_is_not_there_is_refused():
 
 def test_settings_with_other_log_points_are_refused():
     settings = expand([{"n_steps": 20, "n_envs": [1, 8]}], {})
-    with pytest.raises(
-        UsageError, match=r"logs is 100, .* 100 with 1 × 20 steps an update and 98 with 8 × 20"
-    ):
+    with pytest.raises(UsageError, match=r"logs is 100, .* 100 with 1 × 20 steps an update and 98 with 8 × 20"):
         Study("lqr", settings, 1, steps=500_000)
     assert Study("lqr", settings, 1, steps=500_000, logs=125)
 
