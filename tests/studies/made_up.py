@@ -43,12 +43,12 @@ def results(study, final_of, n_logs=6, noise=0.01, diverged=()):
     )
 
 
-def data(final_of, names=tuple(SWEEPS)):
-    """Every sweep at the smallest budget; `final_of(name, setting)` is where its runs end."""
+def data(final_of, names=tuple(SWEEPS), budget="smoke"):
+    """Sweeps by name; `final_of(name, setting)` is where its runs end."""
     done = {}
     for name in SWEEPS:
         if name in names:
-            study = SWEEPS[name].study("smoke", done)
+            study = SWEEPS[name].study(budget, done)
             table = results(study, lambda setting, name=name: final_of(name, setting))
             done[name] = Summary.of_results(study, table, PROVENANCE)
     return Data(done)

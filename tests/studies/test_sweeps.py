@@ -49,7 +49,10 @@ def test_winners_train_again_on_fresh_seeds_and_on_other_bandits():
     assert again.seed != main.seed
     noisy = SWEEPS["bandit-noise-5"].study("smoke", done)
     assert noisy == dataclasses.replace(main, settings=noisy.settings, env_kwargs='{"noise_std": 5.0}')
-    assert set(again.settings) == set(noisy.settings) == winners
+    assert set(again.settings) == winners
+    assert {setting.config.loss for setting in noisy.settings} == {"gaussian", "hl-gauss"}  # at this budget
+    assert set(noisy.settings) < winners
+    assert set(SWEEPS["bandit-d-4"].study("paper", done).settings) == winners
 
 
 def test_the_controls_change_the_softmax_policies_alone():

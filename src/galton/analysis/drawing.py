@@ -152,6 +152,8 @@ def _band(area: PolyCollection, x: Sequence[float], y: Sequence[float]) -> dict[
         for at, end in np.asarray(path.vertices).tolist():
             low, high = ends.get(at, (end, end))
             ends[at] = min(low, end), max(high, end)
+    if not x:
+        return {}
     low, high = zip(*(ends.get(at, (math.nan, math.nan)) for at in x), strict=True)
     is_band = ([*low] == y) == ([*high] == y)
     return {"low": _short(low), "high": _short(high)} if is_band else {}

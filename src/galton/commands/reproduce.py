@@ -13,7 +13,7 @@ from galton.errors import UsageError
 from galton.studies import reproduce
 from galton.studies.registry import FIGURES, find_figure
 from galton.studies.sweeps import TASKS, Budget
-from galton.sweep.executors import one_per_core
+from galton.sweep.executors import Place, one_per_core
 
 GROUPS = {
     "analytic": tuple(task for task in TASKS if TASKS[task].in_jax),
@@ -44,7 +44,10 @@ def main(arguments: Sequence[str]) -> None:
     """Train, then report."""
     options = tyro.cli(Options, prog="galton reproduce", args=list(arguments), config=(tyro.conf.OmitArgPrefixes,))
     sweeps, propositions = asked(options.what)
-    with processes(one_per_core(options.workers)) as carry_out:
+    places = one_per_core(options.workers)
+    if options.budget == "smoke":  # compiling is all that takes time
+        places = [Place(place.cores, (("JAX_DISABLE_MOST_OPTIMIZATIONS", "1"),)) for place in places]
+    with processes(places) as carry_out:
         reproduce.train(sweeps, options.budget, str(options.out), carry_out)
     if propositions:
         reproduce.measure_propositions(options.budget, str(options.out))

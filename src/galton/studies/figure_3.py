@@ -28,6 +28,12 @@ def across(done: Mapping[str, Summary], constant: str, default: float) -> dict[f
     return dict(sorted(found.items()))
 
 
+def losses_in(bandits: Mapping[float, Summary]) -> list[str]:
+    """Those that were trained on all of them."""
+    first, *others = bandits.values()
+    return [loss for loss in first.best if all(loss in bandit.best for bandit in others)]
+
+
 def draw(data: Data) -> Figure:
     """Final returns by noise and by dimension, learning curves under the two controls: those that are there."""
     constants = {"noise_std": across(data.sweeps, "noise_std", 1.0), "d": across(data.sweeps, "d", 2.0)}
@@ -51,7 +57,7 @@ def draw(data: Data) -> Figure:
 
 def _draw_final(axes: Axes, bandits: dict[float, Summary]) -> None:
     """Final return of each loss's setting against the bandit's constant."""
-    for loss in next(iter(bandits.values())).best:
+    for loss in losses_in(bandits):
         finals = [bandit.best[loss].final_training_return.astype(np.float64) for bandit in bandits.values()]
         draw_series(axes, list(bandits), mean_interval(np.stack(finals, axis=1)), *look_of(loss), marker="o")
     axes.set_ylabel("final training return")

@@ -22,7 +22,8 @@ def draw(data: Data) -> Figure:
     figure, axes = panels(len(found))
     for panel, (task, summary) in zip(axes, found.items(), strict=True):
         everything = summary.final("training_return")
-        low, high = np.nanquantile(everything, [0.02, 1.0])
+        known = everything[~np.isnan(everything)]
+        low, high = np.quantile(known, [0.02, 1.0]) if len(known) else (0.0, 0.0)
         taus = np.linspace(low, high, 200)
         for loss in summary.best:
             draw_series(panel, taus, performance_profile([finals(summary, loss)], taus), *look_of(loss))

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float
 
-from galton.analysis.statistics import Interval, difference_interval, stratified_bootstrap
+from galton.analysis.statistics import Interval, difference_interval, mean_interval, stratified_bootstrap
 from galton.studies.base import Data
 from galton.studies.summary import Summary
 
@@ -22,15 +22,18 @@ def winner(data: Data, task: str) -> Summary:
 
 def final_return(summary: Summary, loss: str, metric: str = "training_return") -> Scores:
     """Of each trial of the loss's best setting; a run that diverged counts as the worst that any run ended with."""
-    scores = summary.final(metric)
-    known = np.where(np.isnan(scores), np.nanmin(scores), scores)
-    return np.asarray(known[summary.rows(summary.best[loss].setting)])
+    return np.asarray(_filled(summary.final(metric))[summary.rows(summary.best[loss].setting)])
 
 
 def mean_return(summary: Summary, loss: str) -> Scores:
     """Mean training return over all of training, the area under each trial's curve: how fast it learns."""
-    curves = summary.curves("training_return")[summary.rows(summary.best[loss].setting)]
-    return np.asarray(np.where(np.isnan(curves), np.nanmin(curves), curves).mean(1))
+    return np.asarray(_filled(summary.curves("training_return")[summary.rows(summary.best[loss].setting)]).mean(1))
+
+
+def _filled(returns: Float[np.ndarray, "*any"]) -> Float[np.ndarray, "*any"]:
+    """Each NaN as the worst that is known, if anything is."""
+    known = returns[~np.isnan(returns)]
+    return np.where(np.isnan(returns), known.min(), returns) if len(known) else returns
 
 
 def better_classification(data: Data, task: str, score: str = "final") -> tuple[str, Interval]:
@@ -48,14 +51,13 @@ def spread(summary: Summary, loss: str, field: str) -> Interval | None:
     That is the best setting's mean final return less the mean return at the first log point, of all runs. None where
     the grid does not vary the field. The interval is bootstrapped over trials.
     """
-    final = summary.final("training_return")
-    final = np.where(np.isnan(final), np.nanmin(final), final)
+    final = _filled(summary.final("training_return"))
     own = [setting for setting in summary.study.settings if setting.config.loss == loss]
     values = np.array([setting.record()[field] for setting in own])
     if len(set(values)) < 2:
         return None
     best = max(final[summary.setting == i].mean() for i in np.unique(summary.setting))
-    gain = best - np.nanmean(summary.curves("training_return")[:, 0])
+    gain = best - mean_interval(summary.curves("training_return")[:, 0]).mean
 
     def moved(scores: Sequence[Scores]) -> float:
         means = np.array([score.mean() for score in scores])

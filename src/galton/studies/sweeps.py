@@ -154,9 +154,10 @@ def _bandit_control(field: str) -> Sweep:
 def _bandit_with(constant: str, value: float | int) -> Sweep:
     """The bandit's winners on another bandit."""
 
-    def study(_: Budget, done: Done) -> Study:
+    def study(budget: Budget, done: Done) -> Study:
         main = done["bandit"]
-        settings = tuple(best.setting for best in main.best.values())
+        losses = ("gaussian", "hl-gauss") if budget == "smoke" else tuple(main.best)
+        settings = tuple(main.best[loss].setting for loss in losses)
         return dataclasses.replace(main.study, settings=settings, env_kwargs=json.dumps({constant: value}))
 
     return Sweep("bandit", f"Bandit: each loss's best setting, {constant} = {value}", study, ("bandit",))
@@ -168,7 +169,7 @@ def _why(task: str) -> Sweep:
     def study(budget: Budget, _: Done) -> Study:
         smoke = budget == "smoke"
         rates, bins = ([1e-3], 20) if smoke else ([3e-4, 1e-3], 100)
-        names = ["as in the paper", "advantages normalised"] if smoke else list(CHANGES)
+        names = ["as in the paper", "λ = 0.95"] if smoke else list(CHANGES)
         losses: list[dict[str, Any]] = [
             {"loss": ["gaussian", "hl-one-hot"]},
             {"loss": "hl-gauss", "eta": 0.25},

@@ -9,7 +9,7 @@ from galton.analysis.statistics import Interval, difference_interval
 from galton.losses import LOSSES
 from galton.studies.base import Data
 from galton.studies.claims.verdicts import UNKNOWN, listed, sorted_out, verdict
-from galton.studies.figure_3 import CONTROLS, across
+from galton.studies.figure_3 import CONTROLS, across, losses_in
 from galton.studies.measures import CLASSIFICATION, final_return, mean_return
 
 
@@ -19,8 +19,12 @@ def less_sensitive_to_noise(data: Data) -> Claim:
     gaps: dict[str, Interval] = {}
     if len(bandits) > 1:
         calm, noisy = bandits[min(bandits)], bandits[max(bandits)]
-        drops = {loss: final_return(calm, loss) - final_return(noisy, loss) for loss in calm.best}
-        gaps = {LOSSES[loss].label: difference_interval(drops["gaussian"], drops[loss]) for loss in CLASSIFICATION}
+        drops = {loss: final_return(calm, loss) - final_return(noisy, loss) for loss in losses_in(bandits)}
+        gaps = {
+            LOSSES[loss].label: difference_interval(drops["gaussian"], drops[loss])
+            for loss in CLASSIFICATION
+            if loss in drops
+        }
     return Claim(
         "§5.2.2",
         "Classification is less sensitive to noise in the reward.",
@@ -40,7 +44,8 @@ def degrades_with_dimension(data: Data) -> Claim:
         few, many = bandits[min(bandits)], bandits[max(bandits)]
         gaps = {
             LOSSES[loss].label: difference_interval(final_return(few, loss), final_return(many, loss))
-            for loss in ("gaussian", *CLASSIFICATION)
+            for loss in losses_in(bandits)
+            if LOSSES[loss].in_paper
         }
     return Claim(
         "§5.2.2",
@@ -57,7 +62,7 @@ def higher_in_all_dimensions(data: Data) -> Claim:
     """§5.2.2, Figure 3b."""
     gaps = {}
     for d, bandit in across(data.sweeps, "d", 2.0).items():
-        scores = [final_return(bandit, loss) for loss in CLASSIFICATION]
+        scores = [final_return(bandit, loss) for loss in CLASSIFICATION if loss in bandit.best]
         worse = min(scores, key=lambda score: float(score.mean()))
         gaps[f"d = {d:g}"] = difference_interval(worse, final_return(bandit, "gaussian"))
     return Claim(
