@@ -36,7 +36,8 @@ def results(study, final_of, n_logs=6, noise=0.01, diverged=()):
             "final_evaluation_return": final,
             "diverged_at": diverged_at,
             "steps": pa.FixedSizeListArray.from_arrays(
-                np.tile(np.linspace(1, study.steps, n_logs).astype(np.int32), len(setting)), n_logs
+                np.tile(np.linspace(1, study.steps, n_logs).astype(np.int32), len(setting)),
+                type=pa.list_(pa.field("element", pa.int32()), n_logs),
             ),
         }
         | lists

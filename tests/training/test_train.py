@@ -28,7 +28,11 @@ def assert_same_bits(a, b):
         np.testing.assert_array_equal(x, y)
 
 
-@pytest.mark.parametrize("loss", LOSSES)
+SOME = [pytest.param(loss, marks=[] if loss in ("gaussian", "hl-gauss") else pytest.mark.slow) for loss in LOSSES]
+"""Every loss, two of them in the fast suite."""
+
+
+@pytest.mark.parametrize("loss", SOME)
 def test_the_same_seed_gives_the_same_bits_and_another_seed_others(loss):
     config = dataclasses.replace(CONFIG, loss=loss)
     first, second = run(config=config, seeds=[3, 4]), run(config=config, seeds=[3, 4])
@@ -37,7 +41,7 @@ def test_the_same_seed_gives_the_same_bits_and_another_seed_others(loss):
     assert any((x != y).any() for x, y in zip(leaves(first, 0), leaves(first, 1), strict=True))
 
 
-@pytest.mark.parametrize("loss", LOSSES)
+@pytest.mark.parametrize("loss", SOME)
 def test_a_run_alone_and_in_a_group_agree(loss):
     config = dataclasses.replace(CONFIG, loss=loss)
     rates = np.array([1e-3, 7e-4, 1e-2, 3e-4, 1e-4], np.float32)
@@ -115,7 +119,7 @@ def test_several_environments_per_run():
         {"net_arch": ()},
     ],
 )
-@pytest.mark.parametrize("loss", ["hl-gauss", "hl-gauss-centred"])
+@pytest.mark.parametrize("loss", ["hl-gauss", pytest.param("hl-gauss-centred", marks=pytest.mark.slow)])
 def test_every_variant_trains(loss, settings):
     result = run(config=dataclasses.replace(CONFIG, loss=loss, **settings))
     assert (result.diverged_at == -1).all()

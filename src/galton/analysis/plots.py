@@ -92,6 +92,13 @@ def finish(figure: Figure, axes: Sequence[Axes], columns: int = 4) -> None:
         figure.legend(list(found.values()), list(found), loc="outside lower center", ncols=min(len(found), columns))
 
 
+def settle(figure: Figure) -> None:
+    """Lay it out for good: every drawing of it is the same, and none has to do it again."""
+    with mpl.rc_context(_STYLE):
+        figure.draw_without_rendering()
+    figure.set_layout_engine("none")
+
+
 def over_steps(axes: Axes, last: float) -> None:
     """The x axis of a learning curve."""
     axes.set_xlabel("environment steps")

@@ -4,6 +4,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from galton.analysis.page import Section, Table, render
+from galton.analysis.plots import settle
 from galton.analysis.statistics import mean_interval
 from galton.losses import LOSSES, find_loss
 from galton.studies.base import Data, FigureStudy, optimum, present
@@ -29,7 +30,10 @@ INTRODUCTION = (
 def figures(data: Data) -> dict[str, Figure]:
     """Every figure that the data suffices for."""
     drawn = {name: find_figure(name).draw(data) for name in FIGURES if _is_there(find_figure(name), data)}
-    return {name: figure for name, figure in drawn.items() if figure.axes}
+    drawn = {name: figure for name, figure in drawn.items() if figure.axes}
+    for figure in drawn.values():
+        settle(figure)
+    return drawn
 
 
 def _is_there(study: FigureStudy, data: Data) -> bool:

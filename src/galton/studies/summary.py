@@ -42,7 +42,8 @@ class Summary:
             curves = _matrix(results, metric)
             columns[f"final_{metric}"] = pa.array(final(curves, diverged_at).astype(np.float32))
             if metric in CURVES:
-                columns[metric] = pa.FixedSizeListArray.from_arrays(pa.array(_shorten(curves).ravel()), curves.shape[1])
+                as_read = pa.list_(pa.field("element", pa.float32()), curves.shape[1])
+                columns[metric] = pa.FixedSizeListArray.from_arrays(_shorten(curves).ravel(), type=as_read)
         columns["steps"] = results.column("steps")
         return cls(study, provenance, pa.table(columns))
 
