@@ -1,5 +1,6 @@
 """Verdicts on sweeps whose outcome is chosen."""
 
+import numpy as np
 import pytest
 
 from galton.analysis.statistics import Interval
@@ -37,7 +38,13 @@ def test_classification_wins_loses_or_wins_somewhere(claim):
 
 
 def test_centred_hl_gauss_counts_for_nothing_in_the_papers_claims():
-    assert judged(returns.ends_higher, winning("hl-gauss-centred")) == "does not hold"
+    assert judged(returns.ends_higher, winning("hl-gauss-centred")) != "holds"
+
+
+def test_calm_is_a_spread_between_seeds():
+    wide, narrow = np.array([-8.0, 0.0, 8.0]), np.array([-1.0, 0.0, 1.0])
+    assert returns._calm([wide, narrow]) == 3
+    assert returns.more_stable(made_up.data(winning("hl-gauss"))).number.startswith("Bandit ")
 
 
 def test_acrobot_is_judged_the_other_way_round():
@@ -108,5 +115,7 @@ def test_without_data_nothing_is_decided():
 
 def test_a_verdict_needs_whole_intervals():
     assert verdict([Interval(1.0, 0.1, 2.0), Interval(1.0, -0.1, 2.0)]) == "holds in part"
-    assert verdict([Interval(1.0, -0.1, 2.0)]) == "does not hold"
+    assert verdict([Interval(1.0, -0.1, 2.0)]) == "not decidable here"
+    assert verdict([Interval(1.0, -0.1, 2.0), Interval(-1.0, -2.0, -0.1)]) == "does not hold"
+    assert verdict([Interval(1.0, np.nan, np.nan), Interval(1.0, 0.1, 2.0)]) == "holds"
     assert verdict([]) == "not decidable here"

@@ -27,6 +27,14 @@ INTRODUCTION = (
 )
 
 
+BUDGETS = {
+    "smoke": "A few hundred steps: the numbers mean nothing, and no verdict does.",
+    "small": "A part of the grid, few trials.",
+    "paper": "The paper's grid and trials.",
+}
+"""What to think of each."""
+
+
 def figures(data: Data) -> dict[str, Figure]:
     """Every figure that the data suffices for."""
     drawn = {name: find_figure(name).draw(data) for name in FIGURES if _is_there(find_figure(name), data)}
@@ -51,7 +59,15 @@ def page(data: Data, drawn: dict[str, Figure]) -> str:
         table = _TABLES[name](data) if name in _TABLES and name in drawn else None
         missing = () if name in drawn else ("Not trained here.",)
         sections.append(Section(name, title, study.caption, drawn.get(name), _facts(name, study, data), table, missing))
-    return render(TITLE, INTRODUCTION, all_claims(data), sections)
+    return render(TITLE, [*INTRODUCTION, *trained(data)], all_claims(data), sections)
+
+
+def trained(data: Data) -> list[str]:
+    """A sentence for each budget that tasks were trained with."""
+    tasks: dict[str, list[str]] = {}
+    for task, summary in present(data).items():
+        tasks.setdefault(summary.provenance["budget"], []).append(TASKS[task].title)
+    return [f"Trained with budget {budget}: {', '.join(names)}. {BUDGETS[budget]}" for budget, names in tasks.items()]
 
 
 def brief(setting: Setting) -> str:

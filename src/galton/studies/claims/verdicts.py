@@ -2,6 +2,8 @@
 
 from collections.abc import Iterable, Mapping
 
+import numpy as np
+
 from galton.analysis.statistics import Interval
 
 UNKNOWN = "not decidable here"
@@ -9,9 +11,15 @@ NOT_TRAINED = "What it needs was not trained."
 
 
 def verdict(gaps: Iterable[Interval]) -> str:
-    """Of differences that the paper says are positive: all are, some are, none is."""
-    clear = [bool(gap.low > 0) for gap in gaps]
-    return UNKNOWN if not clear else "holds" if all(clear) else "holds in part" if any(clear) else "does not hold"
+    """Of differences that the paper says are positive: all clearly are, some are, none is and some are negative.
+
+    Where none is clearly either, and where too few trials give an interval, nothing is decided.
+    """
+    known = [gap for gap in gaps if not np.isnan(gap.low)]
+    better, worse = [bool(gap.low > 0) for gap in known], [bool(gap.high < 0) for gap in known]
+    if not (any(better) or any(worse)):
+        return UNKNOWN
+    return "holds" if all(better) else "holds in part" if any(better) else "does not hold"
 
 
 def listed(gaps: Mapping[str, Interval], spec: str = "+.2f") -> str:
