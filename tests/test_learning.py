@@ -18,7 +18,10 @@ def best_mean(env, config, rates, n_seeds, steps, **hypers):
     return np.max(np.nan_to_num(final.reshape(len(rates), n_seeds).mean(1), nan=-np.inf))
 
 
-@pytest.mark.parametrize("loss", LOSSES)
+FAST = ("gaussian", "hl-gauss")
+
+
+@pytest.mark.parametrize("loss", [pytest.param(x, marks=[] if x in FAST else pytest.mark.slow) for x in LOSSES])
 def test_every_loss_solves_the_bandit(loss):
     config = Config(loss=loss, n_steps=5, net_arch=())
     assert best_mean(Bandit(), config, (0.01, 0.05, 0.1, 1.0), 20, 2_000, eta=0.75) > 25 - 1.5

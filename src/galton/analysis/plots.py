@@ -27,6 +27,8 @@ COLORS = dict(zip(LOSSES, ("#000000", "#E69F00", "#0072B2", "#009E73"), strict=F
 RUN = "run:"
 """How the gid of a single run's line begins; the name of its series follows."""
 
+_LEGEND_ENTRY = 1.9
+"""Inches that the longest name takes."""
 _STYLE: Any = {
     "axes.spines.top": False,
     "axes.spines.right": False,
@@ -80,14 +82,15 @@ def look_of(loss: str) -> tuple[str, str, str]:
     return LOSSES[loss].label, COLORS[loss], "-" if LOSSES[loss].in_paper else "-."
 
 
-def finish(figure: Figure, axes: Sequence[Axes], columns: int = 4) -> None:
-    """One legend below all panels, of every name in them."""
+def finish(figure: Figure, axes: Sequence[Axes]) -> None:
+    """One legend below all panels, of every name in them, in as many columns as fit."""
     found: dict[str, Any] = {}
     for panel in axes:
         for handle, label in zip(*panel.get_legend_handles_labels(), strict=True):
             found.setdefault(label, handle)
     if not found:
         return
+    columns = max(1, int(figure.get_figwidth() / _LEGEND_ENTRY))
     with mpl.rc_context(_STYLE):
         figure.legend(list(found.values()), list(found), loc="outside lower center", ncols=min(len(found), columns))
 
@@ -138,7 +141,7 @@ def learning_curves(results: Results, env: Environment | None, title: str) -> Fi
             draw_optimum(axes, optimum)
     fit(left, means)
     left.set_ylabel("undiscounted return")
-    finish(figure, [left], columns=len(results) + 1)
+    finish(figure, [left])
     return figure
 
 

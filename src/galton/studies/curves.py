@@ -36,5 +36,5 @@ def best_curves(data: Data, tasks: tuple[str, ...], metric: str) -> Figure:
         draw_best(panel, dict.fromkeys(summary.best, summary), metric, optimum(task))
         panel.set_title(heading(task), fontsize=10)
     axes[0].set_ylabel("undiscounted return")
-    finish(figure, axes, columns=5)
+    finish(figure, axes)
     return figure

@@ -85,7 +85,7 @@ def draw() -> Figure:
         panel.set_title(look[0] + (f", η = {ETAS[loss]:g}" if loss in ETAS else ""), fontsize=10)
     axes[0].set_ylabel("density")
     axes[0].text(-0.5, _FLOOR + 0.02, "advantage", fontsize=8, color="#333333", ha="center")
-    finish(figure, axes, columns=5)
+    finish(figure, axes)
     return figure
 
 

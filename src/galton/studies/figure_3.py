@@ -51,7 +51,7 @@ def draw(data: Data) -> Figure:
         draw_best(panel, main | dict.fromkeys(control.best, control), "training_return", optimum("bandit"))
         panel.set_title(CONTROLS[name], fontsize=10)
         panel.set_ylabel("training return")
-    finish(figure, axes, columns=3)
+    finish(figure, axes)
     return figure
 
 

@@ -142,7 +142,7 @@ def draw(table: pa.Table) -> Figure:
         sharpened.set(xscale="log", yscale="log", xlabel="σ", xlim=(1.0, 5e-6))
     for panel, title in zip(axes, _TITLES, strict=False):
         panel.set_title(title, fontsize=10)
-    finish(figure, axes, columns=5)
+    finish(figure, axes)
     return figure
 
 
