@@ -6,7 +6,7 @@ import pytest
 from galton.analysis.statistics import Interval
 from galton.studies.base import Data
 from galton.studies.claims import all_claims, bandit, returns, settings
-from galton.studies.claims.verdicts import verdict
+from galton.studies.claims.verdicts import decided, verdict
 from galton.studies.sweeps import SWEEPS
 
 from . import made_up
@@ -38,7 +38,7 @@ def test_classification_wins_loses_or_wins_somewhere(claim):
 
 
 def test_centred_hl_gauss_counts_for_nothing_in_the_papers_claims():
-    assert judged(returns.ends_higher, winning("hl-gauss-centred")) != "holds"
+    assert judged(returns.ends_higher, winning("hl-gauss-centred")) == "not decidable here"
 
 
 def test_calm_is_a_spread_between_seeds():
@@ -111,6 +111,12 @@ def test_without_data_nothing_is_decided():
     found = all_claims(Data({}))
     assert len(found) >= 15
     assert {claim.verdict for claim in found} == {"not decidable here"}
+
+
+def test_what_has_no_interval_is_not_decided():
+    nan = Interval(1.0, np.nan, np.nan)
+    assert decided({"one": nan, "two": Interval(1.0, 0.5, 1.5)}) == {"two": Interval(1.0, 0.5, 1.5)}
+    assert verdict([nan]) == "not decidable here"
 
 
 def test_a_verdict_needs_whole_intervals():

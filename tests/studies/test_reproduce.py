@@ -4,6 +4,7 @@ import shutil
 import subprocess
 import sys
 
+import pyarrow as pa
 import pytest
 
 from galton.commands.reproduce import asked
@@ -94,6 +95,14 @@ def test_words_ask_for_sweeps():
 
 def test_winners_come_after_the_sweep_that_they_win():
     assert reproduce.needed(["bandit-noise-5", "lqr-again"]) == ["bandit", "bandit-noise-5", "lqr", "lqr-again"]
+
+
+def test_propositions_of_another_budget_are_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr(reproduce, "collect", lambda budget: pa.table({"norm": [1.0]}))
+    reproduce.measure_propositions("smoke", str(tmp_path))
+    reproduce.measure_propositions("smoke", str(tmp_path))
+    with pytest.raises(UsageError, match="propositions were measured with budget 'smoke', not 'paper'"):
+        reproduce.measure_propositions("paper", str(tmp_path))
 
 
 def test_a_summary_is_enough(tmp_path):

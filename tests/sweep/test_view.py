@@ -29,7 +29,7 @@ def test_a_setting_that_diverged_is_not_the_best_so_far(monkeypatch):
     view.finished(report(0, float("nan")))
     assert "nan" not in shown(view)
     view.finished(report(1, -3.0))
-    assert "learning_rate 0.2" in shown(view)
+    assert "learning rate 0.2" in shown(view)
     assert "-3.00" in shown(view)
 
 

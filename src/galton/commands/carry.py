@@ -9,13 +9,11 @@ from rich.console import Console
 
 from galton.commands.sweep_view import live
 from galton.sweep import engine, executors
+from galton.sweep.engine import CarryOut
 from galton.sweep.executors import Place
 from galton.sweep.plan import Plan
 from galton.sweep.shard import finished
 from galton.sweep.store import Store
-
-CarryOut = Callable[[Store, Plan], None]
-"""Trains what a plan lacks."""
 
 
 @contextlib.contextmanager

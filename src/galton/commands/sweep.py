@@ -12,12 +12,13 @@ import tyro
 from rich.console import Console
 from rich.table import Table
 
-from galton.commands.carry import CarryOut, carry, processes
+from galton.commands.carry import carry, processes
 from galton.commands.common import EnvName, Training, parse, short_name
 from galton.commands.sweep_view import winners
 from galton.errors import require, require_integer
 from galton.losses import find_loss
 from galton.sweep import engine, results
+from galton.sweep.engine import CarryOut
 from galton.sweep.executors import Place, one_per_core, one_per_gpu
 from galton.sweep.grid import GRIDS, find_grid
 from galton.sweep.plan import Plan

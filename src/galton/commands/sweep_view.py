@@ -14,7 +14,6 @@ from galton.losses import find_loss
 from galton.sweep.plan import Plan
 from galton.sweep.results import Best
 from galton.sweep.shard import Report
-from galton.sweep.study import Setting
 
 
 class View:
@@ -68,7 +67,7 @@ class View:
             if loss not in best or mean > best[loss][1]:
                 best[loss] = i, mean, len(values)
         for loss, (i, mean, n) in sorted(best.items()):
-            table.add_row(find_loss(loss).label, _brief(self._plan.study.settings[i]), f"{mean:,.2f}", str(n))
+            table.add_row(find_loss(loss).label, self._plan.study.settings[i].brief(), f"{mean:,.2f}", str(n))
         return table
 
 
@@ -89,15 +88,6 @@ def _duration(seconds: float) -> str:
     return f"{hours} h {minutes % 60} min" if hours else f"{minutes} min {int(seconds % 60)} s"
 
 
-def _brief(setting: Setting) -> str:
-    parts = [f"learning_rate {setting.hypers.learning_rate:.3g}"]
-    if find_loss(setting.config.loss).policy == "histogram":
-        parts.append(f"n_bins {setting.config.n_bins}")
-    if find_loss(setting.config.loss).uses_eta:
-        parts.append(f"η {setting.hypers.eta:.3g}")
-    return ", ".join(parts)
-
-
 def winners(best: dict[str, Best]) -> Table:
     """The best settings as a table."""
     from galton.analysis.statistics import mean_interval  # scipy takes a second, which `status` needn't
@@ -109,5 +99,5 @@ def winners(best: dict[str, Best]) -> Table:
         training, evaluation = (
             f"{mean_interval(values):,.2f}" for values in (winner.final_training_return, winner.final_evaluation_return)
         )
-        table.add_row(find_loss(loss).label, _brief(winner.setting), training, evaluation, str(winner.n_settings))
+        table.add_row(find_loss(loss).label, winner.setting.brief(), training, evaluation, str(winner.n_settings))
     return table

@@ -21,6 +21,11 @@ class Data(NamedTuple):
     """What `gradients.collect` measured."""
 
 
+def budget_of(propositions: pa.Table) -> str:
+    """With which budget they were measured."""
+    return str((propositions.schema.metadata or {}).get(b"budget", b"unknown").decode())
+
+
 class FigureStudy(NamedTuple):
     """One figure: what is trained for it, and how it is drawn."""
 

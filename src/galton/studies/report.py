@@ -6,15 +6,14 @@ from matplotlib.figure import Figure
 from galton.analysis.page import Section, Table, render
 from galton.analysis.plots import settle
 from galton.analysis.statistics import mean_interval
-from galton.losses import LOSSES, find_loss
-from galton.studies.base import Data, FigureStudy, optimum, present
+from galton.losses import LOSSES
+from galton.studies.base import Data, FigureStudy, budget_of, optimum, present
 from galton.studies.claims import all_claims
 from galton.studies.measures import final_return
 from galton.studies.registry import FIGURES, find_figure
 from galton.studies.summary import Summary
 from galton.studies.sweeps import TASKS
 from galton.studies.why import outcomes
-from galton.sweep.study import Setting
 
 TITLE = "Replacing implicit regression with classification: what holds"
 INTRODUCTION = (
@@ -70,15 +69,6 @@ def trained(data: Data) -> list[str]:
     return [f"Trained with budget {budget}: {', '.join(names)}. {BUDGETS[budget]}" for budget, names in tasks.items()]
 
 
-def brief(setting: Setting) -> str:
-    """What the grids vary, in a line."""
-    loss = find_loss(setting.config.loss)
-    parts = [f"α = {setting.hypers.learning_rate:g}"]
-    parts += [f"k = {setting.config.n_bins}"] if loss.policy == "histogram" else []
-    parts += [f"η = {setting.hypers.eta:g}"] if loss.uses_eta else []
-    return ", ".join(parts)
-
-
 def _facts(name: str, study: FigureStudy, data: Data) -> list[tuple[str, str]]:
     """Settings, versions, machines and the command behind a figure."""
     found = [(sweep, data.sweeps[sweep]) for sweep in study.sweeps if sweep in data.sweeps]
@@ -88,13 +78,16 @@ def _facts(name: str, study: FigureStudy, data: Data) -> list[tuple[str, str]]:
         text = (
             f"{len(s.settings)} settings × {s.trials} trials × {s.steps:,} steps, budget "
             f"{summary.provenance['budget']}, {_minutes(summary)} of one core. Best: "
-            + "; ".join(f"{LOSSES[loss].label} {brief(best.setting)}" for loss, best in summary.best.items())
+            + "; ".join(f"{LOSSES[loss].label} {best.setting.brief()}" for loss, best in summary.best.items())
         )
         facts.append((f"sweep {sweep}", text))
     for word in ("versions", "machines"):
         values = {_shown(value): None for _, summary in found for value in summary.provenance[word]}
         facts += [(word, value) for value in values]
-    facts.append(("command", f"galton reproduce {name} --budget paper --out DIR"))
+    budgets = dict.fromkeys(summary.provenance["budget"] for _, summary in found)
+    if study.needs_propositions and data.propositions is not None:
+        budgets[budget_of(data.propositions)] = None
+    facts += [("command", f"galton reproduce {name} --budget {budget} --out DIR") for budget in budgets or ("paper",)]
     return facts
 
 
@@ -121,7 +114,7 @@ def winners(data: Data) -> Table:
                 [
                     TASKS[task].title,
                     LOSSES[loss].label,
-                    brief(best.setting),
+                    best.setting.brief(),
                     f"{mean_interval(final_return(summary, loss)):.2f}",
                     f"{mean_interval(final_return(again, loss)):.2f}" if again else "—",
                     f"{mean_interval(evaluation):.2f}",
@@ -142,7 +135,7 @@ def causes(data: Data) -> Table:
             for (change, loss), outcome in outcomes(summary).items():
                 numbers = (outcome.training_return, outcome.entropy, outcome.explained_variance)
                 shown = [f"{mean_interval(np.asarray(values, np.float64)):.2f}" for values in numbers]
-                rows.append([title, change, LOSSES[loss].label, brief(outcome.setting), *shown])
+                rows.append([title, change, LOSSES[loss].label, outcome.setting.brief(), *shown])
     headings = ["task", "change", "loss", "setting", "training return", "entropy, nats", "critic's explained variance"]
     return Table(headings, rows)
 

@@ -1,18 +1,18 @@
 """What figures need, trained: each sweep in a folder of its own, then as a summary of a megabyte or less."""
 
 import io
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 
 import pyarrow as pa
 import pyarrow.parquet as pq
 
 from galton.errors import UsageError
-from galton.studies.base import Data
+from galton.studies.base import Data, budget_of
 from galton.studies.gradients import collect
 from galton.studies.summary import Summary
 from galton.studies.sweeps import SWEEPS, Budget, find_sweep
 from galton.sweep import engine, results
-from galton.sweep.plan import Plan
+from galton.sweep.engine import CarryOut
 from galton.sweep.shard import provenance
 from galton.sweep.store import Store
 
@@ -20,8 +20,6 @@ DATA = "data"
 """The folder of summaries."""
 PROPOSITIONS = "propositions.parquet"
 """What was measured of the propositions, there."""
-CarryOut = Callable[[Store, Plan], None]
-"""Trains what a plan lacks."""
 
 
 def needed(sweeps: Iterable[str]) -> list[str]:
@@ -41,12 +39,22 @@ def load(out: str) -> Data:
 
 
 def measure_propositions(budget: Budget, out: str) -> None:
-    """Unless the folder has them: train networks and measure both sides of both bounds on them."""
-    store = Store(f"{out}/{DATA}")
-    if PROPOSITIONS not in store.names(""):
+    """Unless the folder has them: train networks and measure both sides of both bounds on them.
+
+    Raises:
+        UsageError: the folder has them at another budget.
+    """
+    known = load(out).propositions
+    if known is None:
         buffer = io.BytesIO()
-        pq.write_table(collect(budget), buffer, compression="zstd")
-        store.write(PROPOSITIONS, buffer.getvalue())
+        table = collect(budget).replace_schema_metadata({"budget": budget})
+        pq.write_table(table, buffer, compression="zstd")
+        Store(f"{out}/{DATA}").write(PROPOSITIONS, buffer.getvalue())
+    elif (made := budget_of(known)) != budget:
+        raise UsageError(
+            f"out is {out}, whose propositions were measured with budget {made!r}, not {budget!r}; name another "
+            f"folder, or remove {DATA}/{PROPOSITIONS} there"
+        )
 
 
 def train(sweeps: Iterable[str], budget: Budget, out: str, carry_out: CarryOut) -> None:

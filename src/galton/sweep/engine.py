@@ -18,6 +18,8 @@ from galton.sweep.store import Store
 from galton.sweep.study import Study
 from galton.types import Config
 
+CarryOut = Callable[[Store, Plan], None]
+"""Trains what a plan lacks."""
 TICK = 0.2
 """Seconds between two looks at who is there to work."""
 

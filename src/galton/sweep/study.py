@@ -44,6 +44,14 @@ class Setting(NamedTuple):
         check_hypers(setting.hypers)
         return setting
 
+    def brief(self) -> str:
+        """What the grids vary of its loss, in a line."""
+        loss = find_loss(self.config.loss)
+        parts = [f"learning rate {self.hypers.learning_rate:.3g}"]
+        parts += [f"k {self.config.n_bins}"] if loss.policy == "histogram" else []
+        parts += [f"η {self.hypers.eta:.3g}"] if loss.uses_eta else []
+        return ", ".join(parts)
+
     @property
     def name(self) -> str:
         """Of its content: the same in every study that holds it."""

@@ -8,7 +8,7 @@ from galton.analysis.page import Claim
 from galton.analysis.statistics import Interval, difference_interval
 from galton.losses import LOSSES
 from galton.studies.base import Data
-from galton.studies.claims.verdicts import UNKNOWN, listed, sorted_out, verdict
+from galton.studies.claims.verdicts import UNKNOWN, decided, listed, sorted_out, verdict
 from galton.studies.figure_3 import CONTROLS, across, losses_in
 from galton.studies.measures import CLASSIFICATION, final_return, mean_return
 
@@ -93,7 +93,7 @@ def init_gaussian(data: Data) -> Claim:
         "A Gaussian initial policy has no significant negative effect on classification.",
         "bandit, final return of the best setting: Init Gaussian − uniform",
         listed(gaps),
-        held if gaps else UNKNOWN,
+        held if decided(gaps) else UNKNOWN,
         sorted_out(gaps),
         "figure-3",
     )

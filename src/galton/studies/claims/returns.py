@@ -8,7 +8,7 @@ import numpy as np
 from galton.analysis.page import Claim
 from galton.analysis.statistics import Interval, difference_interval, stratified_bootstrap
 from galton.studies.base import Data, present
-from galton.studies.claims.verdicts import UNKNOWN, listed, sorted_out, verdict
+from galton.studies.claims.verdicts import UNKNOWN, decided, listed, sorted_out, verdict
 from galton.studies.measures import better_classification, final_return, winner
 from galton.studies.sweeps import TASKS
 
@@ -99,7 +99,7 @@ def order_changes(data: Data) -> Claim:
         "HL-1-Hot and HL-Gauss often differ little, and which is better changes across tasks.",
         "final training return on fresh seeds: HL-Gauss − HL-1-Hot",
         listed(gaps),
-        UNKNOWN if len(gaps) < 2 else "holds" if len(signs) != 1 else "holds in part",
+        UNKNOWN if len(decided(gaps)) < 2 else "holds" if len(signs) != 1 else "holds in part",
         sorted_out(gaps),
         "figure-2",
     )

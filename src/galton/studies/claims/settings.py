@@ -5,7 +5,7 @@ import numpy as np
 from galton.analysis.page import Claim
 from galton.analysis.statistics import Interval, probability_of_improvement
 from galton.studies.base import Data, present
-from galton.studies.claims.verdicts import NOT_TRAINED, UNKNOWN, listed, sorted_out, verdict
+from galton.studies.claims.verdicts import NOT_TRAINED, UNKNOWN, decided, listed, sorted_out, verdict
 from galton.studies.figure_7 import finals
 from galton.studies.measures import CLASSIFICATION, spread
 from galton.studies.sweeps import TASKS
@@ -16,7 +16,7 @@ _TENTH = 0.1
 def _sensitive(data: Data, loss: str, field: str, much: bool, words: str, section: str) -> Claim:
     """App. C.3: a field moves the mean final return by more, or less, than a tenth of what training gains."""
     moved = {TASKS[task].title: spread(summary, loss, field) for task, summary in present(data).items()}
-    known = {name: interval for name, interval in moved.items() if interval is not None}
+    known = decided({name: interval for name, interval in moved.items() if interval is not None})
     right = [bool(interval.low > _TENTH if much else interval.high < _TENTH) for interval in known.values()]
     held = "holds" if all(right) else "holds in part" if any(right) else "does not hold"
     where = [name for name, is_right in zip(known, right, strict=True) if is_right]

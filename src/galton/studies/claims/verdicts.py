@@ -10,6 +10,11 @@ UNKNOWN = "not decidable here"
 NOT_TRAINED = "What it needs was not trained."
 
 
+def decided(gaps: Mapping[str, Interval]) -> dict[str, Interval]:
+    """Those with an interval; too few trials give none."""
+    return {name: gap for name, gap in gaps.items() if not np.isnan(gap.low)}
+
+
 def verdict(gaps: Iterable[Interval]) -> str:
     """Of differences that the paper says are positive: all clearly are, some are, none is and some are negative.
 
