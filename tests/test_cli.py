@@ -45,42 +45,83 @@ def test_a_commands_help_lists_losses_and_environments(command):
     assert set(LOSSES) | set(ENVS) <= words
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["frobnicate"], "command is 'frobnicate'; choose from train, compare, sweep, watch"),
-        (["compare", "cartpole"], "environment is 'cartpole'; Gymnasium knows no environment of that name"),
-        (["train", "lqr", "--loss", "mse"], "loss is 'mse'; choose from gaussian"),
-        (["compare", "lqr", "--losses", "gaussian", "mse"], "loss is 'mse'; choose from gaussian"),
-        (
-            ["compare", "lqr", "--losses", "gaussian", "gaussian"],
-            "losses is ('gaussian', 'gaussian'); name each loss once",
-        ),
-        (["sweep", "lqr", "--grid", "papers"], "grid is 'papers', which can't be read as TOML"),
-        (["sweep", "lqr", "--shard-width", "0"], "shard_width is 0; it must be an integer of at least 1"),
-        (["sweep", "lqr", "--trials", "0"], "trials is 0; it must be an integer of at least 1"),
-        (["sweep", "lqr", "--workers", "0"], "workers is 0; it must be an integer of at least 1"),
-        (["sweep", "lqr", "--imports", "no_such_module"], "imports names 'no_such_module', which can't be imported"),
-        (["sweep", "lqr", "--tls", "keys"], "tls is keys; it goes with a scheduler or a cluster"),
-        (["sweep", "lqr", "--cluster", "slurm", "--walltime", "1h"], "walltime is '1h'; write 12:00:00"),
-        (["sweep", "lqr", "--out", "nonsense://x"], "out is 'nonsense://x', which can't be opened"),
-        (["sweep", "status", "nowhere"], "out is nowhere, which holds no sweep; start one with: galton sweep ENV"),
-        (["train", "lqr", "--eta", "0"], "eta is 0.0; it must be greater than 0"),
-        (["compare", "lqr", "--eta", "-0.5"], "eta is -0.5; it must be greater than 0"),
-        (["train", "lqr", "--n-bins", "1"], "n_bins is 1; it must be an integer of at least 2"),
-        (["compare", "lqr", "--seeds", "0"], "seeds is 0; it must be an integer of at least 1"),
-        (["compare", "lqr", "--steps", "0"], "total_timesteps is 0"),
-        (["compare", "lqr", "--env-kwargs", "{"], "env_kwargs is '{', which is not JSON"),
-        (["compare", "lqr", "--env-kwargs", '{"noise_std": "x"}'], "lqr can't be made with {'noise_std': 'x'}"),
-        (["compare", "lqr", "--env-kwargs", '{"mass": 1}'], "lqr has no constant 'mass'; it has A, B, Q, R"),
-    ],
-)
-def test_a_wrong_argument_gives_one_clear_line_and_code_2(arguments, message, tmp_path):
-    done = galton(*arguments, cwd=tmp_path)
-    assert done.returncode == 2
-    assert done.stderr.startswith(f"galton: {message}")
-    assert done.stderr.count("\n") == 1
-    assert list(tmp_path.iterdir()) == [], "nothing is written"
+WRONG = [
+    (["frobnicate"], "command is 'frobnicate'; choose from train, compare, sweep, watch"),
+    (["compare", "cartpole"], "environment is 'cartpole'; Gymnasium knows no environment of that name"),
+    (["train", "lqr", "--loss", "mse"], "loss is 'mse'; choose from gaussian"),
+    (["compare", "lqr", "--losses", "gaussian", "mse"], "loss is 'mse'; choose from gaussian"),
+    (
+        ["compare", "lqr", "--losses", "gaussian", "gaussian"],
+        "losses is ('gaussian', 'gaussian'); name each loss once",
+    ),
+    (["sweep", "lqr", "--grid", "papers"], "grid is 'papers', which can't be read as TOML"),
+    (["sweep", "lqr", "--shard-width", "0"], "shard_width is 0; it must be an integer of at least 1"),
+    (["sweep", "lqr", "--trials", "0"], "trials is 0; it must be an integer of at least 1"),
+    (["sweep", "lqr", "--workers", "0"], "workers is 0; it must be an integer of at least 1"),
+    (["sweep", "lqr", "--imports", "no_such_module"], "imports names 'no_such_module', which can't be imported"),
+    (["sweep", "lqr", "--tls", "keys"], "tls is keys; it goes with a scheduler or a cluster"),
+    (["sweep", "lqr", "--jobs", "3"], "jobs is 3; it goes with a cluster"),
+    (
+        ["sweep", "lqr", "--scheduler", "tcp://h:1", "--walltime", "1:00:00"],
+        "walltime is 1:00:00; it goes with a cluster",
+    ),
+    (["sweep", "lqr", "--directives", "x=1"], "directives is ('x=1',); it goes with a cluster"),
+    (["sweep", "lqr", "--n-settings", "4"], "n_settings is 4; it goes with grid 'random' or 'optuna'"),
+    (["sweep", "lqr", "--grid", "random", "--batch", "2"], "batch is 2; it goes with grid 'optuna'"),
+    (["sweep", "lqr", "--scheduler", "tcp://h:1", "--workers", "2"], "workers is 2; it goes with processes here"),
+    (["sweep", "lqr", "--gpus", "1", "--workers", "2"], "workers is 2; it goes with processes here"),
+    (["sweep", "lqr", "--cluster", "pbs", "--gpus", "1"], "gpus is 1; it goes with processes here"),
+    (["sweep", "lqr", "--cluster", "slurm", "--walltime", "1h"], "walltime is '1h'; write 12:00:00"),
+    (["sweep", "lqr", "--out", "nonsense://x"], "out is 'nonsense://x', which can't be opened"),
+    (["sweep", "status", "nowhere"], "out is nowhere, which holds no sweep; start one with: galton sweep ENV"),
+    (["train", "lqr", "--eta", "0"], "eta is 0.0; it must be greater than 0"),
+    (["compare", "lqr", "--eta", "-0.5"], "eta is -0.5; it must be greater than 0"),
+    (["train", "lqr", "--n-bins", "1"], "n_bins is 1; it must be an integer of at least 2"),
+    (["compare", "lqr", "--seeds", "0"], "seeds is 0; it must be an integer of at least 1"),
+    (["compare", "lqr", "--steps", "0"], "total_timesteps is 0"),
+    (["compare", "lqr", "--env-kwargs", "{"], "env_kwargs is '{', which is not JSON"),
+    (["compare", "lqr", "--env-kwargs", '{"noise_std": "x"}'], "lqr can't be made with {'noise_std': 'x'}"),
+    (["compare", "lqr", "--env-kwargs", '{"mass": 1}'], "lqr has no constant 'mass'; it has A, B, Q, R"),
+]
+
+MANY = """
+import contextlib, io, json, sys
+from galton.cli import main
+for sys.argv in json.load(sys.stdin):
+    said, code = io.StringIO(), None
+    with contextlib.redirect_stderr(said):
+        try:
+            main()
+        except SystemExit as left:
+            code = left.code
+    print(json.dumps([code, said.getvalue()]))
+"""
+
+
+@pytest.fixture(scope="module")
+def complaints(tmp_path_factory):
+    """Exit code and words for each of WRONG, from one process, and what they left in its folder."""
+    folder = tmp_path_factory.mktemp("wrong")
+    asked = json.dumps([["galton", *arguments] for arguments, _ in WRONG])
+    done = subprocess.run([sys.executable, "-c", MANY], input=asked, capture_output=True, text=True, cwd=folder)
+    assert done.returncode == 0, done.stderr
+    return [json.loads(line) for line in done.stdout.splitlines()], list(folder.iterdir())
+
+
+@pytest.mark.parametrize("index", range(len(WRONG)), ids=[" ".join(arguments) for arguments, _ in WRONG])
+def test_a_wrong_argument_gives_one_clear_line_and_code_2(index, complaints):
+    said, left = complaints
+    code, words = said[index]
+    assert code == 2
+    assert words.startswith(f"galton: {WRONG[index][1]}")
+    assert words.count("\n") == 1
+    assert left == [], "nothing is written"
+
+
+def test_a_wrong_argument_in_a_process_of_its_own(tmp_path):
+    done = galton("train", "lqr", "--loss", "mse", cwd=tmp_path)
+    assert (done.returncode, done.stderr.count("\n"), done.stdout) == (2, 1, "")
+    assert done.stderr.startswith("galton: loss is 'mse'; choose from gaussian")
 
 
 def test_gymnasium_ids_are_taken_and_what_they_cant_do_is_said(tmp_path):

@@ -141,18 +141,25 @@ def _check_carrier(options: Options) -> None:
         not (options.scheduler and options.cluster),
         f"scheduler is {options.scheduler!r} and cluster {options.cluster!r}; give one of them",
     )
-    far = "scheduler" if options.scheduler else "cluster" if options.cluster else None
-    if options.gpus:
-        require(options.workers is None, f"workers is {options.workers}, which goes without gpus: each GPU has one")
-    require(far is None or options.workers is None, f"workers is {options.workers}, which goes without a {far}")
-    require(far is None or not options.gpus, f"gpus is {options.gpus}, which goes without a {far}")
-    require(far is not None or options.tls is None, f"tls is {options.tls}; it goes with a scheduler or a cluster")
+    far = bool(options.scheduler or options.cluster)
+    _go_with(options, ("n_settings",), options.grid in ("random", "optuna"), "grid 'random' or 'optuna'")
+    _go_with(options, ("batch",), options.grid == "optuna", "grid 'optuna'")
+    _go_with(options, ("workers",), not (options.gpus or far), "processes here, without gpus, scheduler or cluster")
+    _go_with(options, ("gpus",), not far, "processes here, without scheduler or cluster")
+    _go_with(options, ("tls",), far, "a scheduler or a cluster")
+    _go_with(options, ("jobs", "walltime", "memory", "directives"), options.cluster is not None, "a cluster")
     _places(options)
     right = re.fullmatch(r"\d+:\d\d:\d\d", options.walltime) is not None
     require(right, f"walltime is {options.walltime!r}; write 12:00:00")
     for line in options.directives:
         right = options.cluster != "htcondor" or "=" in line
         require(right, f"directives holds {line!r}; for HTCondor each is NAME=VALUE")
+
+
+def _go_with(options: Options, names: Sequence[str], they_do: bool, what: str) -> None:
+    for name in names:
+        value = getattr(options, name)
+        require(they_do or value == getattr(Options, name), f"{name} is {value}; it goes with {what}")
 
 
 def _places(options: Options) -> list[Place]:
