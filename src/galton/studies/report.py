@@ -1,6 +1,5 @@
 """The page: what holds of the paper, every figure, and how each was made."""
 
-import numpy as np
 from matplotlib.figure import Figure
 
 from galton.analysis.page import Section, Table, render
@@ -13,7 +12,7 @@ from galton.studies.measures import final_return
 from galton.studies.registry import FIGURES, find_figure
 from galton.studies.summary import Summary
 from galton.studies.sweeps import TASKS
-from galton.studies.why import outcomes
+from galton.studies.why import METRICS, outcomes
 
 TITLE = "Replacing implicit regression with classification: what holds"
 INTRODUCTION = (
@@ -133,11 +132,9 @@ def causes(data: Data) -> Table:
             summary = data.sweeps[name]
             title = TASKS[name.removeprefix("why-")].title
             for (change, loss), outcome in outcomes(summary).items():
-                numbers = (outcome.training_return, outcome.entropy, outcome.explained_variance)
-                shown = [f"{mean_interval(np.asarray(values, np.float64)):.2f}" for values in numbers]
+                shown = [f"{mean_interval(values):.2f}" for values in outcome.finals.values()]
                 rows.append([title, change, LOSSES[loss].label, outcome.setting.brief(), *shown])
-    headings = ["task", "change", "loss", "setting", "training return", "entropy, nats", "critic's explained variance"]
-    return Table(headings, rows)
+    return Table(["task", "change", "loss", "setting", *METRICS.values()], rows)
 
 
 _TABLES = {"figure-2": winners, "why": causes}

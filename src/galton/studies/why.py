@@ -15,35 +15,40 @@ from galton.studies.sweeps import CHANGES, WHY_TASKS
 from galton.sweep.grid import task_defaults
 from galton.sweep.study import Setting
 
+METRICS = {
+    "training_return": "training return",
+    "entropy": "entropy, nats",
+    "explained_variance": "critic's explained variance",
+    "edge_share": "actions at the edge",
+    "hl_gauss_bias": "HL-Gauss bias",
+}
+"""Final means of these tell what the policies and critics look like in the end."""
+
 
 class Outcome(NamedTuple):
     """Of a loss under a change, with the better of its learning rates and η."""
 
     setting: Setting
-    training_return: Float[np.ndarray, " trials"]
-    """Final."""
-    entropy: Float[np.ndarray, " trials"]
-    """Final, in nats."""
-    explained_variance: Float[np.ndarray, " trials"]
-    """Of the returns by the critic, final."""
+    finals: dict[str, Float[np.ndarray, " trials"]]
+    """By METRICS; NaN for a run that diverged."""
 
 
 def outcomes(summary: Summary) -> dict[tuple[str, str], Outcome]:
-    """By (change, loss). A run that diverged ends at NaN, and its setting loses to any other."""
+    """By (change, loss). A setting with a run that diverged loses to any other."""
     found: dict[tuple[str, str], Outcome] = {}
-    metrics = [summary.final(metric) for metric in ("training_return", "entropy", "explained_variance")]
+    metrics = {metric: summary.final(metric) for metric in METRICS}
     base = task_defaults(summary.study.env)
     for setting in summary.study.settings:
         key = change_of(setting, base), setting.config.loss
         rows = summary.rows(setting)
-        outcome = Outcome(setting, *(metric[rows] for metric in metrics))
+        outcome = Outcome(setting, {metric: values[rows] for metric, values in metrics.items()})
         if key not in found or _rank(outcome) > _rank(found[key]):
             found[key] = outcome
     return found
 
 
 def _rank(outcome: Outcome) -> float:
-    mean = float(outcome.training_return.mean())
+    mean = float(outcome.finals["training_return"].mean())
     return -np.inf if np.isnan(mean) else mean
 
 
@@ -69,7 +74,7 @@ def draw(data: Data) -> Figure:
         losses = list(dict.fromkeys(loss for _, loss in results))
         for i, loss in enumerate(losses):
             known = [(row, results[change, loss]) for row, change in enumerate(changes) if (change, loss) in results]
-            intervals = [mean_interval(outcome.training_return) for _, outcome in known]
+            intervals = [mean_interval(outcome.finals["training_return"]) for _, outcome in known]
             _marks(panel, [row + 0.16 * (i - 1.5) for row, _ in known], intervals, *look_of(loss)[:2])
         panel.set_yticks(range(len(changes)), changes if panel is axes[0] else [""] * len(changes))
         panel.invert_yaxis()
