@@ -73,7 +73,7 @@ def test_the_study_of_causes_has_every_change_for_every_loss(task):
     base = task_defaults(TASKS[task].env)
     found = collections.Counter((change_of(s, base), s.config.loss) for s in study.settings)
     assert set(found) == {(change, loss) for change in CHANGES for loss in losses(study)}
-    assert all(count == (4 if loss == "hl-gauss-centred" else 2) for (_, loss), count in found.items())
+    assert all(count == (6 if loss == "hl-gauss-centred" else 3) for (_, loss), count in found.items())
 
 
 def test_no_shard_trains_runs_for_nothing():

@@ -96,8 +96,8 @@ def _marks(axes: Axes, rows: list[float], intervals: list[Interval], label: str,
 FIGURE = FigureStudy(
     "Why: one thing changed at a time",
     "Final training return of each loss (k = 100; HL-Gauss with η = 0.25, centred HL-Gauss with the better of η = 2 "
-    "and 4, each with the better of two learning rates) under the paper's settings and with one thing changed: mean "
-    "over trials and 95% confidence interval.",
+    "and 4, each with the best of three learning rates up to 0.003) under the paper's settings and with one thing "
+    "changed: mean over trials and 95% confidence interval.",
     tuple(f"why-{task}" for task in WHY_TASKS),
     draw,
 )
