@@ -10,7 +10,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from galton.analysis.page import VERDICTS, Claim, Section, Table, render
-from galton.analysis.plots import draw_optimum, draw_series, finish, panels
+from galton.analysis.plots import draw_marks, draw_optimum, draw_series, finish, panels
 from galton.analysis.statistics import Interval, mean_interval
 from galton.errors import UsageError
 
@@ -193,6 +193,18 @@ def test_an_area_under_a_curve_is_no_band_and_unknown_numbers_are_null():
     assert gap["high"] == [1002, 2002, None, 4002, 5002]
     assert set(hill) == {"name", "color", "x", "mean"}
     assert (panel["grids"][steps["x"]], steps["mean"]) == ([0.5, 2], [1, 4])
+
+
+def test_marks_side_by_side_have_the_values_of_their_place_and_their_bars():
+    drawn, (axes,) = panels(1)
+    intervals = [Interval(2.0, 1.0, 4.0), Interval(-3.0, -4.5, -2.5), Interval(5.0, np.nan, np.nan)]
+    for i, name in enumerate(("left", "right")):
+        draw_marks(axes, [Interval(*(np.array(interval) + i)) for interval in intervals], name, "#0072B2", 0.2 * i)
+    (panel,) = data(Document(page(figure=drawn)))["panels"]
+    assert panel["grids"] == [[0, 1, 2]]
+    for i, series in enumerate(panel["series"]):
+        found = list(zip(series["mean"], series["low"], series["high"], strict=True))
+        assert found == [(2 + i, 1 + i, 4 + i), (-3 + i, -4.5 + i, -2.5 + i), (5 + i, None, None)]
 
 
 def test_axes_with_words_for_numbers_keep_them():

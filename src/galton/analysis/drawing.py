@@ -15,7 +15,7 @@ from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.category import StrCategoryFormatter
-from matplotlib.collections import PathCollection, PolyCollection
+from matplotlib.collections import LineCollection, PathCollection, PolyCollection
 from matplotlib.figure import Figure
 from matplotlib.legend import Legend
 from matplotlib.lines import Line2D
@@ -109,7 +109,7 @@ def _series(artist: Artist) -> str:
 
 def _panel(axes: Axes, names: Sequence[str], swatches: Mapping[Artist, ET.Element]) -> dict[str, Any]:
     """What is drawn in it: each axis, and the values of each series with its band."""
-    areas = [artist for artist in _named(axes) if isinstance(artist, PolyCollection)]
+    areas = [artist for artist in _named(axes) if isinstance(artist, PolyCollection | LineCollection)]
     grids: list[list[float]] = []
     series = []
     for artist in _named(axes):
@@ -145,8 +145,10 @@ def _values(artist: Curve, axes: Axes) -> tuple[list[float], list[float]]:
     return x, y
 
 
-def _band(area: PolyCollection, x: Sequence[float], y: Sequence[float]) -> dict[str, list[int | float | None]]:
-    """Where it ends at each x, lowest and highest; nothing where it is the area under the curve."""
+def _band(
+    area: PolyCollection | LineCollection, x: Sequence[float], y: Sequence[float]
+) -> dict[str, list[int | float | None]]:
+    """Where it, or the bar there, ends at each x, lowest and highest; nothing where it is the area under the curve."""
     ends: dict[float, tuple[float, float]] = {}
     for path in area.get_paths():
         for at, end in np.asarray(path.vertices).tolist():

@@ -15,6 +15,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.ticker import EngFormatter
+from matplotlib.transforms import Affine2D
 
 from galton.analysis.comparison import Results
 from galton.analysis.statistics import Interval, fill_until, mean_interval
@@ -70,6 +71,25 @@ def draw_series(
     if single_runs is not None:
         for run in single_runs:
             axes.plot(x, run, gid=RUN + name, lw=0.6, color=color, alpha=0.35, ls=linestyle)
+
+
+def draw_marks(axes: Axes, intervals: Sequence[Interval], name: str, color: Any, shift: float) -> None:
+    """A mark with its interval at 0, 1, …, drawn so far to the right, so that series stand side by side."""
+    mean, low, high = np.array(intervals).T
+    beside = Affine2D().translate(shift, 0) + axes.transData
+    line, _, bars = axes.errorbar(
+        range(len(mean)),
+        mean,
+        [mean - low, high - mean],
+        fmt="o",
+        ms=4,
+        lw=1.2,
+        color=color,
+        label=name,
+        transform=beside,
+    )
+    for artist in (line, *bars):
+        artist.set_gid(name)
 
 
 def draw_optimum(axes: Axes, value: float) -> None:

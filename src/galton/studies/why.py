@@ -1,14 +1,14 @@
 """Why the paper's effect does or does not appear: one thing changed at a time."""
 
+import textwrap
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from galton.analysis.plots import finish, look_of, panels
-from galton.analysis.statistics import Interval, mean_interval
+from galton.analysis.plots import draw_marks, draw_optimum, finish, look_of, panels
+from galton.analysis.statistics import mean_interval
 from galton.studies.base import Data, FigureStudy, heading, optimum
 from galton.studies.summary import Summary
 from galton.studies.sweeps import CHANGES, WHY_TASKS
@@ -65,32 +65,29 @@ def change_of(setting: Setting, base: dict[str, object]) -> str:
 
 
 def draw(data: Data) -> Figure:
-    """A panel per task: changes down, returns across, a mark per loss."""
+    """A panel per task: changes across, returns up, a mark per loss."""
     found = {task: data.sweeps[f"why-{task}"] for task in WHY_TASKS if f"why-{task}" in data.sweeps}
-    figure, axes = panels(len(found), columns=3, height=3.8)
+    figure, axes = panels(len(found), columns=1)
+    figure.set_figwidth(9.5)
     for panel, (task, summary) in zip(axes, found.items(), strict=True):
         results = outcomes(summary)
         changes = list(dict.fromkeys(change for change, _ in results))
         losses = list(dict.fromkeys(loss for _, loss in results))
         for i, loss in enumerate(losses):
-            known = [(row, results[change, loss]) for row, change in enumerate(changes) if (change, loss) in results]
-            intervals = [mean_interval(outcome.finals["training_return"]) for _, outcome in known]
-            _marks(panel, [row + 0.16 * (i - 1.5) for row, _ in known], intervals, *look_of(loss)[:2])
-        panel.set_yticks(range(len(changes)), changes if panel is axes[0] else [""] * len(changes))
-        panel.invert_yaxis()
+            finals = [results[change, loss].finals["training_return"] for change in changes]
+            label, color, _ = look_of(loss)
+            draw_marks(
+                panel, [mean_interval(final) for final in finals], label, color, 0.16 * (i - (len(losses) - 1) / 2)
+            )
+        panel.set_xticks(range(len(changes)), [textwrap.fill(change, 16) for change in changes], fontsize=8)
+        panel.set_xlim(-0.5, len(changes) - 0.5)
         panel.set_title(heading(task), fontsize=10)
-        panel.set_xlabel("final training return")
+        panel.set_ylabel("final training return")
         best = optimum(task)
         if best is not None:
-            panel.axvline(best, color="#777777", linestyle="--", linewidth=1, label="optimum")
+            draw_optimum(panel, best)
     finish(figure, axes)
     return figure
-
-
-def _marks(axes: Axes, rows: list[float], intervals: list[Interval], label: str, color: str) -> None:
-    means = [float(interval.mean) for interval in intervals]
-    halves = [float(interval.high - interval.mean) for interval in intervals]
-    axes.errorbar(means, rows, xerr=halves, fmt="o", ms=4, lw=1.2, color=color, label=label)
 
 
 FIGURE = FigureStudy(
