@@ -10,7 +10,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from galton.analysis.page import VERDICTS, Claim, Section, Table, render
-from galton.analysis.plots import draw_marks, draw_optimum, draw_series, finish, panels
+from galton.analysis.plots import draw_level, draw_marks, draw_series, finish, panels
 from galton.analysis.statistics import Interval, mean_interval
 from galton.errors import UsageError
 
@@ -46,7 +46,7 @@ def figure(names=("Gaussian", "HL-Gauss"), color="#0072B2"):
     for panel in axes:
         for i, name in enumerate(names):
             draw_series(panel, STEPS, mean_interval(RUNS + i), name, color, single_runs=RUNS + i)
-        draw_optimum(panel, 3.0)
+        draw_level(panel, 3.0)
         panel.set_title(f"On {names[0]}")
         panel.set_xlabel("steps")
     finish(drawn, axes)

@@ -8,7 +8,7 @@ import pytest
 from playwright.sync_api import sync_playwright
 
 from galton.analysis.page import Claim, Section, Table, render
-from galton.analysis.plots import draw_optimum, draw_series, finish, panels
+from galton.analysis.plots import draw_level, draw_series, finish, panels
 from galton.analysis.statistics import Interval
 
 from . import browser
@@ -26,7 +26,7 @@ def draw():
     for i, panel in enumerate(axes):
         for name, color in zip(NAMES, ("#000000", "#0072B2"), strict=True):
             draw_series(panel, STEPS, INTERVALS[name], name, color, single_runs=RUNS[name])
-        draw_optimum(panel, -17.5)
+        draw_level(panel, -17.5)
         panel.set_title(f"Task {i}")
         panel.set_xlabel("steps")
     axes[1].set_xscale("log")

@@ -92,9 +92,9 @@ def draw_marks(axes: Axes, intervals: Sequence[Interval], name: str, color: Any,
         artist.set_gid(name)
 
 
-def draw_optimum(axes: Axes, value: float) -> None:
-    """A line at the best that any policy can do."""
-    axes.axhline(value, color="#777777", linestyle="--", linewidth=1, label="optimum", gid="optimum")
+def draw_level(axes: Axes, value: float, name: str = "optimum", linestyle: str = "--") -> None:
+    """A line all along: by default at the best that any policy can do."""
+    axes.axhline(value, color="#777777", linestyle=linestyle, linewidth=1, label=name, gid=name)
 
 
 def look_of(loss: str) -> tuple[str, str, str]:
@@ -158,7 +158,7 @@ def learning_curves(results: Results, env: Environment | None, title: str) -> Fi
         axes.set_title(heading, fontsize=10)
         over_steps(axes, float(max(result.steps[-1] for result in results.values())))
         if optimum is not None:
-            draw_optimum(axes, optimum)
+            draw_level(axes, optimum)
     fit(left, means)
     left.set_ylabel("undiscounted return")
     finish(figure, [left])

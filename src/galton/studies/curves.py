@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from galton.analysis.plots import draw_optimum, draw_series, finish, fit, look_of, over_steps, panels
+from galton.analysis.plots import draw_level, draw_series, finish, fit, look_of, over_steps, panels
 from galton.analysis.statistics import mean_interval
 from galton.studies.base import Data, heading, optimum, present
 from galton.studies.summary import Summary
@@ -23,7 +23,7 @@ def draw_best(axes: Axes, best_of: Mapping[str, Summary], metric: str, best: flo
         over_steps(axes, float(summary.steps[-1]))
         means.append(interval.mean)
     if best is not None:
-        draw_optimum(axes, best)
+        draw_level(axes, best)
         means.append(np.array([best]))
     fit(axes, means)
 

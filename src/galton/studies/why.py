@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 from matplotlib.figure import Figure
 
-from galton.analysis.plots import draw_marks, draw_optimum, finish, look_of, panels
+from galton.analysis.plots import draw_level, draw_marks, finish, look_of, panels
 from galton.analysis.statistics import mean_interval
 from galton.studies.base import Data, FigureStudy, heading, optimum
 from galton.studies.summary import Summary
@@ -23,6 +23,9 @@ METRICS = {
     "hl_gauss_bias": "HL-Gauss bias",
 }
 """Final means of these tell what the policies and critics look like in the end."""
+
+AT_REST = {"lqr": -26.03, "mountain-car": 0.0, "acrobot": -500.0}
+"""The mean return of the action 0 from the first step to the last."""
 
 
 class Outcome(NamedTuple):
@@ -85,7 +88,8 @@ def draw(data: Data) -> Figure:
         panel.set_ylabel("final training return")
         best = optimum(task)
         if best is not None:
-            draw_optimum(panel, best)
+            draw_level(panel, best)
+        draw_level(panel, AT_REST[task], "doing nothing", ":")
     finish(figure, axes)
     return figure
 
@@ -94,7 +98,7 @@ FIGURE = FigureStudy(
     "Why: one thing changed at a time",
     "Final training return of each loss (k = 100; HL-Gauss with η = 0.25, centred HL-Gauss with the better of η = 2 "
     "and 4, each with the best of three learning rates up to 0.003) under the paper's settings and with one thing "
-    "changed: mean over trials and 95% confidence interval.",
+    "changed: mean over trials and 95% confidence interval. Dotted: what the action 0 earns, always taken.",
     tuple(f"why-{task}" for task in WHY_TASKS),
     draw,
 )
