@@ -1,7 +1,8 @@
 """What a figure of the paper is, as data."""
 
+import json
 from collections.abc import Callable, Mapping
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import pyarrow as pa
 from matplotlib.figure import Figure
@@ -10,6 +11,9 @@ from galton.envs.base import Environment
 from galton.envs.find import find
 from galton.studies.summary import Summary
 from galton.studies.sweeps import TASKS
+
+RECORD = b"galton"
+"""The key in a Parquet file's metadata."""
 
 
 class Data(NamedTuple):
@@ -21,9 +25,11 @@ class Data(NamedTuple):
     """What `gradients.collect` measured."""
 
 
-def budget_of(propositions: pa.Table) -> str:
-    """With which budget they were measured."""
-    return str((propositions.schema.metadata or {}).get(b"budget", b"unknown").decode())
+def provenance_of(propositions: pa.Table) -> dict[str, Any]:
+    """With which budget and versions they were measured, and on what machine."""
+    record = (propositions.schema.metadata or {}).get(RECORD, b'{"budget": "unknown", "versions": [], "machines": []}')
+    found: dict[str, Any] = json.loads(record)
+    return found
 
 
 class FigureStudy(NamedTuple):

@@ -6,7 +6,7 @@ from galton.analysis.page import Section, Table, render
 from galton.analysis.plots import settle
 from galton.analysis.statistics import mean_interval
 from galton.losses import LOSSES
-from galton.studies.base import Data, FigureStudy, budget_of, optimum, present
+from galton.studies.base import Data, FigureStudy, optimum, present, provenance_of
 from galton.studies.claims import all_claims
 from galton.studies.measures import final_return
 from galton.studies.registry import FIGURES, find_figure
@@ -80,12 +80,14 @@ def _facts(name: str, study: FigureStudy, data: Data) -> list[tuple[str, str]]:
             + "; ".join(f"{LOSSES[loss].label} {best.setting.brief()}" for loss, best in summary.best.items())
         )
         facts.append((f"sweep {sweep}", text))
-    for word in ("versions", "machines"):
-        values = {_shown(value): None for _, summary in found for value in summary.provenance[word]}
-        facts += [(word, value) for value in values]
-    budgets = dict.fromkeys(summary.provenance["budget"] for _, summary in found)
+    records = [summary.provenance for _, summary in found]
     if study.needs_propositions and data.propositions is not None:
-        budgets[budget_of(data.propositions)] = None
+        records.append(provenance_of(data.propositions))
+    for word in ("versions", "machines"):
+        facts += [
+            (word, value) for value in dict.fromkeys(_shown(value) for record in records for value in record[word])
+        ]
+    budgets = dict.fromkeys(record["budget"] for record in records)
     facts += [("command", f"galton reproduce {name} --budget {budget} --out DIR") for budget in budgets or ("paper",)]
     return facts
 

@@ -1,19 +1,20 @@
 """What figures need, trained: each sweep in a folder of its own, then as a summary of a megabyte or less."""
 
 import io
+import json
 from collections.abc import Iterable
 
 import pyarrow as pa
 import pyarrow.parquet as pq
 
 from galton.errors import UsageError
-from galton.studies.base import Data, budget_of
+from galton.studies.base import RECORD, Data, provenance_of
 from galton.studies.gradients import collect
 from galton.studies.summary import Summary
 from galton.studies.sweeps import SWEEPS, Budget, find_sweep
 from galton.sweep import engine, results
 from galton.sweep.engine import CarryOut
-from galton.sweep.shard import provenance
+from galton.sweep.shard import machine, provenance, versions
 from galton.sweep.store import Store
 
 DATA = "data"
@@ -47,10 +48,11 @@ def measure_propositions(budget: Budget, out: str) -> None:
     known = load(out).propositions
     if known is None:
         buffer = io.BytesIO()
-        table = collect(budget).replace_schema_metadata({"budget": budget})
+        record = {"budget": budget, "versions": [versions()], "machines": [machine()]}
+        table = collect(budget).replace_schema_metadata({RECORD: json.dumps(record, sort_keys=True)})
         pq.write_table(table, buffer, compression="zstd")
         Store(f"{out}/{DATA}").write(PROPOSITIONS, buffer.getvalue())
-    elif (made := budget_of(known)) != budget:
+    elif (made := provenance_of(known)["budget"]) != budget:
         raise UsageError(
             f"out is {out}, whose propositions were measured with budget {made!r}, not {budget!r}; name another "
             f"folder, or remove {DATA}/{PROPOSITIONS} there"

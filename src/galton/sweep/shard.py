@@ -124,7 +124,7 @@ def tabulate(shard: Shard, result: Result) -> pa.Table:
         "train_seconds": result.train_seconds,
         "finished": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
         "versions": versions(),
-        "machine": f"{platform.node()} {platform.machine()} {platform.platform()}",
+        "machine": machine(),
     }
     return pa.table(columns, metadata={_RECORD: json.dumps(record)})
 
@@ -191,6 +191,11 @@ def versions() -> dict[str, str | None]:
         except importlib.metadata.PackageNotFoundError:
             found[name] = None
     return found | {"commit": _commit(), "python": platform.python_version()}
+
+
+def machine() -> str:
+    """Its name, architecture and system."""
+    return f"{platform.node()} {platform.machine()} {platform.platform()}"
 
 
 def _commit() -> str | None:
