@@ -85,6 +85,7 @@ def draw(data: Data) -> Figure:
         panel.set_xticks(range(len(changes)), [textwrap.fill(change, 16) for change in changes], fontsize=8)
         panel.set_xlim(-0.5, len(changes) - 0.5)
         panel.set_title(heading(task), fontsize=10)
+        panel.set_xlabel("change")
         panel.set_ylabel("final training return")
         best = optimum(task)
         if best is not None:
