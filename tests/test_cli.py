@@ -6,7 +6,9 @@ import re
 import signal
 import subprocess
 import sys
+import sysconfig
 import time
+from pathlib import Path
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -20,10 +22,11 @@ from galton.training.checkpoint import read
 SMALL = ["--steps", "400", "--logs", "4", "--eval-episodes", "2", "--n-bins", "10"]
 
 
+GALTON = Path(sysconfig.get_path("scripts"), "galton")
+
+
 def galton(*arguments, cwd=None):
-    return subprocess.run(
-        [sys.executable, "-m", "galton", *map(str, arguments)], capture_output=True, text=True, cwd=cwd, timeout=300
-    )
+    return subprocess.run([GALTON, *map(str, arguments)], capture_output=True, text=True, cwd=cwd, timeout=300)
 
 
 def test_help_names_the_commands_and_needs_no_jax():
@@ -183,7 +186,7 @@ def test_a_resumed_run_equals_one_without_a_break(tmp_path):
 
 def test_an_interrupted_run_is_saved_and_goes_on(tmp_path):
     out = tmp_path / "run"
-    command = [sys.executable, "-m", "galton", "train", "lqr", "--n-bins", "10", "--eval-episodes", "0", "--out", out]
+    command = [GALTON, "train", "lqr", "--n-bins", "10", "--eval-episodes", "0", "--out", out]
     process = subprocess.Popen([*command, "--steps", "100000000"], stderr=subprocess.PIPE, stdout=subprocess.DEVNULL)
     deadline = time.monotonic() + 120
     while not (out / "metrics.jsonl").exists() and time.monotonic() < deadline:
@@ -248,7 +251,7 @@ def test_an_interrupt_leaves_nothing_half_written(number, delay, tmp_path):
     out.mkdir()
     (out / "config.json").write_text("mine")
     process = subprocess.Popen(
-        [sys.executable, "-m", "galton", "compare", "lqr", "--out", out, "--overwrite"],
+        [GALTON, "compare", "lqr", "--out", out, "--overwrite"],
         stderr=subprocess.PIPE,
         stdout=subprocess.PIPE,
         text=True,
@@ -268,9 +271,7 @@ def test_an_interrupt_leaves_nothing_half_written(number, delay, tmp_path):
 
 
 def test_two_processes_do_not_fill_one_folder(tmp_path):
-    first = subprocess.Popen(
-        [sys.executable, "-m", "galton", "compare", "lqr", "--out", tmp_path / "out"], stdout=subprocess.DEVNULL
-    )
+    first = subprocess.Popen([GALTON, "compare", "lqr", "--out", tmp_path / "out"], stdout=subprocess.DEVNULL)
     deadline = time.monotonic() + 60
     while not list(tmp_path.glob(".out.lock")) and time.monotonic() < deadline:
         time.sleep(0.1)

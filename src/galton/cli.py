@@ -43,6 +43,7 @@ def main() -> None:
     from galton.errors import BrokenEnvironmentError, CheckpointError, UsageError
 
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # so that it cleans up as Ctrl-C does
+    sys.path.append("")  # a module of one's own in the current folder is found; it can't hide an installed one
     try:
         importlib.import_module(f"galton.commands.{name}").main(arguments)
     except (UsageError, CheckpointError) as error:
