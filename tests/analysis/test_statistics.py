@@ -92,9 +92,10 @@ def test_paired_difference_interval_is_students_without_incomplete_pairs():
     assert np.isnan(paired_difference_interval(a[2:4], b[2:4]).low)
 
 
-def test_intervals_read_as_mean_and_half_width():
+def test_intervals_read_as_mean_and_half_width_or_as_both_ends():
     assert f"{mean_interval(np.array([-1.0, -3.0])):.1f}" == "−2.0 ± 12.7"
-    assert f"{Interval(np.float64(1), np.float64(0.5), np.float64(2.5)):+.1f}" == "+1.0 ± 1.0"
+    assert f"{Interval(np.float64(1), np.float64(0.05), np.float64(2.05)):+.1f}" == "+1.0 ± 1.0"
+    assert f"{Interval(np.float64(1), np.float64(-0.5), np.float64(1.5)):+.1f}" == "+1.0 [−0.5, +1.5]"
     assert f"{Interval(*np.full(3, -np.inf)):.1f}" == "−inf"
 
 

@@ -17,9 +17,9 @@ PROVENANCE = {
 }
 
 
-def results(study, final_of, n_logs=6, noise=0.01, diverged=()):
+def results(study, final_of, n_logs=6, noise=0.01, diverged=(), seed=0):
     """A table as `collect` makes it: curves that rise from −1 to what `final_of(setting)` says."""
-    rng = np.random.default_rng(0)
+    rng = np.random.default_rng(seed)
     setting = np.repeat(np.arange(len(study.settings)), study.trials)
     trial = np.tile(np.arange(study.trials), len(study.settings))
     ends = np.array([final_of(study.settings[i]) for i in setting]) + noise * rng.normal(size=len(setting))
@@ -44,12 +44,12 @@ def results(study, final_of, n_logs=6, noise=0.01, diverged=()):
     )
 
 
-def data(final_of, names=tuple(SWEEPS), budget="smoke"):
-    """Sweeps by name; `final_of(name, setting)` is where its runs end."""
+def data(final_of, names=tuple(SWEEPS), budget="smoke", noise=0.01):
+    """Sweeps by name; `final_of(name, setting)` is where its runs end, give or take noise."""
     done = {}
     for name in SWEEPS:
         if name in names:
             study = SWEEPS[name].study(budget, done)
-            table = results(study, lambda setting, name=name: final_of(name, setting))
+            table = results(study, lambda setting, name=name: final_of(name, setting), noise=noise)
             done[name] = Summary.of_results(study, table, PROVENANCE)
     return Data(done)

@@ -222,15 +222,29 @@ def test_findings_of_known_samples():
     printed, likelihood = found["lqr", "gaussian", "sigma"], found["lqr", "gaussian", "sigma^2"]
     softmax, centred = found["lqr", "hl-gauss", ""], found["lqr", "hl-gauss-centred", ""]
     assert printed.tightness == pytest.approx(0.25)
-    assert printed.bound == pytest.approx(2 / 3 * 2 * 2)
-    assert (printed.per_advantage, likelihood.per_advantage) == (pytest.approx(2), pytest.approx(4))
-    assert (likelihood.bound_ratio, softmax.bound_ratio) == (pytest.approx(2), pytest.approx(1.5))
-    assert (softmax.per_advantage_ratio, softmax.final_per_advantage_ratio) == (pytest.approx(1.5), pytest.approx(1.5))
-    assert printed.variation == pytest.approx(0.5)  # 1 and 3
-    assert printed.variation_per_advantage == pytest.approx(0)
+    ratios = (printed.per_advantage, likelihood.per_advantage, softmax.per_advantage)
+    assert ratios == (pytest.approx(2), pytest.approx(4), pytest.approx(3))
+    assert softmax.last_per_advantage == pytest.approx(3)
+    assert printed.variation == pytest.approx(0, abs=1e-6)
     assert (printed.exponent, likelihood.exponent) == (pytest.approx(0, abs=1e-6), pytest.approx(-1))
     assert softmax.exponent == pytest.approx(0, abs=1e-6)
     assert np.isnan(centred.exponent)
+
+
+def test_a_look_counts_for_the_steps_around_it():
+    """At steps 0, 10 and 100 the bound is 1, 2 and 9 times |A|; they stand for 5, 50 and 45 steps."""
+    rows = []
+    for step, ratio in ((0, 1.0), (10, 2.0), (100, 9.0)):
+        for advantage in (-1.0, 3.0):
+            sample = Sample(advantage, 1.0, 1.0, 1.0, 1.0, 0.1, ratio * abs(advantage))
+            keys = {"task": "lqr", "loss": "gaussian", "reading": "sigma", "step": step, "seed": 0, "sample": 0}
+            rows.append(keys | {"swept": False, "factor": 1.0} | sample._asdict())
+    found = findings(pa.Table.from_pylist(rows))["lqr", "gaussian", "sigma"]
+    mean = 0.05 * 1 + 0.5 * 2 + 0.45 * 9
+    spread = (0.05 * (1 - mean) ** 2 + 0.5 * (2 - mean) ** 2 + 0.45 * (9 - mean) ** 2) ** 0.5
+    assert found.per_advantage == pytest.approx(mean)
+    assert found.last_per_advantage == pytest.approx(9)
+    assert found.variation == pytest.approx(spread / mean)
 
 
 def test_a_crossing_is_counted():

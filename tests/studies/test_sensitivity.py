@@ -5,6 +5,7 @@ from scipy import stats
 from galton.analysis.statistics import mean_interval
 from galton.studies.measures import spread
 from galton.studies.sensitivity import marginals, stratified_mean
+from galton.studies.summary import Summary
 
 from . import made_up
 
@@ -49,7 +50,23 @@ def test_a_spread_is_the_range_of_marginal_means():
     data = made_up.data(lambda _, setting: setting.hypers.eta, ("lqr",))
     summary = data.sweeps["lqr"]
     eta, rate = (spread(summary, "hl-gauss", field) for field in ("eta", "learning_rate"))
-    assert eta.mean == pytest.approx(0.5 / 3, abs=0.02)  # of what is gained: from −1 to the widest η, 2
+    assert eta.mean == pytest.approx(0.5 / 1.75, abs=0.02)  # of what is gained: from −1 to 0.75
     assert eta.low <= eta.mean <= eta.high
-    assert rate.mean < 0.02
+    assert abs(rate.mean) < 0.02
     assert spread(summary, "hl-gauss", "n_bins") is None
+
+
+def test_noise_alone_is_no_spread():
+    """The range of means that differ by noise is positive; halves that choose for one another cancel it."""
+    study = made_up.data(lambda *_: 1.0, ("lqr",), budget="paper").sweeps["lqr"].study
+    spreads = []
+    for seed in range(40):
+        table = made_up.results(study, lambda _: 1.0, noise=0.5, seed=seed)
+        interval = spread(Summary.of_results(study, table, made_up.PROVENANCE), "hl-gauss", "learning_rate")
+        spreads.append(interval.mean)
+    assert abs(np.mean(spreads)) < 3 * stats.sem(spreads)
+
+
+def test_nothing_gained_is_no_unit():
+    data = made_up.data(lambda *_: -2.0, ("lqr",))
+    assert spread(data.sweeps["lqr"], "hl-gauss", "eta") is None

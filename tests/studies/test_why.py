@@ -1,4 +1,4 @@
-"""The study of causes, beside what tests of all figures check."""
+"""What stands in the figures besides what was trained."""
 
 import jax
 import jax.numpy as jnp
@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from galton.envs.find import find
-from galton.studies.sweeps import TASKS, WHY_TASKS
-from galton.studies.why import AT_REST
+from galton.studies.measures import AT_REST
+from galton.studies.sweeps import TASKS
 
 
-@pytest.mark.parametrize("task", WHY_TASKS)
+@pytest.mark.parametrize("task", AT_REST)
 def test_what_doing_nothing_earns(task):
     env = find(TASKS[task].env)
     n_episodes = 2_000 if task == "lqr" else 20

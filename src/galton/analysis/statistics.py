@@ -28,12 +28,15 @@ class Interval(NamedTuple):
     high: Numbers
 
     def __format__(self, spec: str) -> str:
-        """Mean ± half the width, or the mean alone where the interval is not known."""
+        """Mean ± half the width; mean [low, high] if that lies askew; the mean alone if the interval is not known."""
         if np.isnan(self.mean):
             return "—"
-        width = float(self.high) - float(self.low)
-        mean, half = (format(float(x), spec).replace("-", "−") for x in (self.mean, width / 2))
-        return mean if np.isnan(width) else f"{mean} ± {half.lstrip('+')}"
+        below, above = float(self.mean - self.low), float(self.high - self.mean)
+        mean, low, high, half = (format(float(x), spec).replace("-", "−") for x in (*self, (below + above) / 2))
+        if np.isnan(below + above):
+            return mean
+        askew = abs(above - below) > 0.1 * (above + below)
+        return f"{mean} [{low}, {high}]" if askew else f"{mean} ± {half.lstrip('+')}"
 
 
 def mean_interval(samples: Float[np.ndarray, "n *rest"]) -> Interval:

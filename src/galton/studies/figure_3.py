@@ -12,11 +12,10 @@ from galton.analysis.statistics import mean_interval
 from galton.studies.base import Data, FigureStudy, optimum
 from galton.studies.curves import draw_best
 from galton.studies.summary import Summary
-from galton.studies.sweeps import DIMENSIONS, NOISES
+from galton.studies.sweeps import CONTROLS, DIMENSIONS, NOISES
 
 _NOISE = tuple(f"bandit-noise-{noise:g}" for noise in NOISES)
 _DIMENSION = tuple(f"bandit-d-{d}" for d in DIMENSIONS)
-CONTROLS = {"bandit-init-gaussian": "Init Gaussian", "bandit-gaussian-exploration": "Gaussian Exploration"}
 
 
 def across(done: Mapping[str, Summary], constant: str, default: float) -> dict[float, Summary]:
@@ -69,6 +68,6 @@ FIGURE = FigureStudy(
     "and in more dimensions, all on fresh seeds. Bottom: the main experiment again, its sweep included, with the "
     "softmax policies starting as the Gaussian does, and sampling from a Gaussian with their own mean and variance; "
     "the Gaussian's curve is that of the main experiment. Means over trials and 95% confidence intervals.",
-    ("bandit", "bandit-again", *_NOISE, *_DIMENSION, *CONTROLS),
+    ("bandit", "bandit-again", *_NOISE, *_DIMENSION, *CONTROLS, *(f"{name}-again" for name in CONTROLS)),
     draw,
 )

@@ -1,66 +1,113 @@
 """Numbers that claims and tables quote, each with its interval."""
 
-from collections.abc import Sequence
+from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
-from galton.analysis.statistics import Interval, difference_interval, mean_interval, stratified_bootstrap
-from galton.studies.base import Data
+from galton.analysis.statistics import Interval, difference_interval, mean_interval
+from galton.losses import LOSSES
+from galton.studies.base import Data, present
 from galton.studies.summary import Summary
+from galton.studies.sweeps import TASKS
 
 CLASSIFICATION = ("hl-one-hot", "hl-gauss")
 """The paper's two."""
+AT_REST = {"lqr": -26.03, "mountain-car": 0.0, "acrobot": -500.0}
+"""The mean return of the action 0 from the first step to the last."""
 
 Scores = Float[np.ndarray, " trials"]
 
 
-def winner(data: Data, task: str) -> Summary:
-    """The sweep to judge the best settings by: their re-run on fresh seeds where that is done."""
-    return data.sweeps.get(f"{task}-again", data.sweeps[task])
+class Judged(NamedTuple):
+    """A task whose best settings were trained twice, so that none is judged by the runs that it was chosen by."""
+
+    chosen: Summary
+    """The grid."""
+    again: Summary
+    """Each loss's best setting of it on fresh seeds."""
+
+
+def judged(data: Data, tasks: tuple[str, ...] = tuple(TASKS)) -> dict[str, Judged]:
+    """The tasks of which both are done."""
+    return {
+        task: Judged(chosen, again)
+        for task, chosen in present(data, tasks).items()
+        if (again := data.sweeps.get(f"{task}-again"))
+    }
 
 
 def final_return(summary: Summary, loss: str, metric: str = "training_return") -> Scores:
-    """Of each trial of the loss's best setting; a run that diverged counts as the worst that any run ended with."""
-    return np.asarray(_filled(summary.final(metric))[summary.rows(summary.best[loss].setting)])
+    """Of each trial of the loss's best setting."""
+    finals = _filled(summary, summary.final(metric), metric)
+    return np.asarray(finals[summary.rows(summary.best[loss].setting)])
 
 
 def mean_return(summary: Summary, loss: str) -> Scores:
     """Mean training return over all of training, the area under each trial's curve: how fast it learns."""
-    return np.asarray(_filled(summary.curves("training_return")[summary.rows(summary.best[loss].setting)]).mean(1))
+    curves = _filled(summary, summary.curves("training_return"), "training_return")
+    return np.asarray(curves[summary.rows(summary.best[loss].setting)].mean(1))
 
 
-def _filled(returns: Float[np.ndarray, "*any"]) -> Float[np.ndarray, "*any"]:
-    """Each NaN as the worst that is known, if anything is."""
-    known = returns[~np.isnan(returns)]
+def _filled(summary: Summary, returns: Float[np.ndarray, "*any"], metric: str) -> Float[np.ndarray, "*any"]:
+    """Where a run has diverged, the worst that any run of the paper's losses ever did in this sweep."""
+    if not np.isnan(returns).any():
+        return returns
+    curves = summary.curves(metric)[_of_the_paper(summary)]
+    known = curves[~np.isnan(curves)]
     return np.where(np.isnan(returns), known.min(), returns) if len(known) else returns
 
 
-def better_classification(data: Data, task: str, score: str = "final") -> tuple[str, Interval]:
-    """The better of the two classification losses, and what it gains over the Gaussian."""
-    of = final_return if score == "final" else mean_return
-    summary = winner(data, task)
-    scores = {loss: of(summary, loss) for loss in CLASSIFICATION}
-    best = max(scores, key=lambda loss: float(scores[loss].mean()))
-    return best, difference_interval(scores[best], of(summary, "gaussian"))
+def _of_the_paper(summary: Summary) -> np.ndarray:
+    settings = summary.study.settings
+    return summary.rows(*(setting for setting in settings if LOSSES[setting.config.loss].in_paper))
+
+
+def better(chosen: Summary, score: Callable[[Summary, str], Scores]) -> str:
+    """The classification loss with the higher score where settings were chosen too."""
+    return max(CLASSIFICATION, key=lambda loss: float(score(chosen, loss).mean()))
+
+
+def over_regression(task: Judged, score: Callable[[Summary, str], Scores] = final_return) -> Interval:
+    """What the better classification loss gains over the Gaussian, on fresh seeds."""
+    return difference_interval(score(task.again, better(task.chosen, score)), score(task.again, "gaussian"))
+
+
+def progress(summary: Summary) -> tuple[float, float]:
+    """Mean training return at the first log point, and finally under the best setting, of the paper's losses."""
+    first = summary.curves("training_return")[_of_the_paper(summary), 0]
+    bests = [loss for loss in summary.best if LOSSES[loss].in_paper]
+    return float(mean_interval(first).mean), max(float(final_return(summary, loss).mean()) for loss in bests)
+
+
+def by_setting(summary: Summary, loss: str) -> Float[np.ndarray, "settings trials"]:
+    """Final training return of every run of a loss; a diverged one has the worst of all."""
+    finals = _filled(summary, summary.final("training_return"), "training_return")
+    own = [setting for setting in summary.study.settings if setting.config.loss == loss]
+    return np.array([finals[summary.rows(setting)] for setting in own])
+
+
+def by_value(summary: Summary, loss: str, field: str) -> dict[float, Scores]:
+    """The mean over settings of each trial's final return, by the value of a field: its marginals."""
+    finals = by_setting(summary, loss)
+    values = np.array([s.record()[field] for s in summary.study.settings if s.config.loss == loss])
+    return {float(value): finals[values == value].mean(0) for value in np.unique(values)}
 
 
 def spread(summary: Summary, loss: str, field: str) -> Interval | None:
-    """How much a field moves the final return: the range of its marginal means, in units of what training gains.
+    """How much a field moves the final return: its best value's marginal mean less its worst's, of what training gains.
 
-    That is the best setting's mean final return less the mean return at the first log point, of all runs. None where
-    the grid does not vary the field. The interval is bootstrapped over trials.
+    The two values are chosen by one half of the trials and compared by the other, and the other way round: were the
+    field without effect, the mean would be 0. None where the grid does not vary it, or where nothing is gained.
     """
-    final = _filled(summary.final("training_return"))
-    own = [setting for setting in summary.study.settings if setting.config.loss == loss]
-    values = np.array([setting.record()[field] for setting in own])
-    if len(set(values)) < 2:
+    marginals = np.array([*by_value(summary, loss, field).values()])
+    start, end = progress(summary)
+    if len(marginals) < 2 or not end > start:
         return None
-    best = max(final[summary.setting == i].mean() for i in np.unique(summary.setting))
-    gain = best - mean_interval(summary.curves("training_return")[:, 0]).mean
-
-    def moved(scores: Sequence[Scores]) -> float:
-        means = np.array([score.mean() for score in scores])
-        return float(np.ptp([means[values == value].mean() for value in set(values)]) / gain)
-
-    return stratified_bootstrap([final[summary.rows(setting)] for setting in own], moved, n_resamples=500)
+    half = np.arange(marginals.shape[1]) % 2
+    differences = np.full(len(half), np.nan)
+    for here in (0, 1):
+        means = marginals[:, half != here].mean(1)
+        differences[half == here] = (marginals[means.argmax()] - marginals[means.argmin()])[half == here]
+    return Interval(*(bound / (end - start) for bound in mean_interval(differences)))

@@ -1,15 +1,17 @@
 """Propositions 1 and 2: what the samples of `gradients` say (§4.3)."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from galton.analysis.plots import draw_series, finish, look_of, panels
 from galton.analysis.statistics import Interval
+from galton.losses import LOSSES
 from galton.studies.base import FigureStudy
 from galton.studies.gradients import Sample
 from galton.studies.sweeps import TASKS
@@ -21,10 +23,11 @@ Rows = dict[str, np.ndarray]
 
 
 def read(table: pa.Table) -> Rows:
-    """Its columns in float64, and three more, NaN where not defined: norm / bound, and each over |A| (l + ‖f‖)."""
+    """Its columns in float64, |A|, and three that may be NaN: norm / bound, and each over |A| (l + ‖f‖)."""
     rows = {name: np.asarray(table.column(name).to_numpy()) for name in table.column_names}
     rows |= {name: rows[name].astype(np.float64) for name in Sample._fields}
-    shared = np.abs(rows["advantage"]) * (rows["lipschitz"] + rows["feature_norm"])
+    rows["|advantage|"] = np.abs(rows["advantage"])
+    shared = rows["|advantage|"] * (rows["lipschitz"] + rows["feature_norm"])
     for name, (a, b) in {
         "tightness": (rows["norm"], rows["bound"]),
         "shared_norm": (rows["norm"], shared),
@@ -49,72 +52,71 @@ def crossings(table: pa.Table) -> int:
     return int((~(rows["norm"] <= rows["bound"] * (1 + 1e-5) + 1e-20)).sum())
 
 
+def of_the_paper(table: pa.Table) -> pa.Table:
+    """Without centred HL-Gauss."""
+    return table.filter(pc.is_in(table.column("loss"), pa.array([name for name in LOSSES if LOSSES[name].in_paper])))
+
+
 class Finding(NamedTuple):
-    """Of a loss in one reading on one task; ratios are to Proposition 2 as printed."""
+    """Of a loss in one reading on one task. An average over training gives each look the steps around it."""
 
     tightness: float
-    """Median of norm / bound."""
-    bound: float
-    """Its mean over samples, log points and seeds."""
-    bound_ratio: float
+    """Median of norm / bound over all looks."""
     per_advantage: float
-    """Mean bound / mean |A|, which is a factor of both propositions and differs with what a policy has learnt."""
-    per_advantage_ratio: float
-    final_per_advantage_ratio: float
-    """At the last log point."""
+    """Mean bound / mean |A| over training: |A| is a factor of both propositions and differs with what was learnt."""
+    last_per_advantage: float
+    """At the last look."""
     variation: float
-    """Of a run's mean bound from log point to log point: standard deviation / mean; mean over seeds."""
-    variation_per_advantage: float
-    """The same of mean bound / mean |A|."""
+    """Of a run's mean bound / mean |A| over training: standard deviation / mean; mean over seeds."""
     exponent: float
-    """The p in bound / |A| (l + ‖f‖) ∝ σ^p while the trained policies are made sharper; NaN where they were not."""
+    """The p in norm / |A| (l + ‖f‖) ∝ σ^p while the trained policies are made sharper; NaN where they were not."""
 
 
 def findings(table: pa.Table) -> dict[tuple[str, str, str], Finding]:
     """By task, loss and reading."""
-    found = {}
-    for (task,), of_task in parts(read(table), "task"):
-        series = dict(parts(of_task, "loss", "reading", "swept"))
-        printed = series[*PRINTED, False]
-        for (loss, reading, swept), rows in series.items():
-            if not swept:
-                found[task, loss, reading] = Finding(
-                    tightness=float(np.nanmedian(rows["tightness"])),
-                    bound=_mean(rows),
-                    bound_ratio=_mean(rows) / _mean(printed),
-                    per_advantage=_per_advantage(rows),
-                    per_advantage_ratio=_per_advantage(rows) / _per_advantage(printed),
-                    final_per_advantage_ratio=_per_advantage(_last(rows)) / _per_advantage(_last(printed)),
-                    variation=_variation(rows, _mean),
-                    variation_per_advantage=_variation(rows, _per_advantage),
-                    exponent=_exponent(series.get((loss, reading, True))),
-                )
-    return found
+    series = dict(parts(read(table), "task", "loss", "reading", "swept"))
+    return {
+        (task, loss, reading): Finding(
+            tightness=float(np.nanmedian(rows["tightness"])),
+            per_advantage=_mean(rows, "bound") / _mean(rows, "|advantage|"),
+            last_per_advantage=_mean(last := _last(rows), "bound") / _mean(last, "|advantage|"),
+            variation=float(np.mean([_variation(run) for _, run in parts(rows, "seed")])),
+            exponent=_exponent(series.get((task, loss, reading, True))),
+        )
+        for (task, loss, reading, swept), rows in series.items()
+        if not swept
+    }
 
 
-def _mean(rows: Rows) -> float:
-    return float(rows["bound"].mean())
+def _curve(rows: Rows, name: str) -> tuple[np.ndarray, np.ndarray]:
+    """Mean at each look, and how much of training lies nearer to it than to the others."""
+    steps, means = zip(*((step, point[name].mean()) for (step,), point in parts(rows, "step")), strict=True)
+    ends = np.array([steps[0], *np.convolve(steps, [0.5, 0.5], "valid"), steps[-1]])
+    return np.array(means), np.diff(ends) if len(steps) > 1 else np.ones(1)
 
 
-def _per_advantage(rows: Rows) -> float:
-    return _mean(rows) / float(np.abs(rows["advantage"]).mean())
+def _mean(rows: Rows, name: str) -> float:
+    means, share = _curve(rows, name)
+    return float(np.average(means, weights=share))
 
 
 def _last(rows: Rows) -> Rows:
     return {name: column[rows["step"] == rows["step"].max()] for name, column in rows.items()}
 
 
-def _variation(rows: Rows, mean: Callable[[Rows], float]) -> float:
-    curves = [[mean(point) for _, point in parts(run, "step")] for _, run in parts(rows, "seed")]
-    return float(np.mean(np.std(curves, axis=1) / np.mean(curves, axis=1)))
+def _variation(run: Rows) -> float:
+    bound, share = _curve(run, "bound")
+    ratio = bound / _curve(run, "|advantage|")[0]
+    mean = np.average(ratio, weights=share)
+    return float(np.sqrt(np.average((ratio - mean) ** 2, weights=share)) / mean)
 
 
 def _exponent(rows: Rows | None) -> float:
     if rows is None:
         return float("nan")
-    points = [(part["sigma"].mean(), np.nanmean(part["shared_bound"])) for _, part in parts(rows, "factor")]
-    sigma, bound = np.log([point for point in points if point[0] > 0]).T
-    return float(np.polyfit(sigma, bound, 1)[0])
+    points = [(part["sigma"].mean(), np.nanmean(part["shared_norm"])) for _, part in parts(rows, "factor")]
+    sigma, norm = np.log([point for point in points if point[0] > 0]).T
+    return float(np.polyfit(sigma, norm, 1)[0])
 
 
 def draw(table: pa.Table) -> Figure:

@@ -14,6 +14,8 @@ from galton.sweep.study import Setting, Study
 Budget = Literal["smoke", "small", "paper"]
 Done = Mapping[str, Summary]
 """The sweeps that are done, by name."""
+_FRESH = 1
+"""Seed of the studies that judge what others, of seed 0, have chosen."""
 
 
 class Task(NamedTuple):
@@ -40,6 +42,8 @@ NOISES = (0.0, 2.0, 5.0, 10.0)
 """Reward noise of Figure 3a, beside the bandit's own 1; the paper doesn't tell its values."""
 DIMENSIONS = (1, 4, 8, 16)
 """Action dimensions of Figure 3b, beside the bandit's own 2."""
+CONTROLS = {"bandit-init-gaussian": "Init Gaussian", "bandit-gaussian-exploration": "Gaussian Exploration"}
+"""§5.2.3's two conditions."""
 CENTRED_ETAS = [0.75, 1.0, 2.0, 4.0]
 """Of centred HL-Gauss, which the paper does not have: η wider than its grid."""
 
@@ -127,17 +131,17 @@ def _main(task: str) -> Sweep:
     return Sweep(task, about, lambda budget, _: _study(task, budget, _settings(task, budget)))
 
 
-def _again(task: str) -> Sweep:
-    """The winners on fresh seeds: the mean of the best of many flatters."""
+def _again(name: str, task: str, about: str) -> Sweep:
+    """A sweep's winners on fresh seeds: the mean of the best of many flatters."""
 
     def study(_: Budget, done: Done) -> Study:
-        main = done[task]
-        return rerun(main.study, main.best, main.study.trials, seed=1)
+        main = done[name]
+        return rerun(main.study, main.best, main.study.trials, _FRESH)
 
-    return Sweep(task, f"{TASKS[task].title}: each loss's best setting on fresh seeds", study, (task,))
+    return Sweep(task, f"{about}: each loss's best setting on fresh seeds", study, (name,))
 
 
-def _bandit_control(field: str) -> Sweep:
+def _bandit_control(name: str, field: str) -> Sweep:
     """The bandit's sweep again, with the softmax policies under one of §5.2.3's two conditions."""
 
     def study(budget: Budget, _: Done) -> Study:
@@ -149,18 +153,18 @@ def _bandit_control(field: str) -> Sweep:
         )
         return _study("bandit", budget, changed)
 
-    names = {"initial_policy": "Init Gaussian", "exploration": "Gaussian Exploration"}
-    return Sweep("bandit", f"Bandit: the classification losses with {names[field]}", study)
+    return Sweep("bandit", f"Bandit: the classification losses with {CONTROLS[name]}", study)
 
 
 def _bandit_with(constant: str, value: float | int) -> Sweep:
-    """The bandit's winners on another bandit."""
+    """The bandit's winners on another bandit, on fresh seeds."""
 
     def study(budget: Budget, done: Done) -> Study:
         main = done["bandit"]
         losses = ("gaussian", "hl-gauss") if budget == "smoke" else tuple(main.best)
         settings = tuple(main.best[loss].setting for loss in losses)
-        return dataclasses.replace(main.study, settings=settings, env_kwargs=json.dumps({constant: value}))
+        kwargs = json.dumps({constant: value})
+        return dataclasses.replace(main.study, settings=settings, env_kwargs=kwargs, seed=_FRESH)
 
     return Sweep("bandit", f"Bandit: each loss's best setting, {constant} = {value}", study, ("bandit",))
 
@@ -189,13 +193,14 @@ def _why(task: str) -> Sweep:
 
 SWEEPS: dict[str, Sweep] = (
     {task: _main(task) for task in TASKS}
-    | {f"{task}-again": _again(task) for task in TASKS}
+    | {f"{task}-again": _again(task, task, TASKS[task].title) for task in TASKS}
     | {f"bandit-noise-{noise:g}": _bandit_with("noise_std", noise) for noise in NOISES}
     | {f"bandit-d-{d}": _bandit_with("d", d) for d in DIMENSIONS}
     | {
-        "bandit-init-gaussian": _bandit_control("initial_policy"),
-        "bandit-gaussian-exploration": _bandit_control("exploration"),
+        "bandit-init-gaussian": _bandit_control("bandit-init-gaussian", "initial_policy"),
+        "bandit-gaussian-exploration": _bandit_control("bandit-gaussian-exploration", "exploration"),
     }
+    | {f"{name}-again": _again(name, "bandit", f"Bandit, {label}") for name, label in CONTROLS.items()}
     | {f"why-{task}": _why(task) for task in WHY_TASKS}
 )
 

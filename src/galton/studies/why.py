@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 from galton.analysis.plots import draw_level, draw_marks, finish, look_of, panels
 from galton.analysis.statistics import mean_interval
 from galton.studies.base import Data, FigureStudy, heading, optimum
+from galton.studies.measures import AT_REST
 from galton.studies.summary import Summary
 from galton.studies.sweeps import CHANGES, WHY_TASKS
 from galton.sweep.grid import task_defaults
@@ -23,9 +24,6 @@ METRICS = {
     "hl_gauss_bias": "HL-Gauss bias",
 }
 """Final means of these tell what the policies and critics look like in the end."""
-
-AT_REST = {"lqr": -26.03, "mountain-car": 0.0, "acrobot": -500.0}
-"""The mean return of the action 0 from the first step to the last."""
 
 
 class Outcome(NamedTuple):

@@ -22,7 +22,9 @@ def all_claims(data: Data) -> list[Claim]:
         bandit.init_gaussian(data),
         bandit.gaussian_exploration(data),
         bandit.no_local_optimum(data),
+        bandit.exploration_is_not_the_reason(data),
         returns.order_changes(data),
         *settings.sensitivities(data),
+        settings.robust_to_settings(data),
         settings.higher_fraction(data),
     ]

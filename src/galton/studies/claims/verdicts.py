@@ -8,6 +8,8 @@ from galton.analysis.statistics import Interval
 
 UNKNOWN = "not decidable here"
 NOT_TRAINED = "What it needs was not trained."
+A_TENTH = 0.1
+"""Of what training gains: what is less is little."""
 
 
 def decided(gaps: Mapping[str, Interval]) -> dict[str, Interval]:
@@ -32,13 +34,16 @@ def listed(gaps: Mapping[str, Interval], spec: str = "+.2f") -> str:
     return "; ".join(f"{name} {gap:{spec}}" for name, gap in gaps.items())
 
 
-def sorted_out(gaps: Mapping[str, Interval]) -> str:
-    """Which are clearly positive, clearly negative, or neither, in words."""
+def sorted_out(gaps: Mapping[str, Interval], *notes: str) -> str:
+    """Which are clearly as the paper says, positive, and which the other way round or neither; and what explains it."""
     if not gaps:
         return NOT_TRAINED
+    known = decided(gaps)
     words = {
-        "better": [name for name, gap in gaps.items() if gap.low > 0],
-        "worse": [name for name, gap in gaps.items() if gap.high < 0],
-        "no clear difference": [name for name, gap in gaps.items() if not (gap.low > 0 or gap.high < 0)],
+        "as the paper says": [name for name, gap in known.items() if gap.low > 0],
+        "the other way round": [name for name, gap in known.items() if gap.high < 0],
+        "no clear difference": [name for name, gap in known.items() if gap.low <= 0 <= gap.high],
+        "too few trials": [name for name in gaps if name not in known],
     }
-    return "; ".join(f"{word}: {', '.join(names)}" for word, names in words.items() if names) + "."
+    sentence = "; ".join(f"{word}: {', '.join(names)}" for word, names in words.items() if names)
+    return " ".join([f"{sentence[0].upper()}{sentence[1:]}.", *filter(None, notes)])
