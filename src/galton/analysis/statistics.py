@@ -31,7 +31,7 @@ class Interval(NamedTuple):
         """Mean ± half the width; mean [low, high] if that lies askew; the mean alone if the interval is not known."""
         if np.isnan(self.mean):
             return "—"
-        below, above = float(self.mean - self.low), float(self.high - self.mean)
+        below, above = float(self.mean) - float(self.low), float(self.high) - float(self.mean)
         mean, low, high, half = (format(float(x), spec).replace("-", "−") for x in (*self, (below + above) / 2))
         if np.isnan(below + above):
             return mean
