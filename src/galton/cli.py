@@ -13,7 +13,7 @@ COMMANDS = {
     "report": "write the page of what was reproduced",
 }
 
-RESUMABLE = ("sweep", "reproduce")
+RESUMABLE = ("sweep", "reproduce", "report")
 """Whose work is kept as it is done."""
 
 HELP = f"""\

@@ -216,13 +216,14 @@ def test_axes_with_words_for_numbers_keep_them():
 
 def test_ink_follows_the_theme():
     drawn, (axes,) = panels(1)
-    for name, color in (("a", "black"), ("b", "#0072b2"), ("c", "#444444"), ("d", "#440154"), ("e", "#e0e010")):
-        axes.plot([0, 1], gid=name, color=color)
+    for i, color in enumerate(("black", "#0072b2", "#444444", "#440154", "#e0e010", "#d55e00")):
+        axes.plot([0, 1], gid=str(i), color=color)
     grey = "color-mix(in srgb, currentColor 73%, var(--paper))"
     colors = [series["color"] for series in data(Document(page(figure=drawn)))["panels"][0]["series"]]
     assert colors[:3] == ["currentColor", "var(--blue)", grey]
     assert re.fullmatch(r"light-dark\(#440154, #[0-9a-f]{6}\)", colors[3])
-    assert colors[4] == "#e0e010"
+    assert re.fullmatch(r"light-dark\(#[0-9a-f]{6}, #e0e010\)", colors[4])
+    assert colors[5] == "#d55e00"
     assert "#000000" not in page(figure=drawn)
 
 

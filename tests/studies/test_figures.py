@@ -43,7 +43,8 @@ def test_learning_curves_are_means_over_the_winners_trials(name, data):
     study = find_figure(name)
     figure = study.draw(data)
     metric = "evaluation_return" if name == "figure-8" else "training_return"
-    for axes, task in zip(figure.axes, study.sweeps, strict=True):
+    tasks = [sweep for sweep in study.sweeps if sweep in TASKS]
+    for axes, task in zip(figure.axes, tasks, strict=True):
         assert TASKS[task].title in axes.get_title()
         summary = data.sweeps[task]
         for loss, best in summary.best.items():
@@ -67,7 +68,7 @@ def test_a_profile_falls_from_all_to_none(data):
         for loss in ENDS:
             share = named(axes, LOSSES[loss].label).get_ydata()
             assert (np.diff(share) <= 0).all()
-            assert share[-1] <= 0.5
+            assert share[-1] == 0
     assert named(axes, LOSSES["hl-gauss-centred"].label).get_ydata()[0] == 1
 
 

@@ -1,10 +1,12 @@
 """The command that trains, draws and tells, at its smallest budget."""
 
+import dataclasses
 import shutil
 import subprocess
 import sys
 
 import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
 from galton.commands.reproduce import asked
@@ -64,9 +66,9 @@ def test_a_report_alone_writes_the_same(whole, tmp_path):
 
 
 def test_another_budget_in_the_same_folder_is_refused(whole):
-    done = galton("reproduce", "lqr", "--budget", "small", "--out", whole)
+    done = galton("reproduce", "propositions", "bandit", "--budget", "small", "--out", whole)
     assert done.returncode == 2
-    assert "whose lqr is of another study than budget 'small'" in done.stderr
+    assert "whose bandit was made with budget 'smoke', not 'small'" in done.stderr
     assert done.stderr.count("\n") == 1
 
 
@@ -105,8 +107,37 @@ def test_propositions_of_another_budget_are_refused(tmp_path, monkeypatch):
     reproduce.measure_propositions("smoke", str(tmp_path))
     known = provenance_of(reproduce.load(str(tmp_path)).propositions)
     assert (known["budget"], known["versions"], known["machines"]) == ("smoke", [versions()], [machine()])
-    with pytest.raises(UsageError, match="propositions were measured with budget 'smoke', not 'paper'"):
-        reproduce.measure_propositions("paper", str(tmp_path))
+    reproduce.refuse_other_budgets([], False, "paper", str(tmp_path))
+    with pytest.raises(UsageError, match="propositions was made with budget 'smoke', not 'paper'"):
+        reproduce.refuse_other_budgets([], True, "paper", str(tmp_path))
+
+
+def test_damaged_propositions_are_named(tmp_path):
+    store = reproduce.Store(f"{tmp_path}/{reproduce.DATA}")
+    for content in (b"PAR1", None):
+        if content is None:
+            pq.write_table(pa.table({"norm": [1.0]}), tmp_path / reproduce.DATA / reproduce.PROPOSITIONS)
+        else:
+            store.write(reproduce.PROPOSITIONS, content)
+        with pytest.raises(UsageError, match=r"propositions.parquet in .* is not what was measured, or was damaged"):
+            reproduce.load(str(tmp_path))
+
+
+def test_a_summary_of_another_study_is_refused(tmp_path):
+    summary = made_up.data(lambda *_: 1.0, ("lqr",)).sweeps["lqr"]
+    other = dataclasses.replace(summary, study=dataclasses.replace(summary.study, trials=3))
+    other.save(reproduce.Store(f"{tmp_path}/{reproduce.DATA}"), "lqr.parquet")
+    with pytest.raises(UsageError, match="whose lqr is of another study than this version and budget 'smoke' ask for"):
+        reproduce.train(["lqr"], "smoke", str(tmp_path), lambda *_: None)
+
+
+def test_figure_1_needs_no_training_and_takes_stale_figures_away(tmp_path):
+    (tmp_path / "figures").mkdir()
+    (tmp_path / "figures" / "figure-10.png").touch()
+    done = galton("reproduce", "figure-1", "--out", tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert sorted(path.name for path in (tmp_path / "figures").iterdir()) == ["figure-1.png", "figure-1.svg"]
+    assert 'id="figure-1"' in (tmp_path / "index.html").read_text()
 
 
 def test_a_summary_is_enough(tmp_path):

@@ -79,7 +79,7 @@ function enliven(figure) {
       value.toLocaleString("en-US", { maximumSignificantDigits: 12 }).replaceAll("-", "−");
     const guide = draw(axes, "g", { class: "guide" });
     const hit = draw(axes, "rect", { class: "hit", x: left, y: top, width, height, tabindex: 0, role: "slider",
-      "aria-label": `${title} values by ${x.label || "x"}`, "aria-valuenow": 0 });
+      "aria-label": `${title} values by ${x.label || "x"}`, "aria-valuemin": 0, "aria-valuenow": 0, "aria-valuetext": "none chosen" });
     let current = null;
 
     const hide = () => {
@@ -90,7 +90,8 @@ function enliven(figure) {
     function show(share) {
       const among = stops();
       if (!among.length) return hide();
-      current = among[nearest(among, share)];
+      const index = nearest(among, share);
+      current = among[index];
       guide.replaceChildren();
       const middle = left + width * across(current);
       draw(guide, "path", { d: `M${middle} ${top}v${height}` });
@@ -113,6 +114,8 @@ function enliven(figure) {
       tip.replaceChildren(table);
       tip.hidden = false;
       placeTip(across(current));
+      hit.setAttribute("aria-valuemax", among.length - 1);
+      hit.setAttribute("aria-valuenow", index);
       hit.setAttribute("aria-valuetext", [table.caption, ...table.rows].map((part) => part.innerText).join("; "));
     }
 
@@ -137,7 +140,7 @@ function enliven(figure) {
     hit.addEventListener("keydown", (event) => {
       const among = stops();
       const i = among.indexOf(current);
-      const to = { ArrowLeft: i - 1, ArrowRight: i + 1, Home: 0, End: among.length - 1 }[event.key];
+      const to = { ArrowLeft: i - 1, ArrowDown: i - 1, ArrowRight: i + 1, ArrowUp: i + 1, Home: 0, End: among.length - 1 }[event.key];
       if (event.key === "Escape") hide();
       if (to === undefined) return;
       event.preventDefault();

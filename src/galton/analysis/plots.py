@@ -4,6 +4,7 @@ Artists with a gid are a series of that name, which the page lets readers hover 
 begins with RUN are single runs, which print leaves out.
 """
 
+import io
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -22,9 +23,8 @@ from galton.analysis.statistics import Interval, fill_until, mean_interval
 from galton.envs.base import Environment
 from galton.losses import LOSSES
 
-# Okabe and Ito's colours, told apart by readers of every colour vision.
-COLORS = dict(zip(LOSSES, ("#000000", "#E69F00", "#0072B2", "#009E73"), strict=False))
-
+_COLORS = ("#000000", "#E69F00", "#0072B2", "#009E73", "#D55E00", "#CC79A7", "#56B4E9", "#F0E442")
+"""Okabe and Ito's, told apart by readers of every colour vision: the losses' by their place in LOSSES."""
 RUN = "run:"
 """How the gid of a single run's line begins; the name of its series follows."""
 
@@ -99,7 +99,8 @@ def draw_level(axes: Axes, value: float, name: str = "optimum", linestyle: str =
 
 def look_of(loss: str) -> tuple[str, str, str]:
     """Label, colour and line style: what is not the paper's is dash-dotted."""
-    return LOSSES[loss].label, COLORS[loss], "-" if LOSSES[loss].in_paper else "-."
+    color = _COLORS[[*LOSSES].index(loss) % len(_COLORS)]
+    return LOSSES[loss].label, color, "-" if LOSSES[loss].in_paper else "-."
 
 
 def finish(figure: Figure, axes: Sequence[Axes]) -> None:
@@ -166,12 +167,20 @@ def learning_curves(results: Results, env: Environment | None, title: str) -> Fi
 
 
 def save(figure: Figure, stem: Path) -> None:
-    """As stem.png and stem.svg, without the single runs; the same bytes for the same figure."""
+    """As stem.png and stem.svg."""
+    for suffix, image in images(figure).items():
+        stem.with_suffix(suffix).write_bytes(image)
+
+
+def images(figure: Figure) -> dict[str, bytes]:
+    """By file suffix, without the single runs; the same bytes for the same figure."""
+    files = {".png": io.BytesIO(), ".svg": io.BytesIO()}
     hidden = [line for line in figure.findobj() if str(line.get_gid()).startswith(RUN) and line.get_visible()]
     for line in hidden:
         line.set_visible(False)
     with mpl.rc_context(_STYLE):
-        figure.savefig(stem.with_suffix(".png"), dpi=160)
-        figure.savefig(stem.with_suffix(".svg"), metadata={"Date": None})
+        figure.savefig(files[".png"], format="png", dpi=160)
+        figure.savefig(files[".svg"], format="svg", metadata={"Date": None})
     for line in hidden:
         line.set_visible(True)
+    return {suffix: file.getvalue() for suffix, file in files.items()}

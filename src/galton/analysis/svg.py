@@ -24,8 +24,8 @@ _INKS = {
     "#009e73": "var(--green)",
 }
 """Colours of figures for which page.css has a value for light and one for dark."""
-_DARKEST = 0.16
-"""The least luminance at night: a contrast of 3.6 with page.css's paper."""
+_LUMINANCE = 0.16, 0.29
+"""The least at night and the most by day: contrasts of 3.6 and 3.1 with page.css's paper."""
 Box = Float[np.ndarray, " 4"]
 """Left, top, right and bottom in points."""
 
@@ -94,15 +94,21 @@ def _clean(element: ET.Element, ids: defaultdict[str, str]) -> None:
 
 
 def _ink(color: str) -> str:
-    """A colour for either theme: greys lie between ink and paper, and what is too dark for the night is lightened."""
+    """A colour for either theme: greys lie between ink and paper, others are made light or dark enough to be seen."""
     rgb = np.array(to_rgb(color))
     if color in _INKS:
         return _INKS[color]
     if np.ptp(rgb) == 0:
         return f"color-mix(in srgb, currentColor {100 * (1 - rgb[0]):.0f}%, var(--paper))"
-    lighter = (rgb + (1 - rgb) * white for white in np.linspace(0, 1, 21))
-    night = to_hex(next(mix for mix in lighter if mix**2.2 @ (0.2126, 0.7152, 0.0722) > _DARKEST))
-    return color if night == color else f"light-dark({color}, {night})"
+    least, most = _LUMINANCE
+    shares = np.linspace(0, 1, 21)
+    night = next(mix for mix in (rgb + (1 - rgb) * white for white in shares) if _luminance(mix) > least)
+    day = next(mix for mix in (rgb * (1 - black) for black in shares) if _luminance(mix) < most)
+    return color if to_hex(night) == to_hex(day) else f"light-dark({to_hex(day)}, {to_hex(night)})"
+
+
+def _luminance(rgb: Float[np.ndarray, " 3"]) -> float:
+    return float(rgb**2.2 @ (0.2126, 0.7152, 0.0722))
 
 
 def _steps(path: str) -> str:

@@ -6,9 +6,10 @@ from pathlib import Path
 
 import tyro
 
-from galton.analysis.plots import save
+from galton.analysis import plots
 from galton.errors import require
 from galton.studies import report, reproduce
+from galton.studies.base import Data
 from galton.sweep.store import Store
 
 
@@ -21,22 +22,25 @@ class Options:
 
 
 def main(arguments: Sequence[str]) -> None:
-    """Read, draw, write."""
-    write(tyro.cli(Options, prog="galton report", args=list(arguments)).folder)
-
-
-def write(folder: Path) -> None:
-    """Figures and page of a folder; the same data give the same bytes.
+    """Read, draw, write.
 
     Raises:
         UsageError: a folder without data.
     """
+    folder = tyro.cli(Options, prog="galton report", args=list(arguments)).folder
     data = reproduce.load(str(folder))
     there = bool(data.sweeps) or data.propositions is not None
     require(there, f"folder is {str(folder)!r}, which holds no data; make some with: galton reproduce")
-    figures = report.figures(data)
-    (folder / "figures").mkdir(exist_ok=True)
-    for name, figure in figures.items():
-        save(figure, folder / "figures" / name)
-    Store(str(folder)).write("index.html", report.page(data, figures).encode())
+    write(folder, data)
+
+
+def write(folder: Path, data: Data) -> None:
+    """Figures and page into a folder; the same data give the same bytes."""
+    figures, store = report.figures(data), Store(str(folder))
+    images = {f"{name}{suffix}": image for name in figures for suffix, image in plots.images(figures[name]).items()}
+    for name, image in images.items():
+        store.write(f"figures/{name}", image)
+    for name in {*store.names("figures")} - {*images}:
+        store.remove(f"figures/{name}")
+    store.write("index.html", report.page(data, figures).encode())
     print(f"{len(figures)} figures and the page: {folder / 'index.html'}")

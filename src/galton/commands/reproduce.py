@@ -47,11 +47,12 @@ def main(arguments: Sequence[str]) -> None:
     places = one_per_core(options.workers)
     if options.budget == "smoke":  # compiling is all that takes time
         places = [Place(place.cores, (("JAX_DISABLE_MOST_OPTIMIZATIONS", "1"),)) for place in places]
+    reproduce.refuse_other_budgets(sweeps, propositions, options.budget, str(options.out))
     with processes(places) as carry_out:
         reproduce.train(sweeps, options.budget, str(options.out), carry_out)
     if propositions:
         reproduce.measure_propositions(options.budget, str(options.out))
-    write(options.out)
+    write(options.out, reproduce.load(str(options.out)))
 
 
 def asked(what: Sequence[str]) -> tuple[list[str], bool]:

@@ -27,8 +27,7 @@ class Data(NamedTuple):
 
 def provenance_of(propositions: pa.Table) -> dict[str, Any]:
     """With which budget and versions they were measured, and on what machine."""
-    record = (propositions.schema.metadata or {}).get(RECORD, b'{"budget": "unknown", "versions": [], "machines": []}')
-    found: dict[str, Any] = json.loads(record)
+    found: dict[str, Any] = json.loads((propositions.schema.metadata or {})[RECORD])
     return found
 
 
@@ -45,11 +44,11 @@ class FigureStudy(NamedTuple):
     """It draws those, not sweeps."""
 
 
-def optimum(task: str, **constants: object) -> float | None:
+def optimum(task: str) -> float | None:
     """The return of the best controller, where it is known."""
     if not TASKS[task].in_jax:
         return None
-    env = find(TASKS[task].env, **constants)
+    env = find(TASKS[task].env)
     return env.optimal_return if isinstance(env, Environment) else None
 
 

@@ -35,6 +35,7 @@ def best_curves(data: Data, tasks: tuple[str, ...], metric: str) -> Figure:
     for panel, (task, summary) in zip(axes, found.items(), strict=True):
         draw_best(panel, dict.fromkeys(summary.best, summary), metric, optimum(task))
         panel.set_title(heading(task), fontsize=10)
-    axes[0].set_ylabel("undiscounted return")
+    for panel in axes[:1]:
+        panel.set_ylabel("undiscounted return")
     finish(figure, axes)
     return figure

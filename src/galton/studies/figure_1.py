@@ -7,9 +7,9 @@ from jaxtyping import Array, Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from galton.analysis.plots import COLORS, finish, look_of, panels
+from galton.analysis.plots import finish, look_of, panels
 from galton.bins import Bins
-from galton.losses import find_loss, surrogate
+from galton.losses import LOSSES, find_loss, surrogate
 from galton.policies import Distribution, Gaussian, Histogram
 from galton.policies.exploration import init_gaussian_logits
 from galton.studies.base import FigureStudy
@@ -76,8 +76,8 @@ def density(distribution: Distribution, x: Float[np.ndarray, " n"]) -> Float[np.
 
 def draw() -> Figure:
     """A panel per loss: the policy before the step, the sampled actions with their advantages, the policy after."""
-    figure, axes = panels(len(COLORS), height=2.9)
-    for panel, loss in zip(axes, COLORS, strict=True):
+    figure, axes = panels(len(LOSSES), height=2.9)
+    for panel, loss in zip(axes, LOSSES, strict=True):
         look = look_of(loss)
         _draw_policy(panel, policy(start(loss)), ("before the step", "#9a9a9a", "-"), 0.9, 0.0)
         _draw_policy(panel, policy(step(loss)), look, 1.5, 0.15)

@@ -41,7 +41,8 @@ def draw(data: Data) -> Figure:
     figure, axes = panels(len(constants) + len(controls), columns=2, height=2.9)
     for panel, (name, bandits) in zip(axes, constants.items(), strict=False):
         _draw_final(panel, bandits)
-        panel.set_xlabel("standard deviation of the reward's noise" if name == "noise_std" else "action dimensions d")
+        panel.set_title("Reward noise" if name == "noise_std" else "Action dimensions", fontsize=10)
+        panel.set_xlabel("standard deviation of the noise" if name == "noise_std" else "d")
         if name == "d":
             panel.set_xscale("log", base=2)
             panel.xaxis.set_major_formatter("{x:g}")

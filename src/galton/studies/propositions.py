@@ -136,23 +136,22 @@ def draw(table: pa.Table) -> Figure:
             if not is_printed:  # scales drop out, or nearly
                 _draw_tightness(tightness, rows, look)
         _frame_samples(samples)
-        samples.set_ylabel(TASKS[task].title, fontsize=11)
+        for panel, title in zip((samples, tightness, training, sharpened), _TITLES, strict=True):
+            panel.set_title(f"{TASKS[task].title}: {title}", fontsize=9)
         for panel in (tightness, training):
             _over_steps(panel, int(of_task["step"].max()))
         tightness.set_ylim(0, 1.02)
         training.set_yscale("log")
         sharpened.set(xscale="log", yscale="log", xlabel="σ", xlim=(1.0, 5e-6))
-    for panel, title in zip(axes, _TITLES, strict=False):
-        panel.set_title(title, fontsize=10)
     finish(figure, axes)
     return figure
 
 
 _TITLES = (
-    "norm against bound, each sample",
+    "norm against bound",
     "norm / bound in training",
-    "mean bound, and mean norm (thin)",
-    "the same / |A| (l + ‖f‖), as σ → 0",
+    "bound, and norm (thin)",
+    "both / |A| (l + ‖f‖), as σ → 0",
 )
 
 
@@ -183,7 +182,9 @@ def _draw_sides(axes: Axes, rows: Rows, by: str, x: str, sides: str, look: tuple
     for side, width in (("bound", 1.6), ("norm", 0.7)):
         means = [np.nanmean(point[sides + side]) for point in points]
         at = [point[x].mean() for point in points]
-        axes.plot(at, means, color=color, ls=linestyle, lw=width, gid=name, label=name if side == "bound" else None)
+        is_bound = side == "bound"
+        gid, label = (name, name) if is_bound else (f"{name}: norm", None)
+        axes.plot(at, means, color=color, ls=linestyle, lw=width, gid=gid, label=label)
 
 
 def _over_steps(axes: Axes, last: int) -> None:

@@ -32,31 +32,50 @@ def needed(sweeps: Iterable[str]) -> list[str]:
 
 
 def load(out: str) -> Data:
-    """What a folder holds."""
+    """What a folder holds.
+
+    Raises:
+        UsageError: a file there is damaged, or something else.
+    """
     store = Store(f"{out}/{DATA}")
     files = store.names("")
     sweeps = {name: Summary.load(store, f"{name}.parquet") for name in SWEEPS if f"{name}.parquet" in files}
-    return Data(sweeps, pq.read_table(io.BytesIO(store.read(PROPOSITIONS))) if PROPOSITIONS in files else None)
+    if PROPOSITIONS not in files:
+        return Data(sweeps)
+    try:
+        table = pq.read_table(io.BytesIO(store.read(PROPOSITIONS)))
+        provenance_of(table)
+    except (pa.ArrowException, OSError, KeyError, TypeError, ValueError) as error:
+        raise UsageError(f"{PROPOSITIONS} in {store.url} is not what was measured, or was damaged: {error}") from None
+    return Data(sweeps, table)
+
+
+def refuse_other_budgets(sweeps: Iterable[str], propositions: bool, budget: Budget, out: str) -> None:
+    """So that nothing is trained for a folder that has some of it at another budget.
+
+    Raises:
+        UsageError: it has.
+    """
+    data = load(out)
+    made = {name: data.sweeps[name].provenance["budget"] for name in needed(sweeps) if name in data.sweeps}
+    if propositions and data.propositions is not None:
+        made[PROPOSITIONS.removesuffix(".parquet")] = provenance_of(data.propositions)["budget"]
+    for name, other in made.items():
+        if other != budget:
+            raise UsageError(
+                f"out is {out}, whose {name} was made with budget {other!r}, not {budget!r}; name another folder, or "
+                f"remove {DATA}/{name}.parquet there"
+            )
 
 
 def measure_propositions(budget: Budget, out: str) -> None:
-    """Unless the folder has them: train networks and measure both sides of both bounds on them.
-
-    Raises:
-        UsageError: the folder has them at another budget.
-    """
-    known = load(out).propositions
-    if known is None:
+    """Unless the folder has them: train networks and measure both sides of both bounds on them."""
+    if load(out).propositions is None:
         buffer = io.BytesIO()
         record = {"budget": budget, "versions": [versions()], "machines": [machine()]}
         table = collect(budget).replace_schema_metadata({RECORD: json.dumps(record, sort_keys=True)})
         pq.write_table(table, buffer, compression="zstd")
         Store(f"{out}/{DATA}").write(PROPOSITIONS, buffer.getvalue())
-    elif (made := provenance_of(known)["budget"]) != budget:
-        raise UsageError(
-            f"out is {out}, whose propositions were measured with budget {made!r}, not {budget!r}; name another "
-            f"folder, or remove {DATA}/{PROPOSITIONS} there"
-        )
 
 
 def train(sweeps: Iterable[str], budget: Budget, out: str, carry_out: CarryOut) -> None:
@@ -70,7 +89,7 @@ def train(sweeps: Iterable[str], budget: Budget, out: str, carry_out: CarryOut) 
         carry_out: what trains.
 
     Raises:
-        UsageError: the folder holds a sweep at another budget, or is in use, or full.
+        UsageError: the folder holds a sweep that is not the one asked for, or is in use, or full.
     """
     done = dict(load(out).sweeps)
     for name in needed(sweeps):
@@ -79,8 +98,8 @@ def train(sweeps: Iterable[str], budget: Budget, out: str, carry_out: CarryOut) 
         if name in done:
             if done[name].study != study:
                 raise UsageError(
-                    f"out is {out}, whose {name} is of another study than budget {budget!r} asks for (it was made with "
-                    f"{done[name].provenance['budget']!r}); name another folder, or remove {DATA}/{name}.parquet there"
+                    f"out is {out}, whose {name} is of another study than this version and budget {budget!r} ask for; "
+                    f"name another folder, or remove {DATA}/{name}.parquet there"
                 )
             continue
         store = Store(f"{out}/sweeps/{name}")
