@@ -224,4 +224,5 @@ def _shared(artists: Sequence[Artist], swatches: Mapping[Artist, ET.Element]) ->
     """A series' swatch; none if its colour differs from panel to panel."""
     shown = [swatches[artist] for artist in artists if _is_curve(artist) and not _is_run(artist)]
     shown = shown or [swatches[artist] for artist in artists]
-    return svg.markup(shown[0]) if len({*map(svg.color, shown)}) == 1 else Markup()
+    clearest = max(shown, key=lambda swatch: swatch.find("path") is not None)
+    return svg.markup(clearest) if len({*map(svg.color, shown)}) == 1 else Markup()

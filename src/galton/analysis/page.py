@@ -27,6 +27,7 @@ class Claim:
     test: str
     """What was compared with what."""
     number: str
+    """It may have lines."""
     verdict: str
     """One of VERDICTS."""
     why: str

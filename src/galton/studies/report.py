@@ -1,5 +1,6 @@
 """The page: what holds of the paper, every figure, and how each was made."""
 
+import numpy as np
 from matplotlib.figure import Figure
 
 from galton.analysis.page import Section, Table, render
@@ -9,6 +10,7 @@ from galton.losses import LOSSES
 from galton.studies.base import Data, FigureStudy, optimum, present, provenance_of
 from galton.studies.claims import all_claims
 from galton.studies.measures import final_return
+from galton.studies.propositions import PRINTED, PRINTED_LABEL, findings
 from galton.studies.registry import FIGURES, find_figure
 from galton.studies.summary import Summary
 from galton.studies.sweeps import TASKS
@@ -20,6 +22,8 @@ INTRODUCTION = (
     "bins, trained with a cross-entropy towards the sampled bin (HL-1-Hot) or a Gaussian histogram around it "
     "(HL-Gauss). Here all of that is trained again, and what the paper says stands beside what was measured. Intervals "
     "are 95% confidence intervals, each by itself: of twenty true zeros one is expected to look like something.",
+    "A claim holds if all its numbers clearly say so. It does not hold if more of them clearly say the contrary than "
+    "say so; in between it holds in part. Clearly means that the interval leaves out 0.",
     "Centred HL-Gauss (dash-dotted) is not the paper's. It is HL-Gauss without a bias that docs/paper.md derives, on "
     "a grid of its own with wider targets, and no claim counts it.",
 )
@@ -143,4 +147,14 @@ def causes(data: Data) -> Table:
     return Table(["task", "change", "loss", "setting", *METRICS.values()], rows)
 
 
-_TABLES = {"figure-2": winners, "why": causes}
+def bounds(data: Data) -> Table:
+    """How tight they are, how they move over training and as σ → 0."""
+    rows = []
+    for (task, loss, reading), found in findings(data.propositions).items():
+        label = PRINTED_LABEL if (loss, reading) == PRINTED else LOSSES[loss].label
+        rows.append([TASKS[task].title, label, *("—" if np.isnan(x) else f"{x:.3g}".replace("-", "−") for x in found)])
+    headings = ["norm / bound, median", "bound / |A|, mean", "in the end", "its variation", "p in norm ∝ σᵖ"]
+    return Table(["task", "loss", *headings], rows)
+
+
+_TABLES = {"figure-2": winners, "propositions": bounds, "why": causes}

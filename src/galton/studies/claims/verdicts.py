@@ -18,20 +18,21 @@ def decided(gaps: Mapping[str, Interval]) -> dict[str, Interval]:
 
 
 def verdict(gaps: Iterable[Interval]) -> str:
-    """Of differences that the paper says are positive: all clearly are, some are, none is and some are negative.
+    """Of differences that the paper says are positive.
 
-    Where none is clearly either, and where too few trials give an interval, nothing is decided.
+    It holds if all clearly are, and does not if more are clearly negative than positive. Where none is clearly either,
+    and where too few trials give an interval, nothing is decided.
     """
     known = [gap for gap in gaps if not np.isnan(gap.low)]
-    better, worse = [bool(gap.low > 0) for gap in known], [bool(gap.high < 0) for gap in known]
-    if not (any(better) or any(worse)):
+    n_positive, n_negative = sum(gap.low > 0 for gap in known), sum(gap.high < 0 for gap in known)
+    if n_positive == n_negative == 0:
         return UNKNOWN
-    return "holds" if all(better) else "holds in part" if any(better) else "does not hold"
+    return "holds" if n_positive == len(known) else "holds in part" if n_positive >= n_negative else "does not hold"
 
 
 def listed(gaps: Mapping[str, Interval], spec: str = "+.2f") -> str:
-    """Each by its name."""
-    return "; ".join(f"{name} {gap:{spec}}" for name, gap in gaps.items())
+    """Each by its name, on a line of its own."""
+    return "\n".join(f"{name} {gap:{spec}}" for name, gap in gaps.items())
 
 
 def sorted_out(gaps: Mapping[str, Interval], *notes: str) -> str:
