@@ -142,8 +142,11 @@ def causes(data: Data) -> Table:
             summary = data.sweeps[name]
             title = TASKS[name.removeprefix("why-")].title
             for (change, loss), outcome in outcomes(summary).items():
-                shown = [f"{mean_interval(values):.2f}" for values in outcome.finals.values()]
-                rows.append([title, change, LOSSES[loss].label, outcome.setting.brief(), *shown])
+                shown = outcome.finals | {
+                    "explained_variance": np.nanmedian(outcome.finals["explained_variance"])[None]
+                }
+                cells = [f"{mean_interval(values):.2f}" for values in shown.values()]
+                rows.append([title, change, LOSSES[loss].label, outcome.setting.brief(), *cells])
     return Table(["task", "change", "loss", "setting", *METRICS.values()], rows)
 
 

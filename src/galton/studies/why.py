@@ -19,7 +19,7 @@ from galton.sweep.study import Setting
 METRICS = {
     "training_return": "training return",
     "entropy": "entropy, nats",
-    "explained_variance": "critic's explained variance",
+    "explained_variance": "critic's explained variance, median",
     "edge_share": "actions at the edge",
     "hl_gauss_bias": "HL-Gauss bias",
 }
@@ -80,7 +80,7 @@ def draw(data: Data) -> Figure:
             draw_marks(
                 panel, [mean_interval(final) for final in finals], label, color, 0.16 * (i - (len(losses) - 1) / 2)
             )
-        panel.set_xticks(range(len(changes)), [textwrap.fill(change, 16) for change in changes], fontsize=8)
+        panel.set_xticks(range(len(changes)), [textwrap.fill(change, 14) for change in changes], fontsize=8)
         panel.set_xlim(-0.5, len(changes) - 0.5)
         panel.set_title(heading(task), fontsize=10)
         panel.set_xlabel("change")
