@@ -48,7 +48,7 @@ def test_classification_wins_loses_or_wins_somewhere(claim):
 
 
 def test_the_better_loss_is_chosen_by_other_runs_than_it_is_judged_by():
-    """On the grid HL-1-Hot is better; on fresh seeds HL-Gauss would be, and both beat the Gaussian or not."""
+    """On the grid HL-1-Hot is better; on fresh seeds HL-Gauss is, and alone beats the Gaussian."""
 
     def lucky(name, setting):
         return 3.0 if setting.config.loss == ("hl-gauss" if name.endswith("-again") else "hl-one-hot") else 1.0
@@ -126,7 +126,7 @@ def test_dimensions():
     [
         (bandit.init_gaussian, "bandit-init-gaussian-again", {-1: "does not hold", 0: "holds", 1: "holds"}),
         (bandit.gaussian_exploration, "bandit-gaussian-exploration-again", {-1: "does not hold", 1: "holds"}),
-        (bandit.no_local_optimum, "bandit-gaussian-exploration-again", {-1: "does not hold", 1: "holds"}),
+        (bandit.no_local_optimum, "bandit-gaussian-exploration-again", {-1: "does not hold", 1: "holds in part"}),
     ],
 )
 def test_the_two_controls(claim, control, wanted):
@@ -143,12 +143,19 @@ def test_sensitivity_is_read_off_the_marginals():
 
 
 def test_a_share_about_a_tenth_is_neither_sensitive_nor_robust():
-    """η moves the return by 0.1 ± noise of what is gained."""
-    noisy = made_up.data(
-        lambda _, s: 1 + 0.4 * s.hypers.eta if s.config.loss == "hl-gauss" else 1.0, ("lqr",), noise=0.5
-    )
-    verdicts = {claim.words: claim.verdict for claim in settings.sensitivities(noisy)}
-    assert verdicts["HL-Gauss is sensitive to η."] == "not decidable here"
+    """From −1 to 1 at the narrowest η, the widest of the paper's grid costs so much of it."""
+    etas = sorted({s.hypers.eta for s in SWEEPS["lqr"].study("paper", {}).settings if s.config.loss == "hl-gauss"})
+
+    def verdict_of(share):
+        def final_of(_, setting):
+            return 1 - 2 * share * (setting.config.loss == "hl-gauss" and setting.hypers.eta == etas[-1])
+
+        data = made_up.data(final_of, ("lqr",), budget="paper", noise=0.1)
+        return {claim.words: claim.verdict for claim in settings.sensitivities(data)}["HL-Gauss is sensitive to η."]
+
+    assert verdict_of(0.2) == "holds"
+    assert verdict_of(0.1) == "not decidable here"
+    assert verdict_of(0.03) == "does not hold"
 
 
 def test_wide_targets():
@@ -178,12 +185,15 @@ def test_orders():
         return winning("hl-gauss" if name.startswith("lqr") else "hl-one-hot")(name, setting)
 
     def a_little(name, setting):
-        return 0.05 * ahead(name, setting)
+        return 0.02 * ahead(name, setting)
 
     assert judged(returns.order_changes, winning("hl-gauss")) == "does not hold"
     assert judged(returns.order_changes, ahead) == "holds in part"
     assert judged(returns.order_changes, lambda *_: 1.0) == "holds in part"
-    assert judged(returns.order_changes, a_little, noise=1e-4) == "holds in part"
+    assert judged(returns.order_changes, a_little, noise=1e-4) == "holds"
+    assert "which is HL-1-Hot" not in returns.order_changes(made_up.data(ahead)).why
+    narrow = made_up.data(lambda _, s: -s.hypers.eta, ("lqr", "lqr-again"), budget="paper")
+    assert "On LQR the best η is at most 0.1, which is HL-1-Hot." in returns.order_changes(narrow).why
 
 
 def test_a_run_that_diverged_counts_as_the_worst():
@@ -219,6 +229,41 @@ def test_gradients():
     assert theory.bound_varies_less(explodes).verdict == "holds"
     assert theory.sigma_explodes(explodes).verdict == "holds"
     assert theory.sigma_explodes(level).verdict == "does not hold"
+    shrinking = gradients(1.0, 0.1)
+    assert theory.bound_is_smaller(shrinking).verdict == "holds"
+    assert "In the end as the paper says: none." in theory.bound_is_smaller(shrinking).why
+    assert theory.bound_varies_less(shrinking).verdict == "holds"
+
+
+def test_a_small_grid_has_no_vote_beside_the_papers():
+    data = made_up.data(lambda *_: 1.0, ("lqr", "acrobot"))
+    lqr = dataclasses.replace(data.sweeps["lqr"], provenance=made_up.PROVENANCE | {"budget": "paper"})
+    assert [*measures.grids(data)] == ["lqr", "acrobot"]
+    assert [*measures.grids(Data(data.sweeps | {"lqr": lqr}))] == ["lqr"]
+    assert measures.grids(Data({})) == {}
+
+
+def test_what_gives_no_gain_can_not_be_explained():
+    def final_of(name, setting):
+        gains = setting.config.loss == "hl-gauss"
+        return 5.0 if gains and "exploration" not in name else 1.0
+
+    bandits = made_up.data(final_of, BANDITS)
+    claim = bandit.exploration_is_not_the_reason(bandits)
+    assert claim.verdict == "holds in part"
+    assert claim.why.startswith("As the paper says: HL-Gauss with Init Gaussian; no clear difference: HL-Gauss with")
+    assert "Not clearly more efficient to begin with: HL-1-Hot " in claim.why
+    flat = bandit.exploration_is_not_the_reason(made_up.data(lambda *_: 1.0, BANDITS))
+    assert flat.verdict == "not decidable here"
+    assert flat.why.startswith("Not clearly more efficient to begin with: HL-1-Hot ")
+
+
+def test_what_is_removed_leaves_less_than_half():
+    def with_it(gain):
+        return lambda name, _: -20.0 + gain * (name == "bandit-gaussian-exploration-again")
+
+    assert judged(bandit.no_local_optimum, with_it(10.0), names=BANDITS) == "holds in part"
+    assert judged(bandit.no_local_optimum, with_it(44.0), names=BANDITS) == "holds"
 
 
 def test_without_data_nothing_is_decided():

@@ -133,10 +133,15 @@ def test_a_summary_of_another_study_is_refused(tmp_path):
 
 def test_figure_1_needs_no_training_and_takes_stale_figures_away(tmp_path):
     (tmp_path / "figures").mkdir()
-    (tmp_path / "figures" / "figure-10.png").touch()
+    for name in ("figure-2.png", "mine.png"):
+        (tmp_path / "figures" / name).touch()
     done = galton("reproduce", "figure-1", "--out", tmp_path)
     assert done.returncode == 0, done.stderr
-    assert sorted(path.name for path in (tmp_path / "figures").iterdir()) == ["figure-1.png", "figure-1.svg"]
+    assert sorted(path.name for path in (tmp_path / "figures").iterdir()) == [
+        "figure-1.png",
+        "figure-1.svg",
+        "mine.png",
+    ]
     assert 'id="figure-1"' in (tmp_path / "index.html").read_text()
 
 

@@ -10,6 +10,7 @@ from galton.analysis import plots
 from galton.errors import require
 from galton.studies import report, reproduce
 from galton.studies.base import Data
+from galton.studies.registry import FIGURES
 from galton.sweep.store import Store
 
 
@@ -40,7 +41,7 @@ def write(folder: Path, data: Data) -> None:
     images = {f"{name}{suffix}": image for name in figures for suffix, image in plots.images(figures[name]).items()}
     for name, image in images.items():
         store.write(f"figures/{name}", image)
-    for name in {*store.names("figures")} - {*images}:
-        store.remove(f"figures/{name}")
+    for name in {f"{figure}{suffix}" for figure in FIGURES for suffix in (".png", ".svg")} - {*images}:
+        store.remove(f"figures/{name}")  # of what a former version drew, or from data that have gone
     store.write("index.html", report.page(data, figures).encode())
     print(f"{len(figures)} figures and the page: {folder / 'index.html'}")

@@ -1,7 +1,7 @@
 """Numbers that claims and tables quote, each with its interval."""
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import NamedTuple, get_args
 
 import numpy as np
 from jaxtyping import Float
@@ -10,7 +10,7 @@ from galton.analysis.statistics import Interval, difference_interval, mean_inter
 from galton.losses import LOSSES
 from galton.studies.base import Data, present
 from galton.studies.summary import Summary
-from galton.studies.sweeps import TASKS
+from galton.studies.sweeps import TASKS, Budget
 
 CLASSIFICATION = ("hl-one-hot", "hl-gauss")
 """The paper's two."""
@@ -36,6 +36,14 @@ def judged(data: Data, tasks: tuple[str, ...] = tuple(TASKS)) -> dict[str, Judge
         for task, chosen in present(data, tasks).items()
         if (again := data.sweeps.get(f"{task}-again"))
     }
+
+
+def grids(data: Data) -> dict[str, Summary]:
+    """The tasks whose sweep was done at the largest budget of any: a smaller grid says less of what settings do."""
+    budgets = get_args(Budget)
+    found = present(data)
+    most = max((budgets.index(summary.provenance["budget"]) for summary in found.values()), default=0)
+    return {task: summary for task, summary in found.items() if summary.provenance["budget"] == budgets[most]}
 
 
 def final_return(summary: Summary, loss: str, metric: str = "training_return") -> Scores:

@@ -1,5 +1,7 @@
 """The page: what holds of the paper, every figure, and how each was made."""
 
+from typing import Any
+
 import numpy as np
 from matplotlib.figure import Figure
 
@@ -22,8 +24,9 @@ INTRODUCTION = (
     "bins, trained with a cross-entropy towards the sampled bin (HL-1-Hot) or a Gaussian histogram around it "
     "(HL-Gauss). Here all of that is trained again, and what the paper says stands beside what was measured. Intervals "
     "are 95% confidence intervals, each by itself: of twenty true zeros one is expected to look like something.",
-    "A claim holds if all its numbers clearly say so. It does not hold if more of them clearly say the contrary than "
-    "say so; in between it holds in part. Clearly means that the interval leaves out 0.",
+    "Unless its test says otherwise, a claim holds if all its numbers clearly say so, and does not if more of them "
+    "clearly say the contrary than say so; in between it holds in part. Clearly means that the interval leaves out 0; "
+    "where no number is clear, nothing is decided.",
     "Centred HL-Gauss (dash-dotted) is not the paper's. It is HL-Gauss without a bias that docs/paper.md derives, on "
     "a grid of its own with wider targets, and no claim counts it.",
 )
@@ -95,9 +98,21 @@ def _facts(name: str, study: FigureStudy, data: Data) -> list[tuple[str, str]]:
         facts += [
             (word, value) for value in dict.fromkeys(_shown(value) for record in records for value in record[word])
         ]
-    budgets = dict.fromkeys(record["budget"] for record in records)
-    facts += [("command", f"galton reproduce {name} --budget {budget} --out DIR") for budget in budgets or ("paper",)]
-    return facts
+    return facts + [("command", command) for command in _commands(name, found, records)]
+
+
+def _commands(name: str, found: list[tuple[str, Summary]], records: list[dict[str, Any]]) -> list[str]:
+    """What makes it again; task by task where their budgets differ."""
+    budgets = [*dict.fromkeys(record["budget"] for record in records)] or ["paper"]
+    words = {
+        budget: [name]
+        if len(budgets) == 1
+        else dict.fromkeys(
+            sweep.removesuffix("-again") for sweep, summary in found if summary.provenance["budget"] == budget
+        )
+        for budget in budgets
+    }
+    return [f"galton reproduce {' '.join(words[budget])} --budget {budget} --out DIR" for budget in budgets]
 
 
 def _minutes(summary: Summary) -> str:

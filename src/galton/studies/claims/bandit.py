@@ -107,7 +107,8 @@ def init_gaussian(data: Data) -> Claim:
     return Claim(
         "§5.2.3",
         "A Gaussian initial policy has no significant negative effect on classification.",
-        "bandit, training return of the best settings, final and averaged over training: Init Gaussian − uniform",
+        "bandit, training return of the best settings, final and averaged over training: Init Gaussian − uniform; "
+        "holds if none is clearly negative",
         listed(gaps),
         held if known else UNKNOWN,
         sorted_out(gaps) if not known else f"Clearly negative: {', '.join(worse) or 'none'}.",
@@ -133,17 +134,21 @@ def no_local_optimum(data: Data) -> Claim:
     """§5.2.3, Figure 3d."""
     pair, best = _control(data, "bandit-gaussian-exploration"), optimum("bandit")
     gaps: dict[str, Interval] = {}
-    note = ""
+    held, note = UNKNOWN, ""
     if pair is not None and best is not None:
         left, missing = (best - final_return(summary, "hl-one-hot") for summary in pair)
         gaps = {LOSSES["hl-one-hot"].label: difference_interval(missing, left)}
+        held = verdict(gaps.values())
+        if held == "holds" and mean_interval(left).high > missing.mean() / 2:
+            held = "holds in part"
         note = f"Short of the optimum: {mean_interval(missing):.2f} without, {mean_interval(left):.2f} with it."
     return Claim(
         "§5.2.3",
         "Gaussian Exploration removes HL-1-Hot's sub-optimal convergence.",
-        "bandit, by how much less the final training return falls short of the optimum with it",
+        "bandit, by how much less the final training return falls short of the optimum with it; holds in part while "
+        "half of that may be left",
         listed(gaps),
-        verdict(gaps.values()),
+        held,
         sorted_out(gaps, note),
         "figure-3",
     )
@@ -151,24 +156,28 @@ def no_local_optimum(data: Data) -> Claim:
 
 def exploration_is_not_the_reason(data: Data) -> Claim:
     """§5.2.3, what both controls are for."""
-    gaps: dict[str, Interval] = {}
-    for name, label in CONTROLS.items():
-        pair = _control(data, name)
-        if pair is not None:
-            control, main = pair
-            gaps |= {
-                f"{LOSSES[loss].label} with {label}": difference_interval(
-                    mean_return(control, loss), mean_return(main, "gaussian")
-                )
-                for loss in CLASSIFICATION
-            }
+    main = data.sweeps.get("bandit-again")
+    gains = {} if main is None else {loss: _more_efficient(main, loss, main) for loss in CLASSIFICATION}
+    gaps = {
+        f"{LOSSES[loss].label} with {label}": _more_efficient(pair[0], loss, pair[1])
+        for name, label in CONTROLS.items()
+        if (pair := _control(data, name))
+        for loss, gain in gains.items()
+        if gain.low > 0
+    }
+    no_gain = ", ".join(f"{LOSSES[loss].label} {gain:+.2f}" for loss, gain in gains.items() if not gain.low > 0)
+    notes = [f"Not clearly more efficient to begin with: {no_gain}."] if no_gain else []
     return Claim(
         "§5.2.3",
         "Softmax exploration is not the key reason for the higher data efficiency.",
         "bandit, training return averaged over training: classification that starts or explores as the Gaussian does "
-        "− Gaussian",
+        "− Gaussian, of the losses that are ahead of it without that",
         listed(gaps),
         verdict(gaps.values()),
-        sorted_out(gaps),
+        sorted_out(gaps, *notes) if gaps or not notes else notes[0],
         "figure-3",
     )
+
+
+def _more_efficient(summary: Summary, loss: str, main: Summary) -> Interval:
+    return difference_interval(mean_return(summary, loss), mean_return(main, "gaussian"))

@@ -9,7 +9,7 @@ from galton.analysis.page import Claim
 from galton.analysis.statistics import Interval, difference_interval, mean_interval
 from galton.losses import LOSSES
 from galton.studies.base import Data
-from galton.studies.claims.verdicts import A_TENTH, UNKNOWN, decided, listed, sorted_out, verdict
+from galton.studies.claims.verdicts import A_TENTH, NOT_TRAINED, UNKNOWN, decided, listed, sorted_out, verdict
 from galton.studies.measures import (
     AT_REST,
     CLASSIFICATION,
@@ -24,6 +24,9 @@ from galton.studies.measures import (
 )
 from galton.studies.summary import Summary
 from galton.studies.sweeps import TASKS
+
+_ONE_HOT = 0.1
+"""η up to which HL-Gauss is HL-1-Hot: the own bin has 0.999999 of the mass or more."""
 
 
 def _against_regression(
@@ -139,6 +142,11 @@ def order_changes(data: Data) -> Claim:
         "hl-gauss": [name for name, gap in known.items() if gap.low > 0],
         "hl-one-hot": [name for name, gap in known.items() if gap.high < 0],
     }
+    same = [
+        TASKS[name].title
+        for name, task in judged(data).items()
+        if TASKS[name].title in known and task.again.best["hl-gauss"].setting.hypers.eta <= _ONE_HOT
+    ]
     facts = [2 * len(little) >= len(known), all(ahead.values())]
     held = "holds" if all(facts) else "holds in part" if any(facts) else "does not hold"
     return Claim(
@@ -152,8 +160,11 @@ def order_changes(data: Data) -> Claim:
             [
                 f"Little: {_names(little)}.",
                 *(f"{LOSSES[loss].label} ahead: {_names(on)}." for loss, on in ahead.items()),
+                *([f"On {_names(same)} the best η is at most {_ONE_HOT}, which is HL-1-Hot."] if same else []),
             ]
-        ),
+        )
+        if gaps
+        else NOT_TRAINED,
         "figure-2",
     )
 

@@ -20,8 +20,8 @@ def decided(gaps: Mapping[str, Interval]) -> dict[str, Interval]:
 def verdict(gaps: Iterable[Interval]) -> str:
     """Of differences that the paper says are positive.
 
-    It holds if all clearly are, and does not if more are clearly negative than positive. Where none is clearly either,
-    and where too few trials give an interval, nothing is decided.
+    It holds if all clearly are, and does not if more are clearly negative than positive. One without an interval, for
+    too few trials, does not count; where none is clearly either, nothing is decided.
     """
     known = [gap for gap in gaps if not np.isnan(gap.low)]
     n_positive, n_negative = sum(gap.low > 0 for gap in known), sum(gap.high < 0 for gap in known)
