@@ -1,8 +1,7 @@
 """What a figure of the paper is, as data."""
 
-import json
 from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import pyarrow as pa
 from matplotlib.figure import Figure
@@ -12,9 +11,6 @@ from galton.envs.find import find
 from galton.studies.summary import Summary
 from galton.studies.sweeps import TASKS
 
-RECORD = b"galton"
-"""The key in a Parquet file's metadata."""
-
 
 class Data(NamedTuple):
     """What was trained."""
@@ -23,12 +19,6 @@ class Data(NamedTuple):
     """By their keys in SWEEPS; those that are not done are not in it."""
     propositions: pa.Table | None = None
     """What `gradients.collect` measured."""
-
-
-def provenance_of(propositions: pa.Table) -> dict[str, Any]:
-    """With which budget and versions they were measured, and on what machine."""
-    found: dict[str, Any] = json.loads((propositions.schema.metadata or {})[RECORD])
-    return found
 
 
 class FigureStudy(NamedTuple):

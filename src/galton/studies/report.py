@@ -9,7 +9,7 @@ from galton.analysis.page import Section, Table, render
 from galton.analysis.plots import settle
 from galton.analysis.statistics import mean_interval
 from galton.losses import LOSSES
-from galton.studies.base import Data, FigureStudy, optimum, present, provenance_of
+from galton.studies.base import Data, FigureStudy, optimum, present
 from galton.studies.claims import all_claims
 from galton.studies.measures import final_return
 from galton.studies.propositions import PRINTED, PRINTED_LABEL, findings
@@ -17,6 +17,7 @@ from galton.studies.registry import FIGURES, find_figure
 from galton.studies.summary import Summary
 from galton.studies.sweeps import TASKS
 from galton.studies.why import METRICS, outcomes
+from galton.sweep.parquet import record_of
 
 TITLE = "Replacing implicit regression with classification: what holds"
 INTRODUCTION = (
@@ -75,7 +76,7 @@ def trained(data: Data) -> list[str]:
             title = TASKS[name].title if name in TASKS else f"why on {TASKS[name.removeprefix('why-')].title}"
             found.setdefault(summary.provenance["budget"], []).append(f"{title} ({summary.study.trials} trials)")
     if data.propositions is not None:
-        found.setdefault(provenance_of(data.propositions)["budget"], []).append("propositions")
+        found.setdefault(record_of(data.propositions)["budget"], []).append("propositions")
     return [f"Trained with budget {budget}: {', '.join(names)}. {BUDGETS[budget]}" for budget, names in found.items()]
 
 
@@ -93,7 +94,7 @@ def _facts(name: str, study: FigureStudy, data: Data) -> list[tuple[str, str]]:
         facts.append((f"sweep {sweep}", text))
     records = [summary.provenance for _, summary in found]
     if study.needs_propositions and data.propositions is not None:
-        records.append(provenance_of(data.propositions))
+        records.append(record_of(data.propositions))
     for word in ("versions", "machines"):
         facts += [
             (word, value) for value in dict.fromkeys(_shown(value) for record in records for value in record[word])

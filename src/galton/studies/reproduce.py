@@ -1,19 +1,17 @@
 """What figures need, trained: each sweep in a folder of its own, then as a summary of a megabyte or less."""
 
-import io
-import json
 from collections.abc import Iterable
 
 import pyarrow as pa
-import pyarrow.parquet as pq
 
 from galton.errors import UsageError
-from galton.studies.base import RECORD, Data, provenance_of
+from galton.studies.base import Data
 from galton.studies.gradients import collect
 from galton.studies.summary import Summary
 from galton.studies.sweeps import SWEEPS, Budget, find_sweep
 from galton.sweep import engine, results
 from galton.sweep.engine import CarryOut
+from galton.sweep.parquet import from_bytes, record_of, to_bytes, with_record
 from galton.sweep.shard import machine, provenance, versions
 from galton.sweep.store import Store
 
@@ -43,8 +41,8 @@ def load(out: str) -> Data:
     if PROPOSITIONS not in files:
         return Data(sweeps)
     try:
-        table = pq.read_table(io.BytesIO(store.read(PROPOSITIONS)))
-        provenance_of(table)
+        table = from_bytes(store.read(PROPOSITIONS))
+        record_of(table)
     except (pa.ArrowException, OSError, KeyError, TypeError, ValueError) as error:
         raise UsageError(f"{PROPOSITIONS} in {store.url} is not what was measured, or was damaged: {error}") from None
     return Data(sweeps, table)
@@ -59,7 +57,7 @@ def refuse_other_budgets(sweeps: Iterable[str], propositions: bool, budget: Budg
     data = load(out)
     made = {name: data.sweeps[name].provenance["budget"] for name in needed(sweeps) if name in data.sweeps}
     if propositions and data.propositions is not None:
-        made[PROPOSITIONS.removesuffix(".parquet")] = provenance_of(data.propositions)["budget"]
+        made[PROPOSITIONS.removesuffix(".parquet")] = record_of(data.propositions)["budget"]
     for name, other in made.items():
         if other != budget:
             raise UsageError(
@@ -71,11 +69,8 @@ def refuse_other_budgets(sweeps: Iterable[str], propositions: bool, budget: Budg
 def measure_propositions(budget: Budget, out: str) -> None:
     """Unless the folder has them: train networks and measure both sides of both bounds on them."""
     if load(out).propositions is None:
-        buffer = io.BytesIO()
         record = {"budget": budget, "versions": [versions()], "machines": [machine()]}
-        table = collect(budget).replace_schema_metadata({RECORD: json.dumps(record, sort_keys=True)})
-        pq.write_table(table, buffer, compression="zstd")
-        Store(f"{out}/{DATA}").write(PROPOSITIONS, buffer.getvalue())
+        Store(f"{out}/{DATA}").write(PROPOSITIONS, to_bytes(with_record(collect(budget), record)))
 
 
 def train(sweeps: Iterable[str], budget: Budget, out: str, carry_out: CarryOut) -> None:

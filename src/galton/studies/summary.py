@@ -2,17 +2,15 @@
 
 import dataclasses
 import functools
-import io
-import json
 from typing import Any
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.parquet as pq
 from jaxtyping import Bool, Float, Int
 
 from galton.analysis.statistics import fill_until
 from galton.errors import UsageError
+from galton.sweep.parquet import from_bytes, record_of, to_bytes, with_record
 from galton.sweep.results import Best, best_settings
 from galton.sweep.store import Store
 from galton.sweep.study import Setting, Study
@@ -21,7 +19,6 @@ from galton.training.train import final
 
 CURVES = ("training_return", "evaluation_return", "entropy")
 """What is kept of each log point; of the others their final mean only."""
-_RECORD = b"galton"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -49,17 +46,13 @@ class Summary:
 
     def save(self, store: Store, name: str) -> None:
         """Write it as one file; the same bytes for the same summary."""
-        record = json.dumps({"study": self.study.record(), "provenance": self.provenance}, sort_keys=True)
-        buffer = io.BytesIO()
-        pq.write_table(
-            self.table.replace_schema_metadata({_RECORD: record}),
-            buffer,
-            compression="zstd",
+        data = to_bytes(
+            with_record(self.table, {"study": self.study.record(), "provenance": self.provenance}),
             compression_level=19,
             use_dictionary=["setting", "trial", "diverged_at", "steps.list.element"],
             column_encoding={f"{metric}.list.element": "BYTE_STREAM_SPLIT" for metric in CURVES},
         )
-        store.write(name, buffer.getvalue())
+        store.write(name, data)
 
     @classmethod
     def load(cls, store: Store, name: str) -> "Summary":
@@ -70,8 +63,8 @@ class Summary:
             UsageError: something else is there.
         """
         try:
-            table = pq.read_table(io.BytesIO(store.read(name)))
-            record = json.loads(table.schema.metadata[_RECORD])
+            table = from_bytes(store.read(name))
+            record = record_of(table)
             return cls(Study.of_record(record["study"]), record["provenance"], table.replace_schema_metadata(None))
         except FileNotFoundError:
             raise

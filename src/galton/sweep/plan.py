@@ -4,24 +4,21 @@ import collections
 import dataclasses
 import functools
 import hashlib
-import io
 import itertools
-import json
 from typing import Any
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.parquet as pq
 from jaxtyping import Int, UInt
 
 from galton.envs.registry import is_known
 from galton.errors import UsageError, require, require_integer
+from galton.sweep.parquet import from_bytes, record_of, to_bytes, with_record
 from galton.sweep.store import Store, checksum
 from galton.sweep.study import Study, canonical
 from galton.types import Config, Hypers
 
 FILE = "plan.parquet"
-_RECORD = b"galton"
 """The key of our record in the file's metadata."""
 
 
@@ -160,10 +157,7 @@ class Plan:
         record = self.study.record() | {"shard_width": self.shard_width}
         table = pa.table(columns)
         digest = _digest(record, table)
-        table = table.replace_schema_metadata({_RECORD: json.dumps({"plan": record, "digest": digest})})
-        buffer = io.BytesIO()
-        pq.write_table(table, buffer, compression="zstd")
-        store.write(FILE, buffer.getvalue())
+        store.write(FILE, to_bytes(with_record(table, {"plan": record, "digest": digest})))
 
     @classmethod
     def load(cls, store: Store) -> "Plan":
@@ -182,8 +176,8 @@ class Plan:
 @functools.lru_cache(maxsize=4)
 def _parse(url: str, data: bytes) -> Plan:
     try:
-        table = pq.read_table(io.BytesIO(data))
-        whole = json.loads(table.schema.metadata[_RECORD])
+        table = from_bytes(data)
+        whole = record_of(table)
         record = whole["plan"]
         columns = [table.column(name).to_numpy() for name in ("shard", "setting", "trial", "seed")]
         intact = whole["digest"] == _digest(record, table)

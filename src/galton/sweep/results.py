@@ -1,15 +1,14 @@
 """What a sweep found: the table of all runs, the best setting of each loss, and the study that checks it."""
 
 import dataclasses
-import io
 from typing import NamedTuple
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.parquet as pq
 from jaxtyping import Float
 
 from galton.errors import UsageError, require
+from galton.sweep.parquet import to_bytes
 from galton.sweep.plan import Plan
 from galton.sweep.shard import finished, read
 from galton.sweep.store import Store
@@ -53,9 +52,7 @@ def collect(store: Store, plan: Plan) -> pa.Table:
 
 def save(store: Store, table: pa.Table) -> None:
     """Write the table as results.parquet."""
-    buffer = io.BytesIO()
-    pq.write_table(table, buffer, compression="zstd")
-    store.write(FILE, buffer.getvalue())
+    store.write(FILE, to_bytes(table))
 
 
 def best_settings(study: Study, table: pa.Table) -> dict[str, Best]:

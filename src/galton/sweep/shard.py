@@ -4,7 +4,6 @@ import dataclasses
 import datetime
 import functools
 import importlib.metadata
-import io
 import json
 import platform
 import re
@@ -15,11 +14,11 @@ from typing import Any
 import jax
 import numpy as np
 import pyarrow as pa
-import pyarrow.parquet as pq
 
 from galton.envs.find import find
 from galton.envs.registry import read_constants
 from galton.errors import require
+from galton.sweep.parquet import from_bytes, record_of, to_bytes, with_record
 from galton.sweep.plan import Plan, Shard
 from galton.sweep.store import Store, checksum
 from galton.sweep.study import import_all
@@ -28,7 +27,6 @@ from galton.training.train import Result, train
 
 FOLDER = "shards"
 _NAME = re.compile(r"(\d{7,})-([0-9a-f]{16})-([0-9a-f]{32})\.parquet")
-_RECORD = b"galton"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -90,9 +88,7 @@ def work(url: str, index: int, name: str | None = None) -> Report:
         devices=jax.devices()[:1],  # a split would change the last bits
     )
     table = tabulate(shard, result)
-    buffer = io.BytesIO()
-    pq.write_table(table, buffer, compression="zstd")
-    data = buffer.getvalue()
+    data = to_bytes(table)
     store.write(f"{FOLDER}/{index:07d}-{shard.name}-{checksum(data)}.parquet", data)
     return report(index, table)
 
@@ -126,12 +122,12 @@ def tabulate(shard: Shard, result: Result) -> pa.Table:
         "versions": versions(),
         "machine": machine(),
     }
-    return pa.table(columns, metadata={_RECORD: json.dumps(record)})
+    return with_record(pa.table(columns), record)
 
 
 def report(index: int, table: pa.Table) -> Report:
     """Of a shard's table."""
-    record = json.loads(table.schema.metadata[_RECORD])
+    record = record_of(table)
     names = ("setting", "trial", "final_training_return")
     columns = (table.column(name).to_pylist() for name in names)
     return Report(index, *columns, *(record[name] for name in ("env_steps", "compile_seconds", "train_seconds")))
@@ -143,7 +139,7 @@ def provenance(store: Store, plan: Plan) -> dict[str, Any]:
     for done in finished(store, plan).values():
         table = read(store, done)
         if table is not None:
-            records.append(json.loads(table.schema.metadata[_RECORD]))
+            records.append(record_of(table))
     found = {json.dumps(record["versions"], sort_keys=True) for record in records}
     return {
         "versions": [json.loads(text) for text in sorted(found)],
@@ -173,7 +169,7 @@ def read(store: Store, done: Done) -> pa.Table | None:
         data = store.read(f"{FOLDER}/{done.file}")
     except FileNotFoundError:
         return None
-    return pq.read_table(io.BytesIO(data)) if checksum(data) == done.checksum else None
+    return from_bytes(data) if checksum(data) == done.checksum else None
 
 
 def discard(store: Store, done: Done) -> None:
