@@ -12,9 +12,9 @@ import pytest
 from galton.commands.reproduce import asked
 from galton.errors import UsageError
 from galton.studies import reproduce
-from galton.studies.base import provenance_of
 from galton.studies.registry import FIGURES, find_figure
 from galton.studies.sweeps import SWEEPS, TASKS
+from galton.sweep.parquet import record_of
 from galton.sweep.shard import machine, versions
 
 from . import made_up
@@ -105,7 +105,7 @@ def test_propositions_of_another_budget_are_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(reproduce, "collect", lambda budget: pa.table({"norm": [1.0]}))
     reproduce.measure_propositions("smoke", str(tmp_path))
     reproduce.measure_propositions("smoke", str(tmp_path))
-    known = provenance_of(reproduce.load(str(tmp_path)).propositions)
+    known = record_of(reproduce.load(str(tmp_path)).propositions)
     assert (known["budget"], known["versions"], known["machines"]) == ("smoke", [versions()], [machine()])
     reproduce.refuse_other_budgets([], False, "paper", str(tmp_path))
     with pytest.raises(UsageError, match="propositions was made with budget 'smoke', not 'paper'"):
