@@ -26,7 +26,7 @@ def draw():
     for i, panel in enumerate(axes):
         for name, color in zip(NAMES, ("#000000", "#0072B2"), strict=True):
             draw_series(panel, STEPS, INTERVALS[name], name, color, single_runs=RUNS[name])
-        draw_level(panel, -17.5)
+        draw_level(panel, -17.5, "optimum", "--")
         panel.set_title(f"Task {i}")
         panel.set_xlabel("steps")
     axes[1].set_xscale("log")

@@ -1,16 +1,17 @@
 """What stands in the figures besides what was trained."""
 
+import gymnasium
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from galton.envs.find import find
-from galton.studies.measures import AT_REST
+from galton.studies.base import AT_REST
 from galton.studies.sweeps import TASKS
 
 
-@pytest.mark.parametrize("task", AT_REST)
+@pytest.mark.parametrize("task", [task for task in AT_REST if TASKS[task].in_jax])
 def test_what_doing_nothing_earns(task):
     env = find(TASKS[task].env)
     n_episodes = 2_000 if task == "lqr" else 20
@@ -27,3 +28,18 @@ def test_what_doing_nothing_earns(task):
 
     returns = np.asarray(jax.vmap(episode)(jax.random.split(jax.random.key(0), n_episodes)), np.float64)
     assert abs(returns.mean() - AT_REST[task]) <= 4 * returns.std() / n_episodes**0.5
+
+
+@pytest.mark.parametrize(("task", "n_episodes"), [("reacher", 200), ("half-cheetah", 10), ("ant", 10)])
+def test_what_doing_nothing_earns_in_mujoco(task, n_episodes):
+    with gymnasium.make(TASKS[task].env) as env:
+        action, returns = np.zeros(env.action_space.shape), []
+        for seed in range(n_episodes):
+            env.reset(seed=seed)
+            returns.append(0.0)
+            over = False
+            while not over:
+                _, reward, terminated, truncated, _ = env.step(action)
+                returns[-1] += reward
+                over = terminated or truncated
+    assert abs(np.mean(returns) - AT_REST[task]) <= 4 * np.std(returns) / n_episodes**0.5

@@ -92,8 +92,8 @@ def draw_marks(axes: Axes, intervals: Sequence[Interval], name: str, color: Any,
         artist.set_gid(name)
 
 
-def draw_level(axes: Axes, value: float, name: str = "optimum", linestyle: str = "--") -> None:
-    """A line all along: by default at the best that any policy can do."""
+def draw_level(axes: Axes, value: float, name: str, linestyle: str) -> None:
+    """A line all along."""
     axes.axhline(value, color="#777777", linestyle=linestyle, linewidth=1, label=name, gid=name)
 
 
@@ -159,7 +159,7 @@ def learning_curves(results: Results, env: Environment | None, title: str) -> Fi
         axes.set_title(heading, fontsize=10)
         over_steps(axes, float(max(result.steps[-1] for result in results.values())))
         if optimum is not None:
-            draw_level(axes, optimum)
+            draw_level(axes, optimum, "optimum", "--")
     fit(left, means)
     left.set_ylabel("undiscounted return")
     finish(figure, [left])

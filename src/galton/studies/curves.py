@@ -8,11 +8,11 @@ from matplotlib.figure import Figure
 
 from galton.analysis.plots import draw_level, draw_series, finish, fit, look_of, over_steps, panels
 from galton.analysis.statistics import mean_interval
-from galton.studies.base import Data, heading, optimum, present
+from galton.studies.base import AT_REST, Data, heading, optimum, present
 from galton.studies.summary import Summary
 
 
-def draw_best(axes: Axes, best_of: Mapping[str, Summary], metric: str, best: float | None) -> None:
+def draw_best(axes: Axes, best_of: Mapping[str, Summary], metric: str, task: str) -> None:
     """Mean and 95% CI of each loss's best setting (App. C.2), from the sweep that it is the best of."""
     means: list[np.ndarray | np.float64] = []
     for loss, summary in best_of.items():
@@ -22,10 +22,16 @@ def draw_best(axes: Axes, best_of: Mapping[str, Summary], metric: str, best: flo
         draw_series(axes, summary.steps, interval, label, color, line, single_runs=runs)
         over_steps(axes, float(summary.steps[-1]))
         means.append(interval.mean)
-    if best is not None:
-        draw_level(axes, best)
-        means.append(np.array([best]))
-    fit(axes, means)
+    fit(axes, [*means, *draw_levels(axes, task)])
+
+
+def draw_levels(axes: Axes, task: str) -> list[np.ndarray]:
+    """The best that any policy can do, and what the action 0 earns: those that are known."""
+    levels = [(optimum(task), "optimum", "--"), (AT_REST.get(task), "doing nothing", ":")]
+    known = [(value, name, line) for value, name, line in levels if value is not None]
+    for level in known:
+        draw_level(axes, *level)
+    return [np.array([value]) for value, *_ in known]
 
 
 def best_curves(data: Data, tasks: tuple[str, ...], metric: str) -> Figure:
@@ -33,7 +39,7 @@ def best_curves(data: Data, tasks: tuple[str, ...], metric: str) -> Figure:
     found = present(data, tasks)
     figure, axes = panels(len(found))
     for panel, (task, summary) in zip(axes, found.items(), strict=True):
-        draw_best(panel, dict.fromkeys(summary.best, summary), metric, optimum(task))
+        draw_best(panel, dict.fromkeys(summary.best, summary), metric, task)
         panel.set_title(heading(task), fontsize=10)
     for panel in axes[:1]:
         panel.set_ylabel("undiscounted return")

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from galton.analysis.plots import draw_series, finish, look_of, panels
 from galton.analysis.statistics import mean_interval
-from galton.studies.base import Data, FigureStudy, optimum
+from galton.studies.base import Data, FigureStudy
 from galton.studies.curves import draw_best
 from galton.studies.summary import Summary
 from galton.studies.sweeps import CONTROLS, DIMENSIONS, NOISES
@@ -48,7 +48,7 @@ def draw(data: Data) -> Figure:
             panel.xaxis.set_major_formatter("{x:g}")
     for panel, (name, control) in zip(axes[len(constants) :], controls.items(), strict=True):
         main = {"gaussian": data.sweeps["bandit"]} if "bandit" in data.sweeps else {}
-        draw_best(panel, main | dict.fromkeys(control.best, control), "training_return", optimum("bandit"))
+        draw_best(panel, main | dict.fromkeys(control.best, control), "training_return", "bandit")
         panel.set_title(CONTROLS[name], fontsize=10)
         panel.set_ylabel("training return")
     finish(figure, axes)

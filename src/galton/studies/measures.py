@@ -14,8 +14,6 @@ from galton.studies.sweeps import TASKS, Budget
 
 CLASSIFICATION = ("hl-one-hot", "hl-gauss")
 """The paper's two."""
-AT_REST = {"lqr": -26.03, "mountain-car": 0.0, "acrobot": -500.0}
-"""The mean return of the action 0 from the first step to the last."""
 
 Scores = Float[np.ndarray, " trials"]
 
@@ -52,9 +50,9 @@ def final_return(summary: Summary, loss: str, metric: str = "training_return") -
     return np.asarray(finals[summary.rows(summary.best[loss].setting)])
 
 
-def mean_return(summary: Summary, loss: str) -> Scores:
-    """Mean training return over all of training, the area under each trial's curve: how fast it learns."""
-    curves = _filled(summary, summary.curves("training_return"), "training_return")
+def mean_return(summary: Summary, loss: str, metric: str = "training_return") -> Scores:
+    """Mean return over all of training, the area under each trial's curve: how fast it learns."""
+    curves = _filled(summary, summary.curves(metric), metric)
     return np.asarray(curves[summary.rows(summary.best[loss].setting)].mean(1))
 
 

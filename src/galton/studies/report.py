@@ -9,9 +9,9 @@ from galton.analysis.page import Section, Table, render
 from galton.analysis.plots import settle
 from galton.analysis.statistics import mean_interval
 from galton.losses import LOSSES
-from galton.studies.base import Data, FigureStudy, optimum, present
+from galton.studies.base import AT_REST, Data, FigureStudy, optimum, present
 from galton.studies.claims import all_claims
-from galton.studies.measures import final_return
+from galton.studies.measures import final_return, mean_return
 from galton.studies.propositions import PRINTED, PRINTED_LABEL, findings
 from galton.studies.registry import FIGURES, find_figure
 from galton.studies.summary import Summary
@@ -131,10 +131,13 @@ def winners(data: Data) -> Table:
     """Each loss's best setting on each task, as it won and on fresh seeds."""
     rows = []
     for task, summary in present(data).items():
-        best_return = optimum(task)
+        known = [AT_REST.get(task), optimum(task)]
         for loss, best in summary.best.items():
             again = data.sweeps.get(f"{task}-again")
-            evaluation = final_return(again or summary, loss, "evaluation_return")
+            judged = again or summary
+            evaluation = final_return(judged, loss, "evaluation_return")
+            over_training = mean_return(judged, loss)
+            noise = mean_return(judged, loss, "evaluation_return") - over_training
             rows.append(
                 [
                     TASKS[task].title,
@@ -142,11 +145,12 @@ def winners(data: Data) -> Table:
                     best.setting.brief(),
                     f"{mean_interval(final_return(summary, loss)):.2f}",
                     f"{mean_interval(final_return(again, loss)):.2f}" if again else "—",
-                    f"{mean_interval(evaluation):.2f}",
-                    "—" if best_return is None else f"{best_return:.2f}".replace("-", "−"),
+                    *(f"{mean_interval(returns):.2f}" for returns in (evaluation, over_training, noise)),
+                    *("—" if value is None else f"{value:.2f}".replace("-", "−") for value in known),
                 ]
             )
-    headings = ["task", "loss", "best setting", "as it won", "on fresh seeds", "evaluation", "optimum"]
+    headings = ["task", "loss", "best setting", "as it won", "on fresh seeds", "evaluation", "over training"]
+    headings += ["noise costs", "doing nothing", "optimum"]
     return Table(headings, rows)
 
 

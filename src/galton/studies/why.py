@@ -7,10 +7,10 @@ import numpy as np
 from jaxtyping import Float
 from matplotlib.figure import Figure
 
-from galton.analysis.plots import draw_level, draw_marks, finish, look_of, panels
+from galton.analysis.plots import draw_marks, finish, look_of, panels
 from galton.analysis.statistics import mean_interval
-from galton.studies.base import Data, FigureStudy, heading, optimum
-from galton.studies.measures import AT_REST
+from galton.studies.base import Data, FigureStudy, heading
+from galton.studies.curves import draw_levels
 from galton.studies.summary import Summary
 from galton.studies.sweeps import CHANGES, WHY_TASKS
 from galton.sweep.grid import task_defaults
@@ -85,10 +85,7 @@ def draw(data: Data) -> Figure:
         panel.set_title(heading(task), fontsize=10)
         panel.set_xlabel("change")
         panel.set_ylabel("final training return")
-        best = optimum(task)
-        if best is not None:
-            draw_level(panel, best)
-        draw_level(panel, AT_REST[task], "doing nothing", ":")
+        draw_levels(panel, task)
     finish(figure, axes)
     return figure
 

@@ -37,8 +37,12 @@ def listed(gaps: Mapping[str, Interval], spec: str = "+.2f") -> str:
 
 def sorted_out(gaps: Mapping[str, Interval], *notes: str) -> str:
     """Which are clearly as the paper says, positive, and which the other way round or neither; and what explains it."""
-    if not gaps:
-        return NOT_TRAINED
+    sentence = named(gaps)
+    return " ".join([f"{sentence[0].upper()}{sentence[1:]}.", *filter(None, notes)]) if gaps else NOT_TRAINED
+
+
+def named(gaps: Mapping[str, Interval]) -> str:
+    """Their names by what is clear of them."""
     known = decided(gaps)
     words = {
         "as the paper says": [name for name, gap in known.items() if gap.low > 0],
@@ -46,5 +50,4 @@ def sorted_out(gaps: Mapping[str, Interval], *notes: str) -> str:
         "no clear difference": [name for name, gap in known.items() if gap.low <= 0 <= gap.high],
         "too few trials": [name for name in gaps if name not in known],
     }
-    sentence = "; ".join(f"{word}: {', '.join(names)}" for word, names in words.items() if names)
-    return " ".join([f"{sentence[0].upper()}{sentence[1:]}.", *filter(None, notes)])
+    return "; ".join(f"{word}: {', '.join(names)}" for word, names in words.items() if names)
