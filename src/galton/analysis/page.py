@@ -31,6 +31,7 @@ class Claim:
     verdict: str
     """One of VERDICTS."""
     why: str
+    """It may have lines."""
     section: str | None = None
     """The name of the section it rests on."""
 

@@ -63,7 +63,7 @@ def _entropies(tasks: dict[str, Judged], gaps: dict[str, Interval]) -> str:
             entropy = mean_interval(task.again.final("entropy")[task.again.rows(setting)]).mean
             uniform = TASKS[name].d * math.log(setting.config.n_bins)
             ends.append(f"{TASKS[name].title} {entropy:.1f} of {uniform:.1f} nats")
-    return f"The softmax's entropy ends there at: {', '.join(ends)}." if ends else ""
+    return f"The softmax's final entropy where it ends lower: {', '.join(ends)}." if ends else ""
 
 
 def ends_higher(data: Data) -> Claim:
@@ -160,7 +160,7 @@ def order_changes(data: Data) -> Claim:
         "half of the tasks, little within a tenth",
         listed(gaps),
         held if len(known) > 1 else UNKNOWN,
-        " ".join(
+        "\n".join(
             [
                 f"Little: {_names(little)}.",
                 *(f"{LOSSES[loss].label} ahead: {_names(on)}." for loss, on in ahead.items()),

@@ -36,9 +36,9 @@ def listed(gaps: Mapping[str, Interval], spec: str = "+.2f") -> str:
 
 
 def sorted_out(gaps: Mapping[str, Interval], *notes: str) -> str:
-    """Which are clearly as the paper says, positive, and which the other way round or neither; and what explains it."""
+    """Which are clearly as the paper says, positive, and which the other way round or neither; a line for each note."""
     sentence = named(gaps)
-    return " ".join([f"{sentence[0].upper()}{sentence[1:]}.", *filter(None, notes)]) if gaps else NOT_TRAINED
+    return "\n".join([f"{sentence[0].upper()}{sentence[1:]}.", *filter(None, notes)]) if gaps else NOT_TRAINED
 
 
 def named(gaps: Mapping[str, Interval]) -> str:
