@@ -4,7 +4,8 @@ import dataclasses
 import pytest
 
 from galton.errors import UsageError
-from galton.studies.sweeps import CENTRED_ETAS, CHANGES, SWEEPS, TASKS, WHY_TASKS, find_sweep
+from galton.studies.summary import Summary
+from galton.studies.sweeps import CENTRED_ETAS, CHANGES, SWEEPS, TASKS, WHY_TASKS, best_of_each, find_sweep
 from galton.studies.why import change_of
 from galton.sweep.grid import paper_grid, task_defaults
 from galton.sweep.plan import Plan
@@ -78,6 +79,31 @@ def test_the_study_of_causes_has_every_change_for_every_loss(task):
     found = collections.Counter((change_of(s, base), s.config.loss) for s in study.settings)
     assert set(found) == {(change, loss) for change in CHANGES for loss in losses(study)}
     assert all(count == (6 if loss == "hl-gauss-centred" else 3) for (_, loss), count in found.items())
+
+
+@pytest.mark.parametrize("task", WHY_TASKS)
+def test_the_best_of_each_change_and_loss_is_trained_again(task):
+    def final(_, setting):
+        return -abs(setting.hypers.learning_rate - 1e-3) - setting.hypers.eta
+
+    name = f"why-{task}"
+    done = made_up.data(final, (name,), budget="paper", noise=1e-6).sweeps
+    again = SWEEPS[f"{name}-again"].study("paper", done)
+    base = task_defaults(TASKS[task].env)
+    found = collections.Counter((change_of(s, base), s.config.loss) for s in again.settings)
+    assert found == dict.fromkeys(((change, loss) for change in CHANGES for loss in losses(again)), 1)
+    assert {s.hypers.learning_rate for s in again.settings} == {1e-3}
+    assert {s.hypers.eta for s in again.settings if s.config.loss == "hl-gauss-centred"} == {2.0}
+    assert again.seed != done[name].study.seed
+
+
+def test_a_setting_with_a_diverged_run_is_the_best_of_none():
+    study = SWEEPS["why-lqr"].study("paper", {})
+    highest = study.settings[0]
+    table = made_up.results(study, lambda setting: float(setting == highest), diverged=[1])
+    summary = Summary.of_results(study, table, made_up.PROVENANCE)
+    assert highest not in best_of_each(summary)
+    assert len(best_of_each(summary)) == len(CHANGES) * len(losses(study))
 
 
 def test_no_shard_trains_runs_for_nothing():

@@ -16,7 +16,7 @@ from galton.studies.propositions import PRINTED, PRINTED_LABEL, findings
 from galton.studies.registry import FIGURES, find_figure
 from galton.studies.summary import Summary
 from galton.studies.sweeps import TASKS
-from galton.studies.why import METRICS, outcomes
+from galton.studies.why import METRICS, judged, outcomes
 from galton.sweep.parquet import record_of
 
 TITLE = "Replacing implicit regression with classification: what holds"
@@ -72,8 +72,9 @@ def trained(data: Data) -> list[str]:
     """A sentence for each budget that something was trained with."""
     found: dict[str, list[str]] = {}
     for name, summary in data.sweeps.items():
-        if name in TASKS or name.startswith("why-"):
-            title = TASKS[name].title if name in TASKS else f"why on {TASKS[name.removeprefix('why-')].title}"
+        task = name.removeprefix("why-")
+        if task in TASKS:
+            title = TASKS[task].title if name in TASKS else f"why on {TASKS[task].title}"
             found.setdefault(summary.provenance["budget"], []).append(f"{title} ({summary.study.trials} trials)")
     if data.propositions is not None:
         found.setdefault(record_of(data.propositions)["budget"], []).append("propositions")
@@ -157,16 +158,11 @@ def winners(data: Data) -> Table:
 def causes(data: Data) -> Table:
     """What the policies look like in the end, under each change."""
     rows = []
-    for name in find_figure("why").sweeps:
-        if name in data.sweeps:
-            summary = data.sweeps[name]
-            title = TASKS[name.removeprefix("why-")].title
-            for (change, loss), outcome in outcomes(summary).items():
-                shown = outcome.finals | {
-                    "explained_variance": np.nanmedian(outcome.finals["explained_variance"])[None]
-                }
-                cells = [f"{mean_interval(values):.2f}" for values in shown.values()]
-                rows.append([title, change, LOSSES[loss].label, outcome.setting.brief(), *cells])
+    for task, again in judged(data).items():
+        for (change, loss), outcome in outcomes(again).items():
+            shown = outcome.finals | {"explained_variance": np.nanmedian(outcome.finals["explained_variance"])[None]}
+            cells = [f"{mean_interval(values):.2f}" for values in shown.values()]
+            rows.append([TASKS[task].title, change, LOSSES[loss].label, outcome.setting.brief(), *cells])
     return Table(["task", "change", "loss", "setting", *METRICS.values()], rows)
 
 

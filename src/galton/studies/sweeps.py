@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import math
 from collections.abc import Callable, Mapping
 from typing import Any, Literal, NamedTuple
 
@@ -191,6 +192,33 @@ def _why(task: str) -> Sweep:
     return Sweep(task, f"{TASKS[task].title}: what changes the order of the losses", study)
 
 
+def _why_again(task: str) -> Sweep:
+    """The winners of that, one for each change and loss, on fresh seeds."""
+
+    def study(_: Budget, done: Done) -> Study:
+        main = done[f"why-{task}"]
+        return dataclasses.replace(main.study, settings=best_of_each(main), seed=_FRESH)
+
+    about = f"{TASKS[task].title}: each loss's best setting under each change on fresh seeds"
+    return Sweep(task, about, study, (f"why-{task}",))
+
+
+def best_of_each(summary: Summary) -> tuple[Setting, ...]:
+    """Of settings alike but for learning rate and η the one with the highest mean final training return.
+
+    One with a run that diverged loses to any other.
+    """
+    finals = summary.final("training_return")
+    found: dict[Setting, tuple[float, Setting]] = {}
+    for setting in summary.study.settings:
+        alike = setting._replace(hypers=setting.hypers._replace(learning_rate=0.0, eta=0.0))
+        mean = float(finals[summary.rows(setting)].mean())
+        rank = -math.inf if math.isnan(mean) else mean
+        if alike not in found or rank > found[alike][0]:
+            found[alike] = rank, setting
+    return tuple(setting for _, setting in found.values())
+
+
 SWEEPS: dict[str, Sweep] = (
     {task: _main(task) for task in TASKS}
     | {f"{task}-again": _again(task, task, TASKS[task].title) for task in TASKS}
@@ -202,6 +230,7 @@ SWEEPS: dict[str, Sweep] = (
     }
     | {f"{name}-again": _again(name, "bandit", f"Bandit, {label}") for name, label in CONTROLS.items()}
     | {f"why-{task}": _why(task) for task in WHY_TASKS}
+    | {f"why-{task}-again": _why_again(task) for task in WHY_TASKS}
 )
 
 

@@ -27,30 +27,28 @@ METRICS = {
 
 
 class Outcome(NamedTuple):
-    """Of a loss under a change, with the better of its learning rates and η."""
+    """Of a loss under a change, with the better of its learning rates and η, on fresh seeds."""
 
     setting: Setting
     finals: dict[str, Float[np.ndarray, " trials"]]
     """By METRICS; NaN for a run that diverged."""
 
 
-def outcomes(summary: Summary) -> dict[tuple[str, str], Outcome]:
-    """By (change, loss). A setting with a run that diverged loses to any other."""
-    found: dict[tuple[str, str], Outcome] = {}
-    metrics = {metric: summary.final(metric) for metric in METRICS}
-    base = task_defaults(summary.study.env)
-    for setting in summary.study.settings:
-        key = change_of(setting, base), setting.config.loss
-        rows = summary.rows(setting)
-        outcome = Outcome(setting, {metric: values[rows] for metric, values in metrics.items()})
-        if key not in found or _rank(outcome) > _rank(found[key]):
-            found[key] = outcome
-    return found
+def judged(data: Data) -> dict[str, Summary]:
+    """The winners' runs on fresh seeds, by task, where they are done."""
+    return {task: data.sweeps[f"why-{task}-again"] for task in WHY_TASKS if f"why-{task}-again" in data.sweeps}
 
 
-def _rank(outcome: Outcome) -> float:
-    mean = float(outcome.finals["training_return"].mean())
-    return -np.inf if np.isnan(mean) else mean
+def outcomes(again: Summary) -> dict[tuple[str, str], Outcome]:
+    """By (change, loss)."""
+    metrics = {metric: again.final(metric) for metric in METRICS}
+    base = task_defaults(again.study.env)
+    return {
+        (change_of(setting, base), setting.config.loss): Outcome(
+            setting, {metric: values[again.rows(setting)] for metric, values in metrics.items()}
+        )
+        for setting in again.study.settings
+    }
 
 
 def change_of(setting: Setting, base: dict[str, object]) -> str:
@@ -67,7 +65,7 @@ def change_of(setting: Setting, base: dict[str, object]) -> str:
 
 def draw(data: Data) -> Figure:
     """A panel per task: changes across, returns up, a mark per loss."""
-    found = {task: data.sweeps[f"why-{task}"] for task in WHY_TASKS if f"why-{task}" in data.sweeps}
+    found = judged(data)
     figure, axes = panels(len(found), columns=1)
     figure.set_figwidth(9.5)
     for panel, (task, summary) in zip(axes, found.items(), strict=True):
@@ -94,7 +92,8 @@ FIGURE = FigureStudy(
     "Why: one thing changed at a time",
     "Final training return of each loss (k = 100; HL-Gauss with η = 0.25, centred HL-Gauss with the better of η = 2 "
     "and 4, each with the best of three learning rates up to 0.003) under the paper's settings and with one thing "
-    "changed: mean over trials and 95% confidence interval. Dotted: what the action 0 earns, always taken.",
-    tuple(f"why-{task}" for task in WHY_TASKS),
+    "changed: mean over trials and 95% confidence interval of runs on fresh seeds. Dotted: what the "
+    "action 0 earns, always taken.",
+    tuple(f"why-{task}{part}" for task in WHY_TASKS for part in ("", "-again")),
     draw,
 )
