@@ -9,6 +9,9 @@ import pytest
 from galton.envs.find import find
 from galton.studies.base import AT_REST
 from galton.studies.sweeps import TASKS
+from galton.studies.why import draw
+
+from . import made_up
 
 
 @pytest.mark.parametrize("task", [task for task in AT_REST if TASKS[task].in_jax])
@@ -43,3 +46,15 @@ def test_what_doing_nothing_earns_in_mujoco(task, n_episodes):
                 returns[-1] += reward
                 over = terminated or truncated
     assert abs(np.mean(returns) - AT_REST[task]) <= 4 * np.std(returns) / n_episodes**0.5
+
+
+def test_a_mean_far_below_all_others_is_written_down_and_does_not_stretch_the_axis():
+    def final(name, setting):
+        crashed = setting.config.loss == "gaussian" and setting.config.normalize_observation
+        return -1_000.0 if crashed and name == "why-lqr-again" else -20.0 - 1_000 * setting.hypers.learning_rate
+
+    names = ("why-lqr", "why-lqr-again")
+    (axes,) = draw(made_up.data(final, names, budget="paper")).axes
+    assert [text.get_text() for text in axes.texts] == [" ↓ −1000 ± 0"] * 2  # that change alone, and with all others
+    low, high = axes.get_ylim()
+    assert -30 < low < -26.03 < -9.77 < high

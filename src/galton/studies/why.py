@@ -7,9 +7,9 @@ import numpy as np
 from jaxtyping import Float
 from matplotlib.figure import Figure
 
-from galton.analysis.plots import draw_marks, finish, look_of, panels
+from galton.analysis.plots import draw_marks, finish, fit, look_of, panels
 from galton.analysis.statistics import mean_interval
-from galton.studies.base import Data, FigureStudy, heading
+from galton.studies.base import AT_REST, Data, FigureStudy, heading
 from galton.studies.curves import draw_levels
 from galton.studies.summary import Summary
 from galton.studies.sweeps import CHANGES, WHY_TASKS
@@ -64,26 +64,33 @@ def change_of(setting: Setting, base: dict[str, object]) -> str:
 
 
 def draw(data: Data) -> Figure:
-    """A panel per task: changes across, returns up, a mark per loss."""
+    """A panel per task: changes across, returns up, a mark per loss; a mean far below all others is written down."""
     found = judged(data)
     figure, axes = panels(len(found), columns=1)
     figure.set_figwidth(9.5)
-    for panel, (task, summary) in zip(axes, found.items(), strict=True):
-        results = outcomes(summary)
+    for panel, (task, again) in zip(axes, found.items(), strict=True):
+        results = outcomes(again)
         changes = list(dict.fromkeys(change for change, _ in results))
         losses = list(dict.fromkeys(loss for _, loss in results))
+        finals = {key: mean_interval(outcome.finals["training_return"]) for key, outcome in results.items()}
+        means = np.array([final.mean for final in finals.values()])
+        low = min(AT_REST[task], np.nanmedian(means))
+        bottom = low - 2 * (np.nanmax(means) - low)
+        fit(panel, [means[means >= bottom], *draw_levels(panel, task)])
         for i, loss in enumerate(losses):
-            finals = [results[change, loss].finals["training_return"] for change in changes]
             label, color, _ = look_of(loss)
-            draw_marks(
-                panel, [mean_interval(final) for final in finals], label, color, 0.16 * (i - (len(losses) - 1) / 2)
-            )
+            shift = 0.16 * (i - (len(losses) - 1) / 2)
+            intervals = [finals[change, loss] for change in changes]
+            draw_marks(panel, intervals, label, color, shift)
+            for x, interval in enumerate(intervals):
+                if interval.mean < bottom:
+                    at = x + shift, panel.get_ylim()[0]
+                    panel.annotate(f" ↓ {interval:.0f}", at, color=color, fontsize=8, va="bottom")
         panel.set_xticks(range(len(changes)), [textwrap.fill(change, 14) for change in changes], fontsize=8)
         panel.set_xlim(-0.5, len(changes) - 0.5)
         panel.set_title(heading(task), fontsize=10)
         panel.set_xlabel("change")
         panel.set_ylabel("final training return")
-        draw_levels(panel, task)
     finish(figure, axes)
     return figure
 
@@ -93,7 +100,7 @@ FIGURE = FigureStudy(
     "Final training return of each loss (k = 100; HL-Gauss with η = 0.25, centred HL-Gauss with the better of η = 2 "
     "and 4, each with the best of three learning rates up to 0.003) under the paper's settings and with one thing "
     "changed: mean over trials and 95% confidence interval of runs on fresh seeds. Dotted: what the "
-    "action 0 earns, always taken.",
+    "action 0 earns, always taken. An arrow gives a mean that lies below the axis.",
     tuple(f"why-{task}{part}" for task in WHY_TASKS for part in ("", "-again")),
     draw,
 )
