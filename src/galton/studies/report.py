@@ -160,8 +160,12 @@ def causes(data: Data) -> Table:
     rows = []
     for task, again in judged(data).items():
         for (change, loss), outcome in outcomes(again).items():
-            shown = outcome.finals | {"explained_variance": np.nanmedian(outcome.finals["explained_variance"])[None]}
-            cells = [f"{mean_interval(values):.2f}" for values in shown.values()]
+            cells = [
+                f"{np.nanmedian(values):.2f}".replace("-", "−")  # it may be −∞
+                if metric == "explained_variance"
+                else f"{mean_interval(values):.2f}"
+                for metric, values in outcome.finals.items()
+            ]
             rows.append([TASKS[task].title, change, LOSSES[loss].label, outcome.setting.brief(), *cells])
     return Table(["task", "change", "loss", "setting", *METRICS.values()], rows)
 
