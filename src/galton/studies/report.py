@@ -16,7 +16,7 @@ from galton.studies.propositions import PRINTED, PRINTED_LABEL, findings
 from galton.studies.registry import FIGURES, find_figure
 from galton.studies.summary import Summary
 from galton.studies.sweeps import TASKS
-from galton.studies.why import METRICS, judged, outcomes
+from galton.studies.why import METRICS, outcomes, retrained
 from galton.sweep.parquet import record_of
 
 TITLE = "Replacing implicit regression with classification: what holds"
@@ -158,7 +158,7 @@ def winners(data: Data) -> Table:
 def causes(data: Data) -> Table:
     """What the policies look like in the end, under each change."""
     rows = []
-    for task, again in judged(data).items():
+    for task, again in retrained(data).items():
         for (change, loss), outcome in outcomes(again).items():
             cells = [
                 f"{np.nanmedian(values):.2f}".replace("-", "−")  # it may be −∞

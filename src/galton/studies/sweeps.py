@@ -2,14 +2,13 @@
 
 import dataclasses
 import json
-import math
 from collections.abc import Callable, Mapping
 from typing import Any, Literal, NamedTuple
 
 from galton.errors import UsageError
 from galton.studies.summary import Summary
 from galton.sweep.grid import expand, paper_grid, task_defaults
-from galton.sweep.results import rerun
+from galton.sweep.results import mean_returns, rerun
 from galton.sweep.study import Setting, Study
 
 Budget = Literal["smoke", "small", "paper"]
@@ -208,15 +207,13 @@ def best_of_each(summary: Summary) -> tuple[Setting, ...]:
 
     One with a run that diverged loses to any other.
     """
-    finals = summary.final("training_return")
-    found: dict[Setting, tuple[float, Setting]] = {}
-    for setting in summary.study.settings:
+    means = mean_returns(summary.study, summary.table)
+    found: dict[Setting, Setting] = {}
+    for setting, mean in means.items():
         alike = setting._replace(hypers=setting.hypers._replace(learning_rate=0.0, eta=0.0))
-        mean = float(finals[summary.rows(setting)].mean())
-        rank = -math.inf if math.isnan(mean) else mean
-        if alike not in found or rank > found[alike][0]:
-            found[alike] = rank, setting
-    return tuple(setting for _, setting in found.values())
+        if alike not in found or mean > means[found[alike]]:
+            found[alike] = setting
+    return tuple(found.values())
 
 
 SWEEPS: dict[str, Sweep] = (

@@ -34,7 +34,7 @@ class Outcome(NamedTuple):
     """By METRICS; NaN for a run that diverged."""
 
 
-def judged(data: Data) -> dict[str, Summary]:
+def retrained(data: Data) -> dict[str, Summary]:
     """The winners' runs on fresh seeds, by task, where they are done."""
     return {task: data.sweeps[f"why-{task}-again"] for task in WHY_TASKS if f"why-{task}-again" in data.sweeps}
 
@@ -65,7 +65,7 @@ def change_of(setting: Setting, base: dict[str, object]) -> str:
 
 def draw(data: Data) -> Figure:
     """A panel per task: changes across, returns up, a mark per loss; a mean far below all others is written down."""
-    found = judged(data)
+    found = retrained(data)
     figure, axes = panels(len(found), columns=1)
     figure.set_figwidth(9.5)
     for panel, (task, again) in zip(axes, found.items(), strict=True):

@@ -19,7 +19,6 @@ from galton.sweep.study import Study, canonical
 from galton.types import Config, Hypers
 
 FILE = "plan.parquet"
-"""The key of our record in the file's metadata."""
 
 
 @dataclasses.dataclass(frozen=True)
