@@ -15,6 +15,10 @@ class CheckpointError(ValueError):
     """A file that is not a whole, unchanged checkpoint of Galton's."""
 
 
+class NewerVersionError(UsageError):
+    """A file that a newer version of Galton wrote: the message says what this one does not know in it."""
+
+
 class DivergenceError(RuntimeError):
     """The gradient was not finite: the message names the step. The parameters before it are kept."""
 

@@ -14,9 +14,10 @@ from jaxtyping import Array, Float
 
 from galton import targets
 from galton.errors import UsageError
-from galton.policies.gaussian import Gaussian
+from galton.policies.base import Distribution, Family
 from galton.policies.histogram import Histogram
 from galton.targets import Eta
+from galton.types import Hypers
 
 
 def surrogate(advantage: Float[Array, "*batch"], loss: Float[Array, "*batch"]) -> Float[Array, ""]:
@@ -24,40 +25,48 @@ def surrogate(advantage: Float[Array, "*batch"], loss: Float[Array, "*batch"]) -
     return jnp.mean(lax.stop_gradient(advantage) * loss)
 
 
-def gaussian(distribution: Gaussian, action: Float[Array, "*batch d"], eta: Eta) -> Float[Array, "*batch"]:
-    """−log N(a; μ, σ²): least squares, hidden in the usual policy gradient (eq. 5). η has no part in it."""
-    del eta
+def gaussian(distribution: Distribution, action: Float[Array, "*batch d"], hypers: Hypers) -> Float[Array, "*batch"]:
+    """−log π(a): of a Gaussian policy least squares, hidden in the usual policy gradient (eq. 5).
+
+    It fits every policy that has a log-probability; of a histogram it is HL-1-Hot. No number has a part in it.
+    """
+    del hypers
     return -distribution.log_prob(action)
 
 
-def hl_one_hot(distribution: Histogram, action: Float[Array, "*batch d"], eta: Eta) -> Float[Array, "*batch"]:
-    """HL-1-Hot: cross-entropy with all mass on the sampled bin (eq. 6). η has no part in it."""
-    del eta
+def hl_one_hot(distribution: Histogram, action: Float[Array, "*batch d"], hypers: Hypers) -> Float[Array, "*batch"]:
+    """HL-1-Hot: cross-entropy with all mass on the sampled bin (eq. 6). No number has a part in it."""
+    del hypers
     return cross_entropy(distribution, targets.one_hot(distribution.bins, action))
 
 
-def hl_gauss(distribution: Histogram, action: Float[Array, "*batch d"], eta: Eta) -> Float[Array, "*batch"]:
+def hl_gauss(distribution: Histogram, action: Float[Array, "*batch d"], hypers: Hypers) -> Float[Array, "*batch"]:
     """HL-Gauss: cross-entropy with a Gaussian histogram around the sampled action (eq. 6)."""
-    return cross_entropy(distribution, _gaussian_target(distribution, action, eta))
+    return cross_entropy(distribution, _gaussian_target(distribution, action, hypers.eta))
 
 
-def hl_gauss_centred(distribution: Histogram, action: Float[Array, "*batch d"], eta: Eta) -> Float[Array, "*batch"]:
+def hl_gauss_centred(
+    distribution: Histogram, action: Float[Array, "*batch d"], hypers: Hypers
+) -> Float[Array, "*batch"]:
     """Centred HL-Gauss, ours and not the paper's: the target less the target that the policy itself expects.
 
     HL-Gauss pulls towards its own smoothing Kᵀπ whenever the baseline is off, because the targets' mean Kᵀπ is
     not π. With q − Kᵀπ as the weights (K: row j is the target of bin j's center) that pull is gone: a constant
     added to the advantage changes nothing on average, and K = I gives HL-1-Hot.
     """
+    expected = lax.stop_gradient(expected_target(distribution, hypers.eta))
+    return cross_entropy(distribution, _gaussian_target(distribution, action, hypers.eta) - expected)
+
+
+def expected_target(distribution: Histogram, eta: Eta) -> Float[Array, "*batch d k"]:
+    """Kᵀπ, the mean of HL-Gauss's targets over the policy's own actions; row j of K is the target of bin j's center."""
     k = distribution.bins.n_bins
-    table = targets.hl_gauss_of_center(k, jnp.arange(k), eta)
-    expected = lax.stop_gradient(distribution.probs @ table)
-    return cross_entropy(distribution, _gaussian_target(distribution, action, eta) - expected)
+    return distribution.probs @ targets.hl_gauss_of_center(k, jnp.arange(k), eta)
 
 
-def hl_gauss_bias(distribution: Histogram, eta: Eta) -> Float[Array, "*batch d k"]:
+def hl_gauss_bias(distribution: Histogram, hypers: Hypers) -> Float[Array, "*batch d k"]:
     """Kᵀπ − π: what HL-Gauss adds to the mean logit gradient for each unit that the baseline is off."""
-    k = distribution.bins.n_bins
-    return distribution.probs @ targets.hl_gauss_of_center(k, jnp.arange(k), eta) - distribution.probs
+    return expected_target(distribution, hypers.eta) - distribution.probs
 
 
 def cross_entropy(distribution: Histogram, weights: Float[Array, "*batch d k"]) -> Float[Array, "*batch"]:
@@ -75,23 +84,29 @@ def _gaussian_target(distribution: Histogram, action: Float[Array, "*batch d"], 
 class Loss(NamedTuple):
     """An entry of LOSSES."""
 
-    function: Callable[[Any, Array, Eta], Array]
-    """(distribution, action `[*batch, d]`, eta) → loss `[*batch]`."""
+    function: Callable[[Any, Array, Hypers], Array]
+    """(distribution, action `[*batch, d]`, hypers) → loss `[*batch]`."""
+    family: Family
+    """Of the policies that it fits: "density" is any, "histogram" those whose distributions are histograms."""
     policy: str
-    """The key in POLICIES of the distributions that it is for."""
+    """The key in POLICIES of the policy that it usually trains."""
     label: str
     """Its name in figures and tables."""
     in_paper: bool = True
-    uses_eta: bool = False
-    bias: Callable[[Any, Eta], Array] | None = None
-    """(distribution, eta) → what an error of the baseline adds to the mean logit gradient `[*batch, d, k]`; None: 0."""
+    uses: tuple[str, ...] = ()
+    """The fields of Hypers that it takes."""
+    bias: Callable[[Any, Hypers], Array] | None = None
+    """(distribution, hypers) → what an error of the baseline adds to the mean logit gradient `[*batch, d, k]`; None:
+    nothing."""
 
 
 LOSSES = {
-    "gaussian": Loss(gaussian, "gaussian", "Gaussian"),
-    "hl-one-hot": Loss(hl_one_hot, "histogram", "HL-1-Hot"),
-    "hl-gauss": Loss(hl_gauss, "histogram", "HL-Gauss", uses_eta=True, bias=hl_gauss_bias),
-    "hl-gauss-centred": Loss(hl_gauss_centred, "histogram", "Centred HL-Gauss (ours)", in_paper=False, uses_eta=True),
+    "gaussian": Loss(gaussian, "density", "gaussian", "Gaussian"),
+    "hl-one-hot": Loss(hl_one_hot, "histogram", "histogram", "HL-1-Hot"),
+    "hl-gauss": Loss(hl_gauss, "histogram", "histogram", "HL-Gauss", uses=("eta",), bias=hl_gauss_bias),
+    "hl-gauss-centred": Loss(
+        hl_gauss_centred, "histogram", "histogram", "Centred HL-Gauss (ours)", in_paper=False, uses=("eta",)
+    ),
 }
 
 

@@ -1,11 +1,13 @@
 """The records that everything shares. Shapes: T steps, N environments, o observation and d action entries."""
 
 import dataclasses
+import math
+from collections.abc import Callable
 from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 import tyro
-from jaxtyping import Array, Bool, Float, Int, PyTree
+from jaxtyping import Array, Bool, Float, PyTree
 
 from galton.errors import require, require_integer
 
@@ -41,17 +43,32 @@ class Config:
     """Standardise observations by running statistics, clipped to ±10."""
     normalize_reward: bool = False
     """Divide rewards by the running standard deviation of the discounted return, clipped to ±10."""
+    policy: str = "auto"
+    """A key of POLICIES; auto is the one that the loss usually trains."""
+    algorithm: Annotated[str, tyro.conf.Suppress] = "a2c"
+    """A key of ALGORITHMS. (The commands have options of their own for it.)"""
+    n_epochs: int = 10
+    """How often PPO goes through a rollout."""
+    batch_size: int = 64
+    """Steps in each of PPO's minibatches; it divides n_steps · n_envs."""
 
     def __post_init__(self) -> None:
-        require_integer("n_bins", self.n_bins, 2)
-        require_integer("n_steps", self.n_steps, 1)
-        require_integer("n_envs", self.n_envs, 1)
+        for field in dataclasses.fields(self):
+            value = getattr(self, field.name)
+            if isinstance(field.default, bool):
+                fits = isinstance(value, bool | np.bool)
+                require(fits, f"{field.name} is {value!r}; it must be True or False")
+                object.__setattr__(self, field.name, bool(value))
+            elif isinstance(field.default, int):
+                require_integer(field.name, value, 2 if field.name == "n_bins" else 1)
+                object.__setattr__(self, field.name, int(value))
+            elif isinstance(field.default, str):
+                choices = _CHOICES.get(field.name, (value,))
+                known = isinstance(value, str) and value in choices
+                require(known, f"{field.name} is {value!r}; choose from {', '.join(map(str, choices))}")
         object.__setattr__(self, "net_arch", tuple(self.net_arch))
         for units in self.net_arch:
             require_integer("an entry of net_arch", units, 1)
-        for field, choices in _CHOICES.items():
-            value = getattr(self, field)
-            require(value in choices, f"{field} is {value!r}; choose from {', '.join(choices)}")
         require(
             not self.normalize_advantage or self.n_steps * self.n_envs > 1,
             "normalize_advantage needs more than one step per update: raise n_steps or n_envs",
@@ -96,24 +113,63 @@ class Hypers(NamedTuple):
     """Weight of the entropy bonus."""
     max_grad_norm: Number = 0.5
     """The gradient, actor's and critic's joined, is scaled down to this norm."""
+    decay_steps: Number = 0.0
+    """The learning rate falls linearly to 0 over so many environment steps; 0: it stays."""
+    log_std_init: Number = 0.0
+    """The Gaussian's first log σ."""
+    log_std_min: Number = -math.inf
+    """A floor under the Gaussian's log σ; −inf is none."""
+    box_units: Number = 0.0
+    """1: the Gaussian's mean and σ are in half-widths of the action box around its center; 0: in the environment's
+    own units."""
+    clip_range: Number = 0.2
+    """PPO clips the likelihood ratio this far from 1."""
+    target_kl: Number = math.inf
+    """PPO leaves off a rollout once its approximate KL divergence from the sampling policy exceeds 1.5 of this."""
 
 
 def check_hypers(hypers: Hypers) -> None:
     """Raise UsageError where a number is outside the range that means something."""
-    at_least_zero = ("learning_rate", "vf_coef", "ent_coef")
     for name, value in hypers._asdict().items():
         given = np.asarray(value, np.float64)
         with np.errstate(over="ignore"):
             numbers = given.astype(np.float32)  # what the programs compute with
-        finite = np.isfinite(numbers)
-        if name in ("gamma", "gae_lambda"):
-            right, wanted = finite & (numbers >= 0) & (numbers <= 1), "between 0 and 1"
-        elif name in at_least_zero:
-            right, wanted = finite & (numbers >= 0), "0 or more"
-        else:
-            right, wanted = finite & (numbers > 0), "greater than 0"
+        right, wanted = _RANGES[name](numbers)
         shown = given[~right].flat[0] if not right.all() else None
         require(shown is None, f"{name} is {shown}; it must be {wanted}")
+
+
+Range = Callable[[Float[np.ndarray, "*runs"]], tuple[Bool[np.ndarray, "*runs"], str]]
+"""Which numbers mean something, and what is wanted, in words."""
+
+
+def _share(x: Float[np.ndarray, "*runs"]) -> tuple[Bool[np.ndarray, "*runs"], str]:
+    return np.asarray((x >= 0) & (x <= 1)), "between 0 and 1"
+
+
+def _at_least_0(x: Float[np.ndarray, "*runs"]) -> tuple[Bool[np.ndarray, "*runs"], str]:
+    return np.asarray(np.isfinite(x) & (x >= 0)), "0 or more"
+
+
+def _positive(x: Float[np.ndarray, "*runs"]) -> tuple[Bool[np.ndarray, "*runs"], str]:
+    return np.asarray(np.isfinite(x) & (x > 0)), "greater than 0"
+
+
+_RANGES: dict[str, Range] = {
+    "learning_rate": _at_least_0,
+    "eta": _positive,
+    "gamma": _share,
+    "gae_lambda": _share,
+    "vf_coef": _at_least_0,
+    "ent_coef": _at_least_0,
+    "max_grad_norm": _positive,
+    "decay_steps": _at_least_0,
+    "log_std_init": lambda x: (np.isfinite(x), "finite"),
+    "log_std_min": lambda x: (x < np.inf, "finite, or -inf for none"),
+    "box_units": lambda x: ((x == 0) | (x == 1), "0 or 1"),
+    "clip_range": lambda x: (x > 0, "greater than 0"),
+    "target_kl": lambda x: (x > 0, "greater than 0, or inf for none"),
+}
 
 
 class Transition(NamedTuple):
@@ -137,17 +193,6 @@ class Learner(NamedTuple):
     params: Params
     """`actor` and `critic` networks, and for the Gaussian `log_std` `[d]`."""
     optimizer: PyTree[Array]
-    """Adam's moments, shaped like params."""
+    """Adam's count of steps and its moments, those shaped like params."""
     normalizer: Any
     """Statistics of observations and rewards, a Normalizer."""
-
-
-class EpisodeState(NamedTuple):
-    """N environments in the middle of their episodes."""
-
-    env: PyTree[Array]
-    """The environments' own states, each leaf `[N, ...]`."""
-    length: Int[Array, " N"]
-    """Steps taken in this episode."""
-    undiscounted_return: Float[Array, " N"]
-    """Reward collected in this episode."""

@@ -13,7 +13,6 @@ from rich.table import Table
 from galton.analysis.statistics import Interval, difference_interval, mean_interval
 from galton.envs.base import Environment
 from galton.losses import LOSSES
-from galton.training.state import Log
 from galton.training.train import Result
 
 Results = Mapping[str, Result]
@@ -144,6 +143,6 @@ def curves(results: Results) -> pa.Table:
             "step": np.tile(result.steps, n_runs),
             "diverged_at": np.repeat(result.diverged_at, n_logs),
         }
-        columns |= {name: getattr(result.log, name).ravel() for name in Log._fields}
+        columns |= {name: curve.ravel() for name, curve in result.log.columns().items()}
         parts.append(pa.table(columns))
-    return pa.concat_tables(parts)
+    return pa.concat_tables(parts, promote_options="default")

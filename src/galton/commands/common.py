@@ -24,7 +24,7 @@ from galton.envs.find import find
 from galton.envs.registry import ENVS, find_task, is_known, read_constants, settings
 from galton.errors import UsageError
 from galton.losses import LOSSES
-from galton.training.state import Log
+from galton.training.log import Log
 from galton.training.train import Result, check_arguments, train
 from galton.types import Config, Hypers
 

@@ -237,8 +237,8 @@ def status(arguments: Sequence[str]) -> None:
     table = Table("program", "shards done", "runs done", title=f"{store.url}: {plan.study.env}")
     programs: dict[str, list[int]] = {}
     for index, config in enumerate(plan.configs):
-        policy = find_loss(config.loss).policy
-        name = f"{config.loss}, k = {config.n_bins}" if policy == "histogram" else config.loss
+        family = find_loss(config.loss).family
+        name = f"{config.loss}, k = {config.n_bins}" if family == "histogram" else config.loss
         counts = programs.setdefault(name, [0, 0, 0, 0])
         counts[1] += 1
         counts[3] += int(sizes[index])

@@ -12,7 +12,6 @@ from pathlib import Path
 from rich.console import Console
 
 from galton import callbacks
-from galton.agent import A2C, InexactResume
 from galton.commands.common import (
     EnvName,
     LossName,
@@ -25,6 +24,7 @@ from galton.commands.common import (
 from galton.envs.base import Environment, HostTask
 from galton.errors import BrokenEnvironmentError, DivergenceError, UsageError, require
 from galton.losses import find_loss
+from galton.models import A2C, InexactResume
 from galton.training.devices import use_all_cores
 
 MODEL, BEST, METRICS = "model.safetensors", "best_model.safetensors", "metrics.jsonl"

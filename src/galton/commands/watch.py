@@ -15,10 +15,10 @@ import numpy as np
 import tyro
 from rich.console import Console
 
-from galton.agent import A2C
 from galton.commands.train import MODEL
 from galton.envs.registry import is_known
 from galton.errors import UsageError, require, require_integer
+from galton.models import A2C
 
 
 @dataclasses.dataclass(frozen=True)

@@ -1,20 +1,24 @@
-"""Policies: distributions over a box of actions. A new one is a file here and a line in POLICIES."""
+"""Policies by name: distributions over a box of actions. A new one is a class in a file and a line in POLICIES."""
 
-from collections.abc import Callable
-
-import numpy as np
-from jaxtyping import Float
-
-from galton.policies.base import Distribution, Policy
+from galton.policies.base import Distribution, Family, Policy
 from galton.policies.gaussian import Gaussian, GaussianPolicy
 from galton.policies.histogram import Histogram, HistogramPolicy
-from galton.types import Config
+from galton.policies.ordinal import OrdinalPolicy
 
-Box = Float[np.ndarray, " d"]
-
-POLICIES: dict[str, Callable[[Config, Box, Box], Policy]] = {
-    "gaussian": GaussianPolicy.create,
-    "histogram": HistogramPolicy.create,
+POLICIES: dict[str, type[Policy]] = {
+    "gaussian": GaussianPolicy,
+    "histogram": HistogramPolicy,
+    "ordinal": OrdinalPolicy,
 }
 
-__all__ = ["POLICIES", "Distribution", "Gaussian", "GaussianPolicy", "Histogram", "HistogramPolicy", "Policy"]
+__all__ = [
+    "POLICIES",
+    "Distribution",
+    "Family",
+    "Gaussian",
+    "GaussianPolicy",
+    "Histogram",
+    "HistogramPolicy",
+    "OrdinalPolicy",
+    "Policy",
+]

@@ -1,18 +1,25 @@
 """What a policy has to offer. Distributions live inside a traced function; policies are static."""
 
-from typing import Protocol, runtime_checkable
+from typing import ClassVar, Literal, Protocol, runtime_checkable
 
-from jaxtyping import Array, Bool, Float, Key
+import numpy as np
+from jaxtyping import Array, Bool, Float, Key, PyTree
 
-from galton.types import Params
+from galton.types import Config, Hypers, Params
+
+Family = Literal["density", "histogram"]
+"""What a loss needs of a distribution: a log-probability, or probabilities of bins besides."""
 
 
 @runtime_checkable
 class Distribution(Protocol):
     """Of actions in one state, or in a batch of states."""
 
-    def sample(self, noise: Float[Array, "*batch n"]) -> Float[Array, "*batch d"]:
+    def sample(self, noise: PyTree[Array]) -> Float[Array, "*batch d"]:
         """An action, from noise that `Policy.noise` drew."""
+
+    def log_prob(self, action: Float[Array, "*batch d"]) -> Float[Array, "*batch"]:
+        """The log-probability of an action that `sample` gave, or its log-density, summed over the d dimensions."""
 
     def deterministic_action(self) -> Float[Array, "*batch d"]:
         """The action taken without exploration."""
@@ -29,17 +36,30 @@ class Distribution(Protocol):
 
 @runtime_checkable
 class Policy(Protocol):
-    """How network outputs become a distribution over actions in a box."""
+    """How network outputs become a distribution over actions in a box. An entry of POLICIES is such a class."""
+
+    family: ClassVar[Family]
+    """A "histogram" policy's distributions are of the class Histogram, which every loss can train; to a "density"
+    policy only losses of that family fit."""
+    label: ClassVar[str]
+    """Its name in figures and tables."""
+
+    @classmethod
+    def create(cls, config: Config, low: Float[np.ndarray, " d"], high: Float[np.ndarray, " d"]) -> "Policy":
+        """The policy for actions in the box [low, high]."""
 
     @property
     def n_outputs(self) -> int:
         """Outputs that the actor network must have."""
 
-    def init(self) -> tuple[Float[Array, " n_outputs"], Params]:
+    def init(self, hypers: Hypers) -> tuple[Float[Array, " n_outputs"], Params]:
         """The initial bias of the actor's last layer, and parameters beside the network."""
 
-    def noise(self, key: Key[Array, ""], shape: tuple[int, ...]) -> Float[Array, "*batch n"]:
-        """What `Distribution.sample` needs for a batch of this shape, drawn ahead of the rollout."""
+    def noise(self, key: Key[Array, ""], shape: tuple[int, ...]) -> PyTree[Array]:
+        """What `Distribution.sample` needs for a batch of this shape, drawn ahead of the rollout.
 
-    def distribution(self, outputs: Float[Array, "*batch n_outputs"], params: Params) -> Distribution:
+        Each leaf begins with the axes of the shape.
+        """
+
+    def distribution(self, outputs: Float[Array, "*batch n_outputs"], params: Params, hypers: Hypers) -> Distribution:
         """The distribution that the actor's outputs describe."""

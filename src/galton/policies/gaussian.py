@@ -2,13 +2,15 @@
 
 import dataclasses
 import math
+from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Key
 
-from galton.types import Config, Params
+from galton.policies.base import Family
+from galton.types import Config, Hypers, Params
 
 
 @dataclasses.dataclass(frozen=True)
@@ -21,7 +23,7 @@ class Gaussian:
     high: Float[np.ndarray, " d"]
 
     def sample(self, noise: Float[Array, "*batch d"]) -> Float[Array, "*batch d"]:
-        """Mean + σ · noise, for standard normal noise."""
+        """The mean plus σ times standard normal noise."""
         return self.mean + jnp.exp(self.log_std) * noise
 
     def log_prob(self, action: Float[Array, "*batch d"]) -> Float[Array, "*batch"]:
@@ -35,11 +37,11 @@ class Gaussian:
         return jnp.broadcast_to(entropy, self.mean.shape[:-1])
 
     def std(self) -> Float[Array, "*batch d"]:
-        """σ."""
+        """The same σ in every state."""
         return jnp.broadcast_to(jnp.exp(self.log_std), self.mean.shape)
 
     def at_edge(self, action: Float[Array, "*batch d"]) -> Bool[Array, "*batch d"]:
-        """What the environment clips."""
+        """Which entries the environment clips."""
         return (action < self.low) | (action > self.high)
 
     def deterministic_action(self) -> Float[Array, "*batch d"]:
@@ -49,14 +51,21 @@ class Gaussian:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class GaussianPolicy:
-    """The network gives the mean; log σ, zero at first, is a parameter of its own."""
+    """The network gives the mean; log σ is a parameter of its own, the same in every state.
+
+    Mean and σ are in the environment's units, or, where `hypers.box_units` is 1, in half-widths of the action box
+    around its center: what the same numbers then mean does not depend on the scale of the box.
+    """
 
     low: Float[np.ndarray, " d"]
     high: Float[np.ndarray, " d"]
 
+    family: ClassVar[Family] = "density"
+    label: ClassVar[str] = "Gaussian"
+
     @classmethod
     def create(cls, config: Config, low: Float[np.ndarray, " d"], high: Float[np.ndarray, " d"]) -> "GaussianPolicy":
-        """The policy for actions in the box [low, high]."""
+        """The policy for actions in the box [low, high]; the configuration has no part in it."""
         del config
         return cls(low, high)
 
@@ -65,14 +74,22 @@ class GaussianPolicy:
         """One mean per action dimension."""
         return len(self.low)
 
-    def init(self) -> tuple[Float[Array, " d"], Params]:
-        """Mean 0 and σ 1."""
-        return jnp.zeros(self.n_outputs), {"log_std": jnp.zeros(self.n_outputs)}
+    def init(self, hypers: Hypers) -> tuple[Float[Array, " d"], Params]:
+        """Mean 0 and σ = exp(log_std_init), in the policy's units."""
+        zeros = jnp.zeros(self.n_outputs)
+        return zeros, {"log_std": zeros + hypers.log_std_init}
 
     def noise(self, key: Key[Array, ""], shape: tuple[int, ...]) -> Float[Array, "*batch d"]:
-        """Standard normal."""
+        """Standard normal numbers, one per action dimension."""
         return jax.random.normal(key, (*shape, self.n_outputs))
 
-    def distribution(self, outputs: Float[Array, "*batch d"], params: Params) -> Gaussian:
-        """N(outputs, diag exp(log_std)²)."""
-        return Gaussian(outputs, params["log_std"], self.low, self.high)
+    def distribution(self, outputs: Float[Array, "*batch d"], params: Params, hypers: Hypers) -> Gaussian:
+        """N(c + h · outputs, diag (h σ)²) with log σ = max(log_std, log_std_min).
+
+        c and h are 0 and 1 in the environment's units, the box's center and half-width in the box's.
+        """
+        in_box = jnp.asarray(hypers.box_units) > 0
+        shift = jnp.where(in_box, (self.high + self.low) / 2, 0.0)
+        scale = jnp.where(in_box, (self.high - self.low) / 2, 1.0)
+        log_std = jnp.maximum(params["log_std"], hypers.log_std_min) + jnp.log(scale)
+        return Gaussian(shift + scale * outputs, log_std, self.low, self.high)

@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+from typing import ClassVar, Literal, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -9,8 +10,20 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int, Key
 
 from galton.bins import Bins
+from galton.policies.base import Family
 from galton.policies.exploration import gaussian_action, init_gaussian_logits
-from galton.types import Config, Params
+from galton.types import Config, Hypers, Params
+
+
+class Choices(NamedTuple):
+    """What a histogram leaves open; the fields of Config with the same names."""
+
+    exploration: Literal["softmax", "gaussian"] = "softmax"
+    bin_sample: Literal["center", "uniform"] = "center"
+    deterministic_action: Literal["mode", "mean", "median"] = "mode"
+
+
+USUAL = Choices()
 
 
 @dataclasses.dataclass(frozen=True)
@@ -19,7 +32,7 @@ class Histogram:
 
     bins: Bins
     logits: Float[Array, "*batch d k"]
-    config: Config
+    choices: Choices = USUAL
 
     @property
     def probs(self) -> Float[Array, "*batch d k"]:
@@ -29,17 +42,33 @@ class Histogram:
     @property
     def samples_centers(self) -> bool:
         """Whether every sampled action is the center of a bin."""
-        return self.config.exploration == "softmax" and self.config.bin_sample == "center"
+        return self.choices.exploration == "softmax" and self.choices.bin_sample == "center"
 
     def sample(self, noise: Float[Array, "*batch n"]) -> Float[Array, "*batch d"]:
         """An action, from the noise that HistogramPolicy.noise drew for this configuration."""
         d = self.logits.shape[-2]
-        if self.config.exploration == "gaussian":
+        if self.choices.exploration == "gaussian":
             return gaussian_action(self.bins, self.probs, noise)
         index = sample_bin(self.logits, noise[..., :d])
-        if self.config.bin_sample == "center":
+        if self.choices.bin_sample == "center":
             return self.bins.decode(index)
         return self.bins.decode(index) + self.bins.width * (noise[..., d:] - 0.5)
+
+    def log_prob(self, action: Float[Array, "*batch d"]) -> Float[Array, "*batch"]:
+        """Σ_l log π_l of the bin that holds the action; the Gaussian's log-density where a Gaussian explores.
+
+        Where the place in the bin is drawn too, its density is a constant, −log width, which is left out.
+        """
+        if self.choices.exploration == "gaussian":
+            std = jnp.maximum(self.std(), 1e-6 * self.bins.width)  # a policy that is certain has none
+            z = (action - self.mean()) / std
+            return (-0.5 * z**2 - jnp.log(std) - 0.5 * math.log(2 * math.pi)).sum(-1)
+        index = self.bins.encode(action)[..., None]
+        return jnp.take_along_axis(jax.nn.log_softmax(self.logits), index, -1)[..., 0].sum(-1)
+
+    def mean(self) -> Float[Array, "*batch d"]:
+        """The mean of the bin centers under π."""
+        return (self.probs * self.bins.centers).sum(-1)
 
     def entropy(self) -> Float[Array, "*batch"]:
         """−Σ_l Σ_i π log π."""
@@ -48,8 +77,7 @@ class Histogram:
 
     def std(self) -> Float[Array, "*batch d"]:
         """The effective σ: the standard deviation of the bin centers under π."""
-        mean = (self.probs * self.bins.centers).sum(-1, keepdims=True)
-        return jnp.sqrt((self.probs * (self.bins.centers - mean) ** 2).sum(-1))
+        return jnp.sqrt((self.probs * (self.bins.centers - self.mean()[..., None]) ** 2).sum(-1))
 
     def at_edge(self, action: Float[Array, "*batch d"]) -> Bool[Array, "*batch d"]:
         """What lies in the first or last bin of a dimension, or beyond."""
@@ -57,10 +85,10 @@ class Histogram:
 
     def deterministic_action(self) -> Float[Array, "*batch d"]:
         """The center of the most likely bin, the mean of the centers, or the median's center."""
-        if self.config.deterministic_action == "mode":
+        if self.choices.deterministic_action == "mode":
             return self.bins.decode(self.logits.argmax(-1))
-        if self.config.deterministic_action == "mean":
-            return (self.probs * self.bins.centers).sum(-1)
+        if self.choices.deterministic_action == "mean":
+            return self.mean()
         return self.bins.decode(sample_bin(self.logits, jnp.full(self.logits.shape[:-1], 0.5)))
 
 
@@ -93,32 +121,39 @@ class HistogramPolicy:
     """The network gives d · k logits."""
 
     bins: Bins
-    config: Config
+    choices: Choices = USUAL
+    starts_gaussian: bool = False
+    """Whether it starts close to the Gaussian policy's N(0, 1) (Init Gaussian, §5.2.3), not uniform."""
+
+    family: ClassVar[Family] = "histogram"
+    label: ClassVar[str] = "softmax"
 
     @classmethod
     def create(cls, config: Config, low: Float[np.ndarray, " d"], high: Float[np.ndarray, " d"]) -> "HistogramPolicy":
-        """The policy for actions in the box [low, high]."""
-        return cls(Bins(low, high, config.n_bins), config)
+        """The policy for actions in the box [low, high], with the configuration's bins and choices."""
+        choices = Choices(config.exploration, config.bin_sample, config.deterministic_action)
+        return cls(Bins(low, high, config.n_bins), choices, config.initial_policy == "gaussian")
 
     @property
     def n_outputs(self) -> int:
-        """K logits per action dimension."""
+        """The k logits of each action dimension."""
         return self.bins.centers.size
 
-    def init(self) -> tuple[Float[Array, " dk"], Params]:
-        """Uniform, or close to the Gaussian policy's N(0, 1)."""
-        if self.config.initial_policy == "gaussian":
+    def init(self, hypers: Hypers) -> tuple[Float[Array, " dk"], Params]:
+        """Uniform, or close to the Gaussian policy's N(0, 1); no number has a part in it."""
+        del hypers
+        if self.starts_gaussian:
             return init_gaussian_logits(self.bins).ravel(), {}
         return jnp.zeros(self.n_outputs), {}
 
     def noise(self, key: Key[Array, ""], shape: tuple[int, ...]) -> Float[Array, "*batch n"]:
         """Uniform, two per dimension where the place in the bin is drawn too; normal where a Gaussian explores."""
         d = len(self.bins.low)
-        if self.config.exploration == "gaussian":
+        if self.choices.exploration == "gaussian":
             return jax.random.normal(key, (*shape, d))
-        return jax.random.uniform(key, (*shape, d if self.config.bin_sample == "center" else 2 * d))
+        return jax.random.uniform(key, (*shape, d if self.choices.bin_sample == "center" else 2 * d))
 
-    def distribution(self, outputs: Float[Array, "*batch dk"], params: Params) -> Histogram:
+    def distribution(self, outputs: Float[Array, "*batch dk"], params: Params, hypers: Hypers) -> Histogram:
         """Softmax policies with these logits."""
-        del params
-        return Histogram(self.bins, outputs.reshape(*outputs.shape[:-1], *self.bins.centers.shape), self.config)
+        del params, hypers
+        return Histogram(self.bins, outputs.reshape(*outputs.shape[:-1], *self.bins.centers.shape), self.choices)

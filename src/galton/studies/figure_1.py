@@ -13,7 +13,7 @@ from galton.losses import LOSSES, find_loss, surrogate
 from galton.policies import Distribution, Gaussian, Histogram
 from galton.policies.exploration import init_gaussian_logits
 from galton.studies.base import FigureStudy
-from galton.types import Config, Params
+from galton.types import Hypers, Params
 
 BINS = Bins(-3.0, 3.0, 30)
 ACTIONS = BINS.centers[0, [7, 17, 23]]
@@ -40,7 +40,7 @@ _FLOOR, _ARROW = -0.19, 0.13
 
 def start(loss: str) -> Params:
     """The parameters of N(0, 1), or of its histogram."""
-    if find_loss(loss).policy == "gaussian":
+    if find_loss(loss).family == "density":
         return {"mean": jnp.zeros(1), "log_std": jnp.zeros(1)}
     return {"logits": init_gaussian_logits(BINS)}
 
@@ -49,15 +49,15 @@ def policy(params: Params) -> Distribution:
     """What the parameters say, in the only state there is."""
     if "mean" in params:
         return Gaussian(params["mean"], params["log_std"], BINS.low, BINS.high)
-    return Histogram(BINS, params["logits"], Config(n_bins=BINS.n_bins))
+    return Histogram(BINS, params["logits"])
 
 
 def step(loss: str) -> Params:
     """The parameters after one step of gradient descent on the surrogate."""
-    entry, params = find_loss(loss), start(loss)
+    entry, params, hypers = find_loss(loss), start(loss), Hypers(eta=ETAS.get(loss, 1.0))
 
     def objective(params: Params) -> Array:
-        losses = jax.vmap(lambda action: entry.function(policy(params), action, ETAS.get(loss, 1.0)))(ACTIONS[:, None])
+        losses = jax.vmap(lambda action: entry.function(policy(params), action, hypers))(ACTIONS[:, None])
         return surrogate(jnp.asarray(ADVANTAGES), losses)
 
     size = STEP_SIZES[entry.policy]

@@ -2,7 +2,7 @@
 
 import functools
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -10,16 +10,16 @@ import numpy as np
 import pyarrow as pa
 from jaxtyping import Array, Float, Key
 
-from galton.algorithms import a2c
+from galton.algorithms import Agent, actor_critic, resolve
 from galton.envs.registry import make
-from galton.losses import LOSSES, find_loss, surrogate
+from galton.losses import LOSSES, surrogate
 from galton.networks import features, mlp
-from galton.policies import Distribution, Gaussian, Policy
+from galton.policies import Distribution, Gaussian
 from galton.studies.sweeps import TASKS, Budget
 from galton.theory import gradient_bound, output_lipschitz, regression_bound
-from galton.training.populate import populate
-from galton.training.rollout import draw_noise, rollout
-from galton.types import Config, EpisodeState, Hypers, Learner, Params, Transition
+from galton.training.population import populate
+from galton.training.rollout import EpisodeState, draw_noise, rollout
+from galton.types import Config, Hypers, Learner, Params, Transition
 
 READINGS = {"sigma^2": 2, "sigma": 1}
 """The power of σ that divides the Gaussian's squared error: its log-likelihood's, and the one that §4.3 prints."""
@@ -68,14 +68,14 @@ class Sample(NamedTuple):
 
 
 def sample_loss(
-    config: Config, reading: str, distribution: Distribution, action: Float[Array, " d"], eta: Any
+    agent: Agent, reading: str, distribution: Distribution, action: Float[Array, " d"], hypers: Hypers
 ) -> Float[Array, ""]:
     """What the advantage weights; with the reading "sigma" it is the loss that §4.3 prints, (a − μ)² / 2σ."""
     if reading == "sigma":
         assert isinstance(distribution, Gaussian)
         loss: Array = ((action - distribution.mean) ** 2 / (2 * distribution.std())).sum()
         return loss
-    return find_loss(config.loss).function(distribution, action, eta)
+    return agent.loss.function(distribution, action, hypers)
 
 
 def sample_gradient(
@@ -91,22 +91,23 @@ def sample_gradient(
     return [*gradient[:-1], {"kernel": gradient[-1]["kernel"]}], outputs
 
 
-def measure(
-    config: Config, policy: Policy, learner: Learner, batch: Transition, hypers: Hypers, reading: str
-) -> Sample:
+def measure(agent: Agent, learner: Learner, batch: Transition, hypers: Hypers, reading: str) -> Sample:
     """Both sides for each of the B = T · N actions of a rollout `[T, N]`."""
     params, actor = learner.params, learner.params["actor"]
-    observation, next_observation, action = map(a2c.flatten, (batch.observation, batch.next_observation, batch.action))
-    advantage = a2c.advantages(a2c.value(params, observation), a2c.value(params, next_observation), batch, hypers)
+    observation, next_observation, action = map(
+        actor_critic.flatten, (batch.observation, batch.next_observation, batch.action)
+    )
+    values, next_values = (actor_critic.value(params, each) for each in (observation, next_observation))
+    advantage = actor_critic.advantages(values, next_values, batch, hypers)
 
     def one(observation: Array, action: Array, advantage: Array) -> Sample:
         def loss(outputs: Array) -> Array:
-            return sample_loss(config, reading, policy.distribution(outputs, params), action, hypers.eta)
+            return sample_loss(agent, reading, agent.policy.distribution(outputs, params, hypers), action, hypers)
 
         gradient, outputs = sample_gradient(loss, actor, observation, advantage)
         norm = jnp.sqrt(sum(jnp.vdot(leaf, leaf) for leaf in jax.tree.leaves(gradient)))
         lipschitz, f = output_lipschitz(actor, observation), features(actor, observation)
-        distribution = policy.distribution(outputs, params)
+        distribution = agent.policy.distribution(outputs, params, hypers)
         if isinstance(distribution, Gaussian):
             last_factor = jnp.abs(action - distribution.mean).sum()
             of_dimension = functools.partial(regression_bound, advantage, lipschitz, f)
@@ -141,13 +142,13 @@ def collect(budget: Budget) -> pa.Table:
 
 def _collect(task: str, loss: str, effort: Effort) -> pa.Table:
     env, config, hypers = make(TASKS[task].env), Config(loss=loss), Hypers(eta=ETAS.get(loss, Hypers().eta))
-    policy = a2c.make_policy(config, env.action_low, env.action_high)
+    agent = resolve(config, env.action_low, env.action_high)
     readings = list(READINGS) if loss == "gaussian" else [""]
 
     def look(run: tuple[Key[Array, ""], Learner, EpisodeState]) -> dict[str, Sample]:
         key, learner, episodes = run
-        *_, batch, _ = rollout(env, policy, learner, episodes, draw_noise(key, env, policy, config), hypers)
-        return {reading: measure(config, policy, learner, batch, hypers, reading) for reading in readings}
+        *_, batch, _ = rollout(env, agent, learner, episodes, draw_noise(key, env, agent), hypers)
+        return {reading: measure(agent, learner, batch, hypers, reading) for reading in readings}
 
     look_at_all = jax.jit(functools.partial(jax.lax.map, look))
     tables: list[pa.Table] = []
@@ -168,7 +169,7 @@ def _collect(task: str, loss: str, effort: Effort) -> pa.Table:
 
     growing = np.geomspace(effort.steps // config.n_steps, 1, effort.points - 1).round().astype(int)
     all_hypers = Hypers._make(np.full(effort.seeds, h, np.float32) for h in hypers)
-    population = populate(env, config, all_hypers, range(effort.seeds), 16)
+    population = populate(env, config, all_hypers, range(effort.seeds))
     try:
         for n_updates in np.diff(sorted({0, *growing.tolist()}), prepend=0):
             population.advance(int(n_updates))

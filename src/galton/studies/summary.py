@@ -9,14 +9,15 @@ import pyarrow as pa
 from jaxtyping import Bool, Float, Int
 
 from galton.analysis.statistics import fill_until
-from galton.errors import UsageError
+from galton.errors import NewerVersionError, UsageError
 from galton.sweep.parquet import from_bytes, record_of, to_bytes, with_record
 from galton.sweep.results import Best, best_settings
 from galton.sweep.store import Store
 from galton.sweep.study import Setting, Study
-from galton.training.state import Log
 from galton.training.train import final
 
+_KEYS = ("setting", "trial", "seed", "final_training_return", "final_evaluation_return", "diverged_at", "steps")
+"""The columns of a sweep's results that are no curves."""
 CURVES = ("training_return", "evaluation_return", "entropy")
 """What is kept of each log point; of the others their final mean only."""
 
@@ -35,7 +36,8 @@ class Summary:
         """Of what `sweep.results.collect` gathered."""
         diverged_at = results.column("diverged_at").to_numpy()
         columns = {name: results.column(name) for name in ("setting", "trial", "diverged_at")}
-        for metric in Log._fields:
+        metrics = [name for name in results.column_names if name not in _KEYS and not name.startswith("setting.")]
+        for metric in metrics:
             curves = _matrix(results, metric)
             columns[f"final_{metric}"] = pa.array(final(curves, diverged_at).astype(np.float32))
             if metric in CURVES:
@@ -68,6 +70,8 @@ class Summary:
             return cls(Study.of_record(record["study"]), record["provenance"], table.replace_schema_metadata(None))
         except FileNotFoundError:
             raise
+        except NewerVersionError as error:
+            raise NewerVersionError(f"{name} in {store.url} can't be read: {error}") from None
         except (pa.ArrowException, OSError, KeyError, TypeError, ValueError) as error:
             raise UsageError(f"{name} in {store.url} is no summary of a sweep, or was damaged: {error}") from None
 

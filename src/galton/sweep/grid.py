@@ -76,9 +76,9 @@ def random_grid(base: Mapping[str, Any], n: int = 16, seed: int = 0) -> tuple[Se
             rate = base["learning_rate"] * 10 ** draw.uniform(-1, 1)
             bins, eta = int(draw.choice([50, 100, 200])), math.exp(draw.uniform(math.log(0.1), math.log(4)))
             found.append({"loss": name, "learning_rate": float(f"{rate:.3g}")})
-            if loss.policy == "histogram":
+            if loss.family == "histogram":
                 found[-1]["n_bins"] = bins
-            if loss.uses_eta:
+            if "eta" in loss.uses:
                 found[-1]["eta"] = float(f"{eta:.3g}")
     return expand(found, base)
 

@@ -12,7 +12,7 @@ import pyarrow as pa
 from jaxtyping import Int, UInt
 
 from galton.envs.registry import is_known
-from galton.errors import UsageError, require, require_integer
+from galton.errors import NewerVersionError, UsageError, require, require_integer
 from galton.sweep.parquet import from_bytes, record_of, to_bytes, with_record
 from galton.sweep.store import Store, checksum
 from galton.sweep.study import Study, canonical
@@ -187,7 +187,11 @@ def _parse(url: str, data: bytes) -> Plan:
             f"out is {url}, whose {FILE} was damaged; put it back from a copy, or plan the same sweep in another "
             "folder and move the shards folder there: whole shards of the same runs count"
         )
-    return Plan(Study.of_record(record), record["shard_width"], *columns)
+    try:
+        study = Study.of_record(record)
+    except NewerVersionError as error:
+        raise NewerVersionError(f"out is {url}, whose {FILE} can't be read: {error}") from None
+    return Plan(study, record["shard_width"], *columns)
 
 
 def _digest(record: dict[str, Any], table: pa.Table) -> str:

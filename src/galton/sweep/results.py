@@ -1,6 +1,7 @@
 """What a sweep found: the table of all runs, the best setting of each loss, and the study that checks it."""
 
 import dataclasses
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -8,11 +9,12 @@ import pyarrow as pa
 from jaxtyping import Float
 
 from galton.errors import UsageError, require
+from galton.records import filled
 from galton.sweep.parquet import to_bytes
 from galton.sweep.plan import Plan
 from galton.sweep.shard import finished, read
 from galton.sweep.store import Store
-from galton.sweep.study import Setting, Study
+from galton.sweep.study import DEFAULTS, Setting, Study
 
 FILE = "results.parquet"
 
@@ -42,12 +44,30 @@ def collect(store: Store, plan: Plan) -> pa.Table:
             raise UsageError(f"{done.file} in {store.url} was damaged; run the sweep again to replace it")
         parts.append(table.replace_schema_metadata(None))
     require(bool(parts), f"out is {store.url}, where no shard is done yet")
-    runs = pa.concat_tables(parts).sort_by([("setting", "ascending"), ("trial", "ascending")])
-    settings = pa.Table.from_pylist([setting.record() for setting in plan.study.settings])
+    runs = pa.concat_tables(same_columns(parts)).sort_by([("setting", "ascending"), ("trial", "ascending")])
+    records = filled([setting.record() for setting in plan.study.settings], DEFAULTS)
+    settings = pa.Table.from_pylist(records)
     return pa.table(
         {f"setting.{name}": settings.column(name).take(runs.column("setting")) for name in settings.column_names}
         | {name: runs.column(name) for name in runs.column_names}
     ).combine_chunks()
+
+
+def same_columns(tables: Sequence[pa.Table]) -> list[pa.Table]:
+    """The tables with the same columns each: curves that one of them lacks are NaN in it.
+
+    Losses and algorithms tell different things of themselves, and later versions more than earlier ones.
+    """
+    schemas = {field.name: field for table in tables for field in table.schema}
+    found = []
+    for table in tables:
+        for name, field in schemas.items():
+            if name not in table.column_names:
+                width, n = field.type.list_size, table.num_rows
+                nothing = pa.array(np.full(n * width, np.nan, field.type.value_type.to_pandas_dtype()))
+                table = table.append_column(field, pa.FixedSizeListArray.from_arrays(nothing, width))
+        found.append(table.select(list(schemas)))
+    return found
 
 
 def save(store: Store, table: pa.Table) -> None:

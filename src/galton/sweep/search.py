@@ -64,8 +64,8 @@ def _begin(seed: int, loss: str) -> Any:
 def _space(loss: str, base: Mapping[str, Any]) -> dict[str, Any]:
     rate = base["learning_rate"]
     space: dict[str, Any] = {"learning_rate": optuna.distributions.FloatDistribution(rate / 10, rate * 10, log=True)}
-    if find_loss(loss).policy == "histogram":
+    if find_loss(loss).family == "histogram":
         space["n_bins"] = optuna.distributions.CategoricalDistribution([50, 100, 200])
-    if find_loss(loss).uses_eta:
+    if "eta" in find_loss(loss).uses:
         space["eta"] = optuna.distributions.FloatDistribution(0.1, 4.0, log=True)
     return space

@@ -111,7 +111,7 @@ def tabulate(shard: Shard, result: Result) -> pa.Table:
         "diverged_at": result.diverged_at[:n],
         "steps": _lists(np.broadcast_to(result.steps.astype(np.int32), (n, len(result.steps)))),
     }
-    for name, curves in result.log._asdict().items():
+    for name, curves in result.log.columns().items():
         columns[name] = _lists(np.asarray(curves, np.float32)[:n])
     record = {
         "shard": shard.name,

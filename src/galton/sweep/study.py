@@ -7,8 +7,10 @@ import json
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any, NamedTuple
 
+from galton.algorithms import find_algorithm
 from galton.errors import UsageError, require, require_integer
 from galton.losses import find_loss
+from galton.records import FIRST_FIELDS, defaults, filled, refuse_unknown, written
 from galton.training.train import log_points
 from galton.types import Config, Hypers, check_hypers
 
@@ -21,8 +23,8 @@ class Setting(NamedTuple):
     """Plain numbers."""
 
     def record(self) -> dict[str, Any]:
-        """All of it, flat, for JSON and for tables."""
-        return {name: getattr(self.config, name) for name in _CONFIG} | self.hypers._asdict()
+        """What it is known by, flat: later fields that have their defaults are left out (see `galton.records`)."""
+        return written(self.config) | written(self.hypers)
 
     @classmethod
     def of_record(cls, record: Mapping[str, Any]) -> "Setting":
@@ -32,10 +34,12 @@ class Setting(NamedTuple):
             UsageError: an unknown field, a value out of range.
         """
         for name in record:
-            known = ", ".join(_FIELDS)
-            require(name in _FIELDS, f"{name!r} is no setting; choose from {known}")
+            known = ", ".join(DEFAULTS)
+            require(name in DEFAULTS, f"{name!r} is no setting; choose from {known}")
         config = make_config(record)
-        find_loss(config.loss)
+        find_algorithm(config.algorithm)
+        if config.policy == find_loss(config.loss).policy:
+            config = dataclasses.replace(config, policy="auto")  # the same setting has one name
         numbers = {name: value for name, value in record.items() if name in Hypers._fields}
         for name, value in numbers.items():
             known_number = isinstance(value, (int, float)) and not isinstance(value, bool)
@@ -48,13 +52,15 @@ class Setting(NamedTuple):
         """What the grids vary of its loss, in a line."""
         loss = find_loss(self.config.loss)
         parts = [f"learning rate {self.hypers.learning_rate:.3g}"]
-        parts += [f"k {self.config.n_bins}"] if loss.policy == "histogram" else []
-        parts += [f"η {self.hypers.eta:.3g}"] if loss.uses_eta else []
+        parts += [f"k {self.config.n_bins}"] if loss.family == "histogram" else []
+        parts += [f"η {self.hypers.eta:.3g}"] if "eta" in loss.uses else []
+        later = [(name, value) for name, value in self.record().items() if name not in FIRST_FIELDS]
+        parts += [f"{name} {value:.3g}" if isinstance(value, float) else f"{name} {value}" for name, value in later]
         return ", ".join(parts)
 
     @property
     def name(self) -> str:
-        """Of its content: the same in every study that holds it."""
+        """A hash of its record: the same in every study that holds it, and in every version of Galton."""
         return hashlib.sha256(canonical(self.record()).encode()).hexdigest()[:16]
 
 
@@ -66,8 +72,8 @@ def make_config(record: Mapping[str, Any]) -> Config:
     return Config(**fields)
 
 
-_CONFIG = tuple(field.name for field in dataclasses.fields(Config))
-_FIELDS = _CONFIG + Hypers._fields
+DEFAULTS = defaults(Config) | defaults(Hypers)
+"""All fields of a setting."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -123,7 +129,15 @@ class Study:
 
     @classmethod
     def of_record(cls, record: Mapping[str, Any]) -> "Study":
-        """The study with this record."""
+        """The study with this record.
+
+        Raises:
+            NewerVersionError: a setting has fields that this version does not know.
+        """
+        settings = record["settings"]
+        refuse_unknown("the study", [*settings["same"], *settings["different"]], DEFAULTS)
+        names = {field.name for field in dataclasses.fields(cls)}
+        refuse_unknown("the study", record["constants"], names)
         constants = record["constants"] | {"imports": tuple(record["constants"]["imports"])}
         return cls(settings=tuple(_settings(**record["settings"])), trials=record["trials"], **constants)
 
@@ -148,7 +162,8 @@ def canonical(record: Any) -> str:
 
 def _by_field(records: list[dict[str, Any]]) -> dict[str, dict[str, Any]]:
     """Fields with one value for all settings, and the lists of values of the others."""
-    lists = {name: [record[name] for record in records] for name in records[0]}
+    rows = filled(records, DEFAULTS)
+    lists = {name: [row[name] for row in rows] for name in rows[0]}
     same = {name: values[0] for name, values in lists.items() if all(value == values[0] for value in values)}
     return {"same": same, "different": {name: values for name, values in lists.items() if name not in same}}
 
@@ -158,7 +173,7 @@ def _settings(same: dict[str, Any], different: dict[str, list[Any]]) -> Iterator
     configs: dict[str, Config] = {}
     for values in zip(*different.values(), strict=True) if different else [()]:
         record = same | dict(zip(different, values, strict=True))
-        hypers = Hypers(*(record.pop(name) for name in Hypers._fields))
+        hypers = Hypers(**{name: record.pop(name) for name in Hypers._fields if name in record})
         key = repr(record)
         config = configs.get(key) or configs.setdefault(key, make_config(record))
         yield Setting(config, hypers)

@@ -8,12 +8,11 @@ import numpy as np
 from jaxtyping import Array, Float, Integer, Key, PyTree
 
 from galton import normalization
-from galton.algorithms import a2c
+from galton.algorithms import Agent, actor_critic
 from galton.envs.base import Environment, HostEnvironments
 from galton.errors import BrokenEnvironmentError
-from galton.policies import Policy
 from galton.training.rollout import start_episodes
-from galton.types import Learner
+from galton.types import Hypers, Learner
 
 MAX_STEPS = 100_000
 """An episode outside JAX that is longer is taken for one that never ends."""
@@ -23,11 +22,11 @@ Carry = tuple[PyTree[Array], Array, Array, Array]
 
 
 def deterministic_action(
-    policy: Policy, learner: Learner, observation: Float[Array, "*batch o"]
+    agent: Agent, learner: Learner, observation: Float[Array, "*batch o"], hypers: Hypers
 ) -> Float[Array, "*batch d"]:
     """The action taken without exploration, from raw observations."""
     normalised = normalization.observation(learner.normalizer, observation)
-    return a2c.distribution(policy, learner.params, normalised).deterministic_action()
+    return actor_critic.distribution(agent, learner.params, normalised, hypers).deterministic_action()
 
 
 def play(
@@ -57,7 +56,7 @@ def play(
 
 
 def evaluate(
-    key: Key[Array, ""], env: Environment, policy: Policy, learner: Learner, n_episodes: int
+    key: Key[Array, ""], env: Environment, agent: Agent, learner: Learner, hypers: Hypers, n_episodes: int
 ) -> Float[Array, " n_episodes"]:
     """Undiscounted returns of whole episodes under the deterministic action, stepped side by side."""
     reset_key, step_key = jax.random.split(key)
@@ -70,7 +69,7 @@ def evaluate(
 
     def step(carry: Carry) -> Carry:
         states, returns, active, t = carry
-        action = deterministic_action(policy, learner, jax.vmap(env.observe)(states))
+        action = deterministic_action(agent, learner, jax.vmap(env.observe)(states), hypers)
         action = jnp.clip(action, env.action_low, env.action_high)
         states, reward, terminated = jax.vmap(env.step)(states, action, jax.tree.map(lambda x: x[t], noise))
         return states, returns + jnp.where(active, reward, 0.0), active & ~terminated, t + 1

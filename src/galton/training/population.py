@@ -1,12 +1,21 @@
-"""What `train` and `A2C` need of R runs that are trained side by side, wherever their environments live."""
+"""R runs that are trained side by side, wherever their environments live."""
 
+from collections.abc import Sequence
 from typing import Any, Protocol, runtime_checkable
 
+import jax
 import numpy as np
 from jaxtyping import Float, Int
 
-from galton.training.state import Log
-from galton.types import Hypers, Learner
+from galton.algorithms import resolve
+from galton.envs.base import Environment, HostTask
+from galton.envs.find import find
+from galton.envs.spaces import ActionBox
+from galton.training.log import Log
+from galton.training.on_device import DevicePopulation
+from galton.training.on_host import HostPopulation
+from galton.training.run import Snapshot
+from galton.types import Config, Hypers, Learner
 
 
 @runtime_checkable
@@ -43,15 +52,45 @@ class Population(Protocol):
     def evaluate(self, n_episodes: int) -> Float[np.ndarray, "R n_episodes"]:
         """Undiscounted returns of whole episodes without exploration; training is not touched by it."""
 
-    def snapshot(self) -> dict[str, Any]:
+    def snapshot(self) -> Snapshot:
         """A pytree of arrays from which `restore` goes on exactly.
 
         Where the environments can't give their states its entry `environments` is missing, and `restore` begins new
         episodes.
         """
 
-    def restore(self, snapshot: dict[str, Any]) -> None:
+    def restore(self, snapshot: Snapshot) -> None:
         """Go back to a snapshot of a population of the same shape."""
 
     def close(self) -> None:
         """Let go of environments that this population made."""
+
+
+def populate(
+    env: Any, config: Config, hypers: Hypers, seeds: Sequence[int], devices: Sequence[jax.Device] | None = None
+) -> Population:
+    """R new runs, one per seed, with hypers `[R]` each.
+
+    Args:
+        env: what `galton.envs.find` takes.
+        config: shared by all runs.
+        hypers: each field `[R]`.
+        seeds: R integers.
+        devices: what to compute on; by default, on all of this process.
+
+    Raises:
+        UsageError: an environment that can't be used, or a configuration whose choices don't fit together.
+    """
+    found, devices = find(env), devices or jax.devices()
+    agent = resolve(config, *action_box(found))
+    if isinstance(found, Environment):
+        return DevicePopulation(found, agent, hypers, seeds, devices)
+    return HostPopulation(found, agent, hypers, seeds, devices)
+
+
+def action_box(env: Environment | HostTask) -> tuple[Float[np.ndarray, " d"], Float[np.ndarray, " d"]]:
+    """The bounds of its actions; UsageError if they are not finite."""
+    if isinstance(env, Environment):
+        return env.action_low, env.action_high
+    box = ActionBox(env.name, env.action_space)
+    return box.low, box.high

@@ -4,14 +4,24 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Key, PyTree
+from jaxtyping import Array, Float, Int, Key, PyTree
 
 from galton import normalization
-from galton.algorithms import a2c
+from galton.algorithms import Agent, actor_critic
 from galton.envs.base import Environment
-from galton.policies import Policy
-from galton.training.state import Finished
-from galton.types import Config, EpisodeState, Hypers, Learner, Transition
+from galton.training.log import Finished
+from galton.types import Hypers, Learner, Transition
+
+
+class EpisodeState(NamedTuple):
+    """N environments in the middle of their episodes."""
+
+    env: PyTree[Array]
+    """The environments' own states, each leaf `[N, ...]`."""
+    length: Int[Array, " N"]
+    """Steps taken in this episode."""
+    undiscounted_return: Float[Array, " N"]
+    """Reward collected in this episode."""
 
 
 def start_episodes(key: Key[Array, ""], env: Environment, n_envs: int) -> EpisodeState:
@@ -23,26 +33,27 @@ def start_episodes(key: Key[Array, ""], env: Environment, n_envs: int) -> Episod
 class Noise(NamedTuple):
     """All that is random in a rollout, drawn before it: inside the scan that would cost more than the networks."""
 
-    action: Float[Array, "T N n"]
+    action: PyTree[Array]
+    """What the policy samples with, each leaf `[T, N, ...]`."""
     step: PyTree[Array]
     """What the environments' steps need, each leaf `[T, N, ...]`."""
     fresh_states: PyTree[Array]
     """Where the next episode starts should one end here, each leaf `[T, N, ...]`."""
 
 
-def draw_noise(key: Key[Array, ""], env: Environment, policy: Policy, config: Config) -> Noise:
+def draw_noise(key: Key[Array, ""], env: Environment, agent: Agent) -> Noise:
     """For one rollout of T = n_steps steps of N = n_envs environments."""
-    batch = (config.n_steps, config.n_envs)
+    batch = (agent.config.n_steps, agent.config.n_envs)
     action_key, step_key, reset_key = jax.random.split(key, 3)
     return Noise(
-        policy.noise(action_key, batch),
+        agent.policy.noise(action_key, batch),
         jax.vmap(jax.vmap(env.noise))(jax.random.split(step_key, batch)),
         jax.vmap(jax.vmap(env.reset))(jax.random.split(reset_key, batch)),
     )
 
 
 def rollout(
-    env: Environment, policy: Policy, learner: Learner, episodes: EpisodeState, noise: Noise, hypers: Hypers
+    env: Environment, agent: Agent, learner: Learner, episodes: EpisodeState, noise: Noise, hypers: Hypers
 ) -> tuple[EpisodeState, Learner, Transition, Finished]:
     """T steps of each environment, reset where an episode ends; the learner's statistics grow on the way."""
 
@@ -51,7 +62,7 @@ def rollout(
     ) -> tuple[tuple[EpisodeState, normalization.Normalizer], tuple[Transition, Finished]]:
         episodes, normalizer = carry
         observation = normalization.observation(normalizer, jax.vmap(env.observe)(episodes.env))
-        action = a2c.act(policy, learner.params, observation, noise.action)
+        action = actor_critic.act(agent, learner.params, observation, noise.action, hypers)
         clipped = jnp.clip(action, env.action_low, env.action_high)
         states, reward, terminated = jax.vmap(env.step)(episodes.env, clipped, noise.step)
 

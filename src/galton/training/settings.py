@@ -6,8 +6,10 @@ from typing import Any
 
 import numpy as np
 
+from galton.algorithms import find_algorithm
 from galton.envs.spaces import shown
-from galton.errors import CheckpointError, UsageError
+from galton.errors import CheckpointError, NewerVersionError, UsageError
+from galton.records import FIRST_FIELDS, defaults, refuse_unknown
 from galton.types import Config, Hypers
 
 MAX_BINS = 10**6
@@ -16,7 +18,7 @@ MAX_BINS = 10**6
 EXAMPLE: dict[str, Any] = {
     "class": "A2C",
     "env": "",
-    "config": vars(Config()) | {"net_arch": []},
+    "config": defaults(Config) | {"net_arch": []},
     "hypers": Hypers()._asdict(),
     "seed": 0,
     "step": 0,
@@ -25,7 +27,7 @@ EXAMPLE: dict[str, Any] = {
     "action_space": {},
     "observation_space": {},
 }
-"""What `A2C.save` writes."""
+"""What a model's file holds; of config and hypers a file leaves out later fields that have their defaults."""
 
 MALFORMED = (
     KeyError,
@@ -46,8 +48,35 @@ def unusable(path: Path, error: Exception) -> CheckpointError:
     return CheckpointError(f"{path} is not a model of Galton's: {told}")
 
 
-def check(settings: dict[str, Any], arrays: dict[str, np.ndarray]) -> None:
-    """Raise unless they are what `save` writes beside these arrays, before anything is made of their size."""
+def checked(path: Path, settings: dict[str, Any], arrays: dict[str, np.ndarray]) -> dict[str, Any]:
+    """What `check` gives; its errors name the file.
+
+    Raises:
+        NewerVersionError: a newer version of Galton wrote it.
+        CheckpointError: it is not what `save` wrote.
+    """
+    try:
+        return check(settings, arrays)
+    except NewerVersionError as error:
+        raise NewerVersionError(f"{path} can't be loaded: {error}") from None
+    except MALFORMED as error:
+        raise unusable(path, error) from None
+
+
+def check(settings: dict[str, Any], arrays: dict[str, np.ndarray]) -> dict[str, Any]:
+    """The settings with what they leave out filled in, once they are what `save` writes beside these arrays.
+
+    Nothing is made of their size before that.
+
+    Raises:
+        NewerVersionError: a field that this version does not know.
+        CheckpointError: anything else.
+    """
+    for part in ("config", "hypers"):
+        _check_like(part, settings[part], {})
+        refuse_unknown(f"the checkpoint's {part}", settings[part], EXAMPLE[part])
+        later = {name: value for name, value in EXAMPLE[part].items() if name not in FIRST_FIELDS}
+        settings = settings | {part: later | settings[part]}
     _check_like("settings", settings, EXAMPLE)
     config, step = settings["config"], settings["step"]
     size = config["n_steps"] * config["n_envs"]
@@ -55,7 +84,7 @@ def check(settings: dict[str, Any], arrays: dict[str, np.ndarray]) -> None:
     n_actions, n_observations = _flat_size(settings["action_space"]), _flat_size(settings["observation_space"])
     length = arrays.get("environments/length")
     for name, fits in {
-        "class": settings["class"] == "A2C",
+        "class": settings["class"] == find_algorithm(config["algorithm"]).label,
         "action_space": n_actions <= n_numbers,
         "observation_space": n_observations <= n_numbers,
         "step": 0 <= step < 2**31 and size > 0 and step % size == 0 and arrays["run/step"].tolist() == [step],
@@ -69,6 +98,17 @@ def check(settings: dict[str, Any], arrays: dict[str, np.ndarray]) -> None:
         if not fits:
             value = settings.get(name, config.get(name))
             raise CheckpointError(f"{name} is {shown(value)}, which does not go with the rest of it")
+    return settings
+
+
+def config_of(settings: dict[str, Any]) -> Config:
+    """The configuration in checked settings."""
+    return Config(**settings["config"] | {"net_arch": tuple(settings["config"]["net_arch"])})
+
+
+def hypers_of(settings: dict[str, Any]) -> Hypers:
+    """The numbers in checked settings."""
+    return Hypers(**settings["hypers"])
 
 
 def _check_like(name: str, given: Any, like: Any) -> None:

@@ -11,8 +11,8 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from galton.errors import require, require_integer
-from galton.training.populate import populate
-from galton.training.state import Log
+from galton.training.log import Log
+from galton.training.population import Population, populate
 from galton.types import Config, Hypers, Learner, check_hypers
 
 
@@ -46,7 +46,7 @@ class Result:
         NaN for a diverged run. Points without a finished episode don't count; if all lack one, the last before
         them does.
         """
-        return final(getattr(self.log, metric), self.diverged_at, fraction)
+        return final(np.asarray(self.log.columns()[metric]), self.diverged_at, fraction)
 
 
 def final(
@@ -92,43 +92,45 @@ def train(
         BrokenEnvironmentError: an environment broke on the way.
     """
     check_arguments(hypers, seeds, total_timesteps, n_logs, n_eval_episodes)
-    n_runs = len(seeds)
     steps = log_points(config, total_timesteps, n_logs)
-    updates_per_log = int(steps[0]) // (config.n_steps * config.n_envs)
     require(steps[-1] < 2**31, f"total_timesteps is {total_timesteps}; one run counts up to 2³¹ − 1 steps")
-    all_hypers = Hypers._make(np.broadcast_to(np.asarray(h, np.float32), n_runs) for h in hypers)
+    all_hypers = Hypers._make(np.broadcast_to(np.asarray(h, np.float32), len(seeds)) for h in hypers)
 
-    population = populate(env, config, all_hypers, seeds, updates_per_log, devices)
+    population = populate(env, config, all_hypers, seeds, devices)
     try:
         compiled, start = population.compile_seconds, time.perf_counter()
-        logs = []
-        for step in steps:
-            population.advance(updates_per_log)
-            log = population.log()
-            if n_eval_episodes:
-                returns = population.evaluate(n_eval_episodes).mean(1)
-                known: Any = np.where(population.diverged_at < 0, returns, np.nan)
-                log = log._replace(evaluation_return=known)
-            logs.append(log)
-            if on_log:
-                on_log(int(step), log)
+        log = _train(population, steps, int(steps[0]) // (config.n_steps * config.n_envs), n_eval_episodes, on_log)
         learner, diverged_at = population.learner, population.diverged_at
-        compiled_since = population.compile_seconds - compiled
-        train_seconds = time.perf_counter() - start - compiled_since
+        elapsed, compile_seconds = time.perf_counter() - start, population.compile_seconds
     finally:
         population.close()
-
+    train_seconds = elapsed - (compile_seconds - compiled)
     return Result(
-        config,
-        all_hypers,
-        np.asarray(seeds),
-        steps,
-        jax.tree.map(lambda *x: np.stack(x, axis=1), *logs),
-        diverged_at,
-        learner,
-        compiled + compiled_since,
-        train_seconds,
+        config, all_hypers, np.asarray(seeds), steps, log, diverged_at, learner, compile_seconds, train_seconds
     )
+
+
+def _train(
+    population: Population,
+    steps: Int[np.ndarray, " L"],
+    updates_per_log: int,
+    n_eval_episodes: int,
+    on_log: Callable[[int, Log], None] | None,
+) -> Log:
+    """From log point to log point; the logs `[R, L]`."""
+    logs = []
+    for step in steps:
+        population.advance(updates_per_log)
+        log = population.log()
+        if n_eval_episodes:
+            returns = population.evaluate(n_eval_episodes).mean(1)
+            known: Any = np.where(population.diverged_at < 0, returns, np.nan)
+            log = log._replace(evaluation_return=known)
+        logs.append(log)
+        if on_log:
+            on_log(int(step), log)
+    stacked: Log = jax.tree.map(lambda *x: np.stack(x, axis=1), *logs)
+    return stacked
 
 
 def log_points(config: Config, total_timesteps: int, n_logs: int) -> Int[np.ndarray, " L"]:

@@ -1,0 +1,146 @@
+"""Proximal policy optimisation with the semantics of Stable-Baselines3's PPO (Schulman et al., 2017), for any loss.
+
+A2C minimises mean(A · loss). PPO goes through a rollout several times, so that the policy π leaves the one that
+sampled, π_old; its surrogate min(r A, clip(r) A) with r = π / π_old has the gradient
+
+    A · r · [not clipped] · ∇ log π(a).
+
+Galton puts the loss in the place of −log π(a), and so PPO is A2C's line again, with another weight:
+mean(stop_gradient(A · r · [not clipped]) · loss). For a negative log-likelihood (the Gaussian's, HL-1-Hot) this is
+PPO to the letter; for HL-Gauss it is PPO with smoothed targets. The ratio is the true one, of the actions' own
+log-probabilities, for every loss.
+"""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int, Key
+
+from galton.algorithms import actor_critic
+from galton.algorithms.actor_critic import Objective, flatten
+from galton.algorithms.base import Agent, Algorithm, Scalars
+from galton.errors import require
+from galton.types import Config, Hypers, Learner, Params, Transition
+
+
+class Rows(NamedTuple):
+    """A rollout as training data, a row per transition, all fixed before the first step."""
+
+    observation: Float[Array, "B o"]
+    action: Float[Array, "B d"]
+    advantage: Float[Array, " B"]
+    returns: Float[Array, " B"]
+    """What the critic is trained towards."""
+    log_prob: Float[Array, " B"]
+    """Of each action under the policy that sampled it."""
+
+
+def update(
+    agent: Agent, learner: Learner, batch: Transition, hypers: Hypers, key: Key[Array, ""]
+) -> tuple[Learner, Scalars]:
+    """n_epochs passes over a rollout `[T, N]`, each in minibatches of batch_size in an order drawn from the key."""
+    rows = prepare(agent, learner, batch, hypers)
+    size = len(rows.advantage)
+    orders = jax.vmap(lambda key: jax.random.permutation(key, size))(jax.random.split(key, agent.config.n_epochs))
+    return fit(agent, learner, rows, orders, hypers)
+
+
+def prepare(agent: Agent, learner: Learner, batch: Transition, hypers: Hypers) -> Rows:
+    """Advantages, returns and log-probabilities under the parameters that sampled the rollout."""
+    observation, next_observation, action = map(flatten, (batch.observation, batch.next_observation, batch.action))
+    outputs, values = actor_critic.outputs_and_values(learner.params, observation)
+    next_values = actor_critic.value(learner.params, next_observation)
+    advantage = actor_critic.advantages(values, next_values, batch, hypers)
+    log_prob = agent.policy.distribution(outputs, learner.params, hypers).log_prob(action)
+    return Rows(observation, action, advantage, advantage + values, log_prob)
+
+
+def fit(
+    agent: Agent, learner: Learner, rows: Rows, orders: Int[Array, "epochs B"], hypers: Hypers
+) -> tuple[Learner, Scalars]:
+    """A step on each minibatch of each epoch, until one's KL divergence is over 1.5 · target_kl."""
+    size = agent.config.batch_size
+
+    def epoch(carry: tuple[Learner, Array], order: Array) -> tuple[tuple[Learner, Array], tuple[Array, Scalars]]:
+        batches = jax.tree.map(lambda x: x[order].reshape(-1, size, *x.shape[1:]), rows)
+        return jax.lax.scan(lambda carry, rows: _minibatch(agent, carry, rows, hypers), carry, batches)
+
+    (learner, _), (taken, told) = jax.lax.scan(epoch, (learner, jnp.array(True)), orders)
+    return learner, _summarise(taken, told)
+
+
+def _minibatch(
+    agent: Agent, carry: tuple[Learner, Array], rows: Rows, hypers: Hypers
+) -> tuple[tuple[Learner, Array], tuple[Array, Scalars]]:
+    """One step, unless training on this rollout has been left off: (learner, going) → the same, and what it tells."""
+    learner, looking = carry
+    advantage = actor_critic.standardise(rows.advantage) if agent.config.normalize_advantage else rows.advantage
+
+    def objective(params: Params) -> tuple[Array, tuple[Objective, Array]]:
+        outputs, values = actor_critic.outputs_and_values(params, rows.observation)
+        distribution = agent.policy.distribution(outputs, params, hypers)
+        log_ratio = jax.lax.stop_gradient(distribution.log_prob(rows.action)) - rows.log_prob
+        weight = advantage * gated(jnp.exp(log_ratio), advantage, hypers.clip_range)
+        parts = actor_critic.objective(agent, distribution, rows.action, weight, values, rows.returns, hypers)
+        return parts.total, (parts, log_ratio)
+
+    gradient, (parts, log_ratio) = jax.grad(objective, has_aux=True)(learner.params)
+    ratio = jnp.exp(log_ratio)
+    approximate_kl = jnp.mean(ratio - 1 - log_ratio)
+    going = looking & ~(approximate_kl > 1.5 * hypers.target_kl)  # one that is not a number shows in the gradient
+    learner, grad_norm = actor_critic.step(learner, gradient, hypers, going)
+    clipped = jnp.clip(ratio, 1 - hypers.clip_range, 1 + hypers.clip_range)
+    told = actor_critic.scalars(parts, jnp.where(going, grad_norm, 0.0)) | {
+        "policy_loss": -jnp.mean(jnp.minimum(advantage * ratio, advantage * clipped)),
+        "approx_kl": approximate_kl,
+        "clip_fraction": jnp.mean(jnp.abs(ratio - 1) > hypers.clip_range),
+        "ratio_mean": ratio.mean(),
+        "ratio_max": ratio.max(),
+    }
+    return (learner, going), (looking, told)
+
+
+def gated(
+    ratio: Float[Array, " B"], advantage: Float[Array, " B"], clip_range: Float[Array, ""] | float
+) -> Float[Array, " B"]:
+    """The ratio where min(r A, clip(r) A) still has a slope, 0 where it is clipped."""
+    clipped = jnp.where(advantage > 0, ratio > 1 + clip_range, ratio < 1 - clip_range)
+    return jnp.where(clipped, 0.0, ratio)
+
+
+def _summarise(looked_at: Bool[Array, "epochs batches"], told: Scalars) -> Scalars:
+    """Means over the minibatches that were looked at; the KL divergence of the last epoch that was, as SB3's."""
+    last = looked_at & (jnp.arange(len(looked_at)) == looked_at.any(1).sum() - 1)[:, None]
+    share = looked_at / looked_at.sum()
+    means = {name: (values * share).sum() for name, values in told.items()}
+    return means | {
+        "approx_kl": (told["approx_kl"] * last).sum() / last.sum(),
+        "ratio_max": jnp.where(looked_at, told["ratio_max"], 0.0).max(),
+    }
+
+
+def check(config: Config) -> None:
+    """Raise UsageError unless the minibatches divide a rollout."""
+    size = config.n_steps * config.n_envs
+    require(
+        size % config.batch_size == 0,
+        f"batch_size is {config.batch_size}, but a rollout has n_steps · n_envs = {config.n_steps} · {config.n_envs} = "
+        f"{size} steps; choose numbers so that it has a whole number of minibatches",
+    )
+    require(
+        not config.normalize_advantage or config.batch_size > 1,
+        "normalize_advantage needs more than one step in a minibatch: raise batch_size",
+    )
+
+
+ALGORITHM = Algorithm(
+    "ppo",
+    "PPO",
+    update,
+    (*actor_critic.SCALARS, "approx_kl", "clip_fraction", "ratio_mean", "ratio_max"),
+    own=("n_epochs", "batch_size", "clip_range", "target_kl"),
+    defaults={"learning_rate": 3e-4, "n_steps": 2048, "gae_lambda": 0.95, "normalize_advantage": True},
+    log_interval=1,
+    check=check,
+)

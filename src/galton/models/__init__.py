@@ -1,0 +1,52 @@
+"""What users hold: a run on one environment, with the habits of Stable-Baselines3."""
+
+from typing import Any, Unpack
+
+from galton.algorithms import ALGORITHMS
+from galton.models.file import InexactResume
+from galton.models.model import Model
+from galton.models.settings import Settings, signature
+
+__all__ = ["A2C", "PPO", "InexactResume", "Model", "Settings"]
+
+
+class A2C(Model):
+    """Advantage actor-critic with SB3's semantics and, but for Adam in the place of RMSprop, its defaults (App. C.2).
+
+    Keyword arguments are the fields of `Config` and `Hypers`, which describe them; see `Model` for the others.
+    """
+
+    def __init__(
+        self,
+        env: Any,
+        loss: str = "hl-gauss",
+        *,
+        n_envs: int | None = None,
+        seed: int = 0,
+        env_kwargs: dict[str, Any] | None = None,
+        **settings: Unpack[Settings],
+    ) -> None:
+        super().__init__(env, loss, algorithm="a2c", n_envs=n_envs, seed=seed, env_kwargs=env_kwargs, **settings)
+
+
+class PPO(Model):
+    """Proximal policy optimisation with SB3's semantics and defaults, for every loss (see `galton.algorithms.ppo`).
+
+    Keyword arguments are the fields of `Config` and `Hypers`, which describe them; see `Model` for the others.
+    """
+
+    def __init__(
+        self,
+        env: Any,
+        loss: str = "hl-gauss",
+        *,
+        n_envs: int | None = None,
+        seed: int = 0,
+        env_kwargs: dict[str, Any] | None = None,
+        **settings: Unpack[Settings],
+    ) -> None:
+        super().__init__(env, loss, algorithm="ppo", n_envs=n_envs, seed=seed, env_kwargs=env_kwargs, **settings)
+
+
+setattr(A2C, "__signature__", signature(ALGORITHMS["a2c"]))  # noqa: B010
+setattr(PPO, "__signature__", signature(ALGORITHMS["ppo"]))  # noqa: B010

@@ -1,0 +1,308 @@
+"""One run with the habits of Stable-Baselines3: learn, predict, evaluate, save, load."""
+
+import functools
+import math
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any, TypeVar, Unpack
+
+import gymnasium
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from galton import normalization
+from galton.algorithms import Agent, actor_critic, find_algorithm, resolve
+from galton.callbacks import Callback
+from galton.envs.base import Environment, HostTask
+from galton.envs.find import find
+from galton.envs.spaces import ActionBox, Observations, to_json
+from galton.errors import DivergenceError, require, require_integer
+from galton.models import file
+from galton.models.learning import learn
+from galton.models.settings import Settings, split
+from galton.training.evaluate import deterministic_action, evaluate, play
+from galton.training.population import Population, populate
+from galton.training.train import check_seed
+from galton.types import Config, Hypers, Learner
+
+ModelT = TypeVar("ModelT", bound="Model")
+
+
+class Model:
+    """An actor-critic on one environment; A2C and PPO are this class with their algorithm.
+
+    What trains here is the same code that trains populations.
+
+    Args:
+        env: a Gymnasium id (`module:Id` imports the module first), a Gymnasium `Env` or `VectorEnv`, an SB3 `VecEnv`,
+            a function that makes an environment, a name in `galton.envs.ENVS`, or a record of your own in pure JAX.
+        loss: a key of LOSSES.
+        algorithm: a key of ALGORITHMS.
+        n_envs: copies of the environment; None for one, or for as many as a vector environment has.
+        seed: of everything random; the same seed gives the same run.
+        env_kwargs: keyword arguments for an id or a name.
+        settings: the other fields of `Config` and `Hypers`, which describe them.
+
+    Raises:
+        UsageError: an argument out of range, or an environment that can't be used, with what to do about it.
+        BrokenEnvironmentError: an environment that breaks in its first reset.
+    """
+
+    def __init__(
+        self,
+        env: Any,
+        loss: str = "hl-gauss",
+        *,
+        algorithm: str = "a2c",
+        n_envs: int | None = None,
+        seed: int = 0,
+        env_kwargs: dict[str, Any] | None = None,
+        **settings: Unpack[Settings],
+    ) -> None:
+        task = find(env, **(env_kwargs or {}))
+        given = None if isinstance(task, Environment) else task.given
+        n_copies = (given or 1) if n_envs is None else n_envs
+        config, hypers = split(find_algorithm(algorithm), loss, n_copies, dict(settings))
+        require(
+            given is None or config.n_envs == given,
+            f"n_envs is {config.n_envs}, but {'one environment was' if given == 1 else f'{given} were'} given; "
+            "leave n_envs out, or give an id or a function that makes the environment",
+        )
+        self.describe(config, hypers, seed, *spaces_of(task))
+        self.connect(task)
+
+    def describe(
+        self, config: Config, hypers: Hypers, seed: int, actions: ActionBox, observations: Observations
+    ) -> None:
+        """Become the model of these settings, without an environment yet (for `load`)."""
+        check_seed(seed)
+        self.config, self.hypers, self.seed = config, hypers, seed
+        self.agent: Agent = resolve(config, actions.low, actions.high)
+        self.actions, self.observations = actions, observations
+        self.n_predictions = 0
+        """How many batches of actions were sampled by `predict`, each with a key of its own."""
+        self._population: Population | None = None
+        self._env: Environment | HostTask | None = None
+        self._learner: Learner | None = None
+        self._interval = self.agent.algorithm.log_interval
+        self._steps_at_load = 0
+
+    def connect(self, task: Environment | HostTask) -> None:
+        """Begin a run on an environment (for `load`)."""
+        self._env = task
+        hypers = Hypers._make(np.full(1, value, np.float32) for value in self.hypers)
+        self._population = populate(task, self.config, hypers, [self.seed])
+
+    def remember(self, learner: Learner, step: int, interval: int) -> None:
+        """Take over what another run has learnt (for `load`)."""
+        self._learner, self._steps_at_load, self._interval = learner, step, interval
+
+    @property
+    def env(self) -> Environment | HostTask | None:
+        """The environment; None for a model that was loaded without one."""
+        return self._env
+
+    @property
+    def env_name(self) -> str:
+        """What messages and files call the environment."""
+        return str(getattr(self._env, "name", None) or type(self._env).__name__)
+
+    @property
+    def action_space(self) -> gymnasium.spaces.Box:
+        """The actions as Gymnasium describes them."""
+        return self.actions.space
+
+    @property
+    def observation_space(self) -> gymnasium.Space[Any]:
+        """The observations as Gymnasium describes them."""
+        return self.observations.space
+
+    @property
+    def num_timesteps(self) -> int:
+        """Environment steps so far, of all copies together."""
+        return self._population.step if self._population else self._steps_at_load
+
+    @property
+    def log_interval(self) -> int:
+        """Environment steps between log points."""
+        return self.updates_per_log * self.config.n_steps * self.config.n_envs
+
+    @property
+    def updates_per_log(self) -> int:
+        """Updates between log points, as `learn` was last told."""
+        return self._interval
+
+    @property
+    def learner(self) -> Learner:
+        """What was learnt: parameters, Adam's moments and the statistics that normalise."""
+        if self._learner is None:
+            self._learner = jax.tree.map(lambda x: jnp.asarray(x[0]), self.population.learner)
+        return self._learner
+
+    @property
+    def population(self) -> Population:
+        """The one run, as training sees it; UsageError for a model without an environment."""
+        require(
+            self._population is not None,
+            f"the model was loaded without an environment; give it one: {type(self).__name__}.load(path, env=...)",
+        )
+        assert self._population
+        return self._population
+
+    def learn(
+        self: ModelT,
+        total_timesteps: int,
+        callback: Callback | Any | Iterable[Callback | Any] | None = None,
+        progress_bar: bool = True,
+        log_interval: int | None = None,
+    ) -> ModelT:
+        """Train for that many more steps, rounded up to whole updates.
+
+        Every `log_interval` updates, counted from the start of the run, the callbacks are called with the model and
+        the log. The logs do not depend on how training is cut into calls of `learn`.
+
+        Args:
+            total_timesteps: steps of the environment, all copies together.
+            callback: from `galton.callbacks`, a function `(model, log) -> bool | None` of your own (False stops), an
+                SB3 callback, or several of them.
+            progress_bar: show one.
+            log_interval: updates between log points, by default 100 for A2C and 1 for PPO, as in SB3; a run that is
+                resumed keeps the logs only if it stays the same.
+
+        Raises:
+            UsageError: a number out of range, or a model without an environment.
+            BrokenEnvironmentError: an environment broke; the model keeps what it learnt up to the last update.
+            DivergenceError: a gradient was not finite; the model keeps the parameters before it.
+        """
+        log_interval = self.agent.algorithm.log_interval if log_interval is None else log_interval
+        require_integer("total_timesteps", total_timesteps, 1)
+        require_integer("log_interval", log_interval, 1)
+        size = self.config.n_steps * self.config.n_envs
+        n_updates = math.ceil(total_timesteps / size)
+        first = self.population.step
+        require(first + n_updates * size < 2**31, f"total_timesteps is {total_timesteps}; one run counts to 2³¹ − 1")
+        self._interval = log_interval
+        learn(self, n_updates, callback, progress_bar)
+        return self
+
+    def advance(self, n_updates: int) -> None:
+        """Train for some updates; no callback is called and nothing is logged.
+
+        Raises:
+            BrokenEnvironmentError, DivergenceError: as `learn`.
+        """
+        self._learner = None
+        self.population.advance(n_updates)
+        step = int(self.population.diverged_at[0])
+        if step >= 0:
+            raise DivergenceError(
+                f"the gradient was not finite at step {step:,}; the model keeps the parameters before it. Lower "
+                "learning_rate, or set normalize_reward or normalize_observation"
+            )
+
+    def predict(
+        self,
+        observation: Any,
+        state: Any = None,
+        episode_start: Any = None,
+        deterministic: bool = False,
+    ) -> tuple[np.ndarray, Any]:
+        """The action for one observation, or the actions for a batch of them, within the bounds of the action space.
+
+        `state` and `episode_start` are for the interface: the policy has no memory, and state comes back as it went in.
+
+        Raises:
+            UsageError: an observation that the space can't hold.
+        """
+        del episode_start
+        rows, single = self.observations.rows(observation)
+        if deterministic:
+            action = self._exploit(rows)
+        else:
+            key = jax.random.fold_in(jax.random.key(self.seed), self.n_predictions)
+            self.n_predictions += 1
+            action = np.asarray(_explore(self.agent, self.learner, rows, key, self.hypers))
+        actions = self.actions.to_env(action)
+        return (actions[0, ...] if single else actions), state
+
+    def evaluate(self, n_episodes: int = 10, env: Any = None) -> Float[np.ndarray, " n_episodes"]:
+        """Undiscounted returns of whole episodes without exploration; training is not touched by it.
+
+        Args:
+            n_episodes: how many, side by side on copies of the environment.
+            env: another environment to play them on, as in the constructor.
+
+        Raises:
+            UsageError: an environment of which only one copy was given.
+        """
+        require_integer("n_episodes", n_episodes, 1)
+        if env is None:
+            return self.population.evaluate(n_episodes)[0]
+        task = find(env)
+        self.check_spaces(task)
+        if isinstance(task, Environment):
+            key = jax.random.fold_in(jax.random.key(self.seed), self.num_timesteps)
+            return np.asarray(evaluate(key, task, self.agent, self.learner, self.hypers, n_episodes))
+        envs = task.make(n_episodes)
+        try:
+            seeds = np.random.SeedSequence((self.seed, 1, self.num_timesteps)).generate_state(n_episodes)
+            return play(task.name, envs, seeds, self._exploit)
+        finally:
+            envs.close()
+
+    def _exploit(self, rows: Float[np.ndarray, "n o"]) -> Float[np.ndarray, "n d"]:
+        return np.asarray(_deterministic(self.agent, self.learner, rows, self.hypers))
+
+    def save(self, path: str | Path) -> Path:
+        """Write the model to one file and return its path; `.safetensors` is added to a name without a suffix.
+
+        It holds all that `load` needs to go on exactly. Loading it runs no code.
+        """
+        return file.save(self, Path(path))
+
+    @classmethod
+    def load(cls: type[ModelT], path: str | Path, env: Any = None, env_kwargs: dict[str, Any] | None = None) -> ModelT:
+        """The model of a file. Without an environment it predicts; with the one that it was trained on it goes on.
+
+        Raises:
+            UsageError: no such file, a model of another algorithm, or an environment with other spaces.
+            CheckpointError: a file that is damaged or not a model.
+
+        Warns:
+            InexactResume: the file has no states of the environments, so their episodes start anew.
+        """
+        return file.load(cls, Path(path), env, env_kwargs or {})
+
+    def check_spaces(self, task: Environment | HostTask) -> None:
+        """Raise UsageError unless an environment has the spaces of the model's own."""
+        actions, observations = spaces_of(task)
+        for kind, own, other in (("actions", self.actions, actions), ("observations", self.observations, observations)):
+            same = to_json(own.space) == to_json(other.space)  # the order of a Dict's keys matters too
+            require(same, f"env has {kind} {other.space}; the model's are {own.space}")
+
+    def close(self) -> None:
+        """Let go of the environments that the model made."""
+        if self._population:
+            self._population.close()
+
+
+def spaces_of(task: Environment | HostTask) -> tuple[ActionBox, Observations]:
+    """What it takes and what it shows, checked."""
+    if isinstance(task, Environment):
+        name = type(task).__name__
+        return (
+            ActionBox(name, gymnasium.spaces.Box(task.action_low, task.action_high)),
+            Observations(name, gymnasium.spaces.Box(task.observation_low, task.observation_high)),
+        )
+    return ActionBox(task.name, task.action_space), Observations(task.name, task.observation_space)
+
+
+_deterministic = jax.jit(deterministic_action, static_argnums=0)
+
+
+@functools.partial(jax.jit, static_argnums=0)
+def _explore(agent: Agent, learner: Learner, rows: Array, key: Array, hypers: Hypers) -> Array:
+    normalised = normalization.observation(learner.normalizer, rows)
+    return actor_critic.act(agent, learner.params, normalised, agent.policy.noise(key, rows.shape[:1]), hypers)

@@ -1,0 +1,98 @@
+"""What a model can be told: the fields of Config and Hypers, as keyword arguments."""
+
+import inspect
+from collections.abc import Iterable
+from typing import Any, Literal, TypedDict
+
+import numpy as np
+
+from galton.algorithms import ALGORITHMS, Algorithm
+from galton.errors import require
+from galton.records import defaults
+from galton.types import Config, Hypers, check_hypers
+
+_ARGUMENTS = ("loss", "n_envs", "algorithm")
+"""Fields of Config that are arguments of their own."""
+
+
+class Settings(TypedDict, total=False):
+    """The fields of Config and Hypers, which describe them; their defaults are the algorithm's."""
+
+    policy: str
+    learning_rate: float
+    decay_steps: float
+    n_steps: int
+    batch_size: int
+    n_epochs: int
+    gamma: float
+    gae_lambda: float
+    clip_range: float
+    target_kl: float
+    normalize_advantage: bool
+    ent_coef: float
+    vf_coef: float
+    max_grad_norm: float
+    eta: float
+    n_bins: int
+    log_std_init: float
+    log_std_min: float
+    box_units: float
+    net_arch: Iterable[int]
+    normalize_observation: bool
+    normalize_reward: bool
+    initial_policy: Literal["uniform", "gaussian"]
+    exploration: Literal["softmax", "gaussian"]
+    bin_sample: Literal["center", "uniform"]
+    deterministic_action: Literal["mode", "mean", "median"]
+
+
+def usual(algorithm: Algorithm) -> dict[str, Any]:
+    """The settings that an algorithm knows, in the order of Settings, with its defaults."""
+    values = defaults(Config) | defaults(Hypers) | dict(algorithm.defaults)
+    others = {field for other in ALGORITHMS.values() if other is not algorithm for field in other.own}
+    known = [name for name in Settings.__annotations__ if name not in others or name in algorithm.own]
+    return {name: values[name] for name in known}
+
+
+def split(algorithm: Algorithm, loss: str, n_envs: int, settings: dict[str, Any]) -> tuple[Config, Hypers]:
+    """The settings as the records that training takes.
+
+    Raises:
+        TypeError: a name that is none.
+        UsageError: a value out of range.
+    """
+    known = usual(algorithm)
+    for name in settings:
+        if name not in known:
+            raise TypeError(
+                f"{algorithm.label}() got an unexpected keyword argument {name!r}; it takes {', '.join(known)}"
+            )
+    given = known | settings
+    require(isinstance(loss, str), f"loss is {loss!r}; it must be a key of LOSSES")
+    arch = given["net_arch"]
+    require(isinstance(arch, Iterable), f"net_arch is {arch!r}; give numbers of units, such as (64, 64)")
+    numbers = {name: value for name, value in given.items() if name in Hypers._fields}
+    for name, value in numbers.items():
+        require(np.ndim(value) == 0, f"{name} is {value}; a model is one run: give one number (train takes many)")
+        require(np.asarray(value).dtype.kind in "fiu", f"{name} is {value!r}; it must be a number")
+    hypers = Hypers(**numbers)
+    check_hypers(hypers)
+    fields = {name: value for name, value in given.items() if name not in numbers}
+    return Config(
+        **fields | {"net_arch": tuple(arch), "loss": loss, "n_envs": n_envs, "algorithm": algorithm.name}
+    ), hypers
+
+
+def signature(algorithm: Algorithm) -> inspect.Signature:
+    """What help() and editors show of a model's constructor: every setting with its default."""
+    parameter, keyword = inspect.Parameter, inspect.Parameter.KEYWORD_ONLY
+    return inspect.Signature(
+        [
+            parameter("env", parameter.POSITIONAL_OR_KEYWORD),
+            parameter("loss", parameter.POSITIONAL_OR_KEYWORD, default="hl-gauss"),
+            *(parameter(name, keyword, default=value) for name, value in usual(algorithm).items()),
+            parameter("n_envs", keyword, default=None),
+            parameter("seed", keyword, default=0),
+            parameter("env_kwargs", keyword, default=None),
+        ]
+    )

@@ -1,0 +1,73 @@
+"""What the log says of a policy in training, computed on one rollout at each log point."""
+
+import functools
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from galton.algorithms import Agent, Scalars, actor_critic
+from galton.algorithms.actor_critic import flatten
+from galton.losses import surrogate
+from galton.networks import features, mlp
+from galton.theory import gradient_bound, output_lipschitz
+from galton.types import Hypers, Learner, Params, Transition
+
+_MOST = 256
+"""Rows of a rollout that the gradient and its bound are computed on: they take each sample in turn."""
+
+
+def diagnose(agent: Agent, learner: Learner, batch: Transition, hypers: Hypers) -> Scalars:
+    """Of the learner's parameters as they are, on a rollout `[T, N]` that it has just been trained on.
+
+    - actor_grad_norm: of the policy loss mean(A · loss) in the parameters θ of Propositions 1 and 2, all of the
+      actor's but its last bias; and grad_bound, the mean of the propositions' bound, which the norm never exceeds.
+      Both on 256 rows of the rollout, evenly spread, or on all if there are fewer.
+    - sigma: mean standard deviation of the policy's actions.
+    - edge_share: share of the action entries in the first and last bins; for the Gaussian, of those that were clipped.
+    - explained_variance: of the returns by the critic; 1 is perfect, 0 or less is useless.
+    - hl_gauss_bias: |mean advantage| · mean ‖loss.bias‖, how far the loss pulls away from the policy gradient; for
+      HL-Gauss the norm is that of Kᵀπ − π, for a loss without a bias it is 0.
+    """
+    params = learner.params
+    observation, next_observation, action = map(flatten, (batch.observation, batch.next_observation, batch.action))
+    values = actor_critic.value(params, observation)
+    advantage = actor_critic.advantages(values, actor_critic.value(params, next_observation), batch, hypers)
+    returns = advantage + values
+    distribution = actor_critic.distribution(agent, params, observation, hypers)
+    bias = jnp.zeros(())
+    if agent.loss.bias:
+        pull = jnp.linalg.norm(agent.loss.bias(distribution, hypers), axis=-1)
+        bias = jnp.abs(advantage.mean()) * pull.mean()
+    some = slice(None, None, -(-len(advantage) // _MOST))
+    return _propositions(agent, params, observation[some], action[some], advantage[some], hypers) | {
+        "sigma": distribution.std().mean(),
+        "edge_share": distribution.at_edge(action).mean(),
+        "explained_variance": 1 - jnp.var(returns - values) / jnp.var(returns),
+        "hl_gauss_bias": bias,
+    }
+
+
+def _propositions(
+    agent: Agent,
+    params: Params,
+    observation: Float[Array, "B o"],
+    action: Float[Array, "B d"],
+    advantage: Float[Array, " B"],
+    hypers: Hypers,
+) -> Scalars:
+    """The norm of the policy loss's gradient, and the mean of the samples' bounds."""
+
+    def loss_of(outputs: Array, action: Array) -> Array:
+        return agent.loss.function(agent.policy.distribution(outputs, params, hypers), action, hypers)
+
+    gradient = jax.grad(lambda theta: surrogate(advantage, loss_of(mlp(theta, observation), action)))(params["actor"])
+    gradient[-1]["bias"] = jnp.zeros(())
+    bound = jax.vmap(gradient_bound)(
+        advantage,
+        jax.lax.map(functools.partial(output_lipschitz, params["actor"]), observation),  # in turn: it needs much memory
+        features(params["actor"], observation),
+        jax.vmap(jax.grad(loss_of))(mlp(params["actor"], observation), action),
+    )
+    norm = jnp.sqrt(sum(jnp.vdot(leaf, leaf) for leaf in jax.tree.leaves(gradient)))
+    return {"actor_grad_norm": norm, "grad_bound": bound.mean()}

@@ -1,0 +1,225 @@
+"""The training loop on environments outside JAX: P runs that one thread steps together on one device."""
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float, UInt
+
+from galton.algorithms import Agent
+from galton.envs.base import HostEnvironments, HostTask, Steps
+from galton.envs.spaces import Observations
+from galton.training.evaluate import play
+from galton.training.host_programs import host_programs
+from galton.training.log import Finished, Log
+from galton.training.run import RunState, Snapshot, Tree, with_keys, without_keys
+from galton.types import Hypers, Learner, Params, Transition
+
+
+class Group:
+    """P runs with N copies of the task each.
+
+    Args:
+        task: what to train on.
+        agent: what all runs have in common.
+        hypers: each field `[P]`.
+        seeds: of the runs.
+        device: what to compute on.
+        n_threads: what the environments may be stepped on.
+    """
+
+    def __init__(
+        self,
+        task: HostTask,
+        agent: Agent,
+        hypers: Hypers,
+        seeds: UInt[np.ndarray, " P"],
+        device: jax.Device,
+        n_threads: int,
+    ) -> None:
+        self._task, self._config, self._device, self._seeds = task, agent.config, device, seeds
+        self._shape, self._n_threads = (len(seeds), agent.config.n_envs), n_threads
+        self._sizes = Observations(task.name, task.observation_space).size, len(agent.low)
+        self._programs = host_programs(agent)
+        self._evaluator: HostEnvironments | None = None
+        self._evaluator_episodes = 0
+        self._interrupted = False
+        """Whether an exception left the environments in the middle of a rollout."""
+        self._observation = np.zeros((*self._shape, self._sizes[0]), np.float32)
+        self.set_hypers(hypers)
+        self._batch = self._empty_batch()
+        self._envs = task.make(len(seeds) * agent.config.n_envs, n_threads)
+
+    def set_hypers(self, hypers: Hypers) -> None:
+        """Go on with these numbers, each `[P]`."""
+        self._hypers = self._place(hypers)
+
+    def begin(self) -> None:
+        """Make the runs and compile all programs but those of evaluation."""
+        with jax.default_device(self._device):
+            self.runs: RunState = self._place(
+                self._programs.begin(self._sizes[0], jnp.asarray(self._seeds), self._hypers)
+            )
+            self._times = [jnp.int32(t) for t in range(self._config.n_steps)]
+        self._warm_up()
+
+    def reset(self) -> None:
+        """Begin episodes."""
+        self._start(self._envs.reset(self._environment_seeds(0)))
+        self.runs = self._programs.observe(self.runs, self._observation)
+
+    def advance(self, n_updates: int) -> None:
+        """The training loop: act for n_steps steps, then learn from them."""
+        if self._interrupted:
+            self._start_anew()
+        self._interrupted = True
+        for _ in range(n_updates):
+            self._batch, finished = self._rollout()
+            self.runs = self._programs.learn(self.runs, self._batch, finished, self._hypers)
+        self._interrupted = False
+
+    def _rollout(self) -> tuple[Transition, Finished]:
+        """T steps of the P · N environments; numpy arrays `[P, T, N, ...]`."""
+        batch, finished = self._empty_batch(), self._empty_finished()
+        noise, learner = self._programs.prepare(self.runs), self.runs.learner
+        params = _acting(learner.params)
+        for t, device_t in enumerate(self._times):
+            sampled, normalised = self._programs.act(
+                params, learner.normalizer, self._observation, noise, device_t, self._hypers
+            )
+            action = np.asarray(sampled)
+            observation = self._observation if normalised is None else np.asarray(normalised)
+            steps = Steps(*map(self._split, self._envs.step(action.reshape(-1, action.shape[-1]))))
+            done = self._count(finished, t, steps)
+            learner, reward, final = self._receive(learner, steps, done)
+            values = (observation, action, reward, final, steps.terminated, steps.truncated)
+            for column, value in zip(batch, values, strict=True):
+                column[:, t] = value
+            self._observation = steps.observation
+        self.runs = self.runs._replace(learner=learner)
+        return batch, finished
+
+    def _count(self, finished: Finished, t: int, steps: Steps) -> np.ndarray:
+        """Lengths and returns of the episodes, and which have ended `[P, N]`."""
+        done = np.asarray(steps.terminated | steps.truncated)
+        self._length += 1
+        self._return += steps.reward
+        for column, value in zip(finished, (done, self._return, self._length), strict=True):
+            column[:, t] = value
+        if done.any():
+            self._length[done] = 0
+            self._return[done] = 0.0
+        return done
+
+    def _receive(self, learner: Learner, steps: Steps, done: np.ndarray) -> tuple[Learner, np.ndarray, np.ndarray]:
+        """The statistics after a step, and its rewards and final observations as the learner is to see them."""
+        if not (self._config.normalize_observation or self._config.normalize_reward):
+            return learner, steps.reward, steps.final_observation
+        normalizer, reward, final = self._programs.receive(
+            learner.normalizer, steps.reward, done, steps.final_observation, steps.observation, self._hypers
+        )
+        return learner._replace(normalizer=normalizer), np.asarray(reward), np.asarray(final)
+
+    def log(self) -> Log:
+        """Of the updates since the last log."""
+        self.runs, log = self._programs.log(self.runs, self._batch, self._hypers)
+        return log
+
+    def make_evaluator(self, n_episodes: int) -> None:
+        """Copies of the task for evaluation, kept from one to the next."""
+        if self._evaluator is None or self._evaluator_episodes != n_episodes:
+            if self._evaluator:
+                self._evaluator.close()
+            self._evaluator = self._task.make(len(self._seeds) * n_episodes, self._n_threads)
+            self._evaluator_episodes = n_episodes
+
+    def evaluate(self, n_episodes: int) -> Float[np.ndarray, "P n_episodes"]:
+        """Whole episodes of the deterministic policy."""
+        assert self._evaluator
+        learner = self.runs.learner
+
+        def act(observation: np.ndarray) -> np.ndarray:
+            action = np.asarray(self._programs.exploit(learner, self._split(observation), self._hypers))
+            return action.reshape(len(observation), -1)
+
+        seeds = self._environment_seeds(1, int(self.runs.step[0]), n=n_episodes)
+        return self._split(play(self._task.name, self._evaluator, seeds, act))
+
+    def snapshot(self) -> Snapshot:
+        """Everything that goes on; `environments` is None where they can't tell their states."""
+        own = {"observation": self._observation, "length": self._length, "return": self._return}
+        state = None if self._interrupted else self._envs.get_state()
+        environments = None if state is None else own | {key: self._split(value) for key, value in state.items()}
+        return {"run": jax.tree.map(np.asarray, without_keys(self.runs)), "environments": environments}
+
+    def restore(self, snapshot: Snapshot) -> None:
+        """Go back; from the start of new episodes, with the normaliser as it was, if there are no states."""
+        self.runs = self._place(with_keys(snapshot["run"]))
+        if "environments" not in snapshot:
+            self._start_anew()
+            return
+        self._interrupted = False
+        state = dict(snapshot["environments"])
+        self._observation, self._length, self._return = (
+            np.array(state.pop(name)) for name in ("observation", "length", "return")
+        )
+        self._envs.set_state({key: value.reshape(-1, *value.shape[2:]) for key, value in state.items()})
+
+    def close(self) -> None:
+        """Let go of the environments."""
+        self._envs.close()
+        if self._evaluator:
+            self._evaluator.close()
+
+    def _start_anew(self) -> None:
+        """New episodes in the middle of a run."""
+        self._start(self._envs.reset(self._environment_seeds(2, int(self.runs.step[0]))))
+        self._interrupted = False
+
+    def _start(self, observation: np.ndarray) -> None:
+        self._observation = self._split(observation)
+        self._length = np.zeros(self._shape, np.int32)
+        self._return = np.zeros(self._shape)
+
+    def _environment_seeds(self, *purpose: int, n: int | None = None) -> np.ndarray:
+        """Of n copies for each run, by default N; 0 is for training, 1 for evaluation, 2 for starting anew."""
+        n = self._shape[1] if n is None else n
+        sequences = [np.random.SeedSequence((int(seed), *purpose)) for seed in self._seeds]
+        return np.concatenate([sequence.generate_state(n) for sequence in sequences])
+
+    def _warm_up(self) -> None:
+        p, n = self._shape
+        runs = jax.tree.map(jnp.copy, self.runs)
+        zeros = np.zeros((p, n, self._sizes[0]), np.float32)
+        noise = self._programs.prepare(runs)
+        params = _acting(runs.learner.params)
+        self._programs.act(params, runs.learner.normalizer, zeros, noise, self._times[0], self._hypers)
+        reward = np.zeros(self._shape, np.float32)
+        self._receive(runs.learner, Steps(zeros, zeros, reward, reward > 0, reward > 0), reward > 0)
+        runs = self._programs.learn(runs, self._batch, self._empty_finished(), self._hypers)
+        jax.block_until_ready(self._programs.log(runs, self._batch, self._hypers))
+
+    def _place(self, tree: Tree) -> Tree:
+        placed: Tree = jax.device_put(tree, self._device)
+        return placed
+
+    def _split(self, rows: np.ndarray) -> np.ndarray:
+        """From one row per copy to `[P, copies of a run, ...]`."""
+        return rows.reshape(self._shape[0], -1, *rows.shape[1:])
+
+    def _empty_batch(self) -> Any:
+        o, d = self._sizes
+        empty = self._empty
+        return Transition(empty(o), empty(d), empty(), empty(o), empty(dtype=bool), empty(dtype=bool))
+
+    def _empty_finished(self) -> Any:
+        return Finished(self._empty(dtype=bool), self._empty(), self._empty(dtype=np.int32))
+
+    def _empty(self, *entries: int, dtype: Any = np.float32) -> Any:
+        return np.zeros((self._shape[0], self._config.n_steps, self._shape[1], *entries), dtype)
+
+
+def _acting(params: Params) -> Params:
+    """What acting needs: each array that a program is given costs time, and the critic is not asked."""
+    return {name: value for name, value in params.items() if name != "critic"}

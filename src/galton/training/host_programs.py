@@ -1,0 +1,73 @@
+"""The compiled programs with which a population trains on environments outside JAX."""
+
+import functools
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+from jaxtyping import Array
+
+from galton import normalization
+from galton.algorithms import Agent, actor_critic
+from galton.normalization import Normalizer
+from galton.training.evaluate import deterministic_action
+from galton.training.log import Log
+from galton.training.run import RunState, begin, learn, read_log, rollout_key
+from galton.types import Hypers, Params
+
+
+class HostPrograms(NamedTuple):
+    """Compiled at their first call on each device; all but the first are mapped over the runs of a group."""
+
+    begin: Callable[..., RunState]
+    """(observation size, seeds, hypers) → runs."""
+    observe: Callable[..., RunState]
+    """(runs, first observations `[P, N, o]`) → runs."""
+    prepare: Callable[..., Any]
+    """Runs → the noise of their next rollout, each leaf `[P, T, N, ...]`."""
+    act: Callable[..., tuple[Array, Array | None]]
+    """(params, normalizers, observations `[P, N, o]`, noise, t, hypers) → actions and, if it is on, normalised
+    observations."""
+    receive: Callable[..., Any]
+    """(normalizers, rewards, dones, final and following observations, hypers) → as normalization.receive."""
+    learn: Callable[..., RunState]
+    """(runs, batch `[P, T, N]`, finished, hypers) → runs."""
+    log: Callable[..., tuple[RunState, Log]]
+    """(runs, batch, hypers) → runs and logs."""
+    exploit: Callable[..., Array]
+    """(learners, observations `[P, n, o]`, hypers) → deterministic actions."""
+
+
+@functools.lru_cache(maxsize=64)
+def host_programs(agent: Agent) -> HostPrograms:
+    """Of an agent, once."""
+    config = agent.config
+
+    def begin_all(size: int, seeds: Array, hypers: Hypers) -> RunState:
+        return jax.lax.map(lambda run: begin(agent, size, *run)[0], (seeds, hypers))
+
+    def observe(run: RunState, observation: Array) -> RunState:
+        learner = run.learner._replace(normalizer=normalization.observe(run.learner.normalizer, observation))
+        return run._replace(learner=learner)
+
+    def prepare(run: RunState) -> Any:
+        return agent.policy.noise(rollout_key(run), (config.n_steps, config.n_envs))
+
+    def act(
+        params: Params, normalizer: Normalizer, observation: Array, noise: Any, t: Array, hypers: Hypers
+    ) -> tuple[Array, Array | None]:
+        normalised = normalization.observation(normalizer, observation)
+        now = jax.tree.map(lambda x: jax.lax.dynamic_index_in_dim(x, t, keepdims=False), noise)
+        action = actor_critic.act(agent, params, normalised, now, hypers)
+        return action, normalised if config.normalize_observation else None
+
+    return HostPrograms(
+        jax.jit(begin_all, static_argnums=0),
+        jax.jit(jax.vmap(observe), donate_argnums=0),
+        jax.jit(jax.vmap(prepare)),
+        jax.jit(jax.vmap(act, (0, 0, 0, 0, None, 0))),
+        jax.jit(jax.vmap(normalization.receive)),
+        jax.jit(jax.vmap(functools.partial(learn, agent)), donate_argnums=0),
+        jax.jit(jax.vmap(functools.partial(read_log, agent)), donate_argnums=0),
+        jax.jit(jax.vmap(functools.partial(deterministic_action, agent))),
+    )

@@ -1,0 +1,85 @@
+"""What is recorded of a run: sums while it trains, a log at each log point."""
+
+import collections
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+from galton.algorithms import Scalars
+
+
+class Finished(NamedTuple):
+    """The episodes that ended in a rollout."""
+
+    done: Bool[Array, "T N"]
+    undiscounted_return: Float[Array, "T N"]
+    """Of the episode so far; whole where done."""
+    length: Int[Array, "T N"]
+    """Steps of the episode so far; whole where done."""
+
+
+class Tally(NamedTuple):
+    """Sums since the last log point."""
+
+    n_updates: Float[Array, ""]
+    n_episodes: Float[Array, ""]
+    undiscounted_return: Float[Array, ""]
+    length: Float[Array, ""]
+    diagnostics: Scalars
+    """What the updates told of themselves, by name."""
+
+
+class Log(NamedTuple):
+    """What is recorded at each log point; NaN once the run has diverged. With axes `[R, L]` in a Result."""
+
+    training_return: Float[Array, "*batch"]
+    """Mean undiscounted return of the episodes that ended since the last log point; NaN where none did."""
+    episode_length: Float[Array, "*batch"]
+    """Their mean length."""
+    n_episodes: Float[Array, "*batch"]
+    """How many those were."""
+    evaluation_return: Float[Array, "*batch"]
+    """Mean undiscounted return of the deterministic policy; NaN where evaluation is off."""
+    scalars: Mapping[str, Float[Array, "*batch"]]
+    """What the algorithm told of its updates since the last log point, means by name, and a diagnosis of the last
+    rollout."""
+
+    def columns(self) -> dict[str, Float[Array | np.ndarray, "*batch"]]:
+        """Everything by name: the four numbers above and the scalars."""
+        return {name: getattr(self, name) for name in self._fields if name != "scalars"} | dict(self.scalars)
+
+
+def nothing(names: tuple[str, ...]) -> Tally:
+    """An empty tally of updates that tell these scalars."""
+    zero = jnp.float32(0)
+    return Tally(zero, zero, zero, zero, dict.fromkeys(names, zero))
+
+
+def tally(finished: Finished, told: Scalars) -> Tally:
+    """Of one update."""
+    return Tally(
+        jnp.float32(1),
+        finished.done.sum(dtype=jnp.float32),
+        jnp.where(finished.done, finished.undiscounted_return, 0.0).sum(),
+        jnp.where(finished.done, finished.length, 0).sum().astype(jnp.float32),
+        told,
+    )
+
+
+def summarise(sums: Tally, names: tuple[str, ...], diagnosis: Scalars) -> Log:
+    """The log that a tally makes; the scalars in the order of the names, those of the diagnosis behind them."""
+
+    def per_episode(total: Array) -> Array:
+        return jnp.where(sums.n_episodes > 0, total / sums.n_episodes, jnp.nan)
+
+    means = {name: sums.diagnostics[name] / sums.n_updates for name in names}
+    return Log(
+        training_return=per_episode(sums.undiscounted_return),
+        episode_length=per_episode(sums.length),
+        n_episodes=sums.n_episodes,
+        evaluation_return=jnp.array(jnp.nan),
+        scalars=collections.OrderedDict(means | diagnosis),  # JAX sorts the keys of a plain dict
+    )

@@ -1,0 +1,238 @@
+"""A population on environments in pure JAX: whole log intervals in one compiled program, on every JAX device."""
+
+import functools
+import math
+import time
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.sharding import Mesh, NamedSharding, PartitionSpec
+from jaxtyping import Array, Float, Int, PyTree, UInt
+
+from galton import normalization
+from galton.algorithms import Agent
+from galton.envs.base import Environment
+from galton.training.evaluate import evaluate
+from galton.training.log import Log
+from galton.training.rollout import EpisodeState, Noise, draw_noise, rollout, start_episodes
+from galton.training.run import RunState, Snapshot, Tree, begin, learn, read_log, rollout_key, with_keys, without_keys
+from galton.types import Hypers, Learner, Transition
+
+
+class DeviceState(NamedTuple):
+    """One run and its environments."""
+
+    run: RunState
+    episodes: EpisodeState
+
+
+def iteration(
+    env: Environment, agent: Agent, state: DeviceState, noise: Noise, hypers: Hypers
+) -> tuple[DeviceState, Transition]:
+    """The training loop's body: act for n_steps steps, then learn from them. Also the rollout."""
+    episodes, learner, batch, finished = rollout(env, agent, state.run.learner, state.episodes, noise, hypers)
+    run = learn(agent, state.run._replace(learner=learner), batch, finished, hypers)
+    return DeviceState(run, episodes), batch
+
+
+def iterate(
+    env: Environment, agent: Agent, state: DeviceState, hypers: Hypers, n_updates: Int[Array, ""]
+) -> tuple[DeviceState, Transition]:
+    """The training loop of one run; also its last rollout, which the log looks at.
+
+    Noise is drawn for a block of rollouts at once, since a call of the generator costs as much for several short ones
+    as for one. Each rollout has its own key, so nothing depends on the blocks.
+    """
+    batch_size = agent.config.n_steps * agent.config.n_envs
+    n_drawn = min(16, max(1, _STEPS_DRAWN // batch_size))
+
+    def block(carry: tuple[Array, DeviceState, Transition]) -> tuple[Array, DeviceState, Transition]:
+        done, state, batch = carry
+        keys = jax.vmap(functools.partial(rollout_key, state.run))(jnp.arange(n_drawn) * batch_size)
+        noise = jax.vmap(lambda key: draw_noise(key, env, agent))(keys)
+        n = jnp.minimum(n_drawn, n_updates - done)
+        state, batch = jax.lax.fori_loop(
+            0,
+            n,
+            lambda i, carry: iteration(env, agent, carry[0], jax.tree.map(lambda x: x[i], noise), hypers),
+            (state, batch),
+        )
+        return done + n, state, batch
+
+    shape = jax.eval_shape(lambda: iteration(env, agent, state, draw_noise(state.run.key, env, agent), hypers)[1])
+    nothing = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), shape)
+    _, state, batch = jax.lax.while_loop(lambda carry: carry[0] < n_updates, block, (jnp.int32(0), state, nothing))
+    return state, batch
+
+
+_STEPS_DRAWN = 2048
+"""How many environment steps a block has noise for: 16 rollouts, or fewer where they are long."""
+
+
+def begin_on_device(env: Environment, agent: Agent, seed: UInt[Array, ""], hypers: Hypers) -> DeviceState:
+    """A new run at the start of its first episodes."""
+    run, episodes_key = begin(agent, len(env.observation_low), seed, hypers)
+    episodes = start_episodes(episodes_key, env, agent.config.n_envs)
+    first = jax.vmap(env.observe)(episodes.env)
+    learner = run.learner._replace(normalizer=normalization.observe(run.learner.normalizer, first))
+    return DeviceState(run._replace(learner=learner), episodes)
+
+
+class DevicePopulation:
+    """R runs on an Environment record. They are split evenly over devices, the last repeated to fill up.
+
+    Args:
+        env: a hashable record of constants.
+        agent: what all runs have in common.
+        hypers: each field `[R]`.
+        seeds: one for each run, 0 … 2³² − 1.
+        devices: what to compute on.
+    """
+
+    def __init__(
+        self, env: Environment, agent: Agent, hypers: Hypers, seeds: Sequence[int], devices: Sequence[jax.Device]
+    ) -> None:
+        self._env, self._agent, self._n_runs = env, agent, len(seeds)
+        n_devices = min(len(devices), self._n_runs)
+        self._padded = np.minimum(np.arange(math.ceil(self._n_runs / n_devices) * n_devices), self._n_runs - 1)
+        self._on_runs = NamedSharding(Mesh(devices[:n_devices], "runs"), PartitionSpec("runs"))
+        start = time.perf_counter()
+        self._programs = _compile(env, agent, len(self._padded), self._on_runs)
+        self.compile_seconds = time.perf_counter() - start
+        self.set_hypers(hypers)
+        padded = jax.tree.map(lambda h: np.asarray(h, np.float32)[self._padded], hypers)
+        self._state = self._place(self._programs.begin(np.asarray(seeds, np.uint32)[self._padded], padded))
+        self._batch: Transition | None = None
+
+    @property
+    def step(self) -> int:
+        """Environment steps of each run so far."""
+        return int(self._state.run.step[0])
+
+    @property
+    def learner(self) -> Learner:
+        """What the runs have learnt, each leaf `[R, ...]`."""
+        return self._fetch(self._state.run.learner)
+
+    @property
+    def diverged_at(self) -> Int[np.ndarray, " R"]:
+        """The step where a run's gradient was not finite, −1 while there is none."""
+        return np.asarray(self._fetch(self._state.run.diverged_at))
+
+    def set_hypers(self, hypers: Hypers) -> None:
+        """Go on with other numbers."""
+        self._hypers = self._place(jax.tree.map(lambda h: np.asarray(h, np.float32)[self._padded], hypers))
+
+    def advance(self, n_updates: int) -> None:
+        """Train all runs."""
+        self._state, self._batch = self._programs.advance(self._state, self._hypers, np.int32(n_updates))
+
+    def log(self) -> Log:
+        """Of the updates since the last log; without evaluation."""
+        run, log = self._programs.log(self._state.run, self._batch, self._hypers)
+        self._state = self._state._replace(run=run)
+        return self._fetch(log)
+
+    def evaluate(self, n_episodes: int) -> Float[np.ndarray, "R n_episodes"]:
+        """Undiscounted returns of whole episodes without exploration."""
+        run = self._state.run
+        program, seconds = _compile_evaluation(self._env, self._agent, n_episodes, len(self._padded), self._on_runs)
+        self.compile_seconds += seconds()
+        return np.asarray(self._fetch(program(run.evaluation_key, run.step, run.learner, self._hypers)))
+
+    def snapshot(self) -> Snapshot:
+        """Everything that goes on."""
+        run, episodes = self._fetch(self._state._replace(run=without_keys(self._state.run)))
+        return {"run": run, "environments": episodes}
+
+    def restore(self, snapshot: Snapshot) -> None:
+        """Go back to a snapshot of a population of the same shape."""
+        state = DeviceState(snapshot["run"], snapshot["environments"])
+        padded = jax.tree.map(lambda x: np.asarray(x)[self._padded], state)
+        self._state = self._place(padded._replace(run=with_keys(padded.run)))
+
+    def close(self) -> None:
+        """Nothing to let go of."""
+
+    def _place(self, tree: Tree) -> Tree:
+        placed: Tree = jax.device_put(tree, self._on_runs)
+        return placed
+
+    def _fetch(self, tree: Tree) -> Tree:
+        fetched: Tree = jax.tree.map(lambda x: np.asarray(x)[: self._n_runs], tree)
+        return fetched
+
+
+class _Programs(NamedTuple):
+    begin: Callable[..., DeviceState]
+    """(seeds, hypers) → states."""
+    advance: Callable[..., tuple[DeviceState, Transition]]
+    """(states, hypers, number of updates) → states and the last rollouts."""
+    log: Callable[..., tuple[RunState, Log]]
+    """(runs, the last rollouts, hypers) → runs and logs."""
+
+
+@functools.lru_cache(maxsize=64)
+def _compile(env: Environment, agent: Agent, n_runs: int, on_runs: NamedSharding) -> _Programs:
+    begin_all = jax.jit(_one_after_the_other(functools.partial(begin_on_device, env, agent)))
+    advance = _on_all_devices(functools.partial(iterate, env, agent), on_runs, (0, 0, None))
+    log = _on_all_devices(functools.partial(read_log, agent), on_runs, (0, 0, 0))
+
+    seeds, numbers = _begin_shapes(n_runs)
+    state = _placed(jax.eval_shape(begin_all, seeds, numbers), on_runs)
+    hypers = _placed(numbers, on_runs)
+    n = jax.ShapeDtypeStruct((), jnp.int32)
+    batch = _placed(jax.eval_shape(advance, state, hypers, n)[1], on_runs)
+    return _Programs(
+        begin_all.lower(seeds, numbers).compile(),
+        jax.jit(advance, donate_argnums=0).lower(state, hypers, n).compile(),
+        jax.jit(log, donate_argnums=0).lower(state.run, batch, hypers).compile(),
+    )
+
+
+@functools.lru_cache(maxsize=64)
+def _compile_evaluation(
+    env: Environment, agent: Agent, n_episodes: int, n_runs: int, on_runs: NamedSharding
+) -> tuple[Callable[..., Array], Callable[[], float]]:
+    """The program, and the seconds that compiling it took, told once."""
+    start = time.perf_counter()
+
+    def program(key: Array, step: Array, learner: Learner, hypers: Hypers) -> Array:
+        return evaluate(jax.random.fold_in(key, step), env, agent, learner, hypers, n_episodes)
+
+    begin_all = _one_after_the_other(functools.partial(begin_on_device, env, agent))
+    run = _placed(jax.eval_shape(begin_all, *_begin_shapes(n_runs)).run, on_runs)
+    hypers = _placed(_begin_shapes(n_runs)[1], on_runs)
+    compiled = (
+        jax.jit(_on_all_devices(program, on_runs, (0, 0, 0, 0)))
+        .lower(run.evaluation_key, run.step, run.learner, hypers)
+        .compile()
+    )
+    seconds = [time.perf_counter() - start]
+    return compiled, lambda: seconds.pop() if seconds else 0.0
+
+
+def _begin_shapes(n_runs: int) -> tuple[Any, Any]:
+    """Of the seeds and numbers of so many runs."""
+    numbers = jax.tree.map(lambda _: jax.ShapeDtypeStruct((n_runs,), jnp.float32), Hypers())
+    return jax.ShapeDtypeStruct((n_runs,), jnp.uint32), numbers
+
+
+def _one_after_the_other(f: Callable[[Array, Hypers], Tree]) -> Callable[[Array, Hypers], Tree]:
+    """Over runs, without a batch axis (see `init_mlp`)."""
+    return lambda seeds, hypers: jax.lax.map(lambda run: f(*run), (seeds, hypers))
+
+
+def _on_all_devices(f: Callable[..., Any], on_runs: NamedSharding, in_axes: tuple[int | None, ...]) -> Any:
+    """Over runs: side by side on a device, and split over devices. An argument without an axis is shared."""
+    specs = tuple(PartitionSpec() if axis is None else on_runs.spec for axis in in_axes)
+    return jax.shard_map(
+        jax.vmap(f, in_axes), mesh=on_runs.mesh, in_specs=specs, out_specs=on_runs.spec, check_vma=False
+    )
+
+
+def _placed(tree: PyTree[Any], on_runs: NamedSharding) -> Any:
+    return jax.tree.map(lambda x: jax.ShapeDtypeStruct(x.shape, x.dtype, sharding=on_runs), tree)

@@ -1,0 +1,124 @@
+"""A population on environments outside JAX: one `act` per step for all runs, one update per rollout.
+
+Runs are dealt to groups, one for each thread that the task allows; a group has its own JAX device and steps without
+waiting for the others.
+"""
+
+import time
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import TypeVar
+
+import jax
+import numpy as np
+from jaxtyping import Float, Int
+
+from galton.algorithms import Agent
+from galton.envs.base import HostTask
+from galton.training.host_group import Group
+from galton.training.log import Log
+from galton.training.run import Snapshot, Tree
+from galton.types import Hypers, Learner
+
+Answer = TypeVar("Answer")
+
+
+class HostPopulation:
+    """R runs with N copies of a HostTask each.
+
+    Args:
+        task: what to train on.
+        agent: what all runs have in common.
+        hypers: each field `[R]`.
+        seeds: one for each run, 0 … 2³² − 1.
+        devices: what to compute on, each with a thread.
+
+    Raises:
+        UsageError: more copies than the task has.
+        BrokenEnvironmentError: an environment broke in its first reset.
+    """
+
+    def __init__(
+        self, task: HostTask, agent: Agent, hypers: Hypers, seeds: Sequence[int], devices: Sequence[jax.Device]
+    ) -> None:
+        n_groups = min(task.n_threads, len(devices), len(seeds))
+        self._slices = [slice(part[0], part[-1] + 1) for part in np.array_split(np.arange(len(seeds)), n_groups)]
+        self._groups: list[Group] = []
+        self._pool = ThreadPoolExecutor(n_groups) if n_groups > 1 else None
+        all_seeds, threads = np.asarray(seeds, np.uint32), max(1, task.n_threads // n_groups)
+        try:
+            for part, device in zip(self._slices, devices, strict=False):
+                own = jax.tree.map(lambda h, part=part: np.asarray(h, np.float32)[part], hypers)
+                self._groups.append(Group(task, agent, own, all_seeds[part], device, threads))
+            start = time.perf_counter()
+            self._each(Group.begin)
+            self.compile_seconds = time.perf_counter() - start
+            self._each(Group.reset)
+        except BaseException:
+            self.close()
+            raise
+
+    @property
+    def step(self) -> int:
+        """Environment steps of each run so far."""
+        return int(self._groups[0].runs.step[0])
+
+    @property
+    def learner(self) -> Learner:
+        """What the runs have learnt, each leaf `[R, ...]`."""
+        return self._join([group.runs.learner for group in self._groups])
+
+    @property
+    def diverged_at(self) -> Int[np.ndarray, " R"]:
+        """The step where a run's gradient was not finite, −1 while there is none."""
+        return np.concatenate([np.asarray(group.runs.diverged_at) for group in self._groups])
+
+    def set_hypers(self, hypers: Hypers) -> None:
+        """Go on with other numbers."""
+        for group, part in zip(self._groups, self._slices, strict=True):
+            group.set_hypers(jax.tree.map(lambda h, part=part: np.asarray(h, np.float32)[part], hypers))
+
+    def advance(self, n_updates: int) -> None:
+        """Train all runs."""
+        self._each(Group.advance, n_updates)
+
+    def log(self) -> Log:
+        """Of the updates since the last log; without evaluation."""
+        return self._join(self._each(Group.log))
+
+    def evaluate(self, n_episodes: int) -> Float[np.ndarray, "R n_episodes"]:
+        """Undiscounted returns of whole episodes without exploration, on copies of their own."""
+        for group in self._groups:
+            group.make_evaluator(n_episodes)
+        return np.concatenate(self._each(Group.evaluate, n_episodes))
+
+    def snapshot(self) -> Snapshot:
+        """Everything that goes on."""
+        parts = [group.snapshot() for group in self._groups]
+        if any(part["environments"] is None for part in parts):
+            for part in parts:
+                del part["environments"]
+        return self._join(parts)
+
+    def restore(self, snapshot: Snapshot) -> None:
+        """Go back to a snapshot of a population of the same shape."""
+        for group, part in zip(self._groups, self._slices, strict=True):
+            group.restore(jax.tree.map(lambda x, part=part: np.asarray(x)[part], snapshot))
+
+    def close(self) -> None:
+        """Let go of the environments and threads."""
+        for group in self._groups:
+            group.close()
+        if self._pool:
+            self._pool.shutdown()
+
+    def _each(self, method: Callable[..., Answer], *arguments: object) -> list[Answer]:
+        if not self._pool:
+            return [method(group, *arguments) for group in self._groups]
+        futures = [self._pool.submit(method, group, *arguments) for group in self._groups]
+        return [future.result() for future in futures]
+
+    @staticmethod
+    def _join(parts: list[Tree]) -> Tree:
+        joined: Tree = jax.tree.map(lambda *leaves: np.concatenate([np.asarray(leaf) for leaf in leaves]), *parts)
+        return joined

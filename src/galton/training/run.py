@@ -1,0 +1,98 @@
+"""What one run is between two updates, apart from its environments, and how an update changes it.
+
+Unbatched: the populations, on the device and on the host, map these functions over runs. The training loop is theirs
+too, and it is: act for n_steps steps (a rollout), then `learn` from them, again and again.
+"""
+
+from typing import Any, NamedTuple, TypeVar
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int, Key, UInt
+
+from galton.algorithms import Agent, actor_critic
+from galton.training.diagnosis import diagnose
+from galton.training.log import Finished, Log, Tally, nothing, summarise, tally
+from galton.types import Hypers, Learner, Transition
+
+_OF_UPDATES = 2**31 - 1
+"""Folded into a rollout's key it gives the update's, which nothing else in the rollout has."""
+
+
+Tree = TypeVar("Tree")
+"""A pytree of arrays, JAX's or numpy's."""
+Snapshot = dict[str, Any]
+"""The pytrees `run` and `environments`, from which a population goes on exactly."""
+
+
+class RunState(NamedTuple):
+    """One run."""
+
+    learner: Learner
+    key: Key[Array, ""]
+    """Of everything random in training; the step, folded in, gives each rollout its own."""
+    evaluation_key: Key[Array, ""]
+    """Of the evaluations, so that they never touch training."""
+    step: Int[Array, ""]
+    """Environment steps so far."""
+    diverged_at: Int[Array, ""]
+    """The step of the first update whose gradient was not finite, −1 while there is none. From there on nothing
+    is learnt: the parameters stay what they were before it."""
+    tally: Tally
+
+
+def begin(agent: Agent, observation_size: int, seed: UInt[Array, ""], hypers: Hypers) -> tuple[RunState, Array]:
+    """A new run, and the key of its first episodes. Not under vmap (see `init_mlp`)."""
+    init_key, episodes_key, key, evaluation_key = jax.random.split(jax.random.key(seed), 4)
+    learner = actor_critic.init(init_key, agent, hypers, observation_size)
+    empty = nothing(agent.algorithm.scalars)
+    return RunState(learner, key, evaluation_key, jnp.int32(0), jnp.int32(-1), empty), episodes_key
+
+
+def rollout_key(run: RunState, ahead: Int[Array, ""] | int = 0) -> Key[Array, ""]:
+    """Of the rollout that begins `ahead` steps from here: the same however training is cut into calls."""
+    return jax.random.fold_in(run.key, run.step + ahead)
+
+
+def learn(agent: Agent, run: RunState, batch: Transition, finished: Finished, hypers: Hypers) -> RunState:
+    """One update on a rollout `[T, N]`, and the books."""
+    frozen = run.diverged_at >= 0
+    step = run.step + agent.config.n_steps * agent.config.n_envs
+    rate = hypers.learning_rate * remaining(step, hypers)
+    key = jax.random.fold_in(rollout_key(run), _OF_UPDATES)
+    hypers = hypers._replace(learning_rate=jnp.where(frozen, 0.0, rate))
+    learner, told = agent.algorithm.update(agent, run.learner, batch, hypers, key)
+    return run._replace(
+        learner=learner,
+        step=step,
+        diverged_at=jnp.where(frozen | jnp.isfinite(told["grad_norm"]), run.diverged_at, step),
+        tally=jax.tree.map(jnp.add, run.tally, tally(finished, told)),
+    )
+
+
+def remaining(step: Int[Array, ""], hypers: Hypers) -> Float[Array, ""]:
+    """The share of the learning rate that is left at this step: 1 − step / decay_steps, or 1 without a decay.
+
+    As in Stable-Baselines3 the steps of the rollout that is learnt from count, so the last update's is 0.
+    """
+    decays = jnp.asarray(hypers.decay_steps) > 0
+    return jnp.where(decays, jnp.maximum(1 - step / jnp.where(decays, hypers.decay_steps, 1.0), 0.0), 1.0)
+
+
+def read_log(agent: Agent, run: RunState, batch: Transition, hypers: Hypers) -> tuple[RunState, Log]:
+    """The log of the updates since the last one, the last of them on this batch; evaluation is the caller's."""
+    names = agent.algorithm.scalars
+    log = summarise(run.tally, names, diagnose(agent, run.learner, batch, hypers))
+    log = jax.tree.map(lambda x: jnp.where(run.diverged_at < 0, x, jnp.nan), log)
+    return run._replace(tally=nothing(names)), log
+
+
+def without_keys(run: RunState) -> RunState:
+    """Keys as plain numbers, which a file can hold."""
+    return run._replace(key=jax.random.key_data(run.key), evaluation_key=jax.random.key_data(run.evaluation_key))
+
+
+def with_keys(run: RunState) -> RunState:
+    """Plain numbers as keys again."""
+    key, evaluation_key = (jax.random.wrap_key_data(jnp.asarray(k)) for k in (run.key, run.evaluation_key))
+    return run._replace(key=key, evaluation_key=evaluation_key)
