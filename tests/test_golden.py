@@ -1,0 +1,163 @@
+"""Models and runs of earlier versions go on as they did: tests/golden/README.md.
+
+`python -m tests.test_golden` tells whether training gives the same bits here as where the files were made.
+"""
+
+import json
+import shutil
+import sys
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+import galton
+from galton import A2C, Config, Hypers, InexactResume
+
+from .golden.files import CLOSE, V1, arrays, by_path, check_close, command, record
+
+HERE = Path(__file__).parent
+CHECKPOINTS = record("checkpoints.json")
+EXACT = [name for name, known in CHECKPOINTS.items() if known["exact"]]
+
+
+def path_of(name):
+    return V1 / "checkpoints" / f"{name}.safetensors"
+
+
+def environment(name):
+    if name != "stateful_swing":
+        return name
+    sys.path.insert(0, str(HERE))
+    try:
+        import swing
+    finally:
+        sys.path.pop(0)
+    return swing.stateful_swing
+
+
+def go_on(name):
+    """A model's log and parameters after learning more."""
+    known, logs = CHECKPOINTS[name], []
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", InexactResume)
+        model = A2C.load(path_of(name), environment(known["env"]))
+    interval = known["log_interval"]
+    model.learn(known["more"], lambda _, log: logs.append(log), progress_bar=False, log_interval=interval)
+    assert model.num_timesteps == known["step"] + known["more"]
+    model.close()
+    return {key: np.array([log[key] for log in logs]) for key in logs[0]}, by_path(model.learner.params)
+
+
+@pytest.mark.parametrize("name", CHECKPOINTS)
+def test_a_model_is_what_it_was_and_predicts_what_it_did(name):
+    known, model = CHECKPOINTS[name], A2C.load(path_of(name))
+    for field, value in known["config"].items():
+        assert getattr(model.config, field) == (tuple(value) if field == "net_arch" else value)
+    assert model.hypers._asdict().items() >= known["hypers"].items()
+    assert (model.seed, model.num_timesteps) == (known["seed"], known["step"])
+    found, golden = by_path(model.learner.params), arrays("checkpoints.npz", f"{name}/before/")
+    assert {key: values.tobytes() for key, values in found.items()} == {
+        key: values.tobytes() for key, values in golden.items()
+    }
+    observation = np.float32(known["observation"])
+    np.testing.assert_allclose(model.predict(observation, deterministic=True)[0], known["deterministic"], **CLOSE)
+    np.testing.assert_allclose(model.predict(observation)[0], known["explored"], **CLOSE)
+
+
+@pytest.mark.parametrize("name", EXACT)
+def test_a_model_goes_on_as_it_did(name):
+    if CHECKPOINTS[name]["env"].endswith("-v5"):
+        pytest.importorskip("mujoco")
+    log, params = go_on(name)
+    check_close(params, arrays("checkpoints.npz", f"{name}/after/"))
+    check_close(log, arrays("checkpoints.npz", f"{name}/log/"))
+
+
+def test_a_model_whose_environment_can_not_tell_its_state_goes_on_with_a_warning():
+    (name,) = CHECKPOINTS.keys() - set(EXACT)
+    known = CHECKPOINTS[name]
+    with pytest.warns(InexactResume):
+        model = A2C.load(path_of(name), known["env"])
+    check_close(by_path(model.learner.params), arrays("checkpoints.npz", f"{name}/before/"))
+    model.learn(known["more"], progress_bar=False)
+    assert model.num_timesteps == known["step"] + known["more"]
+    model.close()
+
+
+def test_a_run_folder_goes_on_as_it_did(tmp_path):
+    shutil.copytree(V1 / "run", tmp_path / "run")
+    known = record("run.json")
+    before = (tmp_path / "run" / "metrics.jsonl").read_text()
+    command(*known["command"], cwd=tmp_path)
+    text = (tmp_path / "run" / "metrics.jsonl").read_text()
+    assert text.startswith(before)
+    lines = [json.loads(line) for line in text.splitlines()]
+    assert len(lines) == len(known["metrics"])
+    for line, golden in zip(lines, known["metrics"], strict=True):
+        golden = {key: value for key, value in golden.items() if key not in ("time/time_elapsed", "time/fps")}
+        check_close(line, {key: np.nan if value is None else value for key, value in golden.items()})
+    check_close(by_path(A2C.load(tmp_path / "run" / "model").learner.params), arrays("run.npz", ""))
+
+
+@pytest.mark.slow
+def test_a_comparison_comes_out_as_it_did(tmp_path):
+    arguments = json.loads((V1 / "compare" / "config.json").read_text())["command"].split()
+    command(*arguments[1:], cwd=tmp_path)
+    golden, found = (
+        pq.ParquetFile(folder / "compare" / "curves.parquet").read(use_threads=False).to_pydict()
+        for folder in (V1, tmp_path)
+    )
+    assert golden.pop("loss") == found["loss"]
+    check_close(found, golden)
+    ours, theirs = (json.loads((folder / "compare" / "summary.json").read_text()) for folder in (V1, tmp_path))
+    for one, other in zip(ours, theirs, strict=True):
+        for metric in ("training_return", "evaluation_return"):
+            check_close(other[metric], one[metric])
+
+
+def curve(log, name):
+    """One column of the log of `galton.train`."""
+    return getattr(log, name)
+
+
+POPULATIONS = record("bits.json")
+
+
+def trained(name):
+    """A population's curves and parameters."""
+    case = POPULATIONS[name]
+    options = {key: case[key] for key in ("seeds", "total_timesteps", "n_logs", "n_eval_episodes")}
+    config = Config(loss=case["loss"], **case["config"] | {"net_arch": tuple(case["config"]["net_arch"])})
+    result = galton.train(case["env"], config, Hypers(**case["hypers"]), **options)
+    golden = arrays("bits.npz", f"{name}/log/")
+    return {column: curve(result.log, column) for column in golden}, by_path(result.learner.params)
+
+
+@pytest.mark.parametrize("name", POPULATIONS)
+def test_populations_train_as_they_did(name):
+    log, params = trained(name)
+    check_close(log, arrays("bits.npz", f"{name}/log/"))
+    check_close(params, arrays("bits.npz", f"{name}/params/"))
+
+
+def tell_bits():
+    """Print for each case whether its numbers are the golden ones to the last bit, or how far they are apart."""
+    cases = [("checkpoints.npz", name, "after", go_on) for name in EXACT]
+    cases += [("bits.npz", name, "params", trained) for name in POPULATIONS]
+    for file, name, kind, make in cases:
+        log, params = make(name)
+        found = {f"log/{key}": values for key, values in log.items()}
+        found |= {f"{kind}/{key}": values for key, values in params.items()}
+        golden = {key: values for key, values in arrays(file, f"{name}/").items() if not key.startswith("before/")}
+        apart = [key for key, values in golden.items() if found[key].tobytes() != values.tobytes()]
+        gap = max((np.nanmax(np.abs(found[key] - golden[key])) for key in apart), default=0.0)
+        verdict = f"{len(apart)} of {len(golden)} arrays differ, by {gap:.2g} at most" if apart else "equal to the bit"
+        print(f"{file} {name}: {verdict}")
+
+
+if __name__ == "__main__":
+    galton.use_all_cores()
+    tell_bits()
