@@ -1,0 +1,44 @@
+"""The golden files, and how numbers are compared with them."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import jax
+import numpy as np
+
+V1 = Path(__file__).parent / "v1"
+CLOSE = {"rtol": 1e-4, "atol": 1e-5}
+"""What other compiler flags and other processors may change: a few roundings, added up over hundreds of updates."""
+
+
+def record(name):
+    return json.loads((V1 / name).read_text())
+
+
+def arrays(name, prefix):
+    """Those of an npz file whose names begin so, by the rest of their names."""
+    with np.load(V1 / name) as file:
+        return {key.removeprefix(prefix): file[key] for key in file.files if key.startswith(prefix)}
+
+
+def by_path(tree):
+    leaves = jax.tree_util.tree_leaves_with_path(tree)
+    return {jax.tree_util.keystr(path, simple=True, separator="/"): np.asarray(leaf) for path, leaf in leaves}
+
+
+def check_close(found, golden):
+    """Everything golden is there; what a later version adds is its own affair."""
+    assert golden
+    assert golden.keys() <= found.keys()
+    for name, values in golden.items():
+        np.testing.assert_allclose(found[name], values, **CLOSE, err_msg=name)
+
+
+def command(*arguments, cwd):
+    done = subprocess.run(
+        [sys.executable, "-m", "galton", *arguments], cwd=cwd, capture_output=True, text=True, timeout=300
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
