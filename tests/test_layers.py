@@ -6,7 +6,7 @@ from pathlib import Path
 import galton
 
 RANKS = [
-    {"errors", "cores"},
+    {"errors", "cores", "foreign"},
     {"types"},
     {"bins", "networks", "returns", "normalization"},
     {"targets", "theory"},

@@ -12,6 +12,7 @@ from jaxtyping import Float, Integer
 from galton.envs.base import HostEnvironments, Steps
 from galton.envs.spaces import ActionBox, Observations, as_float32, as_numbers, shown
 from galton.errors import BrokenEnvironmentError, UsageError, require
+from galton.foreign import is_instance_of
 
 
 class VectorTask:
@@ -187,6 +188,6 @@ class SB3Vector(_Vector):
         return Steps(following, final, self._numbers(rewards, "the reward", float), done & ~truncated, truncated)
 
 
-def is_sb3(env: Any) -> bool:
+def is_sb3(env: object) -> bool:
     """Whether it is an SB3 VecEnv, without importing SB3 for the question."""
-    return any(cls.__name__ == "VecEnv" and cls.__module__.startswith("stable_baselines3") for cls in type(env).__mro__)
+    return is_instance_of(env, "stable_baselines3", "VecEnv")
