@@ -18,8 +18,9 @@ from rich.progress import Progress
 from galton import normalization, sb3
 from galton.algorithms import a2c
 from galton.callbacks import Callback
-from galton.envs.base import Environment, HostTask
+from galton.envs.base import Environment
 from galton.envs.find import find
+from galton.envs.host.base import HostTask
 from galton.envs.spaces import ActionBox, Observations, from_json, to_json
 from galton.errors import CheckpointError, DivergenceError, require, require_integer
 from galton.policies import Policy

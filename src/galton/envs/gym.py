@@ -12,7 +12,7 @@ import numpy as np
 from gymnasium.wrappers import TimeLimit
 from jaxtyping import Float, Integer
 
-from galton.envs.base import Steps
+from galton.envs.host.base import Steps
 from galton.envs.spaces import ActionBox, Observations, as_float32, as_numbers, shown
 from galton.errors import BrokenEnvironmentError, UsageError, require
 

@@ -13,8 +13,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, Integer
 
 from galton.cores import n_cores
-from galton.envs.base import Steps
 from galton.envs.gym import generator_state, set_generator_state
+from galton.envs.host.base import Steps
 from galton.envs.simulation import Batched, Fields, Looped, Simulations
 from galton.envs.spaces import ActionBox, Observations, as_float32
 from galton.errors import BrokenEnvironmentError, UsageError

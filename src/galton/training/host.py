@@ -17,7 +17,7 @@ from jaxtyping import Array, Float, Int
 
 from galton import normalization
 from galton.algorithms import a2c
-from galton.envs.base import HostEnvironments, HostTask
+from galton.envs.host.base import HostEnvironments, HostTask
 from galton.envs.spaces import ActionBox, Observations
 from galton.losses import Loss, find_loss
 from galton.normalization import Normalizer
