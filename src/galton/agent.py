@@ -20,8 +20,10 @@ from galton.algorithms import a2c
 from galton.callbacks import Callback
 from galton.envs.base import Environment
 from galton.envs.find import find
+from galton.envs.host.action_box import ActionBox
 from galton.envs.host.base import HostTask
-from galton.envs.spaces import ActionBox, Observations, from_json, to_json
+from galton.envs.host.observations import Observations
+from galton.envs.host.space_json import from_json, to_json
 from galton.errors import CheckpointError, DivergenceError, require, require_integer
 from galton.policies import Policy
 from galton.training import checkpoint

@@ -18,7 +18,9 @@ from gymnasium.spaces.utils import flatten
 from gymnasium.vector.utils import batch_space, concatenate, create_empty_array
 
 from galton import BrokenEnvironmentError, UsageError
-from galton.envs.spaces import ActionBox, Observations, from_json, to_json
+from galton.envs.host.action_box import ActionBox
+from galton.envs.host.observations import Observations
+from galton.envs.host.space_json import from_json, to_json
 
 
 def box(low, high, dtype=np.float32):

@@ -7,8 +7,8 @@ import gymnasium
 from galton.envs import registry
 from galton.envs.base import Environment
 from galton.envs.gym import GymnasiumTask
+from galton.envs.host.answers import shown
 from galton.envs.host.base import HostTask
-from galton.envs.spaces import shown
 from galton.envs.vector import VectorTask, is_sb3
 from galton.errors import UsageError
 

@@ -12,8 +12,10 @@ import numpy as np
 from gymnasium.wrappers import TimeLimit
 from jaxtyping import Float, Integer
 
+from galton.envs.host.action_box import ActionBox
+from galton.envs.host.answers import as_float32, as_numbers, shown
 from galton.envs.host.base import Steps
-from galton.envs.spaces import ActionBox, Observations, as_float32, as_numbers, shown
+from galton.envs.host.observations import Observations
 from galton.errors import BrokenEnvironmentError, UsageError, require
 
 Env = gymnasium.Env[Any, Any]

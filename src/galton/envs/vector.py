@@ -9,8 +9,10 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space, iterate
 from jaxtyping import Float, Integer
 
+from galton.envs.host.action_box import ActionBox
+from galton.envs.host.answers import as_float32, as_numbers, shown
 from galton.envs.host.base import HostEnvironments, Steps
-from galton.envs.spaces import ActionBox, Observations, as_float32, as_numbers, shown
+from galton.envs.host.observations import Observations
 from galton.errors import BrokenEnvironmentError, UsageError, require
 from galton.foreign import is_instance_of
 

@@ -17,8 +17,9 @@ from jaxtyping import Array, Float, Int
 
 from galton import normalization
 from galton.algorithms import a2c
+from galton.envs.host.action_box import ActionBox
 from galton.envs.host.base import HostEnvironments, HostTask
-from galton.envs.spaces import ActionBox, Observations
+from galton.envs.host.observations import Observations
 from galton.losses import Loss, find_loss
 from galton.normalization import Normalizer
 from galton.training.evaluate import deterministic_action, play

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from galton.envs.spaces import shown
+from galton.envs.host.answers import shown
 from galton.errors import CheckpointError, UsageError
 from galton.types import Config, Hypers
 
