@@ -13,11 +13,11 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, Integer
 
 from galton.cores import n_cores
-from galton.envs.gym import generator_state, set_generator_state
 from galton.envs.host.action_box import ActionBox
 from galton.envs.host.answers import as_float32
 from galton.envs.host.base import Steps
 from galton.envs.host.observations import Observations
+from galton.envs.host.state import generator_state, set_generator_state
 from galton.envs.simulation import Batched, Fields, Looped, Simulations
 from galton.errors import BrokenEnvironmentError, UsageError
 

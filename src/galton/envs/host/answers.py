@@ -4,13 +4,15 @@
 """
 
 import contextlib
-from collections.abc import Iterator
-from typing import Any
+from collections.abc import Callable, Iterator
+from typing import Any, TypeVar
 
 import numpy as np
 from jaxtyping import Float, Shaped
 
-from galton.errors import BrokenEnvironmentError
+from galton.errors import BrokenEnvironmentError, UsageError
+
+Made = TypeVar("Made")
 
 _LARGEST = float(np.finfo(np.float32).max)
 
@@ -22,6 +24,14 @@ def blame(where: str) -> Iterator[None]:
         yield
     except Exception as error:
         raise BrokenEnvironmentError(f"{where} raised {told(error)}") from error
+
+
+def try_to_make(name: str, make: Callable[[], Made]) -> Made:
+    """What `make` makes of an environment of that name; a UsageError says why it can't."""
+    try:
+        return make()
+    except Exception as error:
+        raise UsageError(f"environment is {name!r}, which can't be made: {told(error)}") from error
 
 
 def told(error: Exception) -> str:
