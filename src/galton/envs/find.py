@@ -54,7 +54,8 @@ def _find_mujoco(name: str, kwargs: dict[str, Any]) -> HostTask | None:
     if spec is None or not str(spec.entry_point).startswith("gymnasium.envs.mujoco."):
         return None
     try:
-        from galton.envs.mujoco import MUJOCO_TASKS, MujocoSource
+        from galton.envs.host.mujoco_functions import MUJOCO_FUNCTIONS
+        from galton.envs.mujoco import MujocoTask
     except ImportError as error:
         raise UsageError(f"environment {name!r} needs MuJoCo: pip install 'galton[mujoco]' ({error})") from None
-    return MujocoSource(name, **kwargs) if name in MUJOCO_TASKS else None
+    return MujocoTask(name, **kwargs) if name in MUJOCO_FUNCTIONS else None
