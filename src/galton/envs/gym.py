@@ -32,7 +32,7 @@ class GymnasiumTask:
 
     n_threads = 1
 
-    def __init__(self, source: str | Env | Callable[[], Env], **kwargs: Any) -> None:
+    def __init__(self, source: str | Env | Callable[[], object], **kwargs: Any) -> None:
         self._given = source if isinstance(source, gymnasium.Env) else None
         self.given: int | None = None if self._given is None else 1
         self._made: list[weakref.ref[Env]] = []
