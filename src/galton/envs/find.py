@@ -6,10 +6,10 @@ import gymnasium
 
 from galton.envs import registry
 from galton.envs.base import Environment
-from galton.envs.gym import GymnasiumTask
 from galton.envs.host.answers import shown
 from galton.envs.host.base import HostTask
-from galton.envs.vector import VectorTask, is_sb3
+from galton.envs.host.gymnasium import GymnasiumTask
+from galton.envs.host.vector import VectorTask, is_sb3
 from galton.errors import UsageError, require
 
 
@@ -62,8 +62,8 @@ def _find_mujoco(name: str, kwargs: dict[str, Any]) -> HostTask | None:
     if spec is None or not str(spec.entry_point).startswith("gymnasium.envs.mujoco."):
         return None
     try:
+        from galton.envs.host.mujoco import MujocoTask
         from galton.envs.host.mujoco_functions import MUJOCO_FUNCTIONS
-        from galton.envs.mujoco import MujocoTask
     except ImportError as error:
         raise UsageError(f"environment {name!r} needs MuJoCo: pip install 'galton[mujoco]' ({error})") from None
     return MujocoTask(name, **kwargs) if name in MUJOCO_FUNCTIONS else None

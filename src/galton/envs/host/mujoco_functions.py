@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
-from galton.envs.simulation import Fields
+from galton.envs.host.simulation import Fields
 
 Constants = Any
 """Gymnasium's environment of the task. Its class, and so which constants it has, differs from task to task."""

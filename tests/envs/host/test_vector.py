@@ -11,8 +11,8 @@ from stable_baselines3.common.vec_env import DummyVecEnv
 import galton
 from galton import BrokenEnvironmentError, UsageError
 from galton.envs.find import find
-from galton.envs.gym import GymnasiumTask
-from galton.envs.vector import VectorTask
+from galton.envs.host.gymnasium import GymnasiumTask
+from galton.envs.host.vector import VectorTask
 
 N = 3
 

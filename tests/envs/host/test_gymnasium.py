@@ -12,7 +12,7 @@ from gymnasium.wrappers import TimeLimit
 import galton
 from galton import BrokenEnvironmentError, UsageError
 from galton.envs.find import find
-from galton.envs.gym import GymnasiumTask
+from galton.envs.host.gymnasium import GymnasiumTask
 
 LENGTH, N = 3, 3
 """Steps of an episode, and copies in most tests."""

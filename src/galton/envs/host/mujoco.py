@@ -12,8 +12,8 @@ from galton.envs.host.action_box import ActionBox
 from galton.envs.host.answers import as_float32, try_to_make
 from galton.envs.host.base import Steps
 from galton.envs.host.mujoco_functions import MUJOCO_FUNCTIONS, Constants, Matrix, Rows
+from galton.envs.host.simulation import Batched, Looped, Simulations
 from galton.envs.host.state import generator_state, set_generator_state
-from galton.envs.simulation import Batched, Looped, Simulations
 from galton.errors import BrokenEnvironmentError
 
 
