@@ -136,7 +136,7 @@ class Looped:
             self.fields[name][:] = fields[name]
 
     def close(self) -> None:
-        """End the threads."""
+        """End the threads that stepped the simulations."""
         if self._pool:
             self._pool.shutdown()
 

@@ -85,7 +85,7 @@ def reset_sb3(envs: VectorEnvs, seeds: list[int]) -> object:
 
 
 def step_sb3(envs: VectorEnvs, action: np.ndarray) -> Steps:
-    """Step an SB3 VecEnv."""
+    """Step an SB3 VecEnv, whose infos tell time limits from terminations."""
     raw, rewards, dones, infos = envs.call_for("observations, rewards, dones, infos", "step", action)
     following = envs.rows(raw)
     done = envs.flags(dones, "dones")
