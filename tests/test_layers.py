@@ -1,49 +1,127 @@
 """Imports point down: the order of the layers is the order in which the code can be read."""
 
 import ast
+import graphlib
+import sys
 from pathlib import Path
+
+import pytest
 
 import galton
 
-RANKS = [
-    {"errors", "cores"},
-    {"types"},
-    {"bins", "networks", "returns", "normalization"},
-    {"targets", "theory"},
-    {"policies", "envs"},
-    {"losses"},
-    {"algorithms"},
-    {"training"},
-    {"callbacks", "sb3"},
-    {"agent"},
-    {"analysis", "sweep"},
-    {"studies"},
-    {"commands"},
-    {"cli"},
-]
 ROOT = Path(galton.__file__).parent
 
+# Folders and files under src/galton, the lowest first; what shares a line may not import one another.
+RANKS = """
+    errors cores foreign
+    types
+    bins networks returns normalization
+    targets theory
+    policies envs
+    losses
+    algorithms
+    training
+    callbacks sb3
+    agent
+    analysis sweep
+    studies
+    commands
+    cli
+"""
 
-def rank(name):
-    (found,) = [i for i, names in enumerate(RANKS) if name in names]
+# The core computes: beside the standard library it needs no more than these.
+CORE = "types bins networks returns normalization targets theory policies losses algorithms"
+CORE_LIBRARIES = "jax numpy optax jaxtyping"
+
+# Libraries of the command line, and the folders and files outside it that may import them all the same.
+COMMAND_LINE = "commands cli"
+COMMAND_LINE_LIBRARIES = {
+    "matplotlib": ["analysis", "studies"],  # which draw
+    "rich": ["analysis/comparison.py", "agent.py"],  # for as long as they draw a table and a progress bar
+    "tyro": ["types.py"],  # for as long as the records say how they are spelled on the command line
+}
+
+
+def modules():
+    """Every module's file by its dotted name; a folder is its `__init__`."""
+    found = {}
+    for path in ROOT.rglob("*.py"):
+        parts = path.relative_to(ROOT.parent).with_suffix("").parts
+        found[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
     return found
 
 
+MODULES = modules()
+
+
 def imports(path):
-    """The layers that a file imports."""
+    """The dotted names that a file imports, wherever in it; `from a import b` is a.b if that is a module, else a."""
     for node in ast.walk(ast.parse(path.read_text())):
-        if isinstance(node, ast.ImportFrom) and node.module and node.module.split(".")[0] == "galton":
-            parts = node.module.split(".")
-            yield from [parts[1]] if len(parts) > 1 else [alias.name for alias in node.names]
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            assert not node.level, f"{path} imports relatively"
+            for alias in node.names:
+                whole = f"{node.module}.{alias.name}"
+                yield whole if whole in MODULES else node.module
+
+
+GRAPH = {name: set(imports(path)) for name, path in MODULES.items()}
+LIBRARIES = {
+    path.relative_to(ROOT): {name.split(".")[0] for name in GRAPH[module]} - {"galton"}
+    for module, path in MODULES.items()
+}
+
+
+def layer(name):
+    """The folder or top-level file that a module lies in; None for the package itself and `python -m galton`."""
+    parts = name.split(".")
+    return parts[1] if len(parts) > 1 and parts[1] != "__main__" else None
+
+
+def rank(name):
+    """The line of RANKS that a layer stands in."""
+    (found,) = [i for i, line in enumerate(RANKS.strip().splitlines()) if name in line.split()]
+    return found
+
+
+def lies_in(path, places):
+    """Whether a file is one of these folders and files, or inside one."""
+    own = path.parts[0].removesuffix(".py")
+    return any(path == Path(place) or own == place or Path(place) in path.parents for place in places)
 
 
 def test_every_module_has_a_layer_and_imports_none_above_it():
-    files = [
-        path for path in ROOT.rglob("*.py") if path.name not in ("__init__.py", "__main__.py") or path.parent != ROOT
-    ]
-    assert len(files) > 25
-    for path in files:
-        own = path.relative_to(ROOT).parts[0].removesuffix(".py")
-        for layer in imports(path):
-            if own != layer:
-                assert rank(layer) < rank(own), f"{path.relative_to(ROOT)} imports galton.{layer}"
+    assert len(MODULES) > 100
+    for name in MODULES:
+        for other in GRAPH[name] & set(MODULES):
+            if None not in (layer(name), layer(other)) and layer(name) != layer(other):
+                assert rank(layer(other)) < rank(layer(name)), f"{name} imports {other}"
+
+
+def test_no_module_imports_itself_by_a_detour():
+    graph = {name: GRAPH[name] & set(MODULES) for name in MODULES}
+    try:
+        graphlib.TopologicalSorter(graph).prepare()
+    except graphlib.CycleError as error:
+        pytest.fail(" imports ".join(reversed(error.args[1])))
+
+
+def test_the_core_needs_no_library_but_those_that_compute():
+    excused = {path: name for name, places in COMMAND_LINE_LIBRARIES.items() for path in places}
+    core = {path: names for path, names in LIBRARIES.items() if lies_in(path, CORE.split())}
+    assert len(core) > 10
+    for path, names in core.items():
+        odd = names - set(CORE_LIBRARIES.split()) - sys.stdlib_module_names - {excused.get(str(path))}
+        assert not odd, f"{path} imports {odd}"
+
+
+@pytest.mark.parametrize("library", COMMAND_LINE_LIBRARIES)
+def test_a_library_of_the_command_line_stays_there(library):
+    places = COMMAND_LINE_LIBRARIES[library]
+    for path, names in LIBRARIES.items():
+        allowed = lies_in(path, [*COMMAND_LINE.split(), *places])
+        assert allowed or library not in names, f"{path} imports {library}"
+    for place in places:
+        used = any(library in names for path, names in LIBRARIES.items() if lies_in(path, [place]))
+        assert used, f"{place} no longer imports {library}: take it out of COMMAND_LINE_LIBRARIES"

@@ -8,13 +8,12 @@ from typing import Any
 
 import gymnasium
 
+from galton.foreign import is_instance_of
+
 
 def is_callback(callback: Any) -> bool:
     """Whether it is one of SB3's."""
-    return any(
-        cls.__name__ == "BaseCallback" and cls.__module__.startswith("stable_baselines3")
-        for cls in type(callback).__mro__
-    )
+    return is_instance_of(callback, "stable_baselines3", "BaseCallback")
 
 
 class Callbacks:

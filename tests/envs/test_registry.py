@@ -27,19 +27,20 @@ def test_records_and_registrations_agree(name):
 
 @pytest.mark.parametrize("name", ENVS)
 def test_gymnasium_steps_are_the_records_with_scaled_actions(name):
-    record, env = make(name), gymnasium.make(ENVS[name].gymnasium_id).unwrapped
+    constants = {"noise_std": 0.0} if name in ("bandit", "lqr") else {}
+    record, env = make(name, **constants), gymnasium.make(ENVS[name].gymnasium_id, **constants).unwrapped
     first, _ = env.reset(seed=5)
     np.testing.assert_allclose(record.observe(env._state), first)
     for action in (np.full(env.action_space.shape, 0.5, np.float32), np.full(env.action_space.shape, 3.0, np.float32)):
         state = env._state
-        _, reward, terminated, truncated, _ = env.step(action)
+        observed, reward, terminated, truncated, _ = env.step(action)
         scaled = np.clip(action, -1, 1) * record.action_high
         still = jax.tree.map(jnp.zeros_like, record.noise(jax.random.key(0)))
-        _, expected, ended = record.step(state, jnp.asarray(scaled), still)
+        following, expected, ended = record.step(state, jnp.asarray(scaled), still)
+        np.testing.assert_allclose(observed, record.observe(following), rtol=1e-5, atol=1e-6)
         assert not truncated
         assert terminated == bool(ended)
-        noise = 6 if name == "bandit" else 1e-5
-        assert reward == pytest.approx(float(expected), abs=noise)
+        assert reward == pytest.approx(float(expected), abs=1e-5)
 
 
 def test_the_time_limit_truncates():

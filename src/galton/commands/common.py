@@ -19,8 +19,9 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, ProgressColumn, Task, TextColumn, TimeRemainingColumn
 from rich.text import Text
 
-from galton.envs.base import Environment, HostTask
+from galton.envs.base import Environment
 from galton.envs.find import find
+from galton.envs.host.base import HostTask
 from galton.envs.registry import ENVS, find_task, is_known, read_constants, settings
 from galton.errors import UsageError
 from galton.losses import LOSSES

@@ -21,7 +21,8 @@ from galton.commands.common import (
     short_name,
     write_settings,
 )
-from galton.envs.base import Environment, HostTask
+from galton.envs.base import Environment
+from galton.envs.host.base import HostTask
 from galton.errors import BrokenEnvironmentError, DivergenceError, UsageError, require
 from galton.losses import find_loss
 from galton.models import A2C, InexactResume

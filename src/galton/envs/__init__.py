@@ -1,4 +1,7 @@
-"""The paper's analytic tasks in pure JAX. A new one is a file here and an entry in registry.ENVS."""
+"""Environments: the contract in pure JAX, the paper's four analytic tasks, names for all, and host/ for the rest.
+
+A new task in pure JAX is a file here and an entry in registry.ENVS.
+"""
 
 import lazy_loader
 

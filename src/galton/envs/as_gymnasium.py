@@ -6,6 +6,7 @@ import gymnasium
 import jax
 import numpy as np
 from gymnasium.spaces import Box
+from jaxtyping import PyTree
 
 from galton.envs.registry import make
 
@@ -26,7 +27,7 @@ class GymnasiumEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         self.action_space = Box(-1.0, 1.0, self.record.action_low.shape)
         self._reset, self._observe = jax.jit(self.record.reset), jax.jit(self.record.observe)
 
-        def step(state: Any, action: jax.Array, key: jax.Array) -> Any:
+        def step(state: PyTree, action: jax.Array, key: jax.Array) -> tuple[PyTree, jax.Array, jax.Array]:
             low, high = self.record.action_low, self.record.action_high
             scaled = low + (jax.numpy.clip(action, -1, 1) + 1) / 2 * (high - low)
             return self.record.step(state, scaled, self.record.noise(key))

@@ -29,12 +29,12 @@ class Bandit:
 
     @property
     def action_low(self) -> Float[np.ndarray, " d"]:
-        """−10."""
+        """The lower bound, −10 in every dimension."""
         return box(-10.0, self.d)
 
     @property
     def action_high(self) -> Float[np.ndarray, " d"]:
-        """10."""
+        """The upper bound, 10 in every dimension."""
         return box(10.0, self.d)
 
     observation_low = box(0.0, 1)
@@ -44,12 +44,12 @@ class Bandit:
     """E (a − 5)² = 5² + Var a."""
 
     def reset(self, key: Key[Array, ""]) -> Float[Array, " 1"]:
-        """The one state."""
+        """The one state that there is."""
         del key
         return jnp.ones(1)
 
     def noise(self, key: Key[Array, ""]) -> Float[Array, ""]:
-        """ε."""
+        """The noise ε of the reward."""
         return self.noise_std * jax.random.normal(key)
 
     def step(
@@ -59,5 +59,5 @@ class Bandit:
         return state, 25.0 - jnp.mean((action - 5.0) ** 2) + noise, jnp.array(True)
 
     def observe(self, state: Float[Array, " 1"]) -> Float[Array, " 1"]:
-        """The constant 1."""
+        """The observation, which is the constant 1."""
         return state

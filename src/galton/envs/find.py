@@ -5,14 +5,15 @@ from typing import Any
 import gymnasium
 
 from galton.envs import registry
-from galton.envs.base import Environment, HostTask
-from galton.envs.gym import GymnasiumTask
-from galton.envs.spaces import shown
-from galton.envs.vector import VectorTask, is_sb3
-from galton.errors import UsageError
+from galton.envs.base import Environment
+from galton.envs.host.answers import shown
+from galton.envs.host.base import HostTask
+from galton.envs.host.gymnasium import GymnasiumTask
+from galton.envs.host.vector import VectorTask, is_sb3
+from galton.errors import UsageError, require
 
 
-def find(env: Any, **kwargs: Any) -> Environment | HostTask:
+def find(env: object, **kwargs: Any) -> Environment | HostTask:
     """One of our records, or a task outside JAX.
 
     Args:
@@ -24,27 +25,35 @@ def find(env: Any, **kwargs: Any) -> Environment | HostTask:
         UsageError: something else, or an environment that Galton can't use, with the reason.
     """
     if isinstance(env, str):
-        if registry.is_known(env):
-            return registry.make(env, **kwargs)
-        try:
-            return _find_mujoco(env, kwargs) or GymnasiumTask(env, **kwargs)
-        except UsageError as error:
-            if isinstance(error.__cause__, gymnasium.error.UnregisteredEnv):
-                known = f"Gymnasium knows no environment of that name, and Galton's own are {', '.join(registry.ENVS)}"
-                raise UsageError(f"environment is {env!r}; {known}. {error.__cause__}") from error
-            raise
-    if kwargs:
-        raise UsageError(f"env_kwargs is {kwargs}; it goes with a name or an id, not with an environment that is there")
+        return _find_by_name(env, kwargs)
+    require(
+        not kwargs,
+        f"env_kwargs is {kwargs}; it goes with a name or an id, not with an environment that is there",
+    )
     if isinstance(env, Environment | HostTask):
+        require(not isinstance(env, type), f"env is {shown(env)}, a class; give what it makes, by calling it")
         return env
     if isinstance(env, gymnasium.vector.VectorEnv) or is_sb3(env):
         return VectorTask(env)
     if isinstance(env, gymnasium.Env) or callable(env):
         return GymnasiumTask(env)
+    _refuse_unfinished(env)
     raise UsageError(
         f"env is {shown(env)}; give a Gymnasium id, an environment, a function that makes one, or a name: "
         f"{', '.join(registry.ENVS)}"
     )
+
+
+def _find_by_name(name: str, kwargs: dict[str, Any]) -> Environment | HostTask:
+    if registry.is_known(name):
+        return registry.make(name, **kwargs)
+    try:
+        return _find_mujoco(name, kwargs) or GymnasiumTask(name, **kwargs)
+    except UsageError as error:
+        if isinstance(error.__cause__, gymnasium.error.UnregisteredEnv):
+            known = f"Gymnasium knows no environment of that name, and Galton's own are {', '.join(registry.ENVS)}"
+            raise UsageError(f"environment is {name!r}; {known}. {error.__cause__}") from error
+        raise
 
 
 def _find_mujoco(name: str, kwargs: dict[str, Any]) -> HostTask | None:
@@ -53,7 +62,22 @@ def _find_mujoco(name: str, kwargs: dict[str, Any]) -> HostTask | None:
     if spec is None or not str(spec.entry_point).startswith("gymnasium.envs.mujoco."):
         return None
     try:
-        from galton.envs.mujoco import MUJOCO_TASKS, MujocoSource
+        from galton.envs.host.mujoco import MujocoTask
+        from galton.envs.host.mujoco_functions import MUJOCO_FUNCTIONS
     except ImportError as error:
         raise UsageError(f"environment {name!r} needs MuJoCo: pip install 'galton[mujoco]' ({error})") from None
-    return MujocoSource(name, **kwargs) if name in MUJOCO_TASKS else None
+    return MujocoTask(name, **kwargs) if name in MUJOCO_FUNCTIONS else None
+
+
+def _refuse_unfinished(env: object) -> None:
+    """Name what a record of the user's own still needs; one with `reset` and `step` alone may be of any library."""
+    members = [name for name in vars(Environment) if not name.startswith("_")]
+    missing = [name for name in members if not hasattr(env, name)]
+    if set(members) - set(missing) <= {"reset", "step"}:
+        return
+    record = f"env is {shown(env)}, a record that"
+    if missing:
+        remedy = "give it all of galton.envs.Environment; a return that is not known is None"
+        raise UsageError(f"{record} lacks {', '.join(missing)}; {remedy}")
+    if type(env).__hash__ is None:
+        raise UsageError(f"{record} can't be hashed, as a key of compiled programs must be; make it a frozen dataclass")

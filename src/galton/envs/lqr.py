@@ -55,12 +55,12 @@ class LQR:
 
     @property
     def action_low(self) -> Float[np.ndarray, " m"]:
-        """−1."""
+        """The lower bound, −1 in every dimension."""
         return box(-1.0, len(self.R))
 
     @property
     def action_high(self) -> Float[np.ndarray, " m"]:
-        """1."""
+        """The upper bound, 1 in every dimension."""
         return box(1.0, len(self.R))
 
     @property
@@ -70,15 +70,15 @@ class LQR:
 
     @property
     def observation_high(self) -> Float[np.ndarray, " n"]:
-        """The greatest float32."""
+        """The state is unbounded: the greatest float32."""
         return box(float(np.finfo(np.float32).max), len(self.A))
 
     def reset(self, key: Key[Array, ""]) -> Float[Array, " n"]:
-        """x₀ ~ U(−1, 1)^n."""
+        """A first state x₀ ~ U(−1, 1)^n."""
         return jax.random.uniform(key, (len(self.A),), minval=-1.0, maxval=1.0)
 
     def noise(self, key: Key[Array, ""]) -> Float[Array, " n"]:
-        """The process noise."""
+        """The process noise, normal with standard deviation noise_std."""
         return self.noise_std * jax.random.normal(key, (len(self.A),))
 
     def step(
@@ -90,17 +90,22 @@ class LQR:
         return A @ state + B @ action + noise, -cost, jnp.array(False)
 
     def observe(self, state: Float[Array, " n"]) -> Float[Array, " n"]:
-        """The whole state."""
+        """The agent sees the whole state."""
         return state
-
-    def optimal_gains(self) -> Float[np.ndarray, "T m n"]:
-        """K_t of the optimal controller u_t = −K_t x_t, unbounded u, for each step of the episode."""
-        return self._riccati()[0]
 
     @property
     def optimal_return(self) -> float:
-        """E −Σ_t cost under the optimal controller: exact where it stays inside the box, else an upper bound."""
-        return self._riccati()[1]
+        """E −Σ_t cost under the optimal controller: exact where it stays inside the box, else an upper bound.
+
+        Riccati's recursion backwards from P_T = 0; the cost to go from x at step t is xᵀP_t x + c_t.
+        """
+        A, B, Q, R = (np.array(matrix) for matrix in (self.A, self.B, self.Q, self.R))  # noqa: N806
+        P, c = np.zeros_like(A), 0.0  # noqa: N806
+        for _ in range(self.max_episode_steps):
+            c += self.noise_std**2 * np.trace(P)
+            gain = np.linalg.solve(R + B.T @ P @ B, B.T @ P @ A)
+            P = Q + A.T @ P @ (A - B @ gain)  # noqa: N806
+        return -float(np.trace(P) / 3 + c)
 
     @property
     def random_return(self) -> float:
@@ -111,13 +116,3 @@ class LQR:
             total -= np.trace(Q @ second_moment) + np.trace(R) / 3
             second_moment = A @ second_moment @ A.T + B @ B.T / 3 + self.noise_std**2 * np.eye(len(A))
         return float(total)
-
-    def _riccati(self) -> tuple[Float[np.ndarray, "T m n"], float]:
-        """Backwards from P_T = 0: the cost to go from x is xᵀP_t x + c_t."""
-        A, B, Q, R = (np.array(matrix) for matrix in (self.A, self.B, self.Q, self.R))  # noqa: N806
-        P, c, gains = np.zeros_like(A), 0.0, []  # noqa: N806
-        for _ in range(self.max_episode_steps):
-            c += self.noise_std**2 * np.trace(P)
-            gains.append(np.linalg.solve(R + B.T @ P @ B, B.T @ P @ A))
-            P = Q + A.T @ P @ (A - B @ gains[-1])  # noqa: N806
-        return np.array(gains[::-1]), -float(np.trace(P) / 3 + c)

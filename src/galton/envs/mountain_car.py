@@ -56,5 +56,5 @@ class MountainCar:
         )
 
     def observe(self, state: Float[Array, " 2"]) -> Float[Array, " 2"]:
-        """The whole state."""
+        """The agent sees the whole state."""
         return state

@@ -9,9 +9,12 @@ import jax.numpy as jnp
 import numpy as np
 
 from galton.algorithms import actor_critic
-from galton.envs.base import Environment, HostTask
+from galton.envs.base import Environment
 from galton.envs.find import find
-from galton.envs.spaces import ActionBox, Observations, from_json, to_json
+from galton.envs.host.action_box import ActionBox
+from galton.envs.host.base import HostTask
+from galton.envs.host.observations import Observations
+from galton.envs.host.space_json import from_json, to_json
 from galton.errors import CheckpointError, require
 from galton.records import written
 from galton.training import checkpoint

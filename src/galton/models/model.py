@@ -15,9 +15,12 @@ from jaxtyping import Array, Float
 from galton import normalization
 from galton.algorithms import Agent, actor_critic, find_algorithm, resolve
 from galton.callbacks import Callback
-from galton.envs.base import Environment, HostTask
+from galton.envs.base import Environment
 from galton.envs.find import find
-from galton.envs.spaces import ActionBox, Observations, to_json
+from galton.envs.host.action_box import ActionBox
+from galton.envs.host.base import HostTask
+from galton.envs.host.observations import Observations
+from galton.envs.host.space_json import to_json
 from galton.errors import DivergenceError, require, require_integer
 from galton.models import file
 from galton.models.learning import learn

@@ -9,7 +9,8 @@ from jaxtyping import Array, Float, Integer, Key, PyTree
 
 from galton import normalization
 from galton.algorithms import Agent, actor_critic
-from galton.envs.base import Environment, HostEnvironments
+from galton.envs.base import Environment
+from galton.envs.host.base import HostEnvironments
 from galton.errors import BrokenEnvironmentError
 from galton.training.rollout import start_episodes
 from galton.types import Hypers, Learner

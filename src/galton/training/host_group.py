@@ -8,8 +8,8 @@ import numpy as np
 from jaxtyping import Float, UInt
 
 from galton.algorithms import Agent
-from galton.envs.base import HostEnvironments, HostTask, Steps
-from galton.envs.spaces import Observations
+from galton.envs.host.base import HostEnvironments, HostTask, Steps
+from galton.envs.host.observations import Observations
 from galton.training.evaluate import play
 from galton.training.host_programs import host_programs
 from galton.training.log import Finished, Log

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from galton.algorithms import Agent
-from galton.envs.base import HostTask
+from galton.envs.host.base import HostTask
 from galton.training.host_group import Group
 from galton.training.log import Log
 from galton.training.run import Snapshot, Tree

@@ -8,9 +8,10 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from galton.algorithms import resolve
-from galton.envs.base import Environment, HostTask
+from galton.envs.base import Environment
 from galton.envs.find import find
-from galton.envs.spaces import ActionBox
+from galton.envs.host.action_box import ActionBox
+from galton.envs.host.base import HostTask
 from galton.training.log import Log
 from galton.training.on_device import DevicePopulation
 from galton.training.on_host import HostPopulation

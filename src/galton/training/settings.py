@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from galton.algorithms import find_algorithm
-from galton.envs.spaces import shown
+from galton.envs.host.answers import shown
 from galton.errors import CheckpointError, NewerVersionError, UsageError
 from galton.records import FIRST_FIELDS, defaults, refuse_unknown
 from galton.types import Config, Hypers

@@ -6,7 +6,7 @@ import pytest
 
 from galton import BrokenEnvironmentError, UsageError
 from galton.envs import find
-from galton.envs.mujoco import MUJOCO_TASKS
+from galton.envs.host.mujoco_functions import MUJOCO_FUNCTIONS
 
 COPIES = 4
 
@@ -19,7 +19,7 @@ def actions(task, rng):
 @pytest.mark.filterwarnings("ignore")  # Gymnasium's and MuJoCo's own
 @pytest.mark.parametrize(
     ("name", "kwargs"),
-    [(name, {}) for name in MUJOCO_TASKS]
+    [(name, {}) for name in MUJOCO_FUNCTIONS]
     + [
         ("Ant-v5", {"include_cfrc_ext_in_observation": False, "max_episode_steps": 30}),
         ("Hopper-v5", {"terminate_when_unhealthy": False, "healthy_reward": 0.5, "max_episode_steps": 50}),
@@ -57,7 +57,7 @@ def test_ten_thousand_steps_are_gymnasiums_to_the_last_bit(name, kwargs):
 
 
 @pytest.mark.filterwarnings("ignore")
-@pytest.mark.parametrize("name", MUJOCO_TASKS)
+@pytest.mark.parametrize("name", MUJOCO_FUNCTIONS)
 def test_a_state_that_is_put_back_goes_on_to_the_same_bits(name):
     task, rng = find(name, max_episode_steps=25), np.random.default_rng(1)
     envs, other = task.make(COPIES, 2), task.make(COPIES, 1)

@@ -1,16 +1,15 @@
 """N MuJoCo simulations of one model: in `mujoco.batch`, or in a loop where a task needs what that doesn't compute."""
 
-import collections
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any, Protocol, runtime_checkable
+from typing import Protocol, runtime_checkable
 
 import mujoco
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from mujoco.batch import Batch
 
-Fields = Any
-"""A named tuple of MjData's fields, each `[N, ...]`."""
+Fields = dict[str, Float[np.ndarray, "N ..."]]
+"""Fields of MjData by name."""
 
 STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 UNSTABLE = [int(getattr(mujoco.mjtWarning, f"mjWARN_BAD{name}")) for name in ("QPOS", "QVEL", "QACC")]
@@ -25,10 +24,10 @@ class Simulations(Protocol):
     was_reset: Bool[np.ndarray, " N"]
     """Which simulations MuJoCo reset in the last step because they were unstable."""
 
-    def __init__(self, model: Any, n: int, n_threads: int, fields: tuple[str, ...]) -> None: ...
+    def __init__(self, model: mujoco.MjModel, n: int, n_threads: int, fields: tuple[str, ...]) -> None: ...
 
     def step(self, control: Float[np.ndarray, "N u"], n_substeps: int) -> None:
-        """Under constant controls."""
+        """Take that many substeps under constant controls."""
 
     def reset(self, ids: Int[np.ndarray, " n"], qpos: Float[np.ndarray, "n q"], qvel: Float[np.ndarray, "n v"]) -> None:
         """Start these simulations again, from there."""
@@ -40,23 +39,23 @@ class Simulations(Protocol):
         """Go on from a state, with the fields that were computed on the way to it."""
 
     def close(self) -> None:
-        """Let go of threads."""
+        """End the threads, where there are any."""
 
 
 class Batched:
     """`mujoco.batch`; fields that Gymnasium computes after the step, such as cfrc_ext, are out of its reach."""
 
-    def __init__(self, model: Any, n: int, n_threads: int, fields: tuple[str, ...]) -> None:
+    def __init__(self, model: mujoco.MjModel, n: int, n_threads: int, fields: tuple[str, ...]) -> None:
         self._batch = Batch(model, n, n_threads)
         live = {name: self._batch.bind(name) for name in fields}
         self._derived = [name for name in fields if not live[name].flags.writeable]
         # What MuJoCo derives is copied, so that set_state can put it back.
-        self.fields = _named({name: live[name].copy() if name in self._derived else live[name] for name in fields})
+        self.fields = {name: live[name].copy() if name in self._derived else live[name] for name in fields}
         self._live, self._control = live, self._batch.bind("ctrl")
         self.was_reset = np.zeros(n, bool)
 
     def step(self, control: Float[np.ndarray, "N u"], n_substeps: int) -> None:
-        """Under constant controls."""
+        """Take that many substeps under constant controls."""
         self._control[:] = control
         self._batch.step(nstep=n_substeps)
         self._refresh()
@@ -77,29 +76,29 @@ class Batched:
         """Go on from a state, with the fields that were computed on the way to it."""
         self._batch.state[:] = physics
         for name in self._derived:
-            getattr(self.fields, name)[:] = fields[name]
+            self.fields[name][:] = fields[name]
 
     def close(self) -> None:
         """Nothing that outlives the batch."""
 
     def _refresh(self) -> None:
         for name in self._derived:
-            getattr(self.fields, name)[:] = self._live[name]
+            self.fields[name][:] = self._live[name]
 
 
 class Looped:
     """One MjData each, in a loop per thread (MuJoCo lets go of the interpreter), with mj_rnePostConstraint after it."""
 
-    def __init__(self, model: Any, n: int, n_threads: int, fields: tuple[str, ...]) -> None:
-        self._model, self._names = model, fields
+    def __init__(self, model: mujoco.MjModel, n: int, n_threads: int, fields: tuple[str, ...]) -> None:
+        self._model = model
         self._data = [mujoco.MjData(model) for _ in range(n)]
-        self.fields = _named({name: np.array([getattr(data, name) for data in self._data]) for name in fields})
+        self.fields = {name: np.array([getattr(data, name) for data in self._data]) for name in fields}
         self._parts = [part for part in np.array_split(np.arange(n), n_threads) if len(part)]
         self._pool = ThreadPoolExecutor(len(self._parts)) if len(self._parts) > 1 else None
         self.was_reset = np.zeros(n, bool)
 
     def step(self, control: Float[np.ndarray, "N u"], n_substeps: int) -> None:
-        """Under constant controls."""
+        """Take that many substeps under constant controls."""
 
         def work(part: np.ndarray) -> None:
             for i in part.tolist():
@@ -133,18 +132,14 @@ class Looped:
         for row, data in zip(physics, self._data, strict=True):
             mujoco.mj_resetData(self._model, data)
             mujoco.mj_setState(self._model, data, row, STATE)
-        for name in self._names:
-            getattr(self.fields, name)[:] = fields[name]
+        for name in self.fields:
+            self.fields[name][:] = fields[name]
 
     def close(self) -> None:
-        """Let go of threads."""
+        """End the threads that stepped the simulations."""
         if self._pool:
             self._pool.shutdown()
 
     def _read(self, i: int) -> None:
-        for name, values in zip(self._names, self.fields, strict=True):
+        for name, values in self.fields.items():
             values[i] = getattr(self._data[i], name)
-
-
-def _named(arrays: dict[str, np.ndarray]) -> Fields:
-    return collections.namedtuple("Fields", arrays)(**arrays)

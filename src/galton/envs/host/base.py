@@ -1,0 +1,78 @@
+"""What a task outside JAX has to offer."""
+
+from typing import Any, NamedTuple, Protocol, runtime_checkable
+
+import gymnasium
+import numpy as np
+from gymnasium.spaces import Box
+from jaxtyping import Bool, Float, Integer
+
+Space = gymnasium.Space[Any]
+"""Any Gymnasium space."""
+
+
+class Steps(NamedTuple):
+    """One step of M environments outside JAX; numpy arrays."""
+
+    observation: Float[np.ndarray, "M o"]
+    """What to act on next: where an episode ended, the first observation of the next."""
+    final_observation: Float[np.ndarray, "M o"]
+    """What the step led to, before any reset."""
+    reward: Float[np.ndarray, " M"]
+    terminated: Bool[np.ndarray, " M"]
+    truncated: Bool[np.ndarray, " M"]
+
+
+@runtime_checkable
+class HostEnvironments(Protocol):
+    """M copies of a task outside JAX, stepped together. Observations are flat and float32.
+
+    Every method raises BrokenEnvironmentError, which names the copy, where one raises or returns what it must not.
+    """
+
+    def reset(self, seeds: Integer[np.ndarray, " M"]) -> Float[np.ndarray, "M o"]:
+        """Begin episodes; a copy's seed decides all of its future."""
+
+    def step(self, action: Float[np.ndarray, "M d"]) -> Steps:
+        """Act, clipped into the box, and begin new episodes where one ended."""
+
+    def get_state(self) -> dict[str, np.ndarray] | None:
+        """All that `set_state` needs to go on exactly, each array `[M, ...]`; None if the environments can't tell."""
+
+    def set_state(self, state: dict[str, np.ndarray]) -> None:
+        """Go on from there, without a reset."""
+
+    def close(self) -> None:
+        """Let go of what `HostTask.make` made."""
+
+
+@runtime_checkable
+class HostTask(Protocol):
+    """A task outside JAX, before any copy of it exists."""
+
+    @property
+    def name(self) -> str:
+        """What messages call the task."""
+
+    @property
+    def action_space(self) -> Box:
+        """One copy's action space, as Gymnasium describes it."""
+
+    @property
+    def observation_space(self) -> Space:
+        """One copy's observation space, as Gymnasium describes it."""
+
+    @property
+    def n_threads(self) -> int:
+        """How many threads may step different copies at once."""
+
+    @property
+    def given(self) -> int | None:
+        """How many copies the user gave ready-made, which then are all that there are; None if `make` makes them."""
+
+    def make(self, n_copies: int, n_threads: int = 1) -> HostEnvironments:
+        """That many copies, stepped on that many threads.
+
+        Raises:
+            UsageError: more than there are.
+        """

@@ -1,0 +1,178 @@
+"""Any Gymnasium environment: copies of it, stepped one after the other, every answer checked."""
+
+import contextlib
+import functools
+import weakref
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import gymnasium
+import numpy as np
+from jaxtyping import Float, Integer
+
+from galton.envs.host.action_box import ActionBox
+from galton.envs.host.answers import as_float32, blame, one_flag, one_number, parts, shown, told, try_to_make
+from galton.envs.host.base import Steps
+from galton.envs.host.observations import Observations
+from galton.envs.host.state import Env, Restorable, get_state, set_state
+from galton.errors import BrokenEnvironmentError, UsageError, require
+
+
+class GymnasiumTask:
+    """A Gymnasium environment by what makes it: an id, a function, or one that is already there.
+
+    Args:
+        source: an id (`module:Id` imports the module first), a function without arguments that returns an
+            environment, or an environment.
+        kwargs: for `gymnasium.make`, where source is an id.
+
+    Raises:
+        UsageError: an id that Gymnasium doesn't know, a function that fails, spaces that Galton can't use.
+    """
+
+    n_threads = 1
+
+    def __init__(self, source: str | Env | Callable[[], object], **kwargs: Any) -> None:
+        self._given = source if isinstance(source, gymnasium.Env) else None
+        self.given: int | None = None if self._given is None else 1
+        self._made: list[weakref.ref[Env]] = []
+        if isinstance(source, str):
+            self.name: str = source
+            self._make: Callable[[], object] = functools.partial(gymnasium.make, source, **kwargs)
+        else:
+            require(not kwargs, f"env_kwargs is {kwargs}; it goes with an id, not with an environment that is there")
+            self._make = source if callable(source) else functools.partial(_make_again, source)
+            self.name = getattr(source, "__name__", None) or type(getattr(source, "unwrapped", source)).__name__
+        first = self._check(try_to_make(self.name, self._make) if self._given is None else self._given)
+        self._spare = [first]
+        self.action_space: Any = first.action_space
+        self.observation_space = first.observation_space
+        self._actions = ActionBox(self.name, self.action_space)
+        self._observations = Observations(self.name, self.observation_space)
+
+    def make(self, n_copies: int, n_threads: int = 1) -> "GymnasiumEnvs":
+        """That many copies, in one thread; of an environment that was there, the first is itself."""
+        del n_threads
+        envs = [self._spare.pop() if self._spare else self._make_another() for _ in range(n_copies)]
+        return GymnasiumEnvs(self.name, envs, self._actions, self._observations, self._given)
+
+    def _make_another(self) -> Env:
+        env = self._check(try_to_make(self.name, self._make))
+        for kind, first, other in (
+            ("actions", self.action_space, env.action_space),
+            ("observations", self.observation_space, env.observation_space),
+        ):
+            require(first == other, f"{self.name}'s copies differ: one has {kind} {first}, another {other}")
+        return env
+
+    def _check(self, env: object) -> Env:
+        if not isinstance(env, gymnasium.Env):
+            raise UsageError(
+                f"{self.name} is {shown(env)}, not a gymnasium.Env; for an environment of the old gym use shimmy"
+            )
+        for name in ("action_space", "observation_space"):
+            try:
+                space = getattr(env, name, None)
+            except Exception as error:
+                raise UsageError(f"{self.name}'s {name} raised {told(error)}") from error
+            require(
+                isinstance(space, gymnasium.Space),
+                f"{self.name}'s {name} is {shown(space)}; it must be a Gymnasium space",
+            )
+        require(
+            all(earlier() is not env.unwrapped for earlier in self._made),
+            f"{self.name} returned the same environment twice; it must make a new one at each call",
+        )
+        self._made = [earlier for earlier in self._made if earlier() is not None] + [weakref.ref(env.unwrapped)]
+        return env
+
+
+class GymnasiumEnvs:
+    """M environments in a loop; `given` is not closed with the others."""
+
+    def __init__(
+        self, name: str, envs: Sequence[Env], actions: ActionBox, observations: Observations, given: Env | None
+    ) -> None:
+        self._name, self._envs, self._actions, self._observations = name, envs, actions, observations
+        self._given = given
+        self._n_steps = 0
+
+    def reset(self, seeds: Integer[np.ndarray, " M"]) -> Float[np.ndarray, "M o"]:
+        """Begin an episode in every copy, each with its own seed."""
+        self._n_steps = 0
+        return np.stack([self._reset(i, int(seed)) for i, seed in enumerate(seeds)])
+
+    def step(self, action: Float[np.ndarray, "M d"]) -> Steps:
+        """Act, and reset where an episode ended."""
+        self._n_steps += 1
+        n = len(self._envs)
+        final = np.empty((n, self._observations.size), np.float32)
+        reward, terminated, truncated = np.empty(n, np.float32), np.empty(n, bool), np.empty(n, bool)
+        raw: list[np.ndarray] = []
+        following = final
+        actions = self._actions.to_env(action)
+        for i in range(n):
+            where = self._where(i)
+            observed, earned, ends, late, _ = self._step(i, actions[i, ...], where)  # of a box without axes, an array
+            raw.append(self._observations.numbers(observed, where))
+            with np.errstate(over="ignore", invalid="ignore"):  # looked at below
+                final[i] = raw[i].ravel()
+            reward[i] = one_number(earned, "the reward", where)
+            terminated[i] = one_flag(ends, "terminated", where)
+            truncated[i] = one_flag(late, "truncated", where)
+            if terminated[i] or truncated[i]:
+                following = final.copy() if following is final else following
+                following[i] = self._reset(i, None)
+            elif following is not final:
+                following[i] = final[i]
+        if not np.isfinite(final).all():
+            for i, values in enumerate(raw):
+                as_float32(values, "the observation", self._where(i))
+        return Steps(following, final, reward, terminated, truncated & ~terminated)
+
+    def get_state(self) -> dict[str, np.ndarray] | None:
+        """The states of environments with `get_state` and `set_state`, their time limits and their generators."""
+        if not all(isinstance(env.unwrapped, Restorable) for env in self._envs):
+            return None
+        states = [get_state(env, self._where(i)) for i, env in enumerate(self._envs)]
+        shapes = [{key: value.shape for key, value in state.items()} for state in states]
+        for i, shape in enumerate(shapes):
+            if shape != shapes[0]:
+                raise BrokenEnvironmentError(f"{self._where(i)}: get_state returned {shape}, but copy 0 {shapes[0]}")
+        return {key: np.stack([state[key] for state in states]) for key in states[0]}
+
+    def set_state(self, state: dict[str, np.ndarray]) -> None:
+        """Go on from what `get_state` told."""
+        for i, env in enumerate(self._envs):
+            self._reset(i, None)  # wrappers want one before the first step
+            set_state(env, {key: rows[i] for key, rows in state.items()}, self._where(i))
+
+    def close(self) -> None:
+        """Close what Galton made; an environment that the user gave stays open."""
+        for env in self._envs:
+            if env is not self._given:
+                with contextlib.suppress(Exception):  # nothing is wanted of it any more
+                    env.close()
+
+    def _step(self, i: int, action: np.ndarray, where: str) -> tuple[Any, ...]:
+        try:  # `blame` does the same, more slowly
+            answer = self._envs[i].step(action)
+        except Exception as error:
+            raise BrokenEnvironmentError(f"{where}: step raised {told(error)}") from error
+        return parts(answer, "observation, reward, terminated, truncated, info", "step", where)
+
+    def _reset(self, i: int, seed: int | None) -> Float[np.ndarray, " o"]:
+        where = self._where(i)
+        with blame(f"{where}: reset"):
+            answer = self._envs[i].reset(seed=seed) if seed is not None else self._envs[i].reset()
+        return self._observations.flatten(parts(answer, "observation, info", "reset", where)[0], f"{where}: reset")
+
+    def _where(self, i: int) -> str:
+        return f"{self._name}, copy {i}, step {self._n_steps}"
+
+
+def _make_again(env: Env) -> Env:
+    """Another copy of an environment that the user made."""
+    if env.spec is None:
+        raise ValueError("only one copy of it was given; give its id, or a function that makes it")
+    return gymnasium.make(env.spec)

@@ -1,0 +1,134 @@
+"""Gymnasium's observations as the flat float32 vectors that networks see."""
+
+import dataclasses
+import functools
+from typing import Any
+
+import numpy as np
+from gymnasium.spaces import Box, Dict, Discrete, MultiBinary, MultiDiscrete, Tuple
+from gymnasium.spaces.utils import flatdim, flatten
+from gymnasium.vector.utils import batch_space, iterate
+from jaxtyping import Float, Shaped
+
+from galton.envs.host.answers import as_float32, as_numbers, shown
+from galton.envs.host.base import Space
+from galton.errors import BrokenEnvironmentError, UsageError, require
+
+
+@dataclasses.dataclass(frozen=True)
+class Observations:
+    """A checked observation space.
+
+    Raises:
+        UsageError: a space that can't be flattened into a vector.
+    """
+
+    name: str
+    space: Space
+
+    def __post_init__(self) -> None:
+        remedy = "wrap the environment so that it observes a Box, or a Dict or Tuple of them"
+        observations = f"{self.name} observes {self.space}"
+        require(
+            _has_fixed_size(self.space),
+            f"{observations}; only Box, Discrete, MultiDiscrete, MultiBinary, and Dict and Tuple of them, can be "
+            f"flattened: {remedy}",
+        )
+        require(self.size > 0, f"{observations}, which is empty; {remedy}")
+
+    @functools.cached_property
+    def size(self) -> int:
+        """How many entries the flat vector has."""
+        return int(flatdim(self.space))
+
+    def flatten(self, raw: object, where: str) -> Float[np.ndarray, " o"]:
+        """One observation as a vector; BrokenEnvironmentError says what is wrong with it."""
+        return as_float32(self.numbers(raw, where), "the observation", where).ravel()
+
+    def numbers(self, raw: object, where: str) -> Shaped[np.ndarray, "..."]:
+        """One observation as it came, of the right shape; whether it is finite is not looked at."""
+        if isinstance(self.space, Box):
+            values = as_numbers(raw)
+            if values is None or values.shape != self.space.shape:
+                raise BrokenEnvironmentError(f"{where}: the observation is {shown(raw)}; the space is {self.space}")
+            return values
+        try:
+            _check_parts(self.space, raw, "the observation", where)
+            with np.errstate(over="ignore"):  # whoever asks for float32 finds it
+                return np.asarray(flatten(self.space, raw))
+        except BrokenEnvironmentError:
+            raise
+        except Exception as error:
+            raise BrokenEnvironmentError(
+                f"{where}: the observation is {shown(raw)}, which the space {self.space} can't hold: {error!r}"
+            ) from error
+
+    def rows(self, observation: object) -> tuple[Float[np.ndarray, "n o"], bool]:
+        """One observation or a batch of them as rows, and whether it was one; UsageError for anything else."""
+        try:
+            if isinstance(self.space, Box):
+                values = np.asarray(observation)
+                single = values.shape == self.space.shape
+                require(single or values.shape[1:] == self.space.shape, f"its shape is {values.shape}")
+                require(values.dtype.kind in "fiub", f"its type is {values.dtype}")
+                return as_float32(values, "it", "predict").reshape(-1, self.size), single
+            single = _depth(observation, self.space) == 0
+            if not single:
+                lengths = _lengths(observation, self.space)
+                require(len(lengths) == 1, f"its parts are batches of {sorted(lengths)}")
+            one_by_one = [observation] if single else iterate(batch_space(self.space, 1), observation)
+            return np.stack([self.flatten(part, "predict") for part in one_by_one]), single
+        except (BrokenEnvironmentError, UsageError, TypeError, ValueError, KeyError, IndexError) as error:
+            raise UsageError(
+                f"observation is {shown(observation)}: {error}; it must be one of {self.space}, or a batch of them"
+            ) from None
+
+
+def _check_parts(space: Space, raw: Any, name: str, where: str) -> None:
+    """What `flatten` would not notice."""
+    if isinstance(space, Dict):
+        if set(raw) != set(space.spaces):
+            raise KeyError(f"the keys of {name} are {list(raw)}")
+        for key, part in space.spaces.items():
+            _check_parts(part, raw[key], f"{name}[{key!r}]", where)
+    elif isinstance(space, Tuple):
+        if not isinstance(raw, tuple | list | np.ndarray) or len(raw) != len(space.spaces):
+            raise ValueError(f"{name} must be a tuple of {len(space.spaces)}")
+        for i, (part, value) in enumerate(zip(space.spaces, raw, strict=True)):
+            _check_parts(part, value, f"{name}[{i}]", where)
+    elif isinstance(space, Box):
+        values = as_numbers(raw)
+        if values is None or values.shape != space.shape:
+            raise ValueError(f"{name} is {shown(raw)}, which must have shape {space.shape}")
+        as_float32(values, name, where)
+        if space.dtype.kind != "f" and not np.array_equal(values.astype(space.dtype), values):
+            raise ValueError(f"{name} is {shown(raw)}, which must be {space.dtype}")
+    elif not space.contains(raw):
+        raise ValueError(f"{name} is {shown(raw)}, which is not in {space}")
+
+
+def _depth(observation: Any, space: Space) -> int:
+    """How many axes an observation has beyond those of its space: 0, or 1 for a batch."""
+    if isinstance(space, Dict):
+        key, part = next(iter(space.spaces.items()))
+        return _depth(observation[key], part)
+    if isinstance(space, Tuple):
+        return _depth(observation[0], space.spaces[0])
+    return np.ndim(observation) - len(space.shape or ())
+
+
+def _lengths(observation: Any, space: Space) -> set[int]:
+    """The lengths of the batches in a batch of observations; they should be one."""
+    if isinstance(space, Dict):
+        return set().union(*(_lengths(observation[key], part) for key, part in space.spaces.items()))
+    if isinstance(space, Tuple):
+        return set().union(*(_lengths(observation[i], part) for i, part in enumerate(space.spaces)))
+    return {len(observation)}
+
+
+def _has_fixed_size(space: object) -> bool:
+    if isinstance(space, Dict):
+        return all(map(_has_fixed_size, space.spaces.values()))
+    if isinstance(space, Tuple):
+        return all(map(_has_fixed_size, space.spaces))
+    return isinstance(space, Box | Discrete | MultiDiscrete | MultiBinary)

@@ -1,0 +1,126 @@
+"""The copies of a vector environment that the user made, every answer checked."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from gymnasium.spaces import Box
+from gymnasium.vector.utils import batch_space, iterate
+from jaxtyping import Bool, Float, Integer
+
+from galton.envs.host.action_box import ActionBox
+from galton.envs.host.answers import as_float32, as_numbers, blame, parts, shown
+from galton.envs.host.base import Steps
+from galton.envs.host.observations import Observations
+from galton.errors import BrokenEnvironmentError, UsageError
+
+
+class VectorEnvs:
+    """The M copies of a vector environment; `reset` and `step` know how one of the two libraries is spoken to.
+
+    `reset` takes this and the seeds and returns observations as they come; `step` takes this and the actions.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        envs: Any,
+        actions: ActionBox,
+        observations: Observations,
+        reset: "Callable[[VectorEnvs, list[int]], object]",
+        step: "Callable[[VectorEnvs, np.ndarray], Steps]",
+    ) -> None:
+        self._name, self._envs, self._actions, self._observations = name, envs, actions, observations
+        self._reset, self._step = reset, step
+        self._n_steps = 0
+
+    def reset(self, seeds: Integer[np.ndarray, " M"]) -> Float[np.ndarray, "M o"]:
+        """Begin an episode in every copy."""
+        self._n_steps = 0
+        return self.rows(self._reset(self, [int(seed) for seed in seeds]))
+
+    def step(self, action: Float[np.ndarray, "M d"]) -> Steps:
+        """Act; the environment resets itself."""
+        self._n_steps += 1
+        return self._step(self, self._actions.to_env(action))
+
+    def get_state(self) -> None:
+        """None, since vector environments don't tell their states."""
+
+    def set_state(self, state: dict[str, np.ndarray]) -> None:
+        """Always a UsageError, since `get_state` tells none."""
+        del state
+        raise UsageError(f"{self._name} can't be put into a state; vector environments don't tell theirs")
+
+    def close(self) -> None:
+        """Nothing: the user made the environment and closes it."""
+
+    def call(self, method: str, *arguments: Any, **keywords: Any) -> Any:
+        """What a method of the vector environment returns."""
+        with blame(f"{self._where()}: {method}"):
+            return getattr(self._envs, method)(*arguments, **keywords)
+
+    def call_for(self, names: str, method: str, *arguments: Any, **keywords: Any) -> tuple[Any, ...]:
+        """The parts of the tuple that a method must return."""
+        return parts(self.call(method, *arguments, **keywords), names, method, self._where())
+
+    def rows(self, batch: object) -> Float[np.ndarray, "M o"]:
+        """The observations of all copies, flat and checked."""
+        space, n = self._observations.space, self._envs.num_envs
+        if isinstance(space, Box):
+            values = as_numbers(batch)
+            if values is None or values.shape != (n, *space.shape):
+                raise BrokenEnvironmentError(
+                    f"{self._where()}: the observations are {shown(batch)}; they must be {(n, *space.shape)}"
+                )
+            copies = list(values)
+        else:
+            try:
+                copies = list(iterate(batch_space(space, n), batch))
+            except Exception as error:
+                raise BrokenEnvironmentError(
+                    f"{self._where()}: the observations are {shown(batch)}: {error!r}"
+                ) from error
+            if len(copies) != n:
+                raise BrokenEnvironmentError(f"{self._where()}: there are {len(copies)} observations for {n} copies")
+        return np.stack([self._observations.flatten(raw, self._where(i)) for i, raw in enumerate(copies)])
+
+    def last_rows(
+        self,
+        following: Float[np.ndarray, "M o"],
+        ended: Bool[np.ndarray, " M"],
+        last: Callable[[int], object],
+        key: str,
+    ) -> Float[np.ndarray, "M o"]:
+        """What the step led to: `last(i)`, from under that key of the infos, where copy i's episode ended."""
+        if not ended.any():
+            return following
+        final = following.copy()
+        for i in map(int, np.flatnonzero(ended)):
+            try:
+                raw = last(i)
+            except (KeyError, IndexError, TypeError):
+                raw = None
+            if raw is None:
+                raise BrokenEnvironmentError(f"{self._where(i)}: {key} is missing in info, where an episode ended")
+            final[i] = self._observations.flatten(raw, self._where(i))
+        return final
+
+    def numbers(self, values: object, what: str) -> Float[np.ndarray, " M"]:
+        """One finite number for each copy."""
+        array = self._array(values, what, "float")
+        return np.stack([as_float32(array[i, ...], what, self._where(i)) for i in range(len(array))])
+
+    def flags(self, values: object, what: str) -> Bool[np.ndarray, " M"]:
+        """True or False for each copy."""
+        return self._array(values, what, "bool").copy()
+
+    def _array(self, values: object, what: str, kind: str) -> np.ndarray:
+        array, n = as_numbers(values), self._envs.num_envs
+        if array is None or array.shape != (n,) or (kind == "bool" and array.dtype != bool):
+            raise BrokenEnvironmentError(f"{self._where()}: {what} is {shown(values)}; it must be {n} of {kind}")
+        return array
+
+    def _where(self, copy: int | None = None) -> str:
+        which = "" if copy is None else f", copy {copy}"
+        return f"{self._name}{which}, step {self._n_steps}"

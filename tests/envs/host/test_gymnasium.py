@@ -1,0 +1,181 @@
+import itertools
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.spaces import Box
+from gymnasium.wrappers import TimeLimit
+
+from galton import UsageError
+from galton.envs.find import find
+from galton.envs.host.gymnasium import GymnasiumTask
+
+from .walks import LENGTH, Closing, N, Walk, assert_same, play
+
+
+def test_a_function_that_makes_no_new_environment_is_refused():
+    one = Walk()
+    for make in (lambda: one, lambda: TimeLimit(one, 5)):
+        task = GymnasiumTask(make)
+        with pytest.raises(UsageError, match="returned the same environment twice; it must make a new one"):
+            task.make(2)
+
+
+@pytest.mark.parametrize(
+    ("field", "space", "message"),
+    [("action_space", Box(-2, 2, (1,)), "actions"), ("observation_space", Box(-1, 1, (2,)), "observations")],
+)
+def test_copies_with_other_spaces_are_refused(field, space, message):
+    numbers = itertools.count()
+
+    def make():
+        env = Walk()
+        if next(numbers):
+            setattr(env, field, space)
+        return env
+
+    with pytest.raises(UsageError, match=rf"make's copies differ: one has {message} Box\(.*, another Box\("):
+        GymnasiumTask(make).make(2)
+
+
+class Leaky(Walk):
+    """Hands out one buffer for all observations."""
+
+    def observe(self):
+        if not hasattr(self, "buffer"):
+            self.buffer = np.zeros(2, np.float32)
+        self.buffer[:] = super().observe()
+        return self.buffer
+
+
+class Writing(Walk):
+    """Writes into its action."""
+
+    def step(self, action):
+        answer = super().step(action)
+        action *= 0
+        return answer
+
+
+def answering(number, flag):
+    class Answering(Walk):
+        def step(self, action):
+            observed, reward, ended, late, info = super().step(action)
+            return observed, number(reward), flag(ended), flag(late), info
+
+    return Answering
+
+
+@pytest.mark.parametrize(
+    "sloppy",
+    [
+        Leaky,
+        Writing,
+        answering(np.float64, np.bool),
+        answering(np.float32, bool),
+        answering(np.array, np.array),
+        answering(lambda value: [value], bool),
+        answering(lambda value: np.array([[value]]), lambda flag: np.asarray(flag)[()]),
+    ],
+)
+def test_sloppy_environments_give_what_a_tidy_one_gives(sloppy):
+    answers = []
+    for made in (Walk, sloppy):
+        envs = GymnasiumTask(made).make(N)
+        first = envs.reset(np.arange(N))
+        answers.append([first, *play(envs, 10)])
+    assert_same(*answers)
+
+
+def test_the_actions_are_not_changed_by_an_environment_that_writes_into_them():
+    envs = GymnasiumTask(Writing).make(1)
+    envs.reset(np.arange(1))
+    action = np.array([[0.5]], np.float32)
+    envs.step(action)
+    assert action == 0.5
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+@pytest.mark.parametrize("shape", [(), (1,), (2, 3)])
+def test_an_environment_gets_arrays_of_its_action_space(shape, dtype):
+    class Checking(Walk):
+        action_space = Box(np.full(shape, 0.1, dtype), np.full(shape, 0.3, dtype), dtype=dtype)
+
+        def step(self, action):
+            assert type(action) is np.ndarray
+            assert action.dtype == dtype
+            assert action in self.action_space
+            return super().step(action)
+
+    envs = GymnasiumTask(Checking).make(2)
+    envs.reset(np.arange(2))
+    size = int(np.prod(shape))
+    for value in (-9, 0.1, 0.2, 0.3, 9):
+        envs.step(np.full((2, size), value, np.float32))
+
+
+def test_the_final_observation_is_told_apart_from_the_next_episodes_first():
+    envs = GymnasiumTask(Walk).make(N)
+    envs.reset(np.arange(N))
+    following, final, _, terminated, truncated = play(envs, 2 * LENGTH)
+    ends = np.arange(1, 2 * LENGTH + 1) % LENGTH == 0
+    np.testing.assert_array_equal(terminated, np.tile(ends[:, None], N))
+    assert not truncated.any()
+    np.testing.assert_array_equal(final[ends, :, 1], LENGTH)
+    np.testing.assert_array_equal(following[ends, :, 1], 0)
+    np.testing.assert_array_equal(final[~ends], following[~ends])
+
+
+@pytest.mark.parametrize(
+    ("limit", "terminates", "truncates"), [(LENGTH - 1, False, True), (LENGTH, True, False), (LENGTH + 1, True, False)]
+)
+def test_a_time_limit_truncates_but_a_termination_at_the_limit_wins(limit, terminates, truncates):
+    envs = GymnasiumTask(lambda: TimeLimit(Walk(), limit)).make(1)
+    envs.reset(np.arange(1))
+    following, final, _, terminated, truncated = play(envs, min(limit, LENGTH), 1)
+    assert (terminated[-1, 0], truncated[-1, 0]) == (terminates, truncates)
+    assert final[-1, 0, 1] == min(limit, LENGTH)
+    assert following[-1, 0, 1] == 0
+    assert not (terminated | truncated)[:-1].any()
+
+
+def test_seeds_decide_the_trajectories_copy_by_copy():
+    def run(seeds):
+        envs = GymnasiumTask(Walk).make(N)
+        return [envs.reset(np.array(seeds)), *play(envs, 10)]
+
+    assert_same(run([5, 6, 7]), run([5, 6, 7]))
+    first = run([5, 6, 7])[0]
+    assert len(set(first[:, 0])) == N
+    assert_same(first[::-1], run([7, 6, 5])[0])
+
+
+def test_a_given_environment_stays_open_and_the_copies_made_of_it_do_not():
+    given = gymnasium.make(gymnasium.envs.registration.EnvSpec("Closing-v0", Closing, max_episode_steps=5))
+    task = find(given)
+    assert task.given == 1
+    training, evaluation = task.make(1), task.make(2)
+    copies = [env.unwrapped for env in evaluation._envs]
+    assert len({id(env) for env in (given.unwrapped, *copies)}) == 3
+    training.close()
+    evaluation.close()
+    assert given.unwrapped.closed == 0
+    assert [env.closed for env in copies] == [1, 1]
+
+
+def test_a_second_copy_of_an_environment_without_a_spec_is_refused():
+    task = find(Walk())
+    task.make(1)
+    with pytest.raises(UsageError, match=r"'Walk', .*only one copy of it was given; give its id, or a function"):
+        task.make(1)
+
+
+def test_copies_that_were_made_are_closed_even_if_closing_fails():
+    class Stuck(Closing):
+        def close(self):
+            super().close()
+            raise RuntimeError("stuck")
+
+    envs = GymnasiumTask(Stuck).make(2)
+    envs.close()
+    assert [env.closed for env in envs._envs] == [1, 1]

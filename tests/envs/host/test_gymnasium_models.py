@@ -1,0 +1,102 @@
+"""Models on Gymnasium environments, good and broken; one compiled program serves all."""
+
+import functools
+import warnings
+
+import jax
+import numpy as np
+import pytest
+from gymnasium.wrappers import TimeLimit
+
+import galton
+from galton import BrokenEnvironmentError, UsageError
+
+from .walks import (
+    Closing,
+    N,
+    Stateful,
+    Walk,
+    Walks,
+    fail,
+    observation,
+    reward,
+)
+
+CONFIG = {"loss": "gaussian", "n_steps": 5, "net_arch": (4,)}
+make_model = functools.partial(galton.A2C, n_envs=N, **CONFIG)
+
+
+def bits(tree):
+    return [np.asarray(leaf).tobytes() for leaf in jax.tree.leaves(tree)]
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (observation([0.0, np.nan]), r"entry \[1\] of the observation is nan"),
+        (reward(np.float64(np.inf)), "the reward is inf"),
+        (fail, "step raised ZeroDivisionError"),
+    ],
+)
+def test_training_stops_with_the_last_good_learner_saves_it_and_goes_on(change, message, tmp_path):
+    good = make_model(Walk, normalize_observation=True).learn(35 * N, progress_bar=False)
+    model = make_model(Walks(change), normalize_observation=True)
+    with pytest.raises(BrokenEnvironmentError, match=f"^Odd, copy 2, step 37: {message}"):
+        model.learn(100 * N, progress_bar=False)
+    assert model.num_timesteps == 35 * N  # 7 whole updates
+    kept = bits(model.learner)
+    assert kept == bits(good.learner)
+    assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(model.learner))
+    loaded = galton.A2C.load(model.save(tmp_path / "broken"))
+    assert bits(loaded.learner) == kept
+    model.learn(10 * N, progress_bar=False)
+    assert model.num_timesteps == 45 * N
+    assert bits(model.learner) != kept
+    assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(model.learner))
+
+
+def test_an_environment_that_breaks_in_its_first_reset_is_named_when_the_model_is_made():
+    class Blind(Walk):
+        def observe(self):
+            return np.full(2, np.nan)
+
+    with pytest.raises(BrokenEnvironmentError, match=r"^Blind, copy 0, step 0: reset: entry \[0\] of the obs"):
+        make_model(Blind)
+
+
+def test_an_evaluation_that_never_ends_is_stopped(monkeypatch):
+    class Endless(Walk):
+        def step(self, action):
+            observed, reward, _, late, info = super().step(action)
+            return observed, reward, False, late, info
+
+    monkeypatch.setattr("galton.training.evaluate.MAX_STEPS", 20)
+    model = make_model(Endless)
+    with pytest.raises(BrokenEnvironmentError, match="Endless: an episode of evaluation did not end in 20 steps; give"):
+        model.evaluate(2)
+    assert len(make_model(lambda: TimeLimit(Endless(), 20)).evaluate(2)) == 2
+
+
+def test_a_given_environment_trains_alone_and_is_evaluated_only_if_it_can_be_made_again():
+    given = Closing()
+    model = galton.A2C(given, **CONFIG).learn(10, progress_bar=False)
+    with pytest.raises(UsageError, match="only one copy of it was given; give its id, or a function"):
+        model.evaluate(1)
+    assert len(model.evaluate(2, env=Closing)) == 2
+    model.close()
+    assert not given.closed
+    with pytest.raises(UsageError, match="n_envs is 2, but one environment was given; leave n_envs out, or give an id"):
+        galton.A2C(given, n_envs=2, **CONFIG)
+
+
+def test_a_model_goes_on_exactly_with_environments_that_tell_their_states(tmp_path):
+    def make():
+        return TimeLimit(Stateful(), 7)
+
+    whole = make_model(make).learn(20 * N, progress_bar=False)
+    half = make_model(make).learn(10 * N, progress_bar=False)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", galton.InexactResume)
+        again = galton.A2C.load(half.save(tmp_path / "half"), env=make)
+    again.learn(10 * N, progress_bar=False)
+    assert bits(again.learner) == bits(whole.learner)

@@ -1,0 +1,142 @@
+import functools
+
+import numpy as np
+import pytest
+from gymnasium.spaces import Box, Discrete, Tuple
+from gymnasium.vector import AutoresetMode, SyncVectorEnv
+from stable_baselines3.common.vec_env import DummyVecEnv
+
+import galton
+from galton import UsageError
+from galton.envs.find import find
+from galton.envs.host.gymnasium import GymnasiumTask
+from galton.envs.host.vector import VectorTask
+
+from .vectors import Named, Walk, limited, sync
+from .walks import N
+
+
+class Paired(Walk):
+    observation_space = Tuple([Box(-np.inf, np.inf, (1,)), Discrete(100)])
+
+    def observe(self):
+        return np.array([self.position], np.float32), self.t
+
+
+class Scalar(Walk):
+    action_space = Box(-0.1, 0.3, (), np.float64)
+
+
+def dummy(env):
+    return DummyVecEnv([limited(env)] * N)
+
+
+def run(envs, n_actions, n_steps=40):
+    rng = np.random.default_rng(0)
+    first = envs.reset(np.arange(7, 7 + N))  # SB3 numbers on from the first
+    steps = [envs.step(rng.uniform(-1.5, 1.5, (N, n_actions)).astype(np.float32)) for _ in range(n_steps)]
+    return first, *(np.stack(column) for column in zip(*steps, strict=True))
+
+
+@pytest.mark.parametrize(
+    ("make", "env", "n_actions"),
+    [
+        (sync, Walk, 2),
+        (sync, Named, 2),
+        (sync, Paired, 2),
+        (sync, Scalar, 1),
+        (dummy, Walk, 2),
+        (dummy, Named, 2),
+        (dummy, Paired, 2),
+        (dummy, Scalar, 1),
+    ],
+)
+def test_a_vector_environment_gives_what_its_copies_give(make, env, n_actions):
+    ours = run(GymnasiumTask(limited(env)).make(N), n_actions)
+    theirs = run(find(make(env)).make(N), n_actions)
+    *_, terminated, truncated = ours
+    for ends in (terminated, truncated):
+        assert 0 < ends.sum() < ends.size / 2
+        assert ends.any(0).all()
+    for one, other in zip(ours, theirs, strict=True):
+        assert one.dtype == other.dtype
+        np.testing.assert_array_equal(one, other)
+
+
+@pytest.mark.parametrize("copy", [True, False])
+def test_what_was_returned_is_not_overwritten_by_the_next_step(copy):
+    envs = VectorTask(SyncVectorEnv([limited(Walk)] * N, copy=copy, autoreset_mode=AutoresetMode.SAME_STEP)).make(N)
+    first = envs.reset(np.arange(N))
+    kept = first.copy()
+    step = envs.step(np.zeros((N, 2), np.float32))
+    copies = [value.copy() for value in step]
+    envs.step(np.ones((N, 2), np.float32))
+    np.testing.assert_array_equal(first, kept)
+    for value, before in zip(step, copies, strict=True):
+        np.testing.assert_array_equal(value, before)
+
+
+@pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.DISABLED])
+def test_other_autoreset_modes_are_refused_with_the_remedy(mode):
+    remedy = "make it with autoreset_mode=gymnasium.vector.AutoresetMode.SAME_STEP"
+    with pytest.raises(UsageError, match=f"SyncVectorEnv's autoreset mode is {mode}; .*{remedy}"):
+        find(sync(Walk, mode))
+
+
+def test_a_vector_environment_that_does_not_tell_its_mode_is_refused():
+    envs = sync(Walk)
+    envs.metadata = {}
+    with pytest.raises(UsageError, match=r"SyncVectorEnv's autoreset mode is None; .*SAME_STEP"):
+        find(envs)
+
+
+class Choosing(Walk):
+    action_space = Discrete(2)
+
+
+@pytest.mark.parametrize(
+    ("make", "name"), [(sync, "SyncVectorEnv"), (lambda env: DummyVecEnv([env]), "DummyVecEnv")], ids=["gym", "sb3"]
+)
+def test_actions_that_are_no_box_are_refused(make, name):
+    with pytest.raises(UsageError, match=rf"{name} has actions Discrete\(2\); .*needs a Box"):
+        find(make(Choosing))
+
+
+def test_spaces_that_are_missing_are_refused():
+    envs = sync(Walk)
+    del envs.single_action_space
+    with pytest.raises(UsageError, match=r"SyncVectorEnv has actions None; .*needs a Box"):
+        find(envs)
+
+
+@pytest.mark.parametrize("make", [sync, dummy])
+def test_only_the_copies_that_there_are_can_be_had(make):
+    task = find(make(Walk))
+    assert task.given == N
+    with pytest.raises(UsageError, match=f"2 copies are wanted of .*Vec.*, which has {N}; set n_envs to that"):
+        task.make(2)
+
+
+make_model = functools.partial(galton.A2C, loss="gaussian", n_steps=5, net_arch=(4,))
+
+
+def test_a_model_takes_as_many_copies_as_a_vector_environment_has_and_leaves_it_open():
+    with pytest.raises(UsageError, match="n_envs is 2, but 3 were given; leave n_envs out"):
+        make_model(sync(Walk), n_envs=2)
+    envs = sync(Walk)
+    model = make_model(envs)
+    assert model.config.n_envs == N
+    model.learn(10 * N, progress_bar=False)
+    assert model.num_timesteps == 10 * N
+    model.close()
+    assert not envs.closed
+
+
+def test_a_model_learns_the_same_from_every_kind_of_environment():
+    models = [make_model(env, n_envs=n) for env, n in ((limited(Walk), N), (sync(Walk), None))]
+    for model in models:
+        model.learn(20 * N, progress_bar=False)
+    models.append(make_model(limited(Walk), n_envs=N))
+    one, other, fresh = (np.asarray(model.learner.params["critic"][0]["kernel"]) for model in models)
+    np.testing.assert_array_equal(one, other)
+    assert (one != fresh).any()

@@ -1,0 +1,120 @@
+"""What is handed over as an environment and is none, or is a record that lacks something."""
+
+import dataclasses
+
+import gymnasium
+import pytest
+from gymnasium.spaces import Discrete
+
+from galton import UsageError
+from galton.envs import LQR, Environment, MountainCar
+from galton.envs.find import find
+
+from .host.walks import Walk
+
+BOUNDS = ["action_low", "action_high", "observation_low", "observation_high"]
+NUMBERS = ["max_episode_steps", "optimal_return", "random_return"]
+MEMBERS = [*BOUNDS, *NUMBERS, "reset", "noise", "step", "observe"]
+
+
+def without(*names):
+    """A Mountain Car that lacks those members."""
+    kept = {name: getattr(MountainCar, name) for name in MEMBERS if name not in names}
+    return type("Hill", (), kept | {"__repr__": lambda self: "Hill()"})()
+
+
+def test_a_record_with_all_members_is_taken_as_it_is():
+    whole = without()
+    assert isinstance(whole, Environment)
+    assert find(whole) is whole
+
+
+@pytest.mark.parametrize("name", MEMBERS)
+def test_a_record_that_lacks_a_member_is_told_which(name):
+    with pytest.raises(UsageError, match=rf"env is Hill\(\), a record that lacks {name}; .* not known is None"):
+        find(without(name))
+
+
+def test_all_that_is_missing_is_named():
+    with pytest.raises(UsageError, match=r"lacks action_low, random_return, noise; give it all of galton\.envs\.Envir"):
+        find(without("random_return", "noise", "action_low"))
+
+
+def test_what_only_resets_and_steps_may_be_of_any_library():
+    others = set(MEMBERS) - {"reset", "step"}
+    with pytest.raises(UsageError, match=r"env is Hill\(\); give a Gymnasium id"):
+        find(without(*others))
+
+
+def test_a_record_that_can_not_be_hashed_is_told_the_remedy():
+    members = {name: getattr(MountainCar, name) for name in MEMBERS}
+    melting = dataclasses.make_dataclass("Melting", [], namespace=members)()
+    with pytest.raises(UsageError, match=r"Melting\(\), a record that can't be hashed, .*make it a frozen dataclass"):
+        find(melting)
+
+
+def test_the_class_of_a_record_is_not_a_record():
+    with pytest.raises(UsageError, match=r"env is <class 'galton.envs.lqr.LQR'>, a class; .*by calling it"):
+        find(LQR)
+
+
+class Fails(Walk):
+    def __init__(self):
+        raise ZeroDivisionError("no robot")
+
+
+class Failing(Walk):
+    @property
+    def action_space(self):
+        raise NotImplementedError("which actions?")
+
+
+class Spaceless(gymnasium.Env):
+    observation_space = Walk.observation_space
+
+
+class Sightless(Walk):
+    observation_space = "two numbers"
+
+
+class Discretes(Walk):
+    action_space = Discrete(2)
+
+
+ODD_SOURCES = {
+    "a constructor that raises": (Fails, "environment is 'Fails', which can't be made: ZeroDivisionError: no robot"),
+    "a function that returns none": (lambda: None, "is None, not a gymnasium.Env"),
+    "a function that returns its name": (lambda: "Walk", "is 'Walk', not a gymnasium.Env"),
+    "a function that needs arguments": (lambda size: Walk(), "can't be made: TypeError: .*'size'"),
+    "no action space": (Spaceless, "Spaceless's action_space is None; it must be a Gymnasium space"),
+    "no observation space": (Sightless, "Sightless's observation_space is 'two numbers'; it must be a Gymnasium space"),
+    "discrete actions": (Discretes(), r"Discretes has actions Discrete\(2\); .*needs a Box"),
+    "an action space that raises": (Failing, "Failing's action_space raised NotImplementedError: which actions"),
+    "an unknown id": ("Wolk-v0", "environment is 'Wolk-v0'; Gymnasium knows no environment of that name"),
+    "an id in small letters": ("pendulum-v1", "environment is 'pendulum-v1'; .*Did you mean: `Pendulum`"),
+    "an unknown namespace": ("nowhere/Walk-v0", "environment is 'nowhere/Walk-v0'; Gymnasium knows no"),
+    "an unknown module": ("nomodule:Walk-v0", "environment is 'nomodule:Walk-v0', .*: ModuleNotFoundError"),
+    "an unknown version": ("Pendulum-v99", "environment is 'Pendulum-v99'; .* provides versioned environments: .*v1"),
+    "a number": (3, "env is 3; give a Gymnasium id, an environment, a function that makes one, or a name"),
+    "nothing": (None, "env is None; give a Gymnasium id"),
+}
+
+
+@pytest.mark.parametrize("name", ODD_SOURCES)
+def test_what_is_no_environment_is_refused_with_the_reason(name):
+    source, message = ODD_SOURCES[name]
+    with pytest.raises(UsageError, match=message):
+        find(source)
+
+
+@pytest.mark.parametrize(
+    ("source", "kwargs", "message"),
+    [
+        ("Pendulum-v1", {"gravity": 9.81}, r"environment is 'Pendulum-v1', .* unexpected keyword argument 'gravity'"),
+        (Walk, {"g": 1}, r"env_kwargs is {'g': 1}; it goes with a name or an id"),
+        (Walk(), {"g": 1}, r"env_kwargs is {'g': 1}; it goes with a name or an id"),
+    ],
+)
+def test_keyword_arguments_that_do_not_fit_are_refused(source, kwargs, message):
+    with pytest.raises(UsageError, match=message):
+        find(source, **kwargs)
