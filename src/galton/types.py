@@ -1,10 +1,9 @@
 """The records that everything shares. Shapes: T steps, N environments, o observation and d action entries."""
 
 import dataclasses
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
-import tyro
 from jaxtyping import Array, Bool, Float, Int, PyTree
 
 from galton.errors import require, require_integer
@@ -17,8 +16,8 @@ Params = dict[str, Any]
 class Config:
     """What changes shapes or code: static, hashable, one compiled program each."""
 
-    loss: Annotated[str, tyro.conf.Suppress] = "hl-gauss"
-    """A key of LOSSES. (The commands have options of their own for it.)"""
+    loss: str = "hl-gauss"
+    """A key of LOSSES."""
     n_bins: int = 100
     """Bins per action dimension, k (§4.1); the Gaussian has none."""
     n_steps: int = 20
@@ -66,17 +65,8 @@ _CHOICES = {
 }
 
 
-Number = Annotated[
-    float | Float[Array, "*runs"],
-    tyro.constructors.PrimitiveConstructorSpec(
-        nargs=1,
-        metavar="FLOAT",
-        instance_from_str=lambda words: float(words[0]),
-        is_instance=lambda value: isinstance(value, (int, float)),
-        str_from_instance=lambda value: [str(value)],
-    ),
-]
-"""One number, or one for each run; on the command line the former."""
+Number = float | Float[Array, "*runs"]
+"""One number, or one for each run."""
 
 
 class Hypers(NamedTuple):

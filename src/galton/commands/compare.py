@@ -10,15 +10,15 @@ from rich.console import Console
 
 from galton.analysis.comparison import curves, summarise, table, verdicts
 from galton.analysis.plots import learning_curves, save
-from galton.commands.common import (
+from galton.commands._options import (
     EnvName,
     LossNames,
     Training,
-    live_progress,
     parse,
     short_name,
     write_settings,
 )
+from galton.commands._progress import live_progress
 from galton.envs.base import Environment
 from galton.envs.registry import settings
 from galton.errors import require, require_integer

@@ -12,8 +12,8 @@ import tyro
 from rich.console import Console
 from rich.table import Table
 
+from galton.commands._options import EnvName, Training, parse, short_name
 from galton.commands.carry import carry, processes
-from galton.commands.common import EnvName, Training, parse, short_name
 from galton.commands.sweep_view import winners
 from galton.errors import require, require_integer
 from galton.losses import find_loss

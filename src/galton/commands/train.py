@@ -13,15 +13,15 @@ from rich.console import Console
 
 from galton import callbacks
 from galton.agent import A2C, InexactResume
-from galton.commands.common import (
+from galton.commands._options import (
     EnvName,
     LossName,
     Training,
-    live_progress,
     parse,
     short_name,
     write_settings,
 )
+from galton.commands._progress import live_progress
 from galton.envs.base import Environment, HostTask
 from galton.errors import BrokenEnvironmentError, DivergenceError, UsageError, require
 from galton.losses import find_loss

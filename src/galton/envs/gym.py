@@ -93,7 +93,7 @@ class GymnasiumTask:
             f"{self.name} returned the same environment twice; it must make a new one at each call",
         )
         self._made = [made for made in self._made if made() is not None] + [weakref.ref(env.unwrapped)]
-        return env  # type: ignore[no-any-return]
+        return env
 
 
 class GymnasiumEnvs:
