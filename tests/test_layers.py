@@ -7,7 +7,7 @@ import galton
 
 RANKS = [
     {"errors", "cores"},
-    {"types"},
+    {"types", "saving"},
     {"bins", "networks", "returns", "normalization"},
     {"targets", "theory"},
     {"policies", "envs"},

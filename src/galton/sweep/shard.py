@@ -3,12 +3,8 @@
 import dataclasses
 import datetime
 import functools
-import importlib.metadata
 import json
-import platform
 import re
-import subprocess
-from pathlib import Path
 from typing import Any
 
 import jax
@@ -18,6 +14,7 @@ import pyarrow as pa
 from galton.envs.find import find
 from galton.envs.registry import read_constants
 from galton.errors import require
+from galton.saving.provenance import machine, versions
 from galton.sweep.parquet import from_bytes, record_of, to_bytes, with_record
 from galton.sweep.plan import Plan, Shard
 from galton.sweep.store import Store, checksum
@@ -175,38 +172,6 @@ def read(store: Store, done: Done) -> pa.Table | None:
 def discard(store: Store, done: Done) -> None:
     """Remove a damaged file, so that its shard is trained again."""
     store.remove(f"{FOLDER}/{done.file}")
-
-
-@functools.lru_cache(maxsize=1)
-def versions() -> dict[str, str | None]:
-    """Of what the results depend on; the commit where this is a checkout."""
-    found: dict[str, str | None] = {}
-    for name in ("galton", "jax", "jaxlib", "numpy", "optax", "gymnasium", "mujoco"):
-        try:
-            found[name] = importlib.metadata.version(name)
-        except importlib.metadata.PackageNotFoundError:
-            found[name] = None
-    return found | {"commit": _commit(), "python": platform.python_version()}
-
-
-def machine() -> str:
-    """Its name, architecture and system."""
-    return f"{platform.node()} {platform.machine()} {platform.platform()}"
-
-
-def _commit() -> str | None:
-    """Of the checkout that this file belongs to, if any."""
-
-    def git(*command: str) -> str:
-        here = Path(__file__).parent
-        done = subprocess.run(["git", *command], cwd=here, capture_output=True, text=True, check=True, timeout=10)
-        return done.stdout.strip()
-
-    try:
-        git("ls-files", "--error-unmatch", Path(__file__).name)  # it may lie in somebody else's
-        return git("describe", "--always", "--dirty", "--abbrev=12")
-    except (OSError, subprocess.SubprocessError):
-        return None
 
 
 def _lists(rows: np.ndarray) -> pa.Array:

@@ -3,10 +3,8 @@
 Loading runs no code, imports nothing and makes no environment. Writing is atomic.
 """
 
-import contextlib
 import hashlib
 import json
-import os
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +14,8 @@ from safetensors import SafetensorError
 from safetensors.numpy import load, save
 
 from galton.errors import CheckpointError, UsageError, require
+from galton.saving import files
+from galton.saving.provenance import version
 
 FORMAT = 1
 MAX_HEADER = 1 << 23
@@ -28,7 +28,7 @@ def write(path: Path, settings: dict[str, Any], arrays: dict[str, np.ndarray]) -
     Raises:
         UsageError: a path that can't be written, or more than `read` takes.
     """
-    record = {"format": FORMAT, "settings": settings}
+    record = {"format": FORMAT, "galton": version(), "settings": settings}
     text = json.dumps(record | {"sha256": _digest(record, arrays)})
     content = save({name: np.asarray(array, order="C") for name, array in arrays.items()}, {"galton": text})
     require(
@@ -36,17 +36,10 @@ def write(path: Path, settings: dict[str, Any], arrays: dict[str, np.ndarray]) -
         f"the checkpoint is too large: {len(content):,} bytes of at most {MAX_FILE:,}, "
         f"{len(text):,} of settings of about {MAX_HEADER:,}; make the networks or spaces smaller",
     )
-    path = path.resolve()
-    scratch = path.with_name(f".{path.name}.{os.getpid()}")
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        scratch.write_bytes(content)
-        scratch.replace(path)
+        files.write(path, content)
     except OSError as error:
         raise UsageError(f"path is {path}, which can't be written: {error.strerror}; name another") from None
-    finally:
-        with contextlib.suppress(OSError):
-            scratch.unlink(missing_ok=True)
 
 
 def read(path: Path) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
@@ -66,14 +59,13 @@ def read(path: Path) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
             raise CheckpointError("its header is cut off or too long")
         header = json.loads(content[8 : 8 + length])
         record = json.loads(header["__metadata__"]["galton"])
+        _check_format(record)
         arrays = load(content)
         digest = record.pop("sha256")
         whole = _digest(record, arrays) == digest
         again = save(arrays, {"galton": json.dumps(record | {"sha256": digest})})
         if not whole or again != content:
             raise CheckpointError("its checksum is wrong: the file was damaged or changed")
-        if record["format"] != FORMAT:
-            raise CheckpointError(f"its format is {record['format']}; this version reads {FORMAT}")
         if not isinstance(record["settings"], dict):
             raise CheckpointError("its settings are missing")
     except CheckpointError as error:
@@ -81,6 +73,21 @@ def read(path: Path) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError, SafetensorError) as error:
         raise CheckpointError(f"{path} is not a checkpoint of Galton's: {type(error).__name__}: {error}") from None
     return record["settings"], arrays
+
+
+def _check_format(record: dict[str, Any]) -> None:
+    """Raise unless this version reads files of the record's format.
+
+    What a newer version wrote may have its checksum elsewhere, so this is asked first.
+    """
+    if not isinstance(record["format"], int) or record["format"] < FORMAT:
+        raise CheckpointError(f"its format is {record['format']!r}; this version reads {FORMAT}")
+    if record["format"] > FORMAT:
+        writer = str(record.get("galton", "not known"))[:40]
+        raise CheckpointError(
+            f"it was written by a newer version of Galton ({writer}, format {record['format']}); this one is "
+            f"{version()}, which reads format {FORMAT}: upgrade Galton to load it"
+        )
 
 
 def flatten(tree: Any) -> dict[str, np.ndarray]:
