@@ -2,15 +2,11 @@
 
 import contextlib
 import dataclasses
-import importlib.metadata
 import io
-import json
-import platform
 import re
 import shlex
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from pathlib import Path
 from typing import Annotated, TypeVar, cast, get_args
 
 import tyro
@@ -112,6 +108,11 @@ def short_name(env: str) -> str:
     return find_task(env)[0] if is_known(env) else re.sub(r"[^\w.-]+", "-", env)
 
 
+def command_line() -> str:
+    """The command as it was typed."""
+    return shlex.join(["galton", *sys.argv[1:]])
+
+
 OptionsT = TypeVar("OptionsT")
 
 
@@ -183,14 +184,3 @@ def _spelt(field: StructFieldSpec) -> StructFieldSpec:
     if field.name not in IN_CONFIG:
         return field
     return dataclasses.replace(field, type=cast("type[object]", Annotated[field.type, IN_CONFIG[field.name]]))
-
-
-def write_settings(folder: Path, settings: dict[str, object]) -> None:
-    """config.json: the settings, the command, the versions and the machine."""
-    versions = {name: importlib.metadata.version(name) for name in ("galton", "jax", "jaxlib", "optax", "numpy")}
-    record = settings | {
-        "command": shlex.join(["galton", *sys.argv[1:]]),
-        "versions": versions | {"python": platform.python_version()},
-        "machine": platform.platform(),
-    }
-    (folder / "config.json").write_text(json.dumps(record, indent=2, default=str) + "\n")

@@ -3,7 +3,6 @@
 import dataclasses
 import json
 import math
-import shutil
 import sys
 import warnings
 from collections.abc import Sequence
@@ -13,19 +12,14 @@ from rich.console import Console
 
 from galton import callbacks
 from galton.agent import A2C, InexactResume
-from galton.commands._options import (
-    EnvName,
-    LossName,
-    Training,
-    parse,
-    short_name,
-    write_settings,
-)
-from galton.commands._progress import live_progress
+from galton.commands._options import EnvName, LossName, Training, command_line, parse, short_name
+from galton.commands._progress import OnLog, live_progress
 from galton.envs.base import Environment, HostTask
-from galton.errors import BrokenEnvironmentError, DivergenceError, UsageError, require
+from galton.errors import DivergenceError, UsageError, require
 from galton.losses import find_loss
+from galton.saving import files
 from galton.training.devices import use_all_cores
+from galton.training.folder import check_free, claimed, replacing, write_settings
 
 MODEL, BEST, METRICS = "model.safetensors", "best_model.safetensors", "metrics.jsonl"
 
@@ -50,62 +44,44 @@ class Options:
     tensorboard: bool = False
     """Write logs for TensorBoard too."""
 
+    @property
+    def folder(self) -> Path:
+        """The run folder."""
+        return self.out or Path("runs", f"{short_name(self.env)}-{self.loss}-{self.seed}")
+
 
 def main(arguments: Sequence[str]) -> None:
     """Train and write config.json, metrics.jsonl, model.safetensors and best_model.safetensors."""
     options = parse(Options, "train", arguments)
-    training, label = options.training, find_loss(options.loss).label
-    out = options.out or Path("runs", f"{short_name(options.env)}-{options.loss}-{options.seed}")
-    training.check([options.seed])
+    out, steps, label = options.folder, options.training.steps, find_loss(options.loss).label
+    options.training.check([options.seed])
     require(options.save_every >= 1, f"save_every is {options.save_every}; it must be at least 1")
-    env = training.find(options.env)
-    _check_folder(out, options)
-    console = Console()
+    env = options.training.find(options.env)
+    _check_folder(options)
     use_all_cores()
-    with live_progress(console) as follow:
-        model = _resumed(out, options, env) if options.resume else _new(options, env)
-        remaining = training.steps - model.num_timesteps
+    with claimed(out), live_progress(Console()) as follow:
+        _check_folder(options)  # nobody else can change it now
+        model = _resumed(options, env) if options.resume else _new(options, env)
         require(
-            remaining > 0,
-            f"steps is {training.steps}, which the run in {out} has reached; name more to go on with it",
+            model.num_timesteps < steps,
+            f"steps is {steps}, which the run in {out} has reached; name more to go on with it",
         )
-        if not options.resume:
-            _begin(out, options)
-        progress = follow(f"{label} on {options.env}", training.steps, 1)
-        evaluate = callbacks.Evaluate(1, max(1, training.eval_episodes), best_model=out / BEST)
-        evaluate.best = _known(out / METRICS).get("eval/best_mean_reward", -math.inf)
-        calls: list[callbacks.Callback] = [evaluate] if training.eval_episodes else []
-        calls.append(callbacks.JSONLines(out / METRICS))
-        if options.tensorboard:
-            calls.append(callbacks.TensorBoard(out / "tensorboard"))
-        calls.append(callbacks.Checkpoint(out / MODEL, options.save_every))
-        calls.append(lambda model, _: progress(model.num_timesteps, None))
-        try:
-            model.learn(remaining, calls, progress_bar=False, log_interval=_interval(training, model))
-        except BrokenEnvironmentError:
-            model.save(out / MODEL)
-            raise
-        except KeyboardInterrupt:
-            model.save(out / MODEL)
-            print(
-                f"galton: interrupted at step {model.num_timesteps:,}; the same command with --resume goes on",
-                file=sys.stderr,
-            )
-            sys.exit(130)
-        except DivergenceError as error:
-            model.save(out / MODEL)
-            raise UsageError(str(error)) from None
-    model.save(out / MODEL)
-    last = _known(out / METRICS)
+        _learn(model, options, follow(f"{label} on {options.env}", steps, 1))
+    last = _known(out)
     training_return, evaluation_return, speed = (
         f"{last[name]:,.2f}" if name in last else "not known"
         for name in ("rollout/ep_rew_mean", "eval/mean_reward", "time/fps")
     )
-    console.print(
-        f"training return {training_return}, evaluation return {evaluation_return}, {speed} steps/s\nrun folder: {out}",
-        highlight=False,
-        soft_wrap=True,
-    )
+    print(f"training return {training_return}, evaluation return {evaluation_return}, {speed} steps/s")
+    print(f"run folder: {out}")
+
+
+def _check_folder(options: Options) -> None:
+    if options.resume:
+        there = (options.folder / MODEL).exists()
+        require(there, f"out is {options.folder}, which holds no {MODEL} to resume")
+    else:
+        check_free(options.folder, options.overwrite, "--overwrite or --resume")
 
 
 def _new(options: Options, env: Environment | HostTask) -> A2C:
@@ -113,7 +89,8 @@ def _new(options: Options, env: Environment | HostTask) -> A2C:
     return A2C(env, **config, **options.training.hypers._asdict(), seed=options.seed)
 
 
-def _resumed(out: Path, options: Options, env: Environment | HostTask) -> A2C:
+def _resumed(options: Options, env: Environment | HostTask) -> A2C:
+    out = options.folder
     with warnings.catch_warnings(record=True) as told:
         warnings.simplefilter("always", InexactResume)
         model = A2C.load(out / MODEL, env)
@@ -126,10 +103,27 @@ def _resumed(out: Path, options: Options, env: Environment | HostTask) -> A2C:
         ("seed", model.seed, options.seed),
     ):
         require(own == other, f"{what} is {other}, but the run in {out} has {own}; give the same options to resume it")
-    lines = (out / METRICS).read_text().splitlines(keepends=True) if (out / METRICS).exists() else []
-    kept = [line for line in lines if json.loads(line)["time/total_timesteps"] <= model.num_timesteps]
-    (out / METRICS).write_text("".join(kept))  # what a killed process logged after its last save is trained again
     return model
+
+
+def _learn(model: A2C, options: Options, progress: OnLog) -> None:
+    """Train what is missing. However it ends, a model that has learnt something is kept."""
+    record = _Record(options)
+    calls: list[callbacks.Callback] = [record, lambda model, _: progress(model.num_timesteps, None)]
+    remaining = options.training.steps - model.num_timesteps
+    try:
+        model.learn(remaining, calls, progress_bar=False, log_interval=_interval(options.training, model))
+    except DivergenceError as error:
+        raise UsageError(str(error)) from None
+    except KeyboardInterrupt:
+        step = model.num_timesteps
+        if not step:
+            raise
+        print(f"galton: interrupted at step {step:,}; the same command with --resume goes on", file=sys.stderr)
+        sys.exit(130)
+    finally:
+        if model.num_timesteps:
+            record.save(model)
 
 
 def _interval(training: Training, model: A2C) -> int:
@@ -140,37 +134,54 @@ def _interval(training: Training, model: A2C) -> int:
     return math.ceil(math.ceil(training.steps / size) / training.logs)
 
 
-def _check_folder(out: Path, options: Options) -> None:
-    if options.resume:
-        require((out / MODEL).exists(), f"out is {out}, which holds no {MODEL} to resume")
-        return
-    if not out.exists():
-        return
-    require(out.is_dir(), f"out is {out}, which is a file; name a folder")
-    if any(out.iterdir()):
-        require(
-            options.overwrite,
-            f"out is {out}, which is in use; name another folder or give --overwrite or --resume",
-        )
-        require(
-            (out / "config.json").exists() and not Path.cwd().is_relative_to(out.resolve()),
-            f"out is {out}, which is not a run folder and is not overwritten; name another",
-        )
+class _Record:
+    """What is kept of a run. Its folder is begun at the first log point: until then an earlier run stays there."""
+
+    def __init__(self, options: Options) -> None:
+        self._options = options
+        self._calls: list[callbacks.Callback] = []
+
+    def __call__(self, model: A2C, log: callbacks.Log) -> None:
+        """Write down what is due at a log point."""
+        self._begin(model)
+        for call in self._calls:
+            call(model, log)
+
+    def save(self, model: A2C) -> None:
+        """Write the model."""
+        self._begin(model)
+        model.save(self._options.folder / MODEL)
+
+    def _begin(self, model: A2C) -> None:
+        options, out = self._options, self._options.folder
+        if self._calls:
+            return
+        if options.resume:
+            _forget_later(out / METRICS, model)
+        else:
+            given = {"env": options.env, "loss": options.loss, "seed": options.seed}
+            with replacing(out, options.overwrite) as folder:
+                write_settings(folder, given | options.training.record() | {"command": command_line()})
+        if options.training.eval_episodes:
+            evaluate = callbacks.Evaluate(1, options.training.eval_episodes, best_model=out / BEST)
+            evaluate.best = _known(out).get("eval/best_mean_reward", -math.inf)
+            self._calls.append(evaluate)
+        self._calls.append(callbacks.JSONLines(out / METRICS))
+        if options.tensorboard:
+            self._calls.append(callbacks.TensorBoard(out / "tensorboard"))
+        self._calls.append(callbacks.Checkpoint(out / MODEL, options.save_every))
 
 
-def _begin(out: Path, options: Options) -> None:
-    try:
-        if out.exists():
-            shutil.rmtree(out)
-        out.mkdir(parents=True)
-        settings = {"env": options.env, "loss": options.loss, "seed": options.seed}
-        write_settings(out, settings | options.training.record())
-    except OSError as error:
-        raise UsageError(f"out is {out}, which can't be written: {error.strerror}; name another folder") from None
+def _forget_later(path: Path, model: A2C) -> None:
+    """Drop what a killed process logged after its last save, for it is trained again."""
+    lines = path.read_text().splitlines(keepends=True) if path.exists() else []
+    kept = [line for line in lines if json.loads(line)["time/total_timesteps"] <= model.num_timesteps]
+    files.write(path, "".join(kept).encode())
 
 
-def _known(path: Path) -> dict[str, float]:
+def _known(folder: Path) -> dict[str, float]:
     """The last number of each metric that was written down."""
+    path = folder / METRICS
     known: dict[str, float] = {}
     for line in path.read_text().splitlines() if path.exists() else []:
         known |= {name: value for name, value in json.loads(line).items() if value is not None}
