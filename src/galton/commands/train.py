@@ -108,7 +108,7 @@ def _resumed(options: Options, env: Environment | HostTask) -> A2C:
 
 def _learn(model: A2C, options: Options, progress: OnLog) -> None:
     """Train what is missing. However it ends, a model that has learnt something is kept."""
-    record = _Record(options)
+    record = _Record(options, model.num_timesteps)
     calls: list[callbacks.Callback] = [record, lambda model, _: progress(model.num_timesteps, None)]
     remaining = options.training.steps - model.num_timesteps
     try:
@@ -137,27 +137,27 @@ def _interval(training: Training, model: A2C) -> int:
 class _Record:
     """What is kept of a run. Its folder is begun at the first log point: until then an earlier run stays there."""
 
-    def __init__(self, options: Options) -> None:
-        self._options = options
+    def __init__(self, options: Options, start: int) -> None:
+        self._options, self._start = options, start
         self._calls: list[callbacks.Callback] = []
 
     def __call__(self, model: A2C, log: callbacks.Log) -> None:
         """Write down what is due at a log point."""
-        self._begin(model)
+        self._begin()
         for call in self._calls:
             call(model, log)
 
     def save(self, model: A2C) -> None:
         """Write the model."""
-        self._begin(model)
+        self._begin()
         model.save(self._options.folder / MODEL)
 
-    def _begin(self, model: A2C) -> None:
+    def _begin(self) -> None:
         options, out = self._options, self._options.folder
         if self._calls:
             return
         if options.resume:
-            _forget_later(out / METRICS, model)
+            _forget_after(self._start, out / METRICS)
         else:
             given = {"env": options.env, "loss": options.loss, "seed": options.seed}
             with replacing(out, options.overwrite) as folder:
@@ -172,10 +172,10 @@ class _Record:
         self._calls.append(callbacks.Checkpoint(out / MODEL, options.save_every))
 
 
-def _forget_later(path: Path, model: A2C) -> None:
-    """Drop what a killed process logged after its last save, for it is trained again."""
+def _forget_after(step: int, path: Path) -> None:
+    """Drop what a killed process logged after its last save, at this step: it is trained again."""
     lines = path.read_text().splitlines(keepends=True) if path.exists() else []
-    kept = [line for line in lines if json.loads(line)["time/total_timesteps"] <= model.num_timesteps]
+    kept = [line for line in lines if json.loads(line)["time/total_timesteps"] <= step]
     files.write(path, "".join(kept).encode())
 
 
