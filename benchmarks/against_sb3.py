@@ -20,7 +20,7 @@ from sides import Discretised, K, write
 from stable_baselines3 import A2C
 
 import galton
-from galton.cores import n_cores
+from galton.devices import n_cores
 
 
 class SB3:

@@ -9,7 +9,7 @@ import numpy as np
 from gymnasium.spaces import MultiDiscrete
 
 import galton
-from galton.cores import n_cores
+from galton.devices import n_cores
 from galton.saving import provenance
 from galton.sweep.executors import Processes
 from galton.training.populate import populate

@@ -6,7 +6,7 @@ from pathlib import Path
 import galton
 
 RANKS = [
-    {"errors", "cores"},
+    {"errors", "devices"},
     {"types", "saving"},
     {"bins", "networks", "returns", "normalization"},
     {"targets", "theory"},

@@ -4,12 +4,12 @@ from . import targets as targets
 from .agent import A2C as A2C
 from .agent import InexactResume as InexactResume
 from .bins import Bins as Bins
+from .devices import use_all_cores as use_all_cores
 from .errors import BrokenEnvironmentError as BrokenEnvironmentError
 from .errors import CheckpointError as CheckpointError
 from .errors import DivergenceError as DivergenceError
 from .errors import UsageError as UsageError
 from .losses import LOSSES as LOSSES
-from .training.devices import use_all_cores as use_all_cores
 from .training.train import Result as Result
 from .training.train import train as train
 from .types import Config as Config

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from galton.cores import allowed_cores
+from galton.devices import allowed_cores
 from galton.errors import UsageError
 from galton.sweep.executors import Place, Processes, WorkerDiedError, one_per_core, one_per_gpu
 

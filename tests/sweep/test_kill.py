@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from galton.cores import allowed_cores
+from galton.devices import allowed_cores
 from galton.saving.files import SCRATCH
 from galton.sweep import results
 from galton.sweep.plan import Plan

@@ -14,11 +14,11 @@ from galton import callbacks
 from galton.agent import A2C, InexactResume
 from galton.commands._options import EnvName, LossName, Training, command_line, parse, short_name
 from galton.commands._progress import OnLog, live_progress
+from galton.devices import use_all_cores
 from galton.envs.base import Environment, HostTask
 from galton.errors import DivergenceError, UsageError, require
 from galton.losses import find_loss
 from galton.saving import files
-from galton.training.devices import use_all_cores
 from galton.training.folder import check_free, claimed, replacing, write_settings
 
 MODEL, BEST, METRICS = "model.safetensors", "best_model.safetensors", "metrics.jsonl"

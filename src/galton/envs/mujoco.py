@@ -12,7 +12,7 @@ import gymnasium
 import numpy as np
 from jaxtyping import Bool, Float, Int, Integer
 
-from galton.cores import n_cores
+from galton.devices import n_cores
 from galton.envs.base import Steps
 from galton.envs.gym import generator_state, set_generator_state
 from galton.envs.simulation import Batched, Fields, Looped, Simulations

@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, Future
 from typing import Any, NamedTuple
 
-from galton.cores import allowed_cores
+from galton.devices import allowed_cores
 from galton.errors import require, require_integer
 
 ATTEMPTS = 20

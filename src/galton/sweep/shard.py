@@ -11,6 +11,7 @@ import jax
 import numpy as np
 import pyarrow as pa
 
+from galton.devices import use_all_cores
 from galton.envs.find import find
 from galton.envs.registry import read_constants
 from galton.errors import require
@@ -19,7 +20,6 @@ from galton.sweep.parquet import from_bytes, record_of, to_bytes, with_record
 from galton.sweep.plan import Plan, Shard
 from galton.sweep.store import Store, checksum
 from galton.sweep.study import import_all
-from galton.training.devices import use_all_cores
 from galton.training.train import Result, train
 
 FOLDER = "shards"
