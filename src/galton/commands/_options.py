@@ -104,7 +104,7 @@ class Training:
 
 
 def short_name(env: str) -> str:
-    """For a folder: our own name of the task, or the id without what a path can't hold."""
+    """The name of an environment in that of a folder: our own of the task, or the id without what a path can't hold."""
     return find_task(env)[0] if is_known(env) else re.sub(r"[^\w.-]+", "-", env)
 
 

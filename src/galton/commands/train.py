@@ -46,7 +46,7 @@ class Options:
 
     @property
     def folder(self) -> Path:
-        """The run folder."""
+        """The run folder, named or by default."""
         return self.out or Path("runs", f"{short_name(self.env)}-{self.loss}-{self.seed}")
 
 
@@ -148,7 +148,7 @@ class _Record:
             call(model, log)
 
     def save(self, model: A2C) -> None:
-        """Write the model."""
+        """Write the model, as it is now, into the run folder."""
         self._begin()
         model.save(self._options.folder / MODEL)
 

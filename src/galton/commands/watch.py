@@ -45,7 +45,7 @@ class Options:
 
 
 def main(arguments: Sequence[str]) -> None:
-    """Play and write the video."""
+    """Play the episodes and write the video."""
     options = tyro.cli(Options, prog="galton watch", args=list(arguments))
     require_integer("episodes", options.episodes, 1)
     require_integer("max_steps", options.max_steps, 1)

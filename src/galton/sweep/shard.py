@@ -5,7 +5,6 @@ import datetime
 import functools
 import json
 import re
-from typing import Any
 
 import jax
 import numpy as np
@@ -32,7 +31,7 @@ class Done:
 
     index: int
     name: str
-    """Of what determined its results."""
+    """The shard's name: a hash of all that determined its results."""
     checksum: str
     file: str
 
@@ -58,7 +57,7 @@ def work(url: str, index: int, name: str | None = None) -> Report:
     Args:
         url: the sweep's folder, as this process sees it.
         index: of the shard.
-        name: the shard's, if the plan might be another by now.
+        name: of the shard, if the plan might be another by now.
 
     Raises:
         UsageError: no such plan, or one whose shard is of another name; no room to write.
@@ -92,14 +91,14 @@ def work(url: str, index: int, name: str | None = None) -> Report:
 
 @functools.cache
 def _settle() -> None:
-    """Before the first shard of this process."""
+    """Prepare this process for its shards, once."""
     use_all_cores()
 
 
 def tabulate(shard: Shard, result: Result) -> pa.Table:
-    """One row per run: what it is, its final numbers and its curves. Machine and times are in the metadata."""
+    """A table of one row per run: what it is, its final numbers and its curves. Machine and times are its metadata."""
     n = shard.n_runs
-    columns: dict[str, Any] = {
+    columns: dict[str, object] = {
         "setting": shard.setting[:n],
         "trial": shard.trial[:n],
         "seed": shard.seeds[:n],
@@ -123,15 +122,15 @@ def tabulate(shard: Shard, result: Result) -> pa.Table:
 
 
 def report(index: int, table: pa.Table) -> Report:
-    """Of a shard's table."""
+    """The report of a shard, from its table."""
     record = record_of(table)
     names = ("setting", "trial", "final_training_return")
     columns = (table.column(name).to_pylist() for name in names)
     return Report(index, *columns, *(record[name] for name in ("env_steps", "compile_seconds", "train_seconds")))
 
 
-def provenance(store: Store, plan: Plan) -> dict[str, Any]:
-    """Of a sweep that is done: versions and machines, each once, and the seconds of all workers together."""
+def provenance(store: Store, plan: Plan) -> dict[str, object]:
+    """What made a sweep that is done: versions and machines, each once, and the seconds of all workers together."""
     records = []
     for done in finished(store, plan).values():
         table = read(store, done)
@@ -157,7 +156,7 @@ def finished(store: Store, plan: Plan) -> dict[int, Done]:
 
 
 def read(store: Store, done: Done) -> pa.Table | None:
-    """A finished shard's table; None where the file was damaged or is gone.
+    """The table of a finished shard; None where the file was damaged or is gone.
 
     Raises:
         UsageError: it can't be read now, which says nothing of what is in it.

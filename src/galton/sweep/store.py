@@ -69,7 +69,7 @@ class Store:
             raise UsageError(f"out is {self.url}, where {name} can't be read: {error}") from None
 
     def write(self, name: str, data: bytes) -> None:
-        """All of it or nothing, even if the machine stops meanwhile; what had that name is replaced.
+        """Write all of a file or nothing, even if the machine stops meanwhile; what had that name is replaced.
 
         Raises:
             UsageError: no room, or no permission.
@@ -94,7 +94,7 @@ class Store:
 
     @contextlib.contextmanager
     def lock(self) -> Iterator[None]:
-        """Held by the one process that runs the sweep; what killed processes left half-written is cleared away.
+        """Hold the sweep for this process alone; what killed ones left half-written is cleared away.
 
         An object store has no locks: there two of the same sweep would do the same work twice, and the workers of
         two that differ would refuse.

@@ -10,6 +10,7 @@ from typing import Any
 
 import jax
 import numpy as np
+from jaxtyping import PyTree
 from safetensors import SafetensorError
 from safetensors.numpy import load, save
 
@@ -18,11 +19,15 @@ from galton.saving import files
 from galton.saving.provenance import version
 
 FORMAT = 1
+"""The number of today's format; a file of a higher one is of a newer version."""
 MAX_HEADER = 1 << 23
 MAX_FILE = 1 << 30
 
+Settings = dict[str, Any]
+"""What JSON can hold, by name."""
 
-def write(path: Path, settings: dict[str, Any], arrays: dict[str, np.ndarray]) -> None:
+
+def write(path: Path, settings: Settings, arrays: dict[str, np.ndarray]) -> None:
     """Put a checkpoint at path, all of it or none.
 
     Raises:
@@ -42,8 +47,8 @@ def write(path: Path, settings: dict[str, Any], arrays: dict[str, np.ndarray]) -
         raise UsageError(f"path is {path}, which can't be written: {error.strerror}; name another") from None
 
 
-def read(path: Path) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-    """Settings and arrays of a checkpoint.
+def read(path: Path) -> tuple[Settings, dict[str, np.ndarray]]:
+    """The settings and the arrays that `write` put into a file.
 
     Raises:
         UsageError: no such file.
@@ -75,7 +80,7 @@ def read(path: Path) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     return record["settings"], arrays
 
 
-def _check_format(record: dict[str, Any]) -> None:
+def _check_format(record: Settings) -> None:
     """Raise unless this version reads files of the record's format.
 
     What a newer version wrote may have its checksum elsewhere, so this is asked first.
@@ -90,12 +95,12 @@ def _check_format(record: dict[str, Any]) -> None:
         )
 
 
-def flatten(tree: Any) -> dict[str, np.ndarray]:
-    """A pytree as arrays by their place in it."""
+def flatten(tree: PyTree) -> dict[str, np.ndarray]:
+    """The arrays of a pytree by their place in it, such as actor/0/kernel."""
     return {_name(path): np.asarray(leaf) for path, leaf in jax.tree_util.tree_leaves_with_path(tree)}
 
 
-def unflatten(arrays: dict[str, np.ndarray], like: Any) -> Any:
+def unflatten(arrays: dict[str, np.ndarray], like: PyTree) -> PyTree:
     """Undo `flatten`, into the structure, shapes and types of `like`.
 
     Raises:
@@ -111,11 +116,11 @@ def unflatten(arrays: dict[str, np.ndarray], like: Any) -> Any:
     return jax.tree.unflatten(structure, [arrays[_name(path)] for path, _ in leaves])
 
 
-def _name(path: Any) -> str:
+def _name(path: tuple[object, ...]) -> str:
     return jax.tree_util.keystr(path, simple=True, separator="/")
 
 
-def _digest(record: dict[str, Any], arrays: dict[str, np.ndarray]) -> str:
+def _digest(record: Settings, arrays: dict[str, np.ndarray]) -> str:
     digest = hashlib.sha256(json.dumps(record, sort_keys=True).encode())
     for name in sorted(arrays):
         array = arrays[name]

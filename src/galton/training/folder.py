@@ -8,7 +8,6 @@ import shutil
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import filelock
 
@@ -109,7 +108,7 @@ def write_settings(folder: Path, settings: dict[str, object]) -> None:
     (folder / CONFIG).write_text(json.dumps(record, indent=2, default=str) + "\n")
 
 
-def read_settings(folder: Path) -> dict[str, Any]:
+def read_settings(folder: Path) -> dict[str, object]:
     """What `write_settings` wrote; nothing where there is no config.json.
 
     Raises:

@@ -2,18 +2,18 @@
 
 import math
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from galton.envs.spaces import shown
 from galton.errors import CheckpointError, UsageError
+from galton.training.checkpoint import Settings
 from galton.types import Config, Hypers
 
 MAX_BINS = 10**6
-"""What settings may call for beyond the numbers in the file."""
+"""The most bins that settings may call for beyond the numbers in the file."""
 
-EXAMPLE: dict[str, Any] = {
+EXAMPLE: Settings = {
     "class": "A2C",
     "env": "",
     "config": vars(Config()) | {"net_arch": []},
@@ -25,7 +25,7 @@ EXAMPLE: dict[str, Any] = {
     "action_space": {},
     "observation_space": {},
 }
-"""What `A2C.save` writes."""
+"""What `A2C.save` writes, with the keys and types that a file must have too."""
 
 MALFORMED = (
     KeyError,
@@ -37,7 +37,7 @@ MALFORMED = (
     MemoryError,
     RecursionError,
 )
-"""What comes of settings and arrays that `save` did not write."""
+"""The errors that come of settings and arrays which `save` did not write."""
 
 
 def unusable(path: Path, error: Exception) -> CheckpointError:
@@ -46,7 +46,7 @@ def unusable(path: Path, error: Exception) -> CheckpointError:
     return CheckpointError(f"{path} is not a model of Galton's: {told}")
 
 
-def check(settings: dict[str, Any], arrays: dict[str, np.ndarray]) -> None:
+def check(settings: Settings, arrays: dict[str, np.ndarray]) -> None:
     """Raise unless they are what `save` writes beside these arrays, before anything is made of their size."""
     _check_like("settings", settings, EXAMPLE)
     config, step = settings["config"], settings["step"]
@@ -71,18 +71,18 @@ def check(settings: dict[str, Any], arrays: dict[str, np.ndarray]) -> None:
             raise CheckpointError(f"{name} is {shown(value)}, which does not go with the rest of it")
 
 
-def _check_like(name: str, given: Any, like: Any) -> None:
+def _check_like(name: str, given: object, like: object) -> None:
     """Raise unless given has the types and keys of like."""
     if type(given) is not type(like):
         raise CheckpointError(f"{name} is {shown(given)}; it must be of type {type(like).__name__}")
-    if isinstance(like, dict) and like:
+    if isinstance(given, dict) and isinstance(like, dict) and like:
         if given.keys() != like.keys():
             raise CheckpointError(f"{name} has {shown(sorted(given))}; it must have {sorted(like)}")
         for key, value in like.items():
             _check_like(key, given[key], value)
 
 
-def _flat_size(record: dict[str, Any]) -> int:
+def _flat_size(record: Settings) -> int:
     """Numbers in a space, from `to_json` of it."""
     ((kind, content),) = record.items()
     if kind in ("Dict", "Tuple"):
