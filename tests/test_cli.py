@@ -17,7 +17,7 @@ from PIL import Image
 
 from galton import LOSSES
 from galton.envs import ENVS
-from galton.training.checkpoint import read
+from galton.saving.checkpoint import read
 
 SMALL = ["--steps", "400", "--logs", "4", "--eval-episodes", "2", "--n-bins", "10"]
 
@@ -34,9 +34,8 @@ def test_help_names_the_commands_and_needs_no_jax():
     assert done.returncode == 0
     assert "train" in done.stdout
     assert "compare" in done.stdout
-    check = (
-        "import sys; from galton.cli import main; sys.argv[1:] = ['--help']; main(); assert 'jax' not in sys.modules"
-    )
+    check = "import sys; from galton.cli.main import main; sys.argv[1:] = ['--help']; main(); "
+    check += "assert 'jax' not in sys.modules"
     assert subprocess.run([sys.executable, "-c", check], capture_output=True).returncode == 0
 
 
@@ -89,7 +88,7 @@ WRONG = [
 
 MANY = """
 import contextlib, io, json, sys
-from galton.cli import main
+from galton.cli.main import main
 for sys.argv in json.load(sys.stdin):
     said, code = io.StringIO(), None
     with contextlib.redirect_stderr(said):

@@ -7,18 +7,17 @@ import galton
 
 RANKS = [
     {"errors", "devices"},
-    {"types", "saving"},
+    {"types"},
     {"bins", "networks", "returns", "normalization"},
     {"targets", "theory"},
     {"policies", "envs"},
     {"losses"},
     {"algorithms"},
-    {"training"},
+    {"training", "saving"},
     {"callbacks", "sb3"},
     {"agent"},
     {"analysis", "sweep"},
     {"studies"},
-    {"commands"},
     {"cli"},
 ]
 ROOT = Path(galton.__file__).parent

@@ -23,8 +23,8 @@ from galton.envs.find import find
 from galton.envs.spaces import ActionBox, Observations, from_json, to_json
 from galton.errors import CheckpointError, DivergenceError, require, require_integer
 from galton.policies import Policy
-from galton.training import checkpoint
-from galton.training import settings as saved
+from galton.saving import checkpoint
+from galton.saving import model_file as saved
 from galton.training.evaluate import deterministic_action, evaluate, play
 from galton.training.populate import populate
 from galton.training.population import Population

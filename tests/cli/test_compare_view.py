@@ -5,7 +5,7 @@ from rich.console import Console
 from galton import LOSSES
 from galton.analysis.comparison import Row
 from galton.analysis.statistics import Interval
-from galton.commands._compare_view import table
+from galton.cli._compare_view import table
 from galton.envs import LQR
 
 

@@ -11,7 +11,7 @@ import pytest
 import tyro
 
 from galton import Config, Hypers
-from galton.commands import _options
+from galton.cli import _options
 from galton.types import Number
 
 
@@ -46,7 +46,7 @@ def test_its_docstring_is_the_help(capsys):
 def parsed(*arguments):
     """What `galton train` makes of its arguments, in a process without the tests' checks of types."""
     script = (
-        "import dataclasses, json, sys; from galton.commands._options import parse; from galton.commands.train import "
+        "import dataclasses, json, sys; from galton.cli._options import parse; from galton.cli.train import "
         "Options; options = parse(Options, 'train', sys.argv[1:]); kinds = [type(x).__name__ for x in "
         "(options.training.config, options.training.hypers)]; print(json.dumps([dataclasses.asdict(options), kinds]))"
     )

@@ -9,7 +9,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from galton.commands.reproduce import asked
+from galton.cli.reproduce import asked
 from galton.errors import UsageError
 from galton.saving.provenance import machine, versions
 from galton.studies import reproduce

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import tyro
 
-from galton.commands.sweep._folder import Folder, conclude, load
+from galton.cli.sweep._folder import Folder, conclude, load
 from galton.sweep.store import Store
 
 

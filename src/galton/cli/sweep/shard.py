@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 import tyro
 
-from galton.commands.sweep._folder import Folder
+from galton.cli.sweep._folder import Folder
 from galton.sweep.plan import Plan
 from galton.sweep.shard import discard, finished, read, work
 from galton.sweep.store import Store

@@ -15,11 +15,11 @@ import numpy as np
 import tyro
 
 from galton.agent import A2C
-from galton.commands.train import MODEL
+from galton.cli.train import MODEL
 from galton.envs.registry import is_known, read_constants
 from galton.errors import UsageError, require, require_integer
 from galton.saving import files
-from galton.training.folder import CONFIG, read_settings
+from galton.saving.result_folder import CONFIG, read_settings
 
 Env = gymnasium.Env[object, object]
 

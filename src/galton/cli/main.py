@@ -1,4 +1,4 @@
-"""The galton command. Each subcommand is a module of galton.commands, loaded when it is called for."""
+"""The galton command. Each of COMMANDS is a module beside this one, loaded when it is called for."""
 
 import importlib
 import signal
@@ -49,7 +49,7 @@ def _run(name: str, arguments: list[str]) -> int:
     sys.path.append("")  # a module of one's own in the current folder is found; it can't hide an installed one
     try:
         require(name in COMMANDS, f"command is {name!r}; choose from {', '.join(COMMANDS)}")
-        importlib.import_module(f"galton.commands.{name}").main(arguments)
+        importlib.import_module(f"galton.cli.{name}").main(arguments)
     except tuple(EXIT_CODES) as error:
         print(f"galton: {error}", file=sys.stderr)
         return next(code for kind, code in EXIT_CODES.items() if isinstance(error, kind))

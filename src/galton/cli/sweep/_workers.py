@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 
 import tyro
 
-from galton.commands.carry import carry, processes
+from galton.cli._carry import carry, processes
 from galton.errors import require
 from galton.sweep.engine import CarryOut
 from galton.sweep.executors import Place, one_per_core, one_per_gpu

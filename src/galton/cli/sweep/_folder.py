@@ -5,7 +5,7 @@ import dataclasses
 import tyro
 from rich.console import Console
 
-from galton.commands.sweep_view import winners
+from galton.cli._sweep_view import winners
 from galton.sweep import results
 from galton.sweep.plan import Plan
 from galton.sweep.store import Store

@@ -7,7 +7,7 @@ from concurrent.futures import Executor
 
 from rich.console import Console
 
-from galton.commands.sweep_view import live
+from galton.cli._sweep_view import live
 from galton.sweep import engine, executors
 from galton.sweep.engine import CarryOut
 from galton.sweep.executors import Place

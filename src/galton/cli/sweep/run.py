@@ -7,9 +7,9 @@ from typing import Annotated
 
 import tyro
 
-from galton.commands._options import EnvName, Training, parse, short_name
-from galton.commands.sweep._folder import conclude
-from galton.commands.sweep._workers import Workers, go_with
+from galton.cli._options import EnvName, Training, parse, short_name
+from galton.cli.sweep._folder import conclude
+from galton.cli.sweep._workers import Workers, go_with
 from galton.errors import require, require_integer
 from galton.sweep import engine, results
 from galton.sweep.grid import GRIDS, find_grid

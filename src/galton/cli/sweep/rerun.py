@@ -5,8 +5,8 @@ from collections.abc import Sequence
 
 import tyro
 
-from galton.commands.carry import processes
-from galton.commands.sweep._folder import Folder, conclude, load
+from galton.cli._carry import processes
+from galton.cli.sweep._folder import Folder, conclude, load
 from galton.errors import require
 from galton.sweep import engine, results
 from galton.sweep.executors import one_per_core

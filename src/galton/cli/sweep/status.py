@@ -8,7 +8,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from galton.commands.sweep._folder import Folder, load
+from galton.cli.sweep._folder import Folder, load
 from galton.losses import find_loss
 from galton.sweep.plan import Plan
 from galton.sweep.shard import finished

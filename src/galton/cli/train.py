@@ -12,14 +12,14 @@ from rich.console import Console
 
 from galton import callbacks
 from galton.agent import A2C, InexactResume
-from galton.commands._options import EnvName, LossName, Training, command_line, parse, short_name
-from galton.commands._progress import OnLog, live_progress
+from galton.cli._options import EnvName, LossName, Training, command_line, parse, short_name
+from galton.cli._progress import OnLog, live_progress
 from galton.devices import use_all_cores
 from galton.envs.base import Environment, HostTask
 from galton.errors import DivergenceError, UsageError, require
 from galton.losses import find_loss
 from galton.saving import files
-from galton.training.folder import check_free, claimed, replacing, write_settings
+from galton.saving.result_folder import check_free, claimed, replacing, write_settings
 
 MODEL, BEST, METRICS = "model.safetensors", "best_model.safetensors", "metrics.jsonl"
 

@@ -10,15 +10,15 @@ from rich.console import Console
 
 from galton.analysis.comparison import curves, summarise, verdicts
 from galton.analysis.plots import learning_curves, save
-from galton.commands._compare_view import table
-from galton.commands._options import EnvName, LossNames, Training, command_line, parse, short_name
-from galton.commands._progress import live_progress
+from galton.cli._compare_view import table
+from galton.cli._options import EnvName, LossNames, Training, command_line, parse, short_name
+from galton.cli._progress import live_progress
 from galton.devices import use_all_cores
 from galton.envs.base import Environment
 from galton.envs.registry import settings
 from galton.errors import require, require_integer
 from galton.losses import LOSSES, find_loss
-from galton.training.folder import result_folder, write_settings
+from galton.saving.result_folder import result_folder, write_settings
 from galton.training.train import Result
 
 

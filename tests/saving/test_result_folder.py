@@ -1,7 +1,7 @@
 import pytest
 
 from galton import UsageError
-from galton.training.folder import check_free, claimed, read_settings, result_folder, write_settings
+from galton.saving.result_folder import check_free, claimed, read_settings, result_folder, write_settings
 
 
 def fill(folder, text):

@@ -11,8 +11,8 @@ import pytest
 from safetensors.numpy import save
 
 from galton import A2C, CheckpointError, UsageError
+from galton.saving import checkpoint
 from galton.saving.provenance import version
-from galton.training import checkpoint
 
 SETTINGS = {"name": "a", "numbers": [1, 2.5, float("inf"), None, True], "nested": {"b": {}, "ü": "σ"}}
 ARRAYS = {

@@ -7,7 +7,7 @@ import numpy as np
 
 from galton.envs.spaces import shown
 from galton.errors import CheckpointError, UsageError
-from galton.training.checkpoint import Settings
+from galton.saving.checkpoint import Settings
 from galton.types import Config, Hypers
 
 MAX_BINS = 10**6
