@@ -17,7 +17,7 @@ import numpy as np
 from sides import write
 
 import galton
-from galton.cores import n_cores
+from galton.devices import n_cores
 from galton.envs.registry import ENVS, settings
 from galton.sweep.executors import Processes, one_per_core
 from galton.sweep.grid import find_grid

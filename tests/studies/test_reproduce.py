@@ -9,13 +9,13 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from galton.commands.reproduce import asked
+from galton.cli.reproduce import asked
 from galton.errors import UsageError
+from galton.saving.provenance import machine, versions
 from galton.studies import reproduce
 from galton.studies.registry import FIGURES, find_figure
 from galton.studies.sweeps import SWEEPS, TASKS
 from galton.sweep.parquet import record_of
-from galton.sweep.shard import machine, versions
 
 from . import made_up
 

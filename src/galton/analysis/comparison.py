@@ -1,4 +1,4 @@
-"""Several losses on one task: the table, the verdicts and the numbers behind them."""
+"""Several losses on one task: a row for each, the verdicts and the numbers behind them."""
 
 import dataclasses
 import math
@@ -7,8 +7,6 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
-from rich import box
-from rich.table import Table
 
 from galton.analysis.statistics import Interval, difference_interval, mean_interval
 from galton.envs.base import Environment
@@ -70,48 +68,6 @@ def summarise(results: Results, env: Environment | None) -> list[Row]:
             )
         )
     return rows
-
-
-def table(rows: list[Row], env: Environment | None) -> Table:
-    """The rows for a terminal."""
-    shares = any(row.share_of_optimum is not None for row in rows)
-    notes = ["final returns: mean over runs ± 95% CI, last 5% of training"]
-    if any(row.diverged for row in rows):
-        notes.append("diverged runs are left out of the means")
-    if shares and env is not None:
-        notes.append(
-            f"of optimum: random actions {env.random_return:.2f} are 0%, the optimum {env.optimal_return:.2f} is 100%"
-        )
-    notes.append(
-        "steps/s: training and evaluation; compiling apart: "
-        + ", ".join(f"{row.compile_seconds:.1f} s" for row in rows)
-    )
-    view = Table(
-        box=box.SIMPLE_HEAD,
-        pad_edge=False,
-        caption="\n".join(notes).replace("-", "−"),
-        caption_justify="left",
-    )
-    view.add_column("loss")
-    for heading in (
-        "training\nreturn",
-        "evaluation\nreturn",
-        *["of\noptimum"] * shares,
-        "steps/s",
-        "diverged",
-    ):
-        view.add_column(heading, justify="right", no_wrap=True)
-    for row in rows:
-        share = [f"{row.share_of_optimum:.1%}".replace("-", "−") if row.share_of_optimum is not None else "—"] * shares
-        view.add_row(
-            LOSSES[row.loss].label,
-            f"{row.training_return:.2f}",
-            f"{row.evaluation_return:.2f}",
-            *share,
-            f"{row.steps_per_second:,.0f}",
-            str(row.diverged),
-        )
-    return view
 
 
 def verdicts(results: Results, baseline: str = "gaussian") -> list[str]:

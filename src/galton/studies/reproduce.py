@@ -5,6 +5,7 @@ from collections.abc import Iterable
 import pyarrow as pa
 
 from galton.errors import UsageError
+from galton.saving.provenance import machine, versions
 from galton.studies.base import Data
 from galton.studies.gradients import collect
 from galton.studies.summary import Summary
@@ -12,7 +13,7 @@ from galton.studies.sweeps import SWEEPS, Budget, find_sweep
 from galton.sweep import engine, results
 from galton.sweep.engine import CarryOut
 from galton.sweep.parquet import from_bytes, record_of, to_bytes, with_record
-from galton.sweep.shard import machine, provenance, versions
+from galton.sweep.shard import provenance
 from galton.sweep.store import Store
 
 DATA = "data"

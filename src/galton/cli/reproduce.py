@@ -7,8 +7,8 @@ from typing import Annotated
 
 import tyro
 
-from galton.commands.carry import processes
-from galton.commands.report import write
+from galton.cli._carry import processes
+from galton.cli.report import write
 from galton.errors import UsageError
 from galton.studies import reproduce
 from galton.studies.registry import FIGURES, find_figure

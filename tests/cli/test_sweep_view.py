@@ -4,7 +4,7 @@ import time
 
 from rich.console import Console
 
-from galton.commands.sweep_view import View
+from galton.cli._sweep_view import View
 from galton.sweep.grid import expand
 from galton.sweep.plan import Plan
 from galton.sweep.shard import Report

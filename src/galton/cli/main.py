@@ -1,8 +1,10 @@
-"""The galton command. Each subcommand is a module of galton.commands, loaded when it is called for."""
+"""The galton command. Each of COMMANDS is a module beside this one, loaded when it is called for."""
 
 import importlib
 import signal
 import sys
+
+from galton.errors import BrokenEnvironmentError, CheckpointError, UsageError, require
 
 COMMANDS = {
     "train": "train one policy and keep it in a run folder",
@@ -14,7 +16,10 @@ COMMANDS = {
 }
 
 RESUMABLE = ("sweep", "reproduce", "report")
-"""Whose work is kept as it is done."""
+"""The commands whose work is kept as it is done."""
+
+EXIT_CODES = {BrokenEnvironmentError: 1, CheckpointError: 2, UsageError: 2}
+"""What the command ends with, by whose fault it was: an environment's, or that of an argument or a file."""
 
 HELP = f"""\
 usage: galton COMMAND ...
@@ -29,33 +34,27 @@ galton COMMAND --help lists the options of a command.
 
 
 def main() -> None:
-    """Run a command. Exit codes: 0 done, 1 a broken environment, 2 a wrong argument or file, 130 interrupted."""
+    """Run a command; the exit code says how it went: 0 done, 130 interrupted, or one of EXIT_CODES."""
     name, arguments = (sys.argv[1], sys.argv[2:]) if len(sys.argv) > 1 else ("--help", [])
     if name in ("--help", "-h"):
         print(HELP, end="")
-        return
-    if name == "--version":
+    elif name == "--version":
         print(importlib.import_module("importlib.metadata").version("galton"))
-        return
-    if name not in COMMANDS:
-        sys.exit(_complain(f"command is {name!r}; choose from {', '.join(COMMANDS)}"))
+    else:
+        sys.exit(_run(name, arguments))
 
-    from galton.errors import BrokenEnvironmentError, CheckpointError, UsageError
 
+def _run(name: str, arguments: list[str]) -> int:
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # so that it cleans up as Ctrl-C does
     sys.path.append("")  # a module of one's own in the current folder is found; it can't hide an installed one
     try:
-        importlib.import_module(f"galton.commands.{name}").main(arguments)
-    except (UsageError, CheckpointError) as error:
-        sys.exit(_complain(str(error)))
-    except BrokenEnvironmentError as error:
-        sys.exit(_complain(str(error)) - 1)
+        require(name in COMMANDS, f"command is {name!r}; choose from {', '.join(COMMANDS)}")
+        importlib.import_module(f"galton.cli.{name}").main(arguments)
+    except tuple(EXIT_CODES) as error:
+        print(f"galton: {error}", file=sys.stderr)
+        return next(code for kind, code in EXIT_CODES.items() if isinstance(error, kind))
     except KeyboardInterrupt:
         left = "the same command goes on with the rest" if name in RESUMABLE else "nothing was written"
         print(f"galton: interrupted; {left}", file=sys.stderr)
-        sys.exit(130)
-
-
-def _complain(message: str) -> int:
-    print(f"galton: {message}", file=sys.stderr)
-    return 2
+        return 130
+    return 0

@@ -1,36 +1,33 @@
-"""What the commands share: options, progress, provenance."""
+"""The options that the commands share, read from the command line with tyro."""
 
 import contextlib
 import dataclasses
-import importlib.metadata
 import io
-import json
-import platform
 import re
 import shlex
-import signal
 import sys
-from collections.abc import Callable, Iterator, Sequence
-from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from collections.abc import Callable, Mapping, Sequence
+from typing import Annotated, TypeVar, cast, get_args
 
 import tyro
-from rich.console import Console
-from rich.progress import BarColumn, Progress, ProgressColumn, Task, TextColumn, TimeRemainingColumn
-from rich.text import Text
+from tyro.constructors import (
+    ConstructorRegistry,
+    PrimitiveConstructorSpec,
+    PrimitiveTypeInfo,
+    StructConstructorSpec,
+    StructFieldSpec,
+    StructTypeInfo,
+)
 
 from galton.envs.base import Environment
 from galton.envs.find import find
 from galton.envs.host.base import HostTask
 from galton.envs.registry import ENVS, find_task, is_known, read_constants, settings
-from galton.errors import UsageError
+from galton.errors import UsageError, require
 from galton.losses import LOSSES
 from galton.training.log import Log
 from galton.training.train import Result, check_arguments, train
-from galton.types import Config, Hypers
-
-OnLog = Callable[[int, Log | None], None]
-"""What is called at each log point with the steps so far and the log."""
+from galton.types import Config, Hypers, Number
 
 EnvName = Annotated[
     str,
@@ -41,6 +38,12 @@ EnvName = Annotated[
 ]
 LossName = Annotated[str, tyro.conf.arg(metavar="{" + ",".join(LOSSES) + "}")]
 LossNames = Annotated[tuple[str, ...], tyro.conf.arg(metavar="{" + ",".join(LOSSES) + "} ...")]
+
+IN_CONFIG: Mapping[str, object] = {"loss": tyro.conf.Suppress}
+"""What the command line makes of fields of Config, where not simply an option: each command names losses its own way.
+
+A value is anything that tyro takes in an `Annotated`.
+"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -60,7 +63,7 @@ class Training:
 
     @classmethod
     def of_task(cls, name: str) -> "Training":
-        """The defaults for a task."""
+        """The defaults for the environment of that name."""
         task = settings(name)
         return cls(
             task.total_timesteps,
@@ -70,20 +73,21 @@ class Training:
             hypers=Hypers(learning_rate=task.learning_rate),
         )
 
-    def record(self) -> dict[str, Any]:
-        """All of it for JSON."""
+    def record(self) -> dict[str, object]:
+        """These options for JSON; the losses are told apart from them."""
         config = {name: value for name, value in dataclasses.asdict(self.config).items() if name != "loss"}
-        given = {"env_kwargs": self.constants(), "config": config, "hypers": self.hypers._asdict()}
-        return dataclasses.asdict(self) | given
+        constants = read_constants(self.env_kwargs)
+        return dataclasses.asdict(self) | {"env_kwargs": constants, "config": config, "hypers": self.hypers._asdict()}
 
     def check(self, seeds: Sequence[int]) -> None:
         """Raise UsageError for what `run` can't take, before anything is begun."""
         check_arguments(self.hypers, seeds, self.steps, self.logs, self.eval_episodes)
+        require(self.steps < 2**31, f"total_timesteps is {self.steps}; one run counts up to 2³¹ − 1 steps")
 
     def run(
         self, env: Environment | HostTask, loss: str, seeds: Sequence[int], on_log: Callable[[int, Log], None]
     ) -> Result:
-        """Train."""
+        """Train a run of this loss for each seed."""
         return train(
             env,
             dataclasses.replace(self.config, loss=loss),
@@ -96,17 +100,18 @@ class Training:
         )
 
     def find(self, name: str) -> Environment | HostTask:
-        """The environment of that name."""
-        return find(name, **self.constants())
-
-    def constants(self) -> dict[str, Any]:
-        """env_kwargs as a dictionary."""
-        return read_constants(self.env_kwargs)
+        """The environment of that name, made with these keyword arguments."""
+        return find(name, **read_constants(self.env_kwargs))
 
 
 def short_name(env: str) -> str:
-    """For a folder: our own name of the task, or the id without what a path can't hold."""
+    """The name of an environment in that of a folder: our own of the task, or the id without what a path can't hold."""
     return find_task(env)[0] if is_known(env) else re.sub(r"[^\w.-]+", "-", env)
+
+
+def command_line() -> str:
+    """The command as it was typed."""
+    return shlex.join(["galton", *sys.argv[1:]])
 
 
 OptionsT = TypeVar("OptionsT")
@@ -127,6 +132,7 @@ def parse(
             args=list(arguments),
             default=options(env=tyro.MISSING, training=training),  # type: ignore[call-arg]
             config=(tyro.conf.OmitArgPrefixes,),
+            registry=_REGISTRY,
         )
 
     try:
@@ -143,65 +149,39 @@ def parse(
     return read(Training.of_task(first.env))  # type: ignore[attr-defined]
 
 
-class _Rate(ProgressColumn):
-    """Steps per second since the first log point."""
-
-    def render(self, task: Task) -> Text:
-        return Text(f"{task.speed:,.0f} steps/s" if task.speed else "compiling" if not task.finished else "")
+_REGISTRY = ConstructorRegistry()
+"""How the records of galton.types, which know nothing of a command line, are read from one."""
 
 
-Follow = Callable[[str, int, int], OnLog]
-"""(title, steps per run, runs) → an on_log for `train`."""
-
-
-@contextlib.contextmanager
-def live_progress(console: Console) -> Iterator[Follow]:
-    """A line per task: done, speed, time left. A Ctrl-C or SIGTERM meanwhile is raised at the next log point.
-
-    Raised at once it would hit JAX in the middle of its compiler, which crashes or swallows it.
-    """
-    caught: list[int] = []
-
-    def catch(number: int, _: object) -> None:
-        if not caught:
-            print("galton: interrupted; stopping at the next log point (once more: at once)", file=sys.stderr)
-        signal.signal(number, signal.default_int_handler)
-        caught.append(number)
-
-    def follow(title: str, steps: int, runs: int) -> OnLog:
-        task = progress.add_task(title, total=steps * runs)
-
-        def on_log(step: int, _: Log | None) -> None:
-            if caught:
-                raise KeyboardInterrupt
-            progress.update(task, completed=step * runs)
-
-        return on_log
-
-    columns = (
-        TextColumn("{task.description:<24}"),
-        BarColumn(),
-        TextColumn("{task.percentage:>3.0f}%"),
-        _Rate(),
-        TimeRemainingColumn(elapsed_when_finished=True),
+@_REGISTRY.primitive_rule
+def _one_number(info: PrimitiveTypeInfo) -> PrimitiveConstructorSpec[float] | None:
+    """What may be one number or an array of them is one number here."""
+    if {*get_args(info.type)} - {int} != {*get_args(Number)}:
+        return None
+    return PrimitiveConstructorSpec(
+        nargs=1,
+        metavar="FLOAT",
+        instance_from_str=lambda words: float(words[0]),
+        is_instance=lambda value: isinstance(value, int | float),
+        str_from_instance=lambda value: [str(value)],
     )
-    previous = {number: signal.signal(number, catch) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        with Progress(*columns, console=console) as progress:
-            yield follow
-        if caught:
-            raise KeyboardInterrupt
-    finally:
-        for number, handler in previous.items():
-            signal.signal(number, handler)
 
 
-def write_settings(folder: Path, settings: dict[str, Any]) -> None:
-    """config.json: the settings, the command, the versions and the machine."""
-    versions = {name: importlib.metadata.version(name) for name in ("galton", "jax", "jaxlib", "optax", "numpy")}
-    record = settings | {
-        "command": shlex.join(["galton", *sys.argv[1:]]),
-        "versions": versions | {"python": platform.python_version()},
-        "machine": platform.platform(),
-    }
-    (folder / "config.json").write_text(json.dumps(record, indent=2, default=str) + "\n")
+class _AnyConfig(Config):
+    """Config under another name, by which tyro's own rule for dataclasses can be asked."""
+
+
+@_REGISTRY.struct_rule
+def _config(info: StructTypeInfo) -> StructConstructorSpec | None:
+    """Every field of Config is an option, spelt as IN_CONFIG has it."""
+    if info.type is not Config:
+        return None
+    spec = ConstructorRegistry.get_struct_spec(dataclasses.replace(info, type=_AnyConfig))
+    assert isinstance(spec, StructConstructorSpec)
+    return StructConstructorSpec(Config, tuple(map(_spelt, spec.fields)))
+
+
+def _spelt(field: StructFieldSpec) -> StructFieldSpec:
+    if field.name not in IN_CONFIG:
+        return field
+    return dataclasses.replace(field, type=cast("type[object]", Annotated[field.type, IN_CONFIG[field.name]]))

@@ -1,4 +1,4 @@
-"""What carries plans out for a command, in view of whoever typed it."""
+"""Plans that are carried out in view of whoever typed the command."""
 
 import contextlib
 import sys
@@ -7,7 +7,7 @@ from concurrent.futures import Executor
 
 from rich.console import Console
 
-from galton.commands.sweep_view import live
+from galton.cli._sweep_view import live
 from galton.sweep import engine, executors
 from galton.sweep.engine import CarryOut
 from galton.sweep.executors import Place
@@ -18,7 +18,7 @@ from galton.sweep.store import Store
 
 @contextlib.contextmanager
 def processes(places: Sequence[Place]) -> Iterator[CarryOut]:
-    """A process in each place, for one plan after the other."""
+    """A process in each place for a while: a function that has them carry out one plan after the other."""
     with executors.processes(places) as executor:
         yield lambda store, plan: carry(store, plan, executor, lambda: len(places))
 

@@ -17,7 +17,7 @@ from galton.sweep.shard import Report
 
 
 class View:
-    """The live table."""
+    """What a sweep shows while it runs, drawn again whenever rich asks for it."""
 
     def __init__(self, plan: Plan) -> None:
         self._plan, self._start = plan, time.monotonic()
@@ -26,13 +26,13 @@ class View:
         self._returns: dict[int, list[float]] = {}
 
     def resumed(self, reports: list[Report]) -> None:
-        """Shards that were done before."""
+        """Count shards that were done before; speed and time left don't."""
         for report in reports:
             self._add(report)
         self._runs_before, self._steps_before = self._runs, self._steps
 
     def finished(self, report: Report) -> None:
-        """A shard that has just been done."""
+        """Count a shard that has just been done."""
         self._add(report)
 
     def _add(self, report: Report) -> None:
@@ -42,7 +42,7 @@ class View:
             self._returns.setdefault(setting, []).append(value)
 
     def __rich__(self) -> Table:
-        """Progress, speed, time left, and the best setting of each loss so far."""
+        """Draw progress, speed, time left, and the best setting of each loss so far."""
         bar = ProgressBar(total=self._plan.n_runs, completed=self._runs, width=60)
         rows = Table.grid()
         for row in (self.line(), bar, self._best()):
@@ -50,7 +50,7 @@ class View:
         return rows
 
     def line(self) -> str:
-        """Progress, speed and time left."""
+        """Say progress, speed and time left in one line."""
         line, runs = f"{self._runs:,} of {self._plan.n_runs:,} runs", self._runs - self._runs_before
         if not runs:
             return line
@@ -89,7 +89,7 @@ def _duration(seconds: float) -> str:
 
 
 def winners(best: dict[str, Best]) -> Table:
-    """The best settings as a table."""
+    """A table of the best settings, a row for each loss."""
     from galton.analysis.statistics import mean_interval  # scipy takes a second, which `status` needn't
 
     table = Table(title="best setting per loss, by mean final training return: mean and 95% CI")

@@ -2,7 +2,6 @@
 
 import math
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -10,12 +9,13 @@ from galton.algorithms import find_algorithm
 from galton.envs.host.answers import shown
 from galton.errors import CheckpointError, NewerVersionError, UsageError
 from galton.records import FIRST_FIELDS, defaults, refuse_unknown
+from galton.saving.checkpoint import Settings
 from galton.types import Config, Hypers
 
 MAX_BINS = 10**6
-"""What settings may call for beyond the numbers in the file."""
+"""The most bins that settings may call for beyond the numbers in the file."""
 
-EXAMPLE: dict[str, Any] = {
+EXAMPLE: Settings = {
     "class": "A2C",
     "env": "",
     "config": defaults(Config) | {"net_arch": []},
@@ -39,7 +39,7 @@ MALFORMED = (
     MemoryError,
     RecursionError,
 )
-"""What comes of settings and arrays that `save` did not write."""
+"""The errors that come of settings and arrays which `save` did not write."""
 
 
 def unusable(path: Path, error: Exception) -> CheckpointError:
@@ -48,7 +48,7 @@ def unusable(path: Path, error: Exception) -> CheckpointError:
     return CheckpointError(f"{path} is not a model of Galton's: {told}")
 
 
-def checked(path: Path, settings: dict[str, Any], arrays: dict[str, np.ndarray]) -> dict[str, Any]:
+def checked(path: Path, settings: Settings, arrays: dict[str, np.ndarray]) -> Settings:
     """What `check` gives; its errors name the file.
 
     Raises:
@@ -63,7 +63,7 @@ def checked(path: Path, settings: dict[str, Any], arrays: dict[str, np.ndarray])
         raise unusable(path, error) from None
 
 
-def check(settings: dict[str, Any], arrays: dict[str, np.ndarray]) -> dict[str, Any]:
+def check(settings: Settings, arrays: dict[str, np.ndarray]) -> Settings:
     """The settings with what they leave out filled in, once they are what `save` writes beside these arrays.
 
     Nothing is made of their size before that.
@@ -111,18 +111,18 @@ def hypers_of(settings: dict[str, Any]) -> Hypers:
     return Hypers(**settings["hypers"])
 
 
-def _check_like(name: str, given: Any, like: Any) -> None:
+def _check_like(name: str, given: object, like: object) -> None:
     """Raise unless given has the types and keys of like."""
     if type(given) is not type(like):
         raise CheckpointError(f"{name} is {shown(given)}; it must be of type {type(like).__name__}")
-    if isinstance(like, dict) and like:
+    if isinstance(given, dict) and isinstance(like, dict) and like:
         if given.keys() != like.keys():
             raise CheckpointError(f"{name} has {shown(sorted(given))}; it must have {sorted(like)}")
         for key, value in like.items():
             _check_like(key, given[key], value)
 
 
-def _flat_size(record: dict[str, Any]) -> int:
+def _flat_size(record: Settings) -> int:
     """Numbers in a space, from `to_json` of it."""
     ((kind, content),) = record.items()
     if kind in ("Dict", "Tuple"):

@@ -8,23 +8,17 @@ from pathlib import Path
 import pyarrow.parquet as pq
 from rich.console import Console
 
-from galton.analysis.comparison import curves, summarise, table, verdicts
+from galton.analysis.comparison import curves, summarise, verdicts
 from galton.analysis.plots import learning_curves, save
-from galton.commands.common import (
-    EnvName,
-    LossNames,
-    Training,
-    live_progress,
-    parse,
-    short_name,
-    write_settings,
-)
+from galton.cli._compare_view import table
+from galton.cli._options import EnvName, LossNames, Training, command_line, parse, short_name
+from galton.cli._progress import live_progress
+from galton.devices import use_all_cores
 from galton.envs.base import Environment
 from galton.envs.registry import settings
 from galton.errors import require, require_integer
 from galton.losses import LOSSES, find_loss
-from galton.training.devices import use_all_cores
-from galton.training.folder import result_folder
+from galton.saving.result_folder import result_folder, write_settings
 from galton.training.train import Result
 
 
@@ -36,7 +30,7 @@ class Options:
     training: Training
     losses: LossNames = tuple(name for name, loss in LOSSES.items() if loss.in_paper)
     seeds: int = 20
-    """Runs per loss."""
+    """How many runs of each loss, each with a seed of its own."""
     out: Path | None = None
     """The folder for the figure and the numbers, by default runs/compare-ENV."""
     overwrite: bool = False
@@ -46,7 +40,6 @@ class Options:
 def main(arguments: Sequence[str]) -> None:
     """Train all losses, print the table and write figure, curves and settings."""
     options = parse(Options, "compare", arguments)
-    name = short_name(options.env)
     labels = {loss: find_loss(loss).label for loss in options.losses}
     require(
         len(labels) == len(options.losses) > 0,
@@ -56,7 +49,7 @@ def main(arguments: Sequence[str]) -> None:
     training, seeds = options.training, range(options.seeds)
     env = training.find(options.env)
     known = env if isinstance(env, Environment) else None
-    out = options.out or Path("runs", f"compare-{name}")
+    out = options.out or Path("runs", f"compare-{short_name(options.env)}")
     training.check(seeds)
     console = Console()
     use_all_cores()
@@ -66,14 +59,11 @@ def main(arguments: Sequence[str]) -> None:
             for loss, label in labels.items():
                 results[loss] = training.run(env, loss, seeds, follow(label, training.steps, len(seeds)))
         rows = summarise(results, known)
-        write_settings(
-            folder, {"env": options.env, "losses": options.losses, "seeds": options.seeds} | training.record()
-        )
+        given = {"env": options.env, "losses": options.losses, "seeds": options.seeds}
+        write_settings(folder, given | training.record() | {"command": command_line()})
         (folder / "summary.json").write_text(json.dumps([row.record() for row in rows], indent=2) + "\n")
         pq.write_table(curves(results), folder / "curves.parquet")
         title = f"{settings(options.env).title}: mean of {options.seeds} runs and 95% CI"
         save(learning_curves(results, known, title), folder / "learning_curves")
     console.print(table(rows, known))
-    for sentence in verdicts(results):
-        console.print(sentence, highlight=False, soft_wrap=True)
-    console.print(f"figure and numbers: {out}", highlight=False, soft_wrap=True)
+    print(*verdicts(results), f"figure and numbers: {out}", sep="\n")

@@ -1,7 +1,7 @@
 import pytest
 
 from galton import UsageError
-from galton.training.folder import result_folder
+from galton.saving.result_folder import check_free, claimed, read_settings, result_folder, write_settings
 
 
 def fill(folder, text):
@@ -101,6 +101,40 @@ def test_what_a_process_killed_between_two_renames_set_aside_is_put_back(tmp_pat
     with pytest.raises(UsageError, match="which is in use"):
         fail()
     assert (tmp_path / "out" / "config.json").read_text() == "precious"
+
+
+def test_settings_come_back_with_what_made_them(tmp_path):
+    assert read_settings(tmp_path) == {}
+    write_settings(tmp_path, {"env": "lqr", "env_kwargs": {"noise_std": 0.5}})
+    known = read_settings(tmp_path)
+    assert (known["env"], known["env_kwargs"]) == ("lqr", {"noise_std": 0.5})
+    assert known["versions"]["galton"]
+    assert known["machine"]
+
+
+@pytest.mark.parametrize("text", ["", "{", "[1]", '"env"', "[" * 100_000])
+def test_settings_that_are_something_else_are_a_usage_error(tmp_path, text):
+    fill(tmp_path, text)
+    with pytest.raises(UsageError, match=r"config\.json"):
+        read_settings(tmp_path)
+
+
+def test_a_claim_ends_with_its_block_and_leaves_no_trace(tmp_path):
+    for _ in range(2):
+        with (
+            claimed(tmp_path / "new" / "out"),
+            pytest.raises(UsageError, match="another process is filling"),
+            claimed(tmp_path / "new" / "out"),
+        ):
+            pass
+        assert list((tmp_path / "new").iterdir()) == []
+
+
+def test_a_name_that_is_too_long_is_told(tmp_path):
+    with pytest.raises(UsageError, match="can't be written: File name too long"):
+        check_free(tmp_path / ("n" * 300), overwrite=False)
+    with pytest.raises(UsageError, match="can't be written: File name too long"), claimed(tmp_path / ("n" * 252)):
+        pass
 
 
 def test_only_folders_of_results_are_overwritten(tmp_path, monkeypatch):

@@ -11,7 +11,8 @@ import pytest
 from safetensors.numpy import save
 
 from galton import A2C, CheckpointError, UsageError
-from galton.training import checkpoint
+from galton.saving import checkpoint
+from galton.saving.provenance import version
 
 SETTINGS = {"name": "a", "numbers": [1, 2.5, float("inf"), None, True], "nested": {"b": {}, "ü": "σ"}}
 ARRAYS = {
@@ -266,7 +267,9 @@ def test_a_huge_file_is_not_read(tmp_path):
 @pytest.mark.parametrize(
     ("record", "message"),
     [
-        ({"format": 999, "settings": {}}, "its format is 999; this version reads 1"),
+        ({"format": 0, "settings": {}}, "its format is 0; this version reads 1"),
+        ({"format": "1", "settings": {}}, "its format is '1'; this version reads 1"),
+        ({"format": 2, "settings": {}}, r"written by a newer version of Galton \(not known, format 2\)"),
         ({"format": 1, "settings": []}, "settings"),
         ({"format": 1, "settings": "text"}, "settings"),
         ({"format": 1, "settings": None}, "settings"),
@@ -278,6 +281,28 @@ def test_wrong_records_with_a_right_checksum_are_refused(tmp_path, record, messa
     arrays = {"x": np.zeros(3)}
     text = json.dumps(record | {"sha256": checkpoint._digest(record, arrays)})
     refuse(tmp_path / "file", save(arrays, {"galton": text}), message)
+
+
+def test_a_file_of_a_newer_version_is_never_called_damaged(tmp_path):
+    """Whatever else it changed: where the checksum stands, for instance."""
+    record = {"format": checkpoint.FORMAT + 1, "galton": "99.1", "contents": []}
+    content = save({"x": np.zeros(3)}, {"galton": json.dumps(record)})
+    refuse(tmp_path / "file", content, r"newer version of Galton \(99\.1, format 2\); this one is .* upgrade")
+    with pytest.raises(CheckpointError) as told:
+        checkpoint.read(tmp_path / "file")
+    assert "damaged" not in str(told.value)
+
+
+def test_a_file_says_which_version_wrote_it_and_older_ones_did_not(tmp_path):
+    checkpoint.write(tmp_path / "new", {"a": 1}, ARRAYS)
+    content = (tmp_path / "new").read_bytes()
+    header = json.loads(content[8 : 8 + int.from_bytes(content[:8], "little")])
+    assert json.loads(header["__metadata__"]["galton"])["galton"] == version()
+    record = {"format": 1, "settings": {"a": 1}}
+    text = json.dumps(record | {"sha256": checkpoint._digest(record, ARRAYS)})
+    arrays = {name: np.asarray(array, order="C") for name, array in ARRAYS.items()}
+    (tmp_path / "old").write_bytes(save(arrays, {"galton": text}))
+    assert checkpoint.read(tmp_path / "old")[0] == checkpoint.read(tmp_path / "new")[0]
 
 
 def test_a_name_with_a_path_in_it_touches_no_other_file(tmp_path):
@@ -447,7 +472,7 @@ def test_hostile_settings_and_arrays_give_one_error_quickly_in_little_memory(mod
 
 def test_loading_imports_nothing_whatever_the_file_names(model, tmp_path, monkeypatch):
     (tmp_path / "evilmodule.py").write_text("raise SystemExit('imported')")
-    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=os.pathsep)
     names = ["os:system", "evilmodule:Env-v0", "this:Env-v0", "../../evil"]
     paths = [rewritten(model, tmp_path / str(i), settings(env=name)) for i, name in enumerate(names)]
     for seen, _, _, modules in load_elsewhere(model, paths):

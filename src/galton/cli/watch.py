@@ -13,12 +13,15 @@ from typing import Annotated, Any
 import gymnasium
 import numpy as np
 import tyro
-from rich.console import Console
 
-from galton.commands.train import MODEL
-from galton.envs.registry import is_known
+from galton.cli.train import MODEL
+from galton.envs.registry import is_known, read_constants
 from galton.errors import UsageError, require, require_integer
-from galton.models import A2C
+from galton.models import Model
+from galton.saving import files
+from galton.saving.result_folder import CONFIG, read_settings
+
+Env = gymnasium.Env[object, object]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -26,29 +29,31 @@ class Options:
     """Play episodes of a trained policy without exploration and write them as a video."""
 
     run: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="RUN")]
-    """A run folder of `galton train`, or a file that `A2C.save` wrote."""
+    """A run folder of `galton train`, or a file that `Model.save` wrote."""
     env: str | None = None
     """The Gymnasium id to play on; by default the run's. An id with a module must be given, for it runs code."""
     env_kwargs: Annotated[str | None, tyro.conf.arg(metavar="JSON")] = None
     """Keyword arguments of the environment; by default the run's."""
     episodes: int = 1
+    """How many to play, one after the other."""
     max_steps: int = 1_000
     """Steps of an episode after which it is cut."""
     seed: int = 0
-    """Of the first episode."""
+    """The seed of the first episode; the others count on from it."""
     out: Path | None = None
     """An .mp4 or .gif, by default video.mp4 beside the model."""
 
 
 def main(arguments: Sequence[str]) -> None:
-    """Play and write the video."""
+    """Play the episodes and write the video."""
     options = tyro.cli(Options, prog="galton watch", args=list(arguments))
     require_integer("episodes", options.episodes, 1)
     require_integer("max_steps", options.max_steps, 1)
+    require_integer("seed", options.seed, 0)
     file = options.run / MODEL if options.run.is_dir() else options.run
     out = options.out or file.with_name("video.mp4")
     require(out.suffix in (".mp4", ".gif"), f"out is {out}; its name must end in .mp4 or .gif")
-    model = A2C.load(file)
+    model = Model.load(file)
     env = _make(*_environment(options, file))
     try:
         frames, returns = _play(env, model, options)
@@ -57,31 +62,26 @@ def main(arguments: Sequence[str]) -> None:
         with contextlib.suppress(Exception):  # a renderer that never came up can't be closed either
             env.close()
     _write(out, frames, fps)
-    console = Console()
     told = ", ".join(f"{value:,.2f}" for value in returns)
-    console.print(f"return {told} in {len(frames)} frames\nvideo: {out}", highlight=False, soft_wrap=True)
+    print(f"return {told} in {len(frames)} frames\nvideo: {out}")
 
 
 def _environment(options: Options, file: Path) -> tuple[str, dict[str, Any]]:
-    """The id and the keyword arguments."""
-    beside = file.with_name("config.json")
-    settings = json.loads(beside.read_text()) if beside.exists() else {}
-    if options.env is None:
-        require("env" in settings, f"env is not known: there is no config.json beside {file}; give --env")
-        require(
-            ":" not in settings["env"],
-            f"env is {settings.get('env')} in {beside}, which imports a module; give it with --env if you trust it",
-        )
-    kwargs = settings.get("env_kwargs", {})
-    if options.env_kwargs is not None:
-        try:
-            kwargs = json.loads(options.env_kwargs)
-        except json.JSONDecodeError as error:
-            raise UsageError(f"env_kwargs is {options.env_kwargs!r}, which is not JSON: {error}") from None
-    return options.env or settings["env"], kwargs
+    """The id and the keyword arguments: those given, or else those of the run."""
+    beside, known = file.with_name(CONFIG), read_settings(file.parent)
+    name = known.get("env") if options.env is None else options.env
+    require(name is not None, f"env is not known: there is no {CONFIG} beside {file}; give --env")
+    if not isinstance(name, str):
+        raise UsageError(f"env is {name!r} in {beside}; it must be a name")
+    require(
+        options.env is not None or ":" not in name,
+        f"env is {name} in {beside}, which imports a module; give it with --env if you trust it",
+    )
+    given = json.dumps(known.get("env_kwargs", {})) if options.env_kwargs is None else options.env_kwargs
+    return name, read_constants(given)
 
 
-def _make(name: str, kwargs: dict[str, Any]) -> Any:
+def _make(name: str, kwargs: dict[str, Any]) -> Env:
     require(
         not is_known(name),
         f"env is {name}, one of Galton's own tasks, which have no picture; train on the Gymnasium id to watch it",
@@ -90,13 +90,12 @@ def _make(name: str, kwargs: dict[str, Any]) -> Any:
         for variable, value in (("MUJOCO_GL", "egl"), ("SDL_VIDEODRIVER", "dummy")):
             os.environ[variable] = os.environ.get(variable) or value
     try:
-        env = gymnasium.make(name, **kwargs | {"render_mode": "rgb_array"})
+        return gymnasium.make(name, **kwargs | {"render_mode": "rgb_array"})
     except Exception as error:
         raise UsageError(f"env is {name}, which can't be made for watching: {error}") from error
-    return env
 
 
-def _play(env: Any, model: A2C, options: Options) -> tuple[list[np.ndarray], list[float]]:
+def _play(env: Env, model: Model, options: Options) -> tuple[list[np.ndarray], list[float]]:
     frames, returns = [], []
     for episode in range(options.episodes):
         observation, _ = env.reset(seed=options.seed + episode)
@@ -117,7 +116,7 @@ def _play(env: Any, model: A2C, options: Options) -> tuple[list[np.ndarray], lis
     return frames, returns
 
 
-def _frame(env: Any) -> np.ndarray:
+def _frame(env: Env) -> np.ndarray:
     try:
         frame = np.asarray(env.render())
     except Exception as error:
@@ -133,20 +132,21 @@ def _frame(env: Any) -> np.ndarray:
 
 
 def _write(out: Path, frames: list[np.ndarray], fps: int) -> None:
-    scratch = out.with_name(f".{out.stem}.partial{out.suffix}")
     try:
-        out.parent.mkdir(parents=True, exist_ok=True)
-        if out.suffix == ".gif":
-            from PIL import Image
-
-            first, *rest = [Image.fromarray(frame) for frame in frames]
-            first.save(scratch, save_all=True, append_images=rest, duration=round(1000 / fps), loop=0)
-        else:
-            _write_mp4(scratch, frames, fps)
-        scratch.replace(out)
+        with files.replacing(out) as scratch:
+            if out.suffix == ".gif":
+                _write_gif(scratch, frames, fps)
+            else:
+                _write_mp4(scratch, frames, fps)
     except OSError as error:
-        scratch.unlink(missing_ok=True)
         raise UsageError(f"out is {out}, which can't be written: {error.strerror or error}") from None
+
+
+def _write_gif(path: Path, frames: list[np.ndarray], fps: int) -> None:
+    from PIL import Image
+
+    first, *rest = [Image.fromarray(frame) for frame in frames]
+    first.save(path, save_all=True, append_images=rest, duration=round(1000 / fps), loop=0)
 
 
 def _write_mp4(path: Path, frames: list[np.ndarray], fps: int) -> None:
