@@ -11,7 +11,7 @@ RANKS = [
     {"bins", "networks", "returns", "normalization"},
     {"targets", "theory"},
     {"policies", "envs"},
-    {"losses"},
+    {"losses", "tasks"},
     {"algorithms"},
     {"training"},
     {"callbacks", "sb3"},

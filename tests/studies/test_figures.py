@@ -8,7 +8,8 @@ from galton.errors import UsageError
 from galton.losses import LOSSES
 from galton.studies.base import Data
 from galton.studies.registry import FIGURES, find_figure
-from galton.studies.sweeps import DIMENSIONS, NOISES, SWEEPS, TASKS
+from galton.studies.sweeps import DIMENSIONS, NOISES, SWEEPS
+from galton.tasks import TASKS
 
 from . import made_up
 

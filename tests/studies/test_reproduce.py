@@ -13,9 +13,10 @@ from galton.commands.reproduce import asked
 from galton.errors import UsageError
 from galton.studies import reproduce
 from galton.studies.registry import FIGURES, find_figure
-from galton.studies.sweeps import SWEEPS, TASKS
+from galton.studies.sweeps import SWEEPS
 from galton.sweep.parquet import record_of
 from galton.sweep.shard import machine, versions
+from galton.tasks import TASKS
 
 from . import made_up
 

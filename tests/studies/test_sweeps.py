@@ -5,10 +5,11 @@ import pytest
 
 from galton.errors import UsageError
 from galton.studies.summary import Summary
-from galton.studies.sweeps import CENTRED_ETAS, CHANGES, SWEEPS, TASKS, WHY_TASKS, best_of_each, find_sweep
+from galton.studies.sweeps import CENTRED_ETAS, CHANGES, SWEEPS, WHY_TASKS, best_of_each, find_sweep
 from galton.studies.why import change_of
 from galton.sweep.grid import paper_grid, task_defaults
 from galton.sweep.plan import Plan
+from galton.tasks import TASKS
 
 from . import made_up
 

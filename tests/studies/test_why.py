@@ -7,14 +7,13 @@ import numpy as np
 import pytest
 
 from galton.envs.find import find
-from galton.studies.base import AT_REST
-from galton.studies.sweeps import TASKS
 from galton.studies.why import draw
+from galton.tasks import TASKS
 
 from . import made_up
 
 
-@pytest.mark.parametrize("task", [task for task in AT_REST if TASKS[task].in_jax])
+@pytest.mark.parametrize("task", [task for task in TASKS if TASKS[task].in_jax and TASKS[task].at_rest is not None])
 def test_what_doing_nothing_earns(task):
     env = find(TASKS[task].env)
     n_episodes = 2_000 if task == "lqr" else 20
@@ -30,7 +29,7 @@ def test_what_doing_nothing_earns(task):
         return total
 
     returns = np.asarray(jax.vmap(episode)(jax.random.split(jax.random.key(0), n_episodes)), np.float64)
-    assert abs(returns.mean() - AT_REST[task]) <= 4 * returns.std() / n_episodes**0.5
+    assert abs(returns.mean() - TASKS[task].at_rest) <= 4 * returns.std() / n_episodes**0.5
 
 
 @pytest.mark.parametrize(("task", "n_episodes"), [("reacher", 200), ("half-cheetah", 10), ("ant", 10)])
@@ -45,7 +44,7 @@ def test_what_doing_nothing_earns_in_mujoco(task, n_episodes):
                 _, reward, terminated, truncated, _ = env.step(action)
                 returns[-1] += reward
                 over = terminated or truncated
-    assert abs(np.mean(returns) - AT_REST[task]) <= 4 * np.std(returns) / n_episodes**0.5
+    assert abs(np.mean(returns) - TASKS[task].at_rest) <= 4 * np.std(returns) / n_episodes**0.5
 
 
 def test_a_mean_far_below_all_others_is_written_down_and_does_not_stretch_the_axis():

@@ -21,9 +21,10 @@ from rich.text import Text
 
 from galton.envs.base import Environment, HostTask
 from galton.envs.find import find
-from galton.envs.registry import ENVS, find_task, is_known, read_constants, settings
+from galton.envs.registry import ENVS, find_task, is_known, read_constants
 from galton.errors import UsageError
 from galton.losses import LOSSES
+from galton.tasks import task_of
 from galton.training.state import Log
 from galton.training.train import Result, check_arguments, train
 from galton.types import Config, Hypers
@@ -60,7 +61,7 @@ class Training:
     @classmethod
     def of_task(cls, name: str) -> "Training":
         """The defaults for a task."""
-        task = settings(name)
+        task = task_of(name)
         return cls(
             task.total_timesteps,
             task.n_logs,

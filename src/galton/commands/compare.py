@@ -20,9 +20,9 @@ from galton.commands.common import (
     write_settings,
 )
 from galton.envs.base import Environment
-from galton.envs.registry import settings
 from galton.errors import require, require_integer
 from galton.losses import LOSSES, find_loss
+from galton.tasks import task_of
 from galton.training.devices import use_all_cores
 from galton.training.folder import result_folder
 from galton.training.train import Result
@@ -71,7 +71,7 @@ def main(arguments: Sequence[str]) -> None:
         )
         (folder / "summary.json").write_text(json.dumps([row.record() for row in rows], indent=2) + "\n")
         pq.write_table(curves(results), folder / "curves.parquet")
-        title = f"{settings(options.env).title}: mean of {options.seeds} runs and 95% CI"
+        title = f"{task_of(options.env).title}: mean of {options.seeds} runs and 95% CI"
         save(learning_curves(results, known, title), folder / "learning_curves")
     console.print(table(rows, known))
     for sentence in verdicts(results):

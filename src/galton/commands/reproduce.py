@@ -12,8 +12,9 @@ from galton.commands.report import write
 from galton.errors import UsageError
 from galton.studies import reproduce
 from galton.studies.registry import FIGURES, find_figure
-from galton.studies.sweeps import TASKS, Budget
+from galton.studies.sweeps import Budget
 from galton.sweep.executors import Place, one_per_core
+from galton.tasks import TASKS
 
 GROUPS = {
     "analytic": tuple(task for task in TASKS if TASKS[task].in_jax),

@@ -9,17 +9,7 @@ from matplotlib.figure import Figure
 from galton.envs.base import Environment
 from galton.envs.find import find
 from galton.studies.summary import Summary
-from galton.studies.sweeps import TASKS
-
-AT_REST = {
-    "lqr": -26.03,
-    "mountain-car": 0.0,
-    "acrobot": -500.0,
-    "reacher": -11.69,
-    "half-cheetah": -0.23,
-    "ant": 994.2,
-}
-"""The mean return of the action 0 from the first step to the last."""
+from galton.tasks import TASKS
 
 
 class Data(NamedTuple):

@@ -8,8 +8,9 @@ from matplotlib.figure import Figure
 
 from galton.analysis.plots import draw_level, draw_series, finish, fit, look_of, over_steps, panels
 from galton.analysis.statistics import mean_interval
-from galton.studies.base import AT_REST, Data, heading, optimum, present
+from galton.studies.base import Data, heading, optimum, present
 from galton.studies.summary import Summary
+from galton.tasks import TASKS
 
 
 def draw_best(axes: Axes, best_of: Mapping[str, Summary], metric: str, task: str) -> None:
@@ -27,7 +28,7 @@ def draw_best(axes: Axes, best_of: Mapping[str, Summary], metric: str, task: str
 
 def draw_levels(axes: Axes, task: str) -> list[np.ndarray]:
     """The best that any policy can do, and what the action 0 earns: those that are known."""
-    levels = [(optimum(task), "optimum", "--"), (AT_REST.get(task), "doing nothing", ":")]
+    levels = [(optimum(task), "optimum", "--"), (TASKS[task].at_rest, "doing nothing", ":")]
     known = [(value, name, line) for value, name, line in levels if value is not None]
     for level in known:
         draw_level(axes, *level)

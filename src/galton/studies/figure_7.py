@@ -7,7 +7,7 @@ from galton.analysis.plots import draw_series, finish, look_of, panels
 from galton.analysis.statistics import performance_profile
 from galton.studies.base import Data, FigureStudy, heading, present
 from galton.studies.summary import Summary
-from galton.studies.sweeps import TASKS
+from galton.tasks import TASKS
 
 
 def finals(summary: Summary, loss: str) -> np.ndarray:

@@ -2,7 +2,7 @@
 
 from galton.studies.base import FigureStudy
 from galton.studies.curves import best_curves
-from galton.studies.sweeps import TASKS
+from galton.tasks import TASKS
 
 FIGURE = FigureStudy(
     "Evaluation return",

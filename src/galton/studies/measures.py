@@ -10,7 +10,8 @@ from galton.analysis.statistics import Interval, difference_interval, mean_inter
 from galton.losses import LOSSES
 from galton.studies.base import Data, present
 from galton.studies.summary import Summary
-from galton.studies.sweeps import TASKS, Budget
+from galton.studies.sweeps import Budget
+from galton.tasks import TASKS
 
 CLASSIFICATION = ("hl-one-hot", "hl-gauss")
 """The paper's two."""

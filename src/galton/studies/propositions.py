@@ -14,7 +14,7 @@ from galton.analysis.statistics import Interval
 from galton.losses import LOSSES
 from galton.studies.base import FigureStudy
 from galton.studies.gradients import Sample
-from galton.studies.sweeps import TASKS
+from galton.tasks import TASKS
 
 PRINTED = ("gaussian", "sigma")
 """Proposition 2 as the paper has it."""

@@ -9,15 +9,15 @@ from galton.analysis.page import Section, Table, render
 from galton.analysis.plots import settle
 from galton.analysis.statistics import mean_interval
 from galton.losses import LOSSES
-from galton.studies.base import AT_REST, Data, FigureStudy, optimum, present
+from galton.studies.base import Data, FigureStudy, optimum, present
 from galton.studies.claims import all_claims
 from galton.studies.measures import final_return, mean_return
 from galton.studies.propositions import PRINTED, PRINTED_LABEL, findings
 from galton.studies.registry import FIGURES, find_figure
 from galton.studies.summary import Summary
-from galton.studies.sweeps import TASKS
 from galton.studies.why import METRICS, outcomes, retrained
 from galton.sweep.parquet import record_of
+from galton.tasks import TASKS
 
 TITLE = "Replacing implicit regression with classification: what holds"
 INTRODUCTION = (
@@ -132,7 +132,7 @@ def winners(data: Data) -> Table:
     """Each loss's best setting on each task, as it won and on fresh seeds."""
     rows = []
     for task, summary in present(data).items():
-        known = [AT_REST.get(task), optimum(task)]
+        known = [TASKS[task].at_rest, optimum(task)]
         for loss, best in summary.best.items():
             again = data.sweeps.get(f"{task}-again")
             judged = again or summary

@@ -10,7 +10,7 @@ from galton.analysis.plots import draw_series, fit, over_steps, panels
 from galton.analysis.statistics import Interval, mean_interval
 from galton.studies.base import Data, FigureStudy, heading, present
 from galton.studies.summary import Summary
-from galton.studies.sweeps import TASKS
+from galton.tasks import TASKS
 
 NAMES = {"learning_rate": "learning rate", "n_bins": "k", "eta": "η"}
 

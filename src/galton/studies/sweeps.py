@@ -7,9 +7,10 @@ from typing import Any, Literal, NamedTuple
 
 from galton.errors import UsageError
 from galton.studies.summary import Summary
-from galton.sweep.grid import expand, paper_grid, task_defaults
+from galton.sweep.grid import expand, paper_blocks, paper_grid, task_defaults
 from galton.sweep.results import mean_returns, rerun
 from galton.sweep.study import Setting, Study
+from galton.tasks import TASKS
 
 Budget = Literal["smoke", "small", "paper"]
 Done = Mapping[str, Summary]
@@ -17,26 +18,6 @@ Done = Mapping[str, Summary]
 _FRESH = 1
 """Seed of the studies that judge what others, of seed 0, have chosen."""
 
-
-class Task(NamedTuple):
-    """One of the paper's seven."""
-
-    env: str
-    title: str
-    d: int
-    """Action dimensions."""
-    in_jax: bool = True
-
-
-TASKS = {
-    "bandit": Task("bandit", "Bandit", 2),
-    "lqr": Task("lqr", "LQR", 2),
-    "mountain-car": Task("mountain-car", "Mountain Car", 1),
-    "acrobot": Task("acrobot", "Acrobot", 1),
-    "reacher": Task("Reacher-v5", "Reacher", 2, in_jax=False),
-    "half-cheetah": Task("HalfCheetah-v5", "HalfCheetah", 6, in_jax=False),
-    "ant": Task("Ant-v5", "Ant", 8, in_jax=False),
-}
 
 NOISES = (0.0, 2.0, 5.0, 10.0)
 """Reward noise of Figure 3a, beside the bandit's own 1; the paper doesn't tell its values."""
@@ -87,23 +68,20 @@ class Sweep(NamedTuple):
 
 def _settings(task: str, budget: Budget) -> tuple[Setting, ...]:
     """The grid of a task's main sweep: the paper's, centred HL-Gauss beside it, or a part of both."""
-    env, base = TASKS[task].env, task_defaults(TASKS[task].env)
-    paper = paper_grid(env, base)
-    rates = list(dict.fromkeys(setting.hypers.learning_rate for setting in paper))
+    known, base = TASKS[task], task_defaults(TASKS[task].env)
     if budget == "paper":
-        centred = {"loss": "hl-gauss-centred", "learning_rate": rates, "n_bins": 100, "eta": CENTRED_ETAS}
-        return paper + expand([centred], base)
-    rates, bins = (rates[-3:], 100) if budget == "small" else (rates[1:3], 20)
-    etas, wide = ([0.25, 0.75], [2.0]) if TASKS[task].in_jax else ([0.25], [2.0])
+        centred = {
+            "loss": "hl-gauss-centred",
+            "learning_rate": known.learning_rates,
+            "n_bins": 100,
+            "eta": CENTRED_ETAS,
+        }
+        return paper_grid(known.env, base) + expand([centred], base)
+    rates, bins = (known.learning_rates[-3:], [100]) if budget == "small" else (known.learning_rates[1:3], [20])
     if (task, budget) == ("ant", "small"):
         rates = rates[::2]
-    blocks = (
-        {"loss": "gaussian", "learning_rate": rates},
-        {"loss": "hl-one-hot", "learning_rate": rates, "n_bins": bins},
-        {"loss": "hl-gauss", "learning_rate": rates, "n_bins": bins, "eta": etas},
-        {"loss": "hl-gauss-centred", "learning_rate": rates, "n_bins": bins, "eta": wide},
-    )
-    return expand(blocks, base)
+    centred = {"loss": "hl-gauss-centred", "learning_rate": rates, "n_bins": bins, "eta": 2.0}
+    return expand([*paper_blocks(rates, bins, [0.25, 0.75] if known.in_jax else [0.25]), centred], base)
 
 
 _TRIALS: dict[Budget, dict[str, int]] = {
@@ -115,15 +93,11 @@ _TRIALS: dict[Budget, dict[str, int]] = {
 
 def _study(task: str, budget: Budget, settings: tuple[Setting, ...]) -> Study:
     """App. C.2's lengths, but for the smoke test."""
-    env, trials = TASKS[task].env, _TRIALS[budget][task]
+    known, trials = TASKS[task], _TRIALS[budget][task]
     if budget == "smoke":
-        return Study(env, settings, trials, steps=400, logs=4, eval_episodes=1)
-    if task == "bandit":
-        return Study(env, settings, trials, steps=2_000, logs=50)
-    steps = 1_000_000 if task in ("half-cheetah", "ant") else 500_000
-    if TASKS[task].in_jax:
-        return Study(env, settings, trials, steps, logs=100)
-    return Study(env, settings, trials, steps, logs=50, eval_episodes=2)
+        return Study(known.env, settings, trials, steps=400, logs=4, eval_episodes=1)
+    logs = 50 if task == "bandit" else known.n_logs
+    return Study(known.env, settings, trials, known.total_timesteps, logs, known.n_eval_episodes)
 
 
 def _main(task: str) -> Sweep:

@@ -9,12 +9,13 @@ from matplotlib.figure import Figure
 
 from galton.analysis.plots import draw_marks, finish, fit, look_of, panels
 from galton.analysis.statistics import mean_interval
-from galton.studies.base import AT_REST, Data, FigureStudy, heading
+from galton.studies.base import Data, FigureStudy, heading
 from galton.studies.curves import draw_levels
 from galton.studies.summary import Summary
 from galton.studies.sweeps import CHANGES, WHY_TASKS
 from galton.sweep.grid import task_defaults
 from galton.sweep.study import Setting
+from galton.tasks import TASKS
 
 METRICS = {
     "training_return": "training return",
@@ -74,7 +75,7 @@ def draw(data: Data) -> Figure:
         losses = list(dict.fromkeys(loss for _, loss in results))
         finals = {key: mean_interval(outcome.finals["training_return"]) for key, outcome in results.items()}
         means = np.array([final.mean for final in finals.values()])
-        low = min(AT_REST[task], np.nanmedian(means))
+        low = min(TASKS[task].at_rest, np.nanmedian(means))
         bottom = low - 2 * (np.nanmax(means) - low)
         fit(panel, [means[means >= bottom], *draw_levels(panel, task)])
         for i, loss in enumerate(losses):

@@ -9,7 +9,7 @@ import numpy as np
 from galton.analysis.page import Claim
 from galton.analysis.statistics import Interval, difference_interval, mean_interval
 from galton.losses import LOSSES
-from galton.studies.base import AT_REST, Data
+from galton.studies.base import Data
 from galton.studies.claims.verdicts import A_TENTH, NOT_TRAINED, UNKNOWN, decided, listed, named, sorted_out, verdict
 from galton.studies.measures import (
     CLASSIFICATION,
@@ -23,7 +23,7 @@ from galton.studies.measures import (
     progress,
 )
 from galton.studies.summary import Summary
-from galton.studies.sweeps import TASKS
+from galton.tasks import TASKS
 
 _ONE_HOT = 0.1
 """η up to which HL-Gauss is HL-1-Hot: the own bin has 0.999999 of the mass or more."""
@@ -42,7 +42,8 @@ def _idle(tasks: dict[str, Judged]) -> str:
     found = []
     for name, task in tasks.items():
         finals = {loss: mean_interval(final_return(task.again, loss)) for loss in ("gaussian", *CLASSIFICATION)}
-        idle = [LOSSES[loss].label for loss, final in finals.items() if final.low <= AT_REST.get(name, -math.inf)]
+        rest = TASKS[name].at_rest
+        idle = [LOSSES[loss].label for loss, final in finals.items() if rest is not None and final.low <= rest]
         if idle:
             found.append(f"{TASKS[name].title} ({', '.join(idle)})")
     return f"Not clearly above what doing nothing earns: {', '.join(found)}." if found else ""

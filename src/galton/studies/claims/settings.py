@@ -12,7 +12,7 @@ from galton.studies.base import Data
 from galton.studies.claims.verdicts import A_TENTH, listed, sorted_out, verdict
 from galton.studies.measures import CLASSIFICATION, by_setting, by_value, grids, progress, spread
 from galton.studies.summary import Summary
-from galton.studies.sweeps import TASKS
+from galton.tasks import TASKS
 
 _HIGH = 0.9
 """Of the way from the first log point to the best setting."""

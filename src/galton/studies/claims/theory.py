@@ -12,7 +12,7 @@ from galton.studies.base import Data
 from galton.studies.claims.verdicts import NOT_TRAINED, UNKNOWN, listed, sorted_out, verdict
 from galton.studies.measures import CLASSIFICATION
 from galton.studies.propositions import Finding, crossings, findings, of_the_paper
-from galton.studies.sweeps import TASKS
+from galton.tasks import TASKS
 
 _READINGS = {"sigma^2": "(σ²)", "sigma": "(σ)"}
 """What divides the Gaussian's squared error: the variance, as in the likelihood, or σ, as §4.3 prints it."""
