@@ -3,9 +3,9 @@
 import numpy as np
 import pyarrow as pa
 
-from galton.studies.base import Data
+from galton.studies.registry import all_sweeps
 from galton.studies.summary import Summary
-from galton.studies.sweeps import SWEEPS
+from galton.studies.trained import Trained
 from galton.training.state import Log
 
 PROVENANCE = {
@@ -44,6 +44,9 @@ def results(study, final_of, n_logs=6, noise=0.01, diverged=(), seed=0):
     )
 
 
+SWEEPS = all_sweeps()
+
+
 def data(final_of, names=tuple(SWEEPS), budget="smoke", noise=0.01):
     """Sweeps by name; `final_of(name, setting)` is where its runs end, give or take noise."""
     done = {}
@@ -52,4 +55,4 @@ def data(final_of, names=tuple(SWEEPS), budget="smoke", noise=0.01):
             study = SWEEPS[name].study(budget, done)
             table = results(study, lambda setting, name=name: final_of(name, setting), noise=noise)
             done[name] = Summary.of_results(study, table, PROVENANCE)
-    return Data(done)
+    return Trained(done)

@@ -7,17 +7,19 @@ import pyarrow as pa
 import pytest
 
 from galton.analysis.statistics import Interval
-from galton.studies import measures
-from galton.studies.base import Data
-from galton.studies.claims import all_claims, bandit, returns, settings, theory
-from galton.studies.claims.verdicts import decided, verdict
+from galton.studies import bandit, controls, profiles, propositions, returns, sensitivity
 from galton.studies.gradients import Sample
 from galton.studies.measures import better, by_setting, final_return, over_regression
+from galton.studies.registry import FIGURES
+from galton.studies.report import claims
 from galton.studies.summary import Summary
-from galton.studies.sweeps import SWEEPS
+from galton.studies.trained import Trained
+from galton.studies.verdicts import decided, verdict
 
 from . import made_up
+from .made_up import SWEEPS
 
+PROPOSITIONS = "§4.3, Propositions 1 and 2"
 CLASSIFIED = ("hl-one-hot", "hl-gauss", "hl-gauss-centred")
 
 
@@ -59,7 +61,7 @@ def test_the_better_loss_is_chosen_by_other_runs_than_it_is_judged_by():
 
 
 def judged_task(final_of):
-    return measures.judged(made_up.data(final_of, ("lqr", "lqr-again")))["lqr"]
+    return made_up.data(final_of, ("lqr", "lqr-again")).judged["lqr"]
 
 
 def with_finals(data, name, metric, losses, change):
@@ -70,7 +72,7 @@ def with_finals(data, name, metric, losses, change):
     finals[rows] = change(finals[rows])
     column = summary.table.column_names.index(f"final_{metric}")
     table = summary.table.set_column(column, f"final_{metric}", pa.array(finals.astype(np.float32)))
-    return data._replace(sweeps=data.sweeps | {name: dataclasses.replace(summary, table=table)})
+    return dataclasses.replace(data, sweeps=data.sweeps | {name: dataclasses.replace(summary, table=table)})
 
 
 def test_without_fresh_seeds_nothing_is_judged():
@@ -137,9 +139,9 @@ def test_dimensions():
 @pytest.mark.parametrize(
     ("claim", "control", "wanted"),
     [
-        (bandit.init_gaussian, "bandit-init-gaussian-again", {-1: "does not hold", 0: "holds", 1: "holds"}),
-        (bandit.gaussian_exploration, "bandit-gaussian-exploration-again", {-1: "does not hold", 1: "holds"}),
-        (bandit.no_local_optimum, "bandit-gaussian-exploration-again", {-1: "does not hold", 1: "holds in part"}),
+        (controls.starts_as_well, "bandit-init-gaussian-again", {-1: "does not hold", 0: "holds", 1: "holds"}),
+        (controls.converges_faster, "bandit-gaussian-exploration-again", {-1: "does not hold", 1: "holds"}),
+        (controls.no_local_optimum, "bandit-gaussian-exploration-again", {-1: "does not hold", 1: "holds in part"}),
     ],
 )
 def test_the_two_controls(claim, control, wanted):
@@ -147,9 +149,14 @@ def test_the_two_controls(claim, control, wanted):
         assert judged(claim, lambda name, _, gain=gain: 1.0 + gain * (name == control)) == expected
 
 
+def sensitivities(data):
+    """What is claimed of Figures 4 to 6."""
+    return [judge(data) for name in ("figure-4", "figure-5", "figure-6") for judge in FIGURES[name].claims.values()]
+
+
 def test_sensitivity_is_read_off_the_marginals():
     by_rate = made_up.data(lambda _, setting: 1000 * setting.hypers.learning_rate)
-    verdicts = {claim.words: claim.verdict for claim in settings.sensitivities(by_rate)}
+    verdicts = {claim.words: claim.verdict for claim in sensitivities(by_rate)}
     assert verdicts["HL-Gauss is sensitive to the learning rate."] == "holds"
     assert verdicts["HL-Gauss is sensitive to η."] == "does not hold"
     assert verdicts["HL-Gauss is robust to the number of bins."] == "not decidable here"
@@ -164,7 +171,7 @@ def test_a_share_about_a_tenth_is_neither_sensitive_nor_robust():
             return 1 - 2 * share * (setting.config.loss == "hl-gauss" and setting.hypers.eta == etas[-1])
 
         data = made_up.data(final_of, ("lqr",), budget="paper", noise=0.1)
-        return {claim.words: claim.verdict for claim in settings.sensitivities(data)}["HL-Gauss is sensitive to η."]
+        return {claim.words: claim.verdict for claim in sensitivities(data)}["HL-Gauss is sensitive to η."]
 
     assert verdict_of(0.2) == "holds"
     assert verdict_of(0.1) == "not decidable here"
@@ -172,11 +179,11 @@ def test_a_share_about_a_tenth_is_neither_sensitive_nor_robust():
 
 
 def test_wide_targets():
-    assert judged(settings.wide_targets, lambda _, s: -s.hypers.eta) == "holds"
-    assert judged(settings.wide_targets, lambda _, s: s.hypers.eta) == "does not hold"
+    assert judged(sensitivity.wide_targets, lambda _, s: -s.hypers.eta) == "holds"
+    assert judged(sensitivity.wide_targets, lambda _, s: s.hypers.eta) == "does not hold"
 
 
-@pytest.mark.parametrize("claim", [settings.robust_to_settings, settings.higher_fraction])
+@pytest.mark.parametrize("claim", [profiles.robust_to_settings, profiles.higher_fraction])
 def test_fractions(claim):
     assert judged(claim, winning("gaussian")) == "does not hold"
     assert judged(claim, lambda _, s: 5.0 if s.config.loss in CLASSIFIED else 1.0) == "holds"
@@ -189,8 +196,8 @@ def test_a_higher_fraction_is_of_high_returns():
     def final_of(_, setting):
         return 1.0 if setting.config.loss in CLASSIFIED else 5.0 if setting.hypers.learning_rate == rates[-1] else 0.0
 
-    assert judged(settings.higher_fraction, final_of, names=("lqr",)) == "does not hold"
-    assert judged(settings.robust_to_settings, final_of, names=("lqr",)) == "not decidable here"
+    assert judged(profiles.higher_fraction, final_of, names=("lqr",)) == "does not hold"
+    assert judged(profiles.robust_to_settings, final_of, names=("lqr",)) == "not decidable here"
 
 
 def test_orders():
@@ -231,29 +238,29 @@ def gradients(sharp, wide):
                 sample = Sample(1.0, 0.5 * factor, 1.0, 0.5, 0.5, norm, max(bound, norm))
                 keys = {"task": "lqr", "loss": loss, "reading": reading, "step": step, "seed": seed, "sample": 0}
                 rows.append(keys | {"swept": swept, "factor": factor} | sample._asdict())
-    return Data({}, pa.Table.from_pylist(rows))
+    return Trained({}, {propositions.NAME: pa.Table.from_pylist(rows)})
 
 
 def test_gradients():
     explodes, level = gradients(1.0, 2.0), gradients(0.0, 2.0)
-    assert theory.bounds_hold(explodes).verdict == "holds"
-    assert theory.bounds_hold(explodes).number == "0 of 64 above the bound"
-    assert theory.bound_is_smaller(explodes).verdict == "holds"
-    assert theory.bound_varies_less(explodes).verdict == "holds"
-    assert theory.sigma_explodes(explodes).verdict == "holds"
-    assert theory.sigma_explodes(level).verdict == "does not hold"
+    assert propositions.bounds_hold(explodes).verdict == "holds"
+    assert propositions.bounds_hold(explodes).number == "0 of 64 above the bound"
+    assert propositions.bound_is_smaller(explodes).verdict == "holds"
+    assert propositions.bound_varies_less(explodes).verdict == "holds"
+    assert propositions.sigma_explodes(explodes).verdict == "holds"
+    assert propositions.sigma_explodes(level).verdict == "does not hold"
     shrinking = gradients(1.0, 0.1)
-    assert theory.bound_is_smaller(shrinking).verdict == "holds"
-    assert "In the end as the paper says: none." in theory.bound_is_smaller(shrinking).why
-    assert theory.bound_varies_less(shrinking).verdict == "holds"
+    assert propositions.bound_is_smaller(shrinking).verdict == "holds"
+    assert "In the end as the paper says: none." in propositions.bound_is_smaller(shrinking).why
+    assert propositions.bound_varies_less(shrinking).verdict == "holds"
 
 
 def test_a_small_grid_has_no_vote_beside_the_papers():
     data = made_up.data(lambda *_: 1.0, ("lqr", "acrobot"))
     lqr = dataclasses.replace(data.sweeps["lqr"], provenance=made_up.PROVENANCE | {"budget": "paper"})
-    assert [*measures.grids(data)] == ["lqr", "acrobot"]
-    assert [*measures.grids(Data(data.sweeps | {"lqr": lqr}))] == ["lqr"]
-    assert measures.grids(Data({})) == {}
+    assert [*data.largest_grids] == ["lqr", "acrobot"]
+    assert [*Trained(data.sweeps | {"lqr": lqr}).largest_grids] == ["lqr"]
+    assert Trained({}).largest_grids == {}
 
 
 def test_what_gives_no_gain_can_not_be_explained():
@@ -262,11 +269,11 @@ def test_what_gives_no_gain_can_not_be_explained():
         return 5.0 if gains and "exploration" not in name else 1.0
 
     bandits = made_up.data(final_of, BANDITS)
-    claim = bandit.exploration_is_not_the_reason(bandits)
+    claim = controls.exploration_is_not_the_reason(bandits)
     assert claim.verdict == "holds in part"
     assert claim.why.startswith("As the paper says: HL-Gauss with Init Gaussian; no clear difference: HL-Gauss with")
     assert "Not clearly more efficient to begin with: HL-1-Hot " in claim.why
-    flat = bandit.exploration_is_not_the_reason(made_up.data(lambda *_: 1.0, BANDITS))
+    flat = controls.exploration_is_not_the_reason(made_up.data(lambda *_: 1.0, BANDITS))
     assert flat.verdict == "not decidable here"
     assert flat.why.startswith("Not clearly more efficient to begin with: HL-1-Hot ")
 
@@ -275,14 +282,21 @@ def test_what_is_removed_leaves_less_than_half():
     def with_it(gain):
         return lambda name, _: -20.0 + gain * (name == "bandit-gaussian-exploration-again")
 
-    assert judged(bandit.no_local_optimum, with_it(10.0), names=BANDITS) == "holds in part"
-    assert judged(bandit.no_local_optimum, with_it(44.0), names=BANDITS) == "holds"
+    assert judged(controls.no_local_optimum, with_it(10.0), names=BANDITS) == "holds in part"
+    assert judged(controls.no_local_optimum, with_it(44.0), names=BANDITS) == "holds"
 
 
 def test_without_data_nothing_is_decided():
-    found = all_claims(Data({}))
-    assert len(found) >= 15
+    found = claims(Trained({}))
+    assert len(found) == 25
     assert {claim.verdict for claim in found} == {"not decidable here"}
+
+
+def test_claims_stand_in_the_order_of_the_paper_and_rest_on_their_figures():
+    assert sorted(place for figure in FIGURES.values() for place in figure.claims) == list(range(1, 26))
+    found = claims(Trained({}))
+    assert [claim.source for claim in found[:5]] == ["§1, §5.2.1", "Abstract, §5.2.1", "§5.2.1", "§1", PROPOSITIONS]
+    assert [claim.section for claim in found[:5]] == ["figure-2", "figure-2", "figure-9", "figure-2", "propositions"]
 
 
 def test_what_has_no_interval_is_not_decided():

@@ -14,10 +14,11 @@ from galton import LOSSES, Config, Hypers, targets
 from galton.algorithms import a2c
 from galton.losses import surrogate
 from galton.networks import features, mlp
-from galton.studies import gradients, propositions
-from galton.studies.base import Data
+from galton.studies import bounds, gradients, propositions
+from galton.studies.bounds import crossings, findings
 from galton.studies.gradients import READINGS, Sample, measure, sharpen
-from galton.studies.propositions import FIGURE, crossings, findings
+from galton.studies.propositions import FIGURE
+from galton.studies.trained import Trained
 from galton.theory import classification_bound, output_lipschitz
 from galton.types import Learner, Transition
 
@@ -260,7 +261,7 @@ def test_a_crossing_is_counted():
 
 def test_the_figure_has_a_row_per_task_and_names_its_series():
     table = made_up()
-    figure = FIGURE.draw(Data({}, table))
+    figure = FIGURE.draw(Trained({}, {propositions.NAME: table}))
     assert len(figure.axes) == 8
     labels = {loss.label for loss in LOSSES.values()} | {propositions.PRINTED_LABEL}
     missing = {1: {propositions.PRINTED_LABEL}, 3: {"HL-1-Hot", "Centred HL-Gauss (ours)"}}
@@ -270,17 +271,17 @@ def test_the_figure_has_a_row_per_task_and_names_its_series():
         assert gids == drawn | ({f"{label}: norm" for label in drawn} if i % 4 > 1 else set())
         assert axes.get_title().startswith(("Mountain Car: ", "LQR: "))
     one = table.filter(pa.array(np.array(table.column("task").to_pylist()) == "lqr"))
-    assert len(FIGURE.draw(Data({}, one)).axes) == 4
+    assert len(FIGURE.draw(Trained({}, {propositions.NAME: one})).axes) == 4
 
 
 @pytest.mark.slow
 def test_collect_measures_real_training():
     table = gradients.collect("smoke")
     assert crossings(table) == 0
-    rows = propositions.read(table)
+    rows = bounds.read(table)
     assert set(rows["step"]) == {0, 400}
     assert set(zip(rows["loss"], rows["reading"], strict=True)) == {*SERIES[:2], ("hl-gauss", "")}
-    for _, look in propositions.parts(rows, "loss", "reading", "step", "swept", "factor"):
+    for _, look in bounds.parts(rows, "loss", "reading", "step", "swept", "factor"):
         assert look["sample"].tolist() == list(range(20))
     assert findings(table)["mountain-car", "gaussian", "sigma^2"].exponent == pytest.approx(-1, abs=0.1)
-    FIGURE.draw(Data({}, table))
+    FIGURE.draw(Trained({}, {propositions.NAME: table}))

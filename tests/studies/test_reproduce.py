@@ -13,12 +13,13 @@ from galton.commands.reproduce import asked
 from galton.errors import UsageError
 from galton.studies import reproduce
 from galton.studies.registry import FIGURES, find_figure
-from galton.studies.sweeps import SWEEPS
+from galton.studies.sweeps import AGAIN, MAIN
 from galton.sweep.parquet import record_of
 from galton.sweep.shard import machine, versions
 from galton.tasks import TASKS
 
 from . import made_up
+from .made_up import SWEEPS
 
 
 def galton(*arguments):
@@ -88,38 +89,42 @@ def test_wrong_words_are_one_line(arguments, complaint):
 
 
 def test_words_ask_for_sweeps():
-    everything, propositions = asked(["all"])
-    assert set(everything) == set(SWEEPS)
-    assert propositions
-    assert asked(["figure-3"]) == (list(find_figure("figure-3").sweeps), False)
-    assert asked(["analytic"])[0] == [f"{task}{part}" for task in list(TASKS)[:4] for part in ("", "-again")]
-    assert asked(["ant", "propositions"]) == (["ant", "ant-again"], True)
+    everything, figures = asked(["all"])
+    assert {sweep.name for sweep in everything} == set(SWEEPS)
+    assert figures == FIGURES
+    assert asked(["figure-3"]) == (list(find_figure("figure-3").sweeps), {"figure-3": find_figure("figure-3")})
+    assert asked(["analytic"])[0] == [sweep for task in list(TASKS)[:4] for sweep in (MAIN[task], AGAIN[task])]
+    sweeps, figures = asked(["ant", "propositions"])
+    assert ([sweep.name for sweep in sweeps], [*figures]) == (["ant", "ant-again"], ["propositions"])
     with pytest.raises(UsageError, match="what is 'cart-pole'"):
         asked(["lqr", "cart-pole"])
 
 
-def test_winners_come_after_the_sweep_that_they_win():
-    assert reproduce.needed(["bandit-noise-5", "lqr-again"]) == ["bandit", "bandit-noise-5", "lqr", "lqr-again"]
+def test_what_a_figure_measured_is_kept_and_refused_at_another_budget(tmp_path):
+    calls = []
 
+    def measure(budget):
+        calls.append(budget)
+        return pa.table({"norm": [1.0]})
 
-def test_propositions_of_another_budget_are_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr(reproduce, "collect", lambda budget: pa.table({"norm": [1.0]}))
-    reproduce.measure_propositions("smoke", str(tmp_path))
-    reproduce.measure_propositions("smoke", str(tmp_path))
-    known = record_of(reproduce.load(str(tmp_path)).propositions)
+    figures = {"propositions": dataclasses.replace(find_figure("propositions"), measure=measure)}
+    for _ in range(2):
+        reproduce.measure(figures, "smoke", str(tmp_path))
+    assert calls == ["smoke"]
+    known = record_of(reproduce.load(str(tmp_path)).tables["propositions"])
     assert (known["budget"], known["versions"], known["machines"]) == ("smoke", [versions()], [machine()])
-    reproduce.refuse_other_budgets([], False, "paper", str(tmp_path))
+    reproduce.refuse_other_budgets([], [], "paper", str(tmp_path))
     with pytest.raises(UsageError, match="propositions was made with budget 'smoke', not 'paper'"):
-        reproduce.refuse_other_budgets([], True, "paper", str(tmp_path))
+        reproduce.refuse_other_budgets([], figures, "paper", str(tmp_path))
 
 
 def test_damaged_propositions_are_named(tmp_path):
     store = reproduce.Store(f"{tmp_path}/{reproduce.DATA}")
     for content in (b"PAR1", None):
         if content is None:
-            pq.write_table(pa.table({"norm": [1.0]}), tmp_path / reproduce.DATA / reproduce.PROPOSITIONS)
+            pq.write_table(pa.table({"norm": [1.0]}), tmp_path / reproduce.DATA / "propositions.parquet")
         else:
-            store.write(reproduce.PROPOSITIONS, content)
+            store.write("propositions.parquet", content)
         with pytest.raises(UsageError, match=r"propositions.parquet in .* is not what was measured, or was damaged"):
             reproduce.load(str(tmp_path))
 
@@ -129,7 +134,7 @@ def test_a_summary_of_another_study_is_refused(tmp_path):
     other = dataclasses.replace(summary, study=dataclasses.replace(summary.study, trials=3))
     other.save(reproduce.Store(f"{tmp_path}/{reproduce.DATA}"), "lqr.parquet")
     with pytest.raises(UsageError, match="whose lqr is of another study than this version and budget 'smoke' ask for"):
-        reproduce.train(["lqr"], "smoke", str(tmp_path), lambda *_: None)
+        reproduce.train([MAIN["lqr"]], "smoke", str(tmp_path), lambda *_: None)
 
 
 def test_figure_1_needs_no_training_and_takes_stale_figures_away(tmp_path):
@@ -155,6 +160,6 @@ def test_a_summary_is_enough(tmp_path):
     def fail(*_):
         raise AssertionError("trained")
 
-    reproduce.train(["bandit-again"], "smoke", str(tmp_path), fail)
+    reproduce.train([AGAIN["bandit"]], "smoke", str(tmp_path), fail)
     with pytest.raises(AssertionError, match="trained"):
-        reproduce.train(["lqr"], "smoke", str(tmp_path), fail)
+        reproduce.train([MAIN["lqr"]], "smoke", str(tmp_path), fail)

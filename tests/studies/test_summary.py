@@ -3,11 +3,10 @@ import pytest
 
 from galton.errors import UsageError
 from galton.studies.summary import CURVES, Summary
-from galton.studies.sweeps import SWEEPS
 from galton.sweep.results import best_settings
 from galton.sweep.store import Store
 
-from .made_up import PROVENANCE, results
+from .made_up import PROVENANCE, SWEEPS, results
 
 STUDY = SWEEPS["lqr"].study("smoke", {})
 

@@ -4,14 +4,16 @@ import dataclasses
 import pytest
 
 from galton.errors import UsageError
+from galton.studies.registry import FIGURES, all_sweeps
 from galton.studies.summary import Summary
-from galton.studies.sweeps import CENTRED_ETAS, CHANGES, SWEEPS, WHY_TASKS, best_of_each, find_sweep
-from galton.studies.why import change_of
+from galton.studies.sweeps import AGAIN, CENTRED_ETAS, MAIN, Sweep, needed
+from galton.studies.why import CHANGES, WHY_TASKS, best_of_each, change_of
 from galton.sweep.grid import paper_grid, task_defaults
 from galton.sweep.plan import Plan
 from galton.tasks import TASKS
 
 from . import made_up
+from .made_up import SWEEPS
 
 
 def losses(study):
@@ -114,6 +116,18 @@ def test_no_shard_trains_runs_for_nothing():
         assert {count * study.trials for count in configs.values()} == {Plan.create(study).shard_width}
 
 
-def test_an_unknown_sweep_is_named():
-    with pytest.raises(UsageError, match="sweep is 'cart-pole'; choose from bandit, lqr"):
-        find_sweep("cart-pole")
+def test_winners_come_after_the_sweep_that_they_win():
+    names = [sweep.name for sweep in needed([SWEEPS["bandit-noise-5"], AGAIN["lqr"], MAIN["bandit"]])]
+    assert names == ["bandit", "bandit-noise-5", "lqr", "lqr-again"]
+
+
+def test_two_sweeps_of_one_name_are_refused(monkeypatch):
+    other = Sweep("lqr", MAIN["bandit"].study)
+    mine = dataclasses.replace(FIGURES["figure-8"], sweeps=(other,))
+    monkeypatch.setitem(FIGURES, "mine", mine)
+    with pytest.raises(UsageError, match="sweep 'lqr' of mine is another"):
+        all_sweeps()
+    monkeypatch.setitem(FIGURES, "mine", dataclasses.replace(mine, sweeps=()))
+    monkeypatch.setitem(FIGURES, "lqr", dataclasses.replace(mine, sweeps=(), measure=lambda budget: None))
+    with pytest.raises(UsageError, match="'lqr' is a sweep, and a figure that measures something"):
+        all_sweeps()

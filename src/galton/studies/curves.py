@@ -1,4 +1,4 @@
-"""Learning curves of each loss's best setting: what Figures 2, 8, 9 and half of 3 draw."""
+"""Learning curves of each loss's best setting, and what panels of a task share."""
 
 from collections.abc import Mapping
 
@@ -8,9 +8,14 @@ from matplotlib.figure import Figure
 
 from galton.analysis.plots import draw_level, draw_series, finish, fit, look_of, over_steps, panels
 from galton.analysis.statistics import mean_interval
-from galton.studies.base import Data, heading, optimum, present
+from galton.studies.measures import optimum
 from galton.studies.summary import Summary
 from galton.tasks import TASKS
+
+
+def heading(task: str) -> str:
+    """For a panel, as in the paper: with the action's dimensionality."""
+    return f"{TASKS[task].title} (d = {TASKS[task].d})"
 
 
 def draw_best(axes: Axes, best_of: Mapping[str, Summary], metric: str, task: str) -> None:
@@ -35,11 +40,10 @@ def draw_levels(axes: Axes, task: str) -> list[np.ndarray]:
     return [np.array([value]) for value, *_ in known]
 
 
-def best_curves(data: Data, tasks: tuple[str, ...], metric: str) -> Figure:
-    """A panel per task that is done."""
-    found = present(data, tasks)
-    figure, axes = panels(len(found))
-    for panel, (task, summary) in zip(axes, found.items(), strict=True):
+def best_curves(grids: Mapping[str, Summary], metric: str) -> Figure:
+    """A panel per task."""
+    figure, axes = panels(len(grids))
+    for panel, (task, summary) in zip(axes, grids.items(), strict=True):
         draw_best(panel, dict.fromkeys(summary.best, summary), metric, task)
         panel.set_title(heading(task), fontsize=10)
     for panel in axes[:1]:

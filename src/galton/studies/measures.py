@@ -1,16 +1,17 @@
 """Numbers that claims and tables quote, each with its interval."""
 
+import functools
 from collections.abc import Callable
-from typing import NamedTuple, get_args
 
 import numpy as np
 from jaxtyping import Float
 
 from galton.analysis.statistics import Interval, difference_interval, mean_interval
+from galton.envs.base import Environment
+from galton.envs.find import find
 from galton.losses import LOSSES
-from galton.studies.base import Data, present
 from galton.studies.summary import Summary
-from galton.studies.sweeps import Budget
+from galton.studies.trained import Judged
 from galton.tasks import TASKS
 
 CLASSIFICATION = ("hl-one-hot", "hl-gauss")
@@ -19,30 +20,13 @@ CLASSIFICATION = ("hl-one-hot", "hl-gauss")
 Scores = Float[np.ndarray, " trials"]
 
 
-class Judged(NamedTuple):
-    """A task whose best settings were trained twice, so that none is judged by the runs that it was chosen by."""
-
-    chosen: Summary
-    """The grid."""
-    again: Summary
-    """Each loss's best setting of it on fresh seeds."""
-
-
-def judged(data: Data, tasks: tuple[str, ...] = tuple(TASKS)) -> dict[str, Judged]:
-    """The tasks of which both are done."""
-    return {
-        task: Judged(chosen, again)
-        for task, chosen in present(data, tasks).items()
-        if (again := data.sweeps.get(f"{task}-again"))
-    }
-
-
-def grids(data: Data) -> dict[str, Summary]:
-    """The tasks whose sweep was done at the largest budget of any: a smaller grid says less of what settings do."""
-    budgets = get_args(Budget)
-    found = present(data)
-    most = max((budgets.index(summary.provenance["budget"]) for summary in found.values()), default=0)
-    return {task: summary for task, summary in found.items() if summary.provenance["budget"] == budgets[most]}
+@functools.cache
+def optimum(task: str) -> float | None:
+    """The return of the best controller, where it is known."""
+    if not TASKS[task].in_jax:
+        return None
+    env = find(TASKS[task].env)
+    return env.optimal_return if isinstance(env, Environment) else None
 
 
 def final_return(summary: Summary, loss: str, metric: str = "training_return") -> Scores:

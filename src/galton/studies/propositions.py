@@ -1,122 +1,42 @@
-"""Propositions 1 and 2: what the samples of `gradients` say (§4.3)."""
+"""Propositions 1 and 2 in training: the figure, its table, and what the paper says of gradients (§4.3)."""
 
-from collections.abc import Iterator
-from typing import Any, NamedTuple
+import functools
+from collections.abc import Callable, Mapping
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.compute as pc
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from galton.analysis.page import Claim, Table
 from galton.analysis.plots import draw_series, finish, look_of, panels
-from galton.analysis.statistics import Interval
+from galton.analysis.statistics import Interval, difference_interval, mean_interval
 from galton.losses import LOSSES
-from galton.studies.base import FigureStudy
-from galton.studies.gradients import Sample
+from galton.studies.bounds import (
+    Finding,
+    Rows,
+    Series,
+    crossings,
+    findings,
+    findings_by_seed,
+    of_the_paper,
+    parts,
+    read,
+)
+from galton.studies.figure import FigureStudy
+from galton.studies.gradients import collect
+from galton.studies.measures import CLASSIFICATION
+from galton.studies.trained import Trained
+from galton.studies.verdicts import NOT_TRAINED, UNKNOWN, claim
 from galton.tasks import TASKS
 
+NAME = "propositions"
+"""The figure's, under which `Trained.tables` has what it measures."""
 PRINTED = ("gaussian", "sigma")
 """Proposition 2 as the paper has it."""
 PRINTED_LABEL = "Gaussian, loss as §4.3 prints it"
-Rows = dict[str, np.ndarray]
-
-
-def read(table: pa.Table) -> Rows:
-    """Its columns in float64, |A|, and three that may be NaN: norm / bound, and each over |A| (l + ‖f‖)."""
-    rows = {name: np.asarray(table.column(name).to_numpy()) for name in table.column_names}
-    rows |= {name: rows[name].astype(np.float64) for name in Sample._fields}
-    rows["|advantage|"] = np.abs(rows["advantage"])
-    shared = rows["|advantage|"] * (rows["lipschitz"] + rows["feature_norm"])
-    for name, (a, b) in {
-        "tightness": (rows["norm"], rows["bound"]),
-        "shared_norm": (rows["norm"], shared),
-        "shared_bound": (rows["bound"], shared),
-    }.items():
-        rows[name] = np.divide(a, b, out=np.full(len(b), np.nan), where=b > 0)
-    return rows
-
-
-def parts(rows: Rows, *names: str) -> Iterator[tuple[Any, Rows]]:
-    """Rows by what they have in these columns, in order of appearance."""
-    found: dict[Any, list[int]] = {}
-    for i, key in enumerate(zip(*(rows[name].tolist() for name in names), strict=True)):
-        found.setdefault(key, []).append(i)
-    for key, chosen in found.items():
-        yield key, {name: column[chosen] for name, column in rows.items()}
-
-
-def crossings(table: pa.Table) -> int:
-    """Samples whose norm exceeds the bound by more than rounding can; the propositions say none."""
-    rows = read(table)
-    return int((~(rows["norm"] <= rows["bound"] * (1 + 1e-5) + 1e-20)).sum())
-
-
-def of_the_paper(table: pa.Table) -> pa.Table:
-    """Without centred HL-Gauss."""
-    return table.filter(pc.is_in(table.column("loss"), pa.array([name for name in LOSSES if LOSSES[name].in_paper])))
-
-
-class Finding(NamedTuple):
-    """Of a loss in one reading on one task. An average over training gives each look the steps around it."""
-
-    tightness: float
-    """Median of norm / bound over all looks."""
-    per_advantage: float
-    """Mean bound / mean |A| over training: |A| is a factor of both propositions and differs with what was learnt."""
-    last_per_advantage: float
-    """At the last look."""
-    variation: float
-    """Of a run's mean bound / mean |A| over training: standard deviation / mean; mean over seeds."""
-    exponent: float
-    """The p in norm / |A| (l + ‖f‖) ∝ σ^p while the trained policies are made sharper; NaN where they were not."""
-
-
-def findings(table: pa.Table) -> dict[tuple[str, str, str], Finding]:
-    """By task, loss and reading."""
-    series = dict(parts(read(table), "task", "loss", "reading", "swept"))
-    return {
-        (task, loss, reading): Finding(
-            tightness=float(np.nanmedian(rows["tightness"])),
-            per_advantage=_mean(rows, "bound") / _mean(rows, "|advantage|"),
-            last_per_advantage=_mean(last := _last(rows), "bound") / _mean(last, "|advantage|"),
-            variation=float(np.mean([_variation(run) for _, run in parts(rows, "seed")])),
-            exponent=_exponent(series.get((task, loss, reading, True))),
-        )
-        for (task, loss, reading, swept), rows in series.items()
-        if not swept
-    }
-
-
-def _curve(rows: Rows, name: str) -> tuple[np.ndarray, np.ndarray]:
-    """Mean at each look, and how much of training lies nearer to it than to the others."""
-    steps, means = zip(*((step, point[name].mean()) for (step,), point in parts(rows, "step")), strict=True)
-    ends = np.array([steps[0], *np.convolve(steps, [0.5, 0.5], "valid"), steps[-1]])
-    return np.array(means), np.diff(ends) if len(steps) > 1 else np.ones(1)
-
-
-def _mean(rows: Rows, name: str) -> float:
-    means, share = _curve(rows, name)
-    return float(np.average(means, weights=share))
-
-
-def _last(rows: Rows) -> Rows:
-    return {name: column[rows["step"] == rows["step"].max()] for name, column in rows.items()}
-
-
-def _variation(run: Rows) -> float:
-    bound, share = _curve(run, "bound")
-    ratio = bound / _curve(run, "|advantage|")[0]
-    mean = np.average(ratio, weights=share)
-    return float(np.sqrt(np.average((ratio - mean) ** 2, weights=share)) / mean)
-
-
-def _exponent(rows: Rows | None) -> float:
-    if rows is None:
-        return float("nan")
-    points = [(part["sigma"].mean(), np.nanmean(part["shared_norm"])) for _, part in parts(rows, "factor")]
-    sigma, norm = np.log([point for point in points if point[0] > 0]).T
-    return float(np.polyfit(sigma, norm, 1)[0])
+_READINGS = {"sigma^2": "(σ²)", "sigma": "(σ)"}
+"""What divides the Gaussian's squared error: the variance, as in the likelihood, or σ, as §4.3 prints it."""
 
 
 def draw(table: pa.Table) -> Figure:
@@ -195,6 +115,93 @@ def _over_steps(axes: Axes, last: int) -> None:
     axes.set_xlabel("environment steps")
 
 
+def bounds(trained: Trained) -> Table:
+    """How tight they are, how they move over training and as σ → 0."""
+    rows = []
+    for (task, loss, reading), found in findings(trained.tables[NAME]).items():
+        label = PRINTED_LABEL if (loss, reading) == PRINTED else LOSSES[loss].label
+        rows.append([TASKS[task].title, label, *("—" if np.isnan(x) else f"{x:.3g}".replace("-", "−") for x in found)])
+    headings = ["norm / bound, median", "bound / |A|, mean", "in the end", "its variation", "p in norm ∝ σᵖ"]
+    return Table(["task", "loss", *headings], rows)
+
+
+def bounds_hold(trained: Trained) -> Claim:
+    """Propositions 1 and 2."""
+    rows = of_the_paper(trained.tables[NAME]) if NAME in trained.tables else None
+    above = 0 if rows is None else crossings(rows)
+    return Claim(
+        "§4.3, Propositions 1 and 2",
+        "The gradient's norm never exceeds the bound.",
+        "both sides for each action sampled by networks in training, and by trained ones made sharper; both readings "
+        "of the Gaussian's σ",
+        "" if rows is None else f"{above:,} of {rows.num_rows:,} above the bound",
+        UNKNOWN if rows is None else "does not hold" if above else "holds",
+        NOT_TRAINED
+        if rows is None
+        else "The proofs need only the triangle inequality and l as the largest gradient of an output.",
+    )
+
+
+@functools.lru_cache(maxsize=1)
+def _by_seed(trained: Trained) -> Mapping[Series, list[Finding]]:
+    """What each seed's samples say of the paper's losses; nothing where none were measured."""
+    return findings_by_seed(of_the_paper(trained.tables[NAME])) if NAME in trained.tables else {}
+
+
+def _against_gaussian(trained: Trained, of: Callable[[Finding], float]) -> dict[str, Interval]:
+    """The logarithm of a finding: the Gaussian's less classification's, by task, loss and reading."""
+    found = {series: np.log10([of(seed) for seed in seeds]) for series, seeds in _by_seed(trained).items()}
+    return {
+        f"{TASKS[task].title} {LOSSES[ours].label} {_READINGS[reading]}": difference_interval(
+            values, found[task, ours, ""]
+        )
+        for (task, loss, reading), values in found.items()
+        for ours in CLASSIFICATION
+        if loss == "gaussian" and (task, ours, "") in found
+    }
+
+
+def bound_is_smaller(trained: Trained) -> Claim:
+    """§4.3, the last sentence."""
+    last = _against_gaussian(trained, lambda finding: finding.last_per_advantage)
+    smaller = [name for name, gap in last.items() if gap.low > 0]
+    return claim(
+        "§4.3, §8",
+        "Classification has a smaller bound on the gradient's norm.",
+        "mean bound ÷ mean |A|, averaged over the steps of training: log₁₀(Gaussian ÷ classification), the "
+        "Gaussian's loss divided by σ² as in the likelihood or by σ as printed",
+        _against_gaussian(trained, lambda finding: finding.per_advantage),
+        f"In the end as the paper says: {', '.join(smaller) or 'none'}.",
+    )
+
+
+def bound_varies_less(trained: Trained) -> Claim:
+    """§4.3, the last sentence."""
+    return claim(
+        "§4.3",
+        "Classification's bound varies less during learning.",
+        "coefficient of variation, over the steps of training, of mean bound ÷ mean |A|: log₁₀(Gaussian ÷ "
+        "classification), with σ² or σ",
+        _against_gaussian(trained, lambda finding: finding.variation),
+    )
+
+
+def sigma_explodes(trained: Trained) -> Claim:
+    """§4.3, the factor 1/σ."""
+    return claim(
+        "§4.3",
+        "As σ → 0 the factor 1/σ makes the Gaussian's gradient explode.",
+        "p − ½, where norm ÷ |A| (l + ‖f‖) ∝ σ⁻ᵖ as trained policies are made sharper; ½ divides level (0) from 1/σ "
+        "(1)",
+        {
+            f"{TASKS[task].title} {_READINGS[reading]}": mean_interval(-np.array([s.exponent for s in seeds]) - 0.5)
+            for (task, loss, reading), seeds in _by_seed(trained).items()
+            if loss == "gaussian"
+        },
+        "The action's distance from the mean shrinks with σ, so one power of σ cancels.",
+    )
+
+
 FIGURE = FigureStudy(
     "Propositions 1 and 2 in training",
     "Both sides of eqs 7 and 8 for sampled actions of networks in training (the settings of App. C.2, learning rate "
@@ -203,7 +210,8 @@ FIGURE = FigureStudy(
     "is made small (for HL-Gauss: logits times a constant), both sides without what the propositions share. Black is "
     "the Gaussian's own likelihood, (a − μ)² / 2σ², whose bound grows as 1/σ; with the loss as §4.3 prints it, "
     "(a − μ)² / 2σ (grey, dashed), nothing explodes, since |a − μ| shrinks with σ.",
-    (),
-    lambda data: draw(data.propositions),
-    needs_propositions=True,
+    lambda trained: draw(trained.tables[NAME]),
+    table=bounds,
+    claims={5: bounds_hold, 6: bound_is_smaller, 7: bound_varies_less, 8: sigma_explodes},
+    measure=collect,
 )

@@ -1,17 +1,46 @@
-"""The figures by name. Importing this draws nothing."""
+"""The figures of the page by name, and their sweeps."""
 
-import importlib
+from galton.errors import UsageError, require
+from galton.studies import bandit, one_step, profiles, propositions, returns, sensitivity, why
+from galton.studies.figure import FigureStudy
+from galton.studies.sweeps import Sweep, needed
 
-from galton.errors import UsageError
-from galton.studies.base import FigureStudy
-
-FIGURES = (*(f"figure-{i}" for i in range(1, 10)), "propositions", "why")
-"""In the order of the page. Each is a module of galton.studies with a FIGURE."""
+FIGURES: dict[str, FigureStudy] = {
+    "figure-1": one_step.FIGURE,
+    "figure-2": returns.TRAINING,
+    "figure-3": bandit.FIGURE,
+    "figure-4": sensitivity.HL_GAUSS,
+    "figure-5": sensitivity.HL_ONE_HOT,
+    "figure-6": sensitivity.GAUSSIAN,
+    "figure-7": profiles.FIGURE,
+    "figure-8": returns.EVALUATION,
+    "figure-9": returns.IN_THE_APPENDIX,
+    propositions.NAME: propositions.FIGURE,
+    "why": why.FIGURE,
+}
+"""In the order of the page. A study of your own is one more entry: its sweeps are trained, and its figure, table and
+claims stand on the page, as the others' are."""
 
 
 def find_figure(name: str) -> FigureStudy:
     """The figure of that name; UsageError lists the names if there is none."""
     if name not in FIGURES:
         raise UsageError(f"figure is {name!r}; choose from {', '.join(FIGURES)}")
-    figure: FigureStudy = importlib.import_module(f"galton.studies.{name.replace('-', '_')}").FIGURE
-    return figure
+    return FIGURES[name]
+
+
+def all_sweeps() -> dict[str, Sweep]:
+    """By name: every sweep that a figure needs, and those whose winners these train.
+
+    Raises:
+        UsageError: two of them, or one and what a figure measures, have one name, and so would have one file.
+    """
+    found: dict[str, Sweep] = {}
+    for name, figure in FIGURES.items():
+        for sweep in needed(figure.sweeps):
+            known = found.setdefault(sweep.name, sweep)
+            require(known == sweep, f"sweep {sweep.name!r} of {name} is another than that of a figure before it")
+    for name, figure in FIGURES.items():
+        is_free = figure.measure is None or name not in found
+        require(is_free, f"{name!r} is a sweep, and a figure that measures something; give one of them another name")
+    return found

@@ -1,14 +1,15 @@
 """What figures need, trained: each sweep in a folder of its own, then as a summary of a megabyte or less."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 
 import pyarrow as pa
 
 from galton.errors import UsageError
-from galton.studies.base import Data
-from galton.studies.gradients import collect
+from galton.studies.figure import FigureStudy
+from galton.studies.registry import FIGURES, all_sweeps
 from galton.studies.summary import Summary
-from galton.studies.sweeps import SWEEPS, Budget, find_sweep
+from galton.studies.sweeps import Budget, Sweep, needed
+from galton.studies.trained import Trained
 from galton.sweep import engine, results
 from galton.sweep.engine import CarryOut
 from galton.sweep.parquet import from_bytes, record_of, to_bytes, with_record
@@ -16,20 +17,10 @@ from galton.sweep.shard import machine, provenance, versions
 from galton.sweep.store import Store
 
 DATA = "data"
-"""The folder of summaries."""
-PROPOSITIONS = "propositions.parquet"
-"""What was measured of the propositions, there."""
+"""The folder of summaries, and of what figures measured."""
 
 
-def needed(sweeps: Iterable[str]) -> list[str]:
-    """These sweeps and what they need, that first."""
-    found: dict[str, None] = {}
-    for name in sweeps:
-        found |= dict.fromkeys([*needed(find_sweep(name).needs), name])
-    return list(found)
-
-
-def load(out: str) -> Data:
+def load(out: str) -> Trained:
     """What a folder holds.
 
     Raises:
@@ -37,27 +28,29 @@ def load(out: str) -> Data:
     """
     store = Store(f"{out}/{DATA}")
     files = store.names("")
-    sweeps = {name: Summary.load(store, f"{name}.parquet") for name in SWEEPS if f"{name}.parquet" in files}
-    if PROPOSITIONS not in files:
-        return Data(sweeps)
+    sweeps = {name: Summary.load(store, f"{name}.parquet") for name in all_sweeps() if f"{name}.parquet" in files}
+    measured = [name for name, figure in FIGURES.items() if figure.measure and f"{name}.parquet" in files]
+    return Trained(sweeps, {name: _measured(store, f"{name}.parquet") for name in measured})
+
+
+def _measured(store: Store, file: str) -> pa.Table:
     try:
-        table = from_bytes(store.read(PROPOSITIONS))
+        table = from_bytes(store.read(file))
         record_of(table)
     except (pa.ArrowException, OSError, KeyError, TypeError, ValueError) as error:
-        raise UsageError(f"{PROPOSITIONS} in {store.url} is not what was measured, or was damaged: {error}") from None
-    return Data(sweeps, table)
+        raise UsageError(f"{file} in {store.url} is not what was measured, or was damaged: {error}") from None
+    return table
 
 
-def refuse_other_budgets(sweeps: Iterable[str], propositions: bool, budget: Budget, out: str) -> None:
+def refuse_other_budgets(sweeps: Iterable[Sweep], measured: Iterable[str], budget: Budget, out: str) -> None:
     """So that nothing is trained for a folder that has some of it at another budget.
 
     Raises:
         UsageError: it has.
     """
-    data = load(out)
-    made = {name: data.sweeps[name].provenance["budget"] for name in needed(sweeps) if name in data.sweeps}
-    if propositions and data.propositions is not None:
-        made[PROPOSITIONS.removesuffix(".parquet")] = record_of(data.propositions)["budget"]
+    there = load(out)
+    made = {sweep.name: done.provenance["budget"] for sweep in needed(sweeps) if (done := there.of(sweep))}
+    made |= {name: record_of(there.tables[name])["budget"] for name in measured if name in there.tables}
     for name, other in made.items():
         if other != budget:
             raise UsageError(
@@ -66,18 +59,20 @@ def refuse_other_budgets(sweeps: Iterable[str], propositions: bool, budget: Budg
             )
 
 
-def measure_propositions(budget: Budget, out: str) -> None:
-    """Unless the folder has them: train networks and measure both sides of both bounds on them."""
-    if load(out).propositions is None:
-        record = {"budget": budget, "versions": [versions()], "machines": [machine()]}
-        Store(f"{out}/{DATA}").write(PROPOSITIONS, to_bytes(with_record(collect(budget), record)))
+def measure(figures: Mapping[str, FigureStudy], budget: Budget, out: str) -> None:
+    """What these figures measure besides sweeps, unless the folder has it."""
+    there = load(out).tables
+    for name, figure in figures.items():
+        if figure.measure is not None and name not in there:
+            record = {"budget": budget, "versions": [versions()], "machines": [machine()]}
+            Store(f"{out}/{DATA}").write(f"{name}.parquet", to_bytes(with_record(figure.measure(budget), record)))
 
 
-def train(sweeps: Iterable[str], budget: Budget, out: str, carry_out: CarryOut) -> None:
+def train(sweeps: Iterable[Sweep], budget: Budget, out: str, carry_out: CarryOut) -> None:
     """Do what is not done yet.
 
     Args:
-        sweeps: keys of SWEEPS; what they need comes first.
+        sweeps: those whose winners they train come first.
         budget: how much of each.
         out: summaries go to its folder `data`, the runs to `sweeps`; a run needs no second training, and with its
             summary there a sweep needs no runs.
@@ -87,9 +82,8 @@ def train(sweeps: Iterable[str], budget: Budget, out: str, carry_out: CarryOut) 
         UsageError: the folder holds a sweep that is not the one asked for, or is in use, or full.
     """
     done = dict(load(out).sweeps)
-    for name in needed(sweeps):
-        sweep = find_sweep(name)
-        study = sweep.study(budget, done)
+    for sweep in needed(sweeps):
+        name, study = sweep.name, sweep.study(budget, done)
         if name in done:
             if done[name].study != study:
                 raise UsageError(

@@ -1,4 +1,8 @@
-"""How much a hyperparameter matters: one value held, the rest averaged (App. C.3)."""
+"""Figures 4 to 6: how much a hyperparameter matters, one value held and the rest averaged (App. C.3)."""
+
+import dataclasses
+import functools
+from collections.abc import Callable, Mapping
 
 import numpy as np
 from jaxtyping import Float
@@ -6,10 +10,16 @@ from matplotlib import colormaps
 from matplotlib.figure import Figure
 from scipy import stats
 
+from galton.analysis.page import Claim
 from galton.analysis.plots import draw_series, fit, over_steps, panels
-from galton.analysis.statistics import Interval, mean_interval
-from galton.studies.base import Data, FigureStudy, heading, present
+from galton.analysis.statistics import Interval, difference_interval, mean_interval
+from galton.studies.curves import heading
+from galton.studies.figure import FigureStudy
+from galton.studies.measures import by_value, spread
 from galton.studies.summary import Summary
+from galton.studies.sweeps import MAIN
+from galton.studies.trained import Trained
+from galton.studies.verdicts import A_TENTH, claim, listed
 from galton.tasks import TASKS
 
 NAMES = {"learning_rate": "learning rate", "n_bins": "k", "eta": "η"}
@@ -39,11 +49,11 @@ def stratified_mean(strata: list[Float[np.ndarray, "n *rest"]]) -> Interval:
     return Interval(mean, mean - half, mean + half)
 
 
-def draw_sensitivity(data: Data, loss: str, fields: tuple[str, ...]) -> Figure:
+def draw(grids: Mapping[str, Summary], loss: str, fields: tuple[str, ...]) -> Figure:
     """A row per field, a column per task whose sweep varies it."""
     found: list[tuple[str, str, dict[float, Interval], Summary]] = []
     for field in fields:
-        for task, summary in present(data).items():
+        for task, summary in grids.items():
             curves = marginals(summary, loss, field, "training_return")
             if len(curves) > 1:
                 found.append((field, task, curves, summary))
@@ -62,18 +72,87 @@ def draw_sensitivity(data: Data, loss: str, fields: tuple[str, ...]) -> Figure:
     return figure
 
 
-def study(loss: str, label: str, fields: tuple[str, ...]) -> FigureStudy:
-    """Of a loss: Figure 4, 5 or 6."""
+def sensitive(trained: Trained, loss: str, field: str, much: bool, words: str) -> Claim:
+    """App. C.3: a field moves the mean final return by more, or less, than a tenth of what training gains."""
+    moved = {TASKS[task].title: spread(summary, loss, field) for task, summary in trained.largest_grids.items()}
+    known = {name: interval for name, interval in moved.items() if interval is not None}
+    gaps = {
+        name: Interval(mean - A_TENTH, low - A_TENTH, high - A_TENTH)
+        if much
+        else Interval(A_TENTH - mean, A_TENTH - high, A_TENTH - low)
+        for name, (mean, low, high) in known.items()
+    }
+    told = claim(
+        "App. C.3",
+        words,
+        "marginal mean final return, best − worst value, as a share of what training gains (values chosen by one half "
+        "of the trials, compared by the other); a tenth divides sensitive from robust",
+        gaps,
+    )
+    return dataclasses.replace(told, number=listed(known, ".2f"))
 
-    def draw(data: Data) -> Figure:
-        return draw_sensitivity(data, loss, fields)
 
+def wide_targets(trained: Trained) -> Claim:
+    """App. C.3, Figure 4."""
+    gaps = {}
+    for task, summary in trained.largest_grids.items():
+        marginals = [*by_value(summary, "hl-gauss", "eta").values()]
+        if len(marginals) > 1:
+            gaps[TASKS[task].title] = difference_interval(marginals[0], marginals[-1])
+    return claim(
+        "App. C.3",
+        "With η too large HL-Gauss degrades.",
+        "marginal mean final return: smallest − largest η of the grid",
+        gaps,
+    )
+
+
+def _figure(
+    number: int, loss: str, label: str, fields: tuple[str, ...], claims: Mapping[int, Callable[[Trained], Claim]]
+) -> FigureStudy:
     names = ", ".join(NAMES[field] for field in fields)
     return FigureStudy(
         f"Sensitivity of {label}",
         f"Training return of {label} with one hyperparameter held ({names}) and all other settings of the grid "
         "averaged: mean and 95% confidence interval over trials. Where others are averaged in, no curve can be better "
         "than Figure 2's.",
-        tuple(TASKS),
-        draw,
+        lambda trained: draw(trained.grids, loss, fields),
+        (*MAIN.values(),),
+        number,
+        claims=claims,
     )
+
+
+def _says(loss: str, field: str, much: bool, words: str) -> Callable[[Trained], Claim]:
+    return functools.partial(sensitive, loss=loss, field=field, much=much, words=words)
+
+
+HL_GAUSS = _figure(
+    4,
+    "hl-gauss",
+    "HL-Gauss",
+    ("learning_rate", "n_bins", "eta"),
+    {
+        17: _says("hl-gauss", "learning_rate", True, "HL-Gauss is sensitive to the learning rate."),
+        18: _says("hl-gauss", "eta", True, "HL-Gauss is sensitive to η."),
+        19: wide_targets,
+        20: _says("hl-gauss", "n_bins", False, "HL-Gauss is robust to the number of bins."),
+    },
+)
+HL_ONE_HOT = _figure(
+    5,
+    "hl-one-hot",
+    "HL-1-Hot",
+    ("learning_rate", "n_bins"),
+    {
+        21: _says("hl-one-hot", "n_bins", False, "HL-1-Hot is robust to the number of bins."),
+        22: _says("hl-one-hot", "learning_rate", True, "HL-1-Hot is sensitive to the learning rate."),
+    },
+)
+GAUSSIAN = _figure(
+    6,
+    "gaussian",
+    "the Gaussian",
+    ("learning_rate",),
+    {23: _says("gaussian", "learning_rate", True, "The Gaussian is sensitive to the learning rate.")},
+)

@@ -1,21 +1,96 @@
 """Why the paper's effect does or does not appear: one thing changed at a time."""
 
+import dataclasses
 import textwrap
-from typing import NamedTuple
+from collections.abc import Mapping
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from galton.analysis.page import Table
 from galton.analysis.plots import draw_marks, finish, fit, look_of, panels
 from galton.analysis.statistics import mean_interval
-from galton.studies.base import Data, FigureStudy, heading
-from galton.studies.curves import draw_levels
+from galton.losses import LOSSES
+from galton.studies.curves import draw_levels, heading
+from galton.studies.figure import FigureStudy
 from galton.studies.summary import Summary
-from galton.studies.sweeps import CHANGES, WHY_TASKS
-from galton.sweep.grid import task_defaults
-from galton.sweep.study import Setting
+from galton.studies.sweeps import Budget, Done, Sweep, again, task_study
+from galton.studies.trained import Trained
+from galton.sweep.grid import expand, task_defaults
+from galton.sweep.results import mean_returns
+from galton.sweep.study import Setting, Study
 from galton.tasks import TASKS
+
+CHANGES: dict[str, dict[str, float | bool]] = {
+    "as in the paper": {},
+    "λ = 0.95": {"gae_lambda": 0.95},
+    "entropy bonus 0.01": {"ent_coef": 0.01},
+    "λ = 0.95 and entropy bonus": {"gae_lambda": 0.95, "ent_coef": 0.01},
+    "advantages normalised": {"normalize_advantage": True},
+    "observations normalised": {"normalize_observation": True},
+    "rewards normalised": {"normalize_reward": True},
+    "batch of 4 × 5": {"n_envs": 4, "n_steps": 5},
+    "batch of 8 × 20": {"n_envs": 8, "n_steps": 20},
+    "all of these, batch of 8 × 20": {
+        "gae_lambda": 0.95,
+        "ent_coef": 0.01,
+        "normalize_advantage": True,
+        "normalize_observation": True,
+        "normalize_reward": True,
+        "n_envs": 8,
+        "n_steps": 20,
+    },
+}
+"""What the study of causes changes, one thing at a time and then together."""
+WHY_TASKS = ("lqr", "mountain-car", "acrobot")
+WHY_RATES = [3e-4, 1e-3, 3e-3]
+"""Learning rates there; the last is beyond the paper's grid."""
+
+
+def _sweep(task: str) -> Sweep:
+    """All losses with each of CHANGES."""
+
+    def study(budget: Budget, _: Done) -> Study:
+        smoke = budget == "smoke"
+        rates, bins = ([1e-3], 20) if smoke else (WHY_RATES, 100)
+        names = ["as in the paper", "λ = 0.95"] if smoke else list(CHANGES)
+        losses: list[dict[str, Any]] = [
+            {"loss": ["gaussian", "hl-one-hot"]},
+            {"loss": "hl-gauss", "eta": 0.25},
+            {"loss": "hl-gauss-centred", "eta": [2.0] if smoke else [2.0, 4.0]},
+        ]
+        blocks = [{"learning_rate": rates, "n_bins": bins} | loss | CHANGES[name] for name in names for loss in losses]
+        settings = expand(blocks, task_defaults(TASKS[task].env))
+        main = task_study(task, budget, settings[:1])
+        trials = {"smoke": 2, "small": 3, "paper": 5}[budget]
+        logs = main.logs if smoke else 125  # for batches of 20 and 160
+        return dataclasses.replace(main, settings=settings, trials=trials, logs=logs)
+
+    return Sweep(f"why-{task}", study, f"why on {TASKS[task].title}")
+
+
+def best_of_each(summary: Summary) -> tuple[Setting, ...]:
+    """Of settings alike but for learning rate and η the one with the highest mean final training return.
+
+    One with a run that diverged loses to any other.
+    """
+    means = mean_returns(summary.study, summary.table)
+    found: dict[Setting, Setting] = {}
+    for setting, mean in means.items():
+        alike = setting._replace(hypers=setting.hypers._replace(learning_rate=0.0, eta=0.0))
+        if alike not in found or mean > means[found[alike]]:
+            found[alike] = setting
+    return tuple(found.values())
+
+
+SWEEPS = {task: _sweep(task) for task in WHY_TASKS}
+"""By task: all losses under each change."""
+AGAIN = {task: again(SWEEPS[task], best_of_each) for task in WHY_TASKS}
+"""By task: each loss's best setting under each change on fresh seeds."""
+
 
 METRICS = {
     "training_return": "training return",
@@ -35,20 +110,20 @@ class Outcome(NamedTuple):
     """By METRICS; NaN for a run that diverged."""
 
 
-def retrained(data: Data) -> dict[str, Summary]:
+def retrained(trained: Trained) -> dict[str, Summary]:
     """The winners' runs on fresh seeds, by task, where they are done."""
-    return {task: data.sweeps[f"why-{task}-again"] for task in WHY_TASKS if f"why-{task}-again" in data.sweeps}
+    return {task: done for task, sweep in AGAIN.items() if (done := trained.of(sweep))}
 
 
-def outcomes(again: Summary) -> dict[tuple[str, str], Outcome]:
+def outcomes(summary: Summary) -> dict[tuple[str, str], Outcome]:
     """By (change, loss)."""
-    metrics = {metric: again.final(metric) for metric in METRICS}
-    base = task_defaults(again.study.env)
+    metrics = {metric: summary.final(metric) for metric in METRICS}
+    base = task_defaults(summary.study.env)
     return {
         (change_of(setting, base), setting.config.loss): Outcome(
-            setting, {metric: values[again.rows(setting)] for metric, values in metrics.items()}
+            setting, {metric: values[summary.rows(setting)] for metric, values in metrics.items()}
         )
-        for setting in again.study.settings
+        for setting in summary.study.settings
     }
 
 
@@ -64,36 +139,55 @@ def change_of(setting: Setting, base: dict[str, object]) -> str:
     raise ValueError(f"a setting has {given}, which is none of CHANGES")
 
 
-def draw(data: Data) -> Figure:
-    """A panel per task: changes across, returns up, a mark per loss; a mean far below all others is written down."""
-    found = retrained(data)
+def draw(trained: Trained) -> Figure:
+    """A panel per task: changes across, returns up, a mark per loss."""
+    found = retrained(trained)
     figure, axes = panels(len(found), columns=1)
     figure.set_figwidth(9.5)
-    for panel, (task, again) in zip(axes, found.items(), strict=True):
-        results = outcomes(again)
-        changes = list(dict.fromkeys(change for change, _ in results))
-        losses = list(dict.fromkeys(loss for _, loss in results))
-        finals = {key: mean_interval(outcome.finals["training_return"]) for key, outcome in results.items()}
-        means = np.array([final.mean for final in finals.values()])
-        low = min(TASKS[task].at_rest, np.nanmedian(means))
-        bottom = low - 2 * (np.nanmax(means) - low)
-        fit(panel, [means[means >= bottom], *draw_levels(panel, task)])
-        for i, loss in enumerate(losses):
-            label, color, _ = look_of(loss)
-            shift = 0.16 * (i - (len(losses) - 1) / 2)
-            intervals = [finals[change, loss] for change in changes]
-            draw_marks(panel, intervals, label, color, shift)
-            for x, interval in enumerate(intervals):
-                if interval.mean < bottom:
-                    at = x + shift, panel.get_ylim()[0]
-                    panel.annotate(f" ↓ {interval:.0f}", at, color=color, fontsize=8, va="bottom")
-        panel.set_xticks(range(len(changes)), [textwrap.fill(change, 14) for change in changes], fontsize=8)
-        panel.set_xlim(-0.5, len(changes) - 0.5)
-        panel.set_title(heading(task), fontsize=10)
-        panel.set_xlabel("change")
-        panel.set_ylabel("final training return")
+    for panel, (task, summary) in zip(axes, found.items(), strict=True):
+        _draw_task(panel, task, outcomes(summary))
     finish(figure, axes)
     return figure
+
+
+def _draw_task(axes: Axes, task: str, results: Mapping[tuple[str, str], Outcome]) -> None:
+    """A mean far below all others is written down, and does not stretch the axis."""
+    changes = list(dict.fromkeys(change for change, _ in results))
+    losses = list(dict.fromkeys(loss for _, loss in results))
+    finals = {key: mean_interval(outcome.finals["training_return"]) for key, outcome in results.items()}
+    means = np.array([final.mean for final in finals.values()])
+    known = [np.nanmedian(means), *([] if (rest := TASKS[task].at_rest) is None else [rest])]
+    bottom = min(known) - 2 * (np.nanmax(means) - min(known))
+    fit(axes, [means[means >= bottom], *draw_levels(axes, task)])
+    for i, loss in enumerate(losses):
+        label, color, _ = look_of(loss)
+        shift = 0.16 * (i - (len(losses) - 1) / 2)
+        intervals = [finals[change, loss] for change in changes]
+        draw_marks(axes, intervals, label, color, shift)
+        for x, interval in enumerate(intervals):
+            if interval.mean < bottom:
+                at = x + shift, axes.get_ylim()[0]
+                axes.annotate(f" ↓ {interval:.0f}", at, color=color, fontsize=8, va="bottom")
+    axes.set_xticks(range(len(changes)), [textwrap.fill(change, 14) for change in changes], fontsize=8)
+    axes.set_xlim(-0.5, len(changes) - 0.5)
+    axes.set_title(heading(task), fontsize=10)
+    axes.set_xlabel("change")
+    axes.set_ylabel("final training return")
+
+
+def causes(trained: Trained) -> Table:
+    """What the policies look like in the end, under each change."""
+    rows = []
+    for task, summary in retrained(trained).items():
+        for (change, loss), outcome in outcomes(summary).items():
+            cells = [
+                f"{np.nanmedian(values):.2f}".replace("-", "−")  # it may be −∞
+                if metric == "explained_variance"
+                else f"{mean_interval(values):.2f}"
+                for metric, values in outcome.finals.items()
+            ]
+            rows.append([TASKS[task].title, change, LOSSES[loss].label, outcome.setting.brief(), *cells])
+    return Table(["task", "change", "loss", "setting", *METRICS.values()], rows)
 
 
 FIGURE = FigureStudy(
@@ -102,6 +196,7 @@ FIGURE = FigureStudy(
     "and 4, each with the best of three learning rates up to 0.003) under the paper's settings and with one thing "
     "changed: mean over trials and 95% confidence interval of runs on fresh seeds. Dotted: what the "
     "action 0 earns, always taken. An arrow gives a mean that lies below the axis.",
-    tuple(f"why-{task}{part}" for task in WHY_TASKS for part in ("", "-again")),
     draw,
+    tuple(sweep for task in WHY_TASKS for sweep in (SWEEPS[task], AGAIN[task])),
+    table=causes,
 )

@@ -12,7 +12,7 @@ from galton.bins import Bins
 from galton.losses import LOSSES, find_loss, surrogate
 from galton.policies import Distribution, Gaussian, Histogram
 from galton.policies.exploration import init_gaussian_logits
-from galton.studies.base import FigureStudy
+from galton.studies.figure import FigureStudy
 from galton.types import Config, Params
 
 BINS = Bins(-3.0, 3.0, 30)
@@ -120,4 +120,4 @@ def _draw_actions(axes: Axes) -> None:
     axes.set_xlabel("action")
 
 
-FIGURE = FigureStudy("What each loss does to a policy", CAPTION, (), lambda _: draw())
+FIGURE = FigureStudy("What each loss does to a policy", CAPTION, lambda _: draw(), number=1)

@@ -4,12 +4,26 @@ from collections.abc import Iterable, Mapping
 
 import numpy as np
 
+from galton.analysis.page import Claim
 from galton.analysis.statistics import Interval
 
 UNKNOWN = "not decidable here"
 NOT_TRAINED = "What it needs was not trained."
 A_TENTH = 0.1
 """Of what training gains: what is less is little."""
+
+
+def claim(source: str, words: str, test: str, gaps: Mapping[str, Interval], *notes: str) -> Claim:
+    """A sentence of the paper, judged by differences that it says are positive.
+
+    Args:
+        source: where it stands.
+        words: the sentence.
+        test: what was compared with what.
+        gaps: the differences, by what the page calls them; none where nothing was trained.
+        notes: further sentences, each on a line of its own.
+    """
+    return Claim(source, words, test, listed(gaps), verdict(gaps.values()), sorted_out(gaps, *notes))
 
 
 def decided(gaps: Mapping[str, Interval]) -> dict[str, Interval]:
