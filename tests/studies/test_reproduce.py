@@ -8,12 +8,17 @@ import sys
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from matplotlib.figure import Figure
 
 from galton.commands.reproduce import asked
 from galton.errors import UsageError
 from galton.studies import reproduce
+from galton.studies.figure import FigureStudy
 from galton.studies.registry import FIGURES, find_figure
-from galton.studies.sweeps import AGAIN, MAIN
+from galton.studies.report import budgets, claims
+from galton.studies.summary import Summary
+from galton.studies.sweeps import AGAIN, MAIN, Sweep, again
+from galton.studies.verdicts import claim
 from galton.sweep.parquet import record_of
 from galton.sweep.shard import machine, versions
 from galton.tasks import TASKS
@@ -163,3 +168,65 @@ def test_a_summary_is_enough(tmp_path):
     reproduce.train([AGAIN["bandit"]], "smoke", str(tmp_path), fail)
     with pytest.raises(AssertionError, match="trained"):
         reproduce.train([MAIN["lqr"]], "smoke", str(tmp_path), fail)
+
+
+MINE = """
+from galton.analysis.plots import panels
+from galton.studies.figure import FigureStudy
+from galton.studies.registry import FIGURES
+from galton.studies.verdicts import claim
+
+
+def draw(trained):
+    figure, (axes,) = panels(1)
+    axes.plot([0, 1], gid="mine")
+    return figure
+
+
+def says(trained):
+    return claim("of our own", "It is drawn.", "nothing", {})
+
+
+FIGURES["mine"] = FigureStudy("A study of our own", "A line.", draw, claims={100: says})
+"""
+
+
+def test_a_study_from_outside_stands_on_the_page(tmp_path):
+    (tmp_path / "my_study.py").write_text(MINE)
+    command = [sys.executable, "-m", "galton", "reproduce", "mine", "--imports", "my_study", "--out", "out"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    page = (tmp_path / "out" / "index.html").read_text()
+    assert 'id="mine"' in page
+    assert page.index("a higher fraction of classification") < page.index("It is drawn.")
+    assert (tmp_path / "out" / "figures" / "mine.svg").exists()
+
+
+def test_a_sweep_from_outside_is_trained_drawn_and_judged(tmp_path, monkeypatch):
+    """What of it is trained again on fresh seeds is loaded too, though the figure does not name the grid."""
+    study = MAIN["lqr"].study("smoke", {})
+    grid = Sweep("mine", lambda budget, done: study, title="My grid")
+    mine = FigureStudy("My figure", "", lambda trained: Figure(), (again(grid),), claims={100: my_claim})
+    monkeypatch.setitem(FIGURES, "my-figure", mine)
+    results = made_up.results(study, lambda setting: 1.0)
+    Summary.of_results(study, results, made_up.PROVENANCE).save(data_of(tmp_path), "mine.parquet")
+    trained = reproduce.load(str(tmp_path))
+    assert [*trained.sweeps] == ["mine"]
+    assert "My grid (2 trials)" in budgets(trained)[0]
+    assert claims(trained)[-1].words == "Mine was trained."
+    assert claims(trained)[-1].section == "my-figure"
+
+
+def my_claim(trained):
+    return claim("mine", "Mine was trained." if "mine" in trained.sweeps else "It was not.", "", {})
+
+
+def data_of(folder):
+    return reproduce.Store(f"{folder}/{reproduce.DATA}")
+
+
+def test_data_of_no_figure_are_told(tmp_path):
+    for name, summary in made_up.data(lambda *_: 1.0, ("lqr",)).sweeps.items():
+        summary.save(data_of(tmp_path), f"{name}.parquet")
+        summary.save(data_of(tmp_path), "strange.parquet")
+    assert reproduce.of_no_figure(str(tmp_path)) == ["strange.parquet"]

@@ -1,6 +1,7 @@
 """galton report: figures and page from what was trained, without training anything."""
 
 import dataclasses
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -35,6 +36,9 @@ def main(arguments: Sequence[str]) -> None:
     import_all(options.imports)
     folder = options.folder
     trained = reproduce.load(str(folder))
+    for file in reproduce.of_no_figure(str(folder)):
+        told = "is of no figure and left out; name the module that registers its study with --imports"
+        print(f"galton: {reproduce.DATA}/{file} {told}", file=sys.stderr)
     there = bool(trained.sweeps or trained.tables)
     require(there, f"folder is {str(folder)!r}, which holds no data; make some with: galton reproduce")
     write(folder, trained)

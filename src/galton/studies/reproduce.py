@@ -42,6 +42,12 @@ def _measured(store: Store, file: str) -> pa.Table:
     return table
 
 
+def of_no_figure(out: str) -> list[str]:
+    """The files of a folder's data that no figure knows, such as those of a study that was not imported."""
+    known = {f"{name}.parquet" for name in (*all_sweeps(), *FIGURES)}
+    return [file for file in Store(f"{out}/{DATA}").names("") if file not in known]
+
+
 def refuse_other_budgets(sweeps: Iterable[Sweep], measured: Iterable[str], budget: Budget, out: str) -> None:
     """So that nothing is trained for a folder that has some of it at another budget.
 
