@@ -33,9 +33,9 @@ class Task(NamedTuple):
     """The mean return of the action 0 from the first step to the last, where a figure shows it."""
 
 
-def _outside(env: str, title: str, d: int = 0, **settings: Any) -> Task:
+def _outside(env: str, title: str, d: int = 0, total_timesteps: int = 500_000, at_rest: float | None = None) -> Task:
     """A task outside JAX: fewer evaluations, since they cost."""
-    return Task(env, title, d, in_jax=False, n_logs=50, n_eval_episodes=2, **settings)
+    return Task(env, title, d, False, total_timesteps, n_logs=50, n_eval_episodes=2, at_rest=at_rest)
 
 
 TASKS = {

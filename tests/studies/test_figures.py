@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 
 from galton.analysis.plots import RUN
-from galton.errors import UsageError
 from galton.losses import LOSSES
 from galton.studies.bandit import DIMENSION, NOISE
-from galton.studies.registry import FIGURES, find_figure
+from galton.studies.registry import FIGURES
 from galton.studies.trained import Trained
 from galton.tasks import TASKS
 
@@ -26,12 +25,12 @@ def named(axes, name):
     return line
 
 
-SWEPT = [name for name in FIGURES if find_figure(name).sweeps]
+SWEPT = [name for name in FIGURES if FIGURES[name].sweeps]
 
 
 @pytest.mark.parametrize("name", SWEPT)
 def test_a_figure_draws_any_part_of_its_sweeps(name, data):
-    study = find_figure(name)
+    study = FIGURES[name]
     assert study.draw(data).axes
     for sweep in study.sweeps:
         panels = study.draw(Trained({sweep.name: data.sweeps[sweep.name]})).axes
@@ -40,7 +39,7 @@ def test_a_figure_draws_any_part_of_its_sweeps(name, data):
 
 @pytest.mark.parametrize("name", ["figure-2", "figure-8", "figure-9"])
 def test_learning_curves_are_means_over_the_winners_trials(name, data):
-    study = find_figure(name)
+    study = FIGURES[name]
     figure = study.draw(data)
     metric = "evaluation_return" if name == "figure-8" else "training_return"
     tasks = [sweep.name for sweep in study.sweeps if sweep.name in TASKS]
@@ -54,7 +53,7 @@ def test_learning_curves_are_means_over_the_winners_trials(name, data):
 
 
 def test_figure_3_shows_final_returns_by_noise_and_dimension(data):
-    noise, dimension, *_ = find_figure("figure-3").draw(data).axes
+    noise, dimension, *_ = FIGURES["figure-3"].draw(data).axes
     for loss in ("gaussian", "hl-gauss"):
         line, end = named(noise, LOSSES[loss].label), ENDS[loss]
         assert list(line.get_xdata()) == sorted(NOISE)
@@ -64,14 +63,9 @@ def test_figure_3_shows_final_returns_by_noise_and_dimension(data):
 
 
 def test_a_profile_falls_from_all_to_none(data):
-    for axes in find_figure("figure-7").draw(data).axes:
+    for axes in FIGURES["figure-7"].draw(data).axes:
         for loss in ENDS:
             share = named(axes, LOSSES[loss].label).get_ydata()
             assert (np.diff(share) <= 0).all()
             assert share[-1] == 0
     assert named(axes, LOSSES["hl-gauss-centred"].label).get_ydata()[0] == 1
-
-
-def test_an_unknown_figure_is_named():
-    with pytest.raises(UsageError, match="figure is 'figure-10'; choose from figure-1"):
-        find_figure("figure-10")

@@ -19,7 +19,7 @@ from galton.studies.bounds import crossings, findings
 from galton.studies.gradients import READINGS, Sample, measure, sharpen
 from galton.studies.propositions import FIGURE
 from galton.studies.trained import Trained
-from galton.theory import classification_bound, output_lipschitz
+from galton.theory import output_lipschitz
 from galton.types import Learner, Transition
 
 T, N, K = 4, 2, 6
@@ -178,13 +178,13 @@ def test_a_softmaxs_bound_is_proposition_1_summed_over_dimensions(loss):
     samples = look(learner, batch)[""]
     actor = learner.params["actor"]
 
-    def bound(s, a, advantage):
+    def eq_7(s, a, advantage):
         probs, index = policy.distribution(mlp(actor, s), {}).probs, policy.bins.encode(a)
         q = jax.nn.one_hot(index, K) if loss == "hl-one-hot" else targets.hl_gauss_of_center(K, index, HYPERS.eta)
-        shared = advantage, output_lipschitz(actor, s), features(actor, s)
-        return sum(classification_bound(*shared, q[j], probs[j]) for j in range(2))
+        shared = jnp.abs(advantage) * (output_lipschitz(actor, s) + jnp.linalg.norm(features(actor, s)))
+        return sum(shared * jnp.abs(q[j] - probs[j]).sum() for j in range(2))
 
-    expected = jax.jit(jax.vmap(bound))(*map(a2c.flatten, (batch.observation, batch.action)), samples.advantage)
+    expected = jax.jit(jax.vmap(eq_7))(*map(a2c.flatten, (batch.observation, batch.action)), samples.advantage)
     np.testing.assert_allclose(samples.bound, expected, rtol=1e-4)
 
 

@@ -14,7 +14,7 @@ from galton.commands.reproduce import asked
 from galton.errors import UsageError
 from galton.studies import reproduce
 from galton.studies.figure import FigureStudy
-from galton.studies.registry import FIGURES, find_figure
+from galton.studies.registry import FIGURES
 from galton.studies.report import budgets, claims
 from galton.studies.summary import Summary
 from galton.studies.sweeps import AGAIN, MAIN, Sweep, again
@@ -97,7 +97,7 @@ def test_words_ask_for_sweeps():
     everything, figures = asked(["all"])
     assert {sweep.name for sweep in everything} == set(SWEEPS)
     assert figures == FIGURES
-    assert asked(["figure-3"]) == (list(find_figure("figure-3").sweeps), {"figure-3": find_figure("figure-3")})
+    assert asked(["figure-3"]) == (list(FIGURES["figure-3"].sweeps), {"figure-3": FIGURES["figure-3"]})
     assert asked(["analytic"])[0] == [sweep for task in list(TASKS)[:4] for sweep in (MAIN[task], AGAIN[task])]
     sweeps, figures = asked(["ant", "propositions"])
     assert ([sweep.name for sweep in sweeps], [*figures]) == (["ant", "ant-again"], ["propositions"])
@@ -112,7 +112,7 @@ def test_what_a_figure_measured_is_kept_and_refused_at_another_budget(tmp_path):
         calls.append(budget)
         return pa.table({"norm": [1.0]})
 
-    figures = {"propositions": dataclasses.replace(find_figure("propositions"), measure=measure)}
+    figures = {"propositions": dataclasses.replace(FIGURES["propositions"], measure=measure)}
     for _ in range(2):
         reproduce.measure(figures, "smoke", str(tmp_path))
     assert calls == ["smoke"]

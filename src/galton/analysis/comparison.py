@@ -3,7 +3,6 @@
 import dataclasses
 import math
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -17,7 +16,7 @@ from galton.training.state import Log
 from galton.training.train import Result
 
 Results = Mapping[str, Result]
-"""By loss."""
+"""What was trained, by loss."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -35,10 +34,10 @@ class Row:
     diverged: int
     runs: int
 
-    def record(self) -> dict[str, Any]:
+    def record(self) -> dict[str, object]:
         """For JSON, with null for what is not known."""
 
-        def plain(value: Any) -> Any:
+        def plain(value: object) -> object:
             if isinstance(value, Interval):
                 return {bound: plain(float(number)) for bound, number in value._asdict().items()}
             return None if isinstance(value, float) and not math.isfinite(value) else value
@@ -138,7 +137,7 @@ def curves(results: Results) -> pa.Table:
     parts = []
     for loss, result in results.items():
         n_runs, n_logs = len(result.seeds), len(result.steps)
-        columns: dict[str, Any] = {
+        columns: dict[str, object] = {
             "loss": [loss] * (n_runs * n_logs),
             "seed": np.repeat(result.seeds, n_logs),
             "step": np.tile(result.steps, n_runs),

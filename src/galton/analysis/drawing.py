@@ -17,6 +17,7 @@ from matplotlib.axis import Axis
 from matplotlib.category import StrCategoryFormatter
 from matplotlib.collections import LineCollection, PathCollection, PolyCollection
 from matplotlib.figure import Figure
+from matplotlib.gridspec import SubplotSpec
 from matplotlib.legend import Legend
 from matplotlib.lines import Line2D
 from matplotlib.patches import StepPatch
@@ -107,7 +108,7 @@ def _series(artist: Artist) -> str:
     return str(artist.get_gid()).removeprefix(RUN)
 
 
-def _panel(axes: Axes, names: Sequence[str], swatches: Mapping[Artist, ET.Element]) -> dict[str, Any]:
+def _panel(axes: Axes, names: Sequence[str], swatches: Mapping[Artist, ET.Element]) -> dict[str, object]:
     """What is drawn in it: each axis, and the values of each series with its band."""
     areas = [artist for artist in _named(axes) if isinstance(artist, PolyCollection | LineCollection)]
     grids: list[list[float]] = []
@@ -191,7 +192,7 @@ def _panels(
     """
     headings = [text for text in figure.texts if text.get_text() == figure.get_suptitle()]
     strangers = {*figure.get_children()} - {figure.patch, *shown, *legends, *headings}
-    members: dict[Any, list[int]] = {}
+    members: dict[SubplotSpec | None, list[int]] = {}
     for i, axes in enumerate(shown):
         members.setdefault(axes.get_subplotspec(), []).append(i)
     if strangers or None in members or len({(_has_labels(axes.xaxis), _has_labels(axes.yaxis)) for axes in shown}) != 1:

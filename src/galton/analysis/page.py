@@ -29,7 +29,7 @@ class Claim:
     number: str
     """It may have lines."""
     verdict: str
-    """One of VERDICTS."""
+    """What became of it: one of VERDICTS."""
     why: str
     """It may have lines."""
     section: str | None = None

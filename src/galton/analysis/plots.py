@@ -12,11 +12,13 @@ from typing import Any
 import matplotlib as mpl
 import numpy as np
 from jaxtyping import Float, Real
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.ticker import EngFormatter
 from matplotlib.transforms import Affine2D
+from matplotlib.typing import ColorType
 
 from galton.analysis.comparison import Results
 from galton.analysis.statistics import Interval, fill_until, mean_interval
@@ -60,7 +62,7 @@ def draw_series(
     x: Real[np.ndarray, " L"] | Sequence[float],
     interval: Interval,
     name: str,
-    color: Any,
+    color: ColorType,
     linestyle: str = "-",
     marker: str = "",
     single_runs: Float[np.ndarray, "R L"] | None = None,
@@ -73,7 +75,7 @@ def draw_series(
             axes.plot(x, run, gid=RUN + name, lw=0.6, color=color, alpha=0.35, ls=linestyle)
 
 
-def draw_marks(axes: Axes, intervals: Sequence[Interval], name: str, color: Any, shift: float) -> None:
+def draw_marks(axes: Axes, intervals: Sequence[Interval], name: str, color: ColorType, shift: float) -> None:
     """A mark with its interval at 0, 1, …, drawn so far to the right, so that series stand side by side."""
     mean, low, high = np.array(intervals).T
     beside = Affine2D().translate(shift, 0) + axes.transData
@@ -105,7 +107,7 @@ def look_of(loss: str) -> tuple[str, str, str]:
 
 def finish(figure: Figure, axes: Sequence[Axes]) -> None:
     """One legend below all panels, of every name in them, in as many columns as fit."""
-    found: dict[str, Any] = {}
+    found: dict[str, Artist] = {}
     for panel in axes:
         for handle, label in zip(*panel.get_legend_handles_labels(), strict=True):
             found.setdefault(label, handle)
@@ -146,7 +148,7 @@ def learning_curves(results: Results, env: Environment | None, title: str) -> Fi
     right.sharey(left)
     figure.set_size_inches(9.5, 4.2)
     figure.suptitle(title)
-    means: list[Any] = [] if optimum is None else [np.array([optimum])]
+    means: list[np.ndarray | np.float64] = [] if optimum is None else [np.array([optimum])]
     for axes, metric, heading in (
         (left, "training_return", "training return"),
         (right, "evaluation_return", "evaluation return, deterministic policy"),

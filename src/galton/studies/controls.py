@@ -63,7 +63,7 @@ def _gains(trained: Trained, control: Control, score: Callable[[Summary, str], S
 
 
 def starts_as_well(trained: Trained) -> Claim:
-    """§5.2.3, Figure 3c."""
+    """What §5.2.3 says of Figure 3c: Init Gaussian does no harm."""
     gaps = {
         f"{label} {when}": gap
         for when, score in (("final", final_return), ("over training", mean_return))
@@ -85,7 +85,7 @@ def starts_as_well(trained: Trained) -> Claim:
 
 
 def converges_faster(trained: Trained) -> Claim:
-    """§5.2.3, Figure 3d."""
+    """What §5.2.3 says of Figure 3d: Gaussian Exploration is faster."""
     return claim(
         "§5.2.3",
         "Gaussian Exploration makes both classification losses converge faster.",
@@ -95,7 +95,7 @@ def converges_faster(trained: Trained) -> Claim:
 
 
 def no_local_optimum(trained: Trained) -> Claim:
-    """§5.2.3, Figure 3d."""
+    """What §5.2.3 says of Figure 3d: HL-1-Hot no longer stops short of the optimum."""
     pair, best = _pair(trained, EXPLORATION), optimum("bandit")
     gaps: dict[str, Interval] = {}
     half_is_left, note = False, ""
@@ -117,7 +117,7 @@ def no_local_optimum(trained: Trained) -> Claim:
 
 
 def exploration_is_not_the_reason(trained: Trained) -> Claim:
-    """§5.2.3, what both controls are for."""
+    """What both controls are for, §5.2.3: whether classification is ahead without its own exploration."""
     main = trained.of(AGAIN["bandit"])
     gains = {} if main is None else {loss: _more_efficient(main, loss, main) for loss in CLASSIFICATION}
     gaps = {

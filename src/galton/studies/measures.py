@@ -15,7 +15,7 @@ from galton.studies.trained import Judged
 from galton.tasks import TASKS
 
 CLASSIFICATION = ("hl-one-hot", "hl-gauss")
-"""The paper's two."""
+"""The paper's two losses that classify."""
 
 Scores = Float[np.ndarray, " trials"]
 

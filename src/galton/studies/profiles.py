@@ -48,7 +48,7 @@ def draw(trained: Trained) -> Figure:
 
 
 def robust_to_settings(trained: Trained) -> Claim:
-    """§5.1, Figure 7."""
+    """What §5.1 says of Figure 7: how often classification ends above, whatever the settings."""
     return claim(
         "§5.1",
         "Classification is more robust to hyperparameters.",
@@ -59,7 +59,7 @@ def robust_to_settings(trained: Trained) -> Claim:
 
 
 def higher_fraction(trained: Trained) -> Claim:
-    """App. C.4, Figure 7."""
+    """What App. C.4 says of Figure 7: the share of runs that reach a high return."""
     gaps = {}
     for task, summary in trained.largest_grids.items():
         start, end = progress(summary)

@@ -126,7 +126,7 @@ def bounds(trained: Trained) -> Table:
 
 
 def bounds_hold(trained: Trained) -> Claim:
-    """Propositions 1 and 2."""
+    """Propositions 1 and 2 themselves, sample by sample."""
     rows = of_the_paper(trained.tables[NAME]) if NAME in trained.tables else None
     above = 0 if rows is None else crossings(rows)
     return Claim(
@@ -162,7 +162,7 @@ def _against_gaussian(trained: Trained, of: Callable[[Finding], float]) -> dict[
 
 
 def bound_is_smaller(trained: Trained) -> Claim:
-    """§4.3, the last sentence."""
+    """The last sentence of §4.3: whose bound is the smaller one."""
     last = _against_gaussian(trained, lambda finding: finding.last_per_advantage)
     smaller = [name for name, gap in last.items() if gap.low > 0]
     return claim(
@@ -176,7 +176,7 @@ def bound_is_smaller(trained: Trained) -> Claim:
 
 
 def bound_varies_less(trained: Trained) -> Claim:
-    """§4.3, the last sentence."""
+    """The last sentence of §4.3: whose bound moves less while it learns."""
     return claim(
         "§4.3",
         "Classification's bound varies less during learning.",
@@ -187,7 +187,7 @@ def bound_varies_less(trained: Trained) -> Claim:
 
 
 def sigma_explodes(trained: Trained) -> Claim:
-    """§4.3, the factor 1/σ."""
+    """The factor 1/σ of §4.3, on trained policies that are made ever sharper."""
     return claim(
         "§4.3",
         "As σ → 0 the factor 1/σ makes the Gaussian's gradient explode.",

@@ -1,6 +1,6 @@
 """The figures of the page by name, and their sweeps."""
 
-from galton.errors import UsageError, require
+from galton.errors import require
 from galton.studies import bandit, one_step, profiles, propositions, returns, sensitivity, why
 from galton.studies.figure import FigureStudy
 from galton.studies.sweeps import Sweep, needed
@@ -20,13 +20,6 @@ FIGURES: dict[str, FigureStudy] = {
 }
 """In the order of the page. A study of your own is one more entry: its sweeps are trained, and its figure, table and
 claims stand on the page, as the others' are."""
-
-
-def find_figure(name: str) -> FigureStudy:
-    """The figure of that name; UsageError lists the names if there is none."""
-    if name not in FIGURES:
-        raise UsageError(f"figure is {name!r}; choose from {', '.join(FIGURES)}")
-    return FIGURES[name]
 
 
 def all_sweeps() -> dict[str, Sweep]:

@@ -101,7 +101,7 @@ def _entropies(tasks: Mapping[str, Judged], gaps: Mapping[str, Interval]) -> str
 
 
 def ends_higher(trained: Trained) -> Claim:
-    """§5.2.1, the main result."""
+    """The main result, §5.2.1: with what return training ends."""
     tasks = _of_most(trained)
     gaps = _against_regression(tasks, final_return)
     return claim(
@@ -117,7 +117,7 @@ def ends_higher(trained: Trained) -> Claim:
 
 
 def learns_faster(trained: Trained) -> Claim:
-    """§5.2.1, data efficiency."""
+    """Data efficiency, §5.2.1: the mean return over all of training."""
     tasks = _of_most(trained)
     return claim(
         "Abstract, §5.2.1",
@@ -130,7 +130,7 @@ def learns_faster(trained: Trained) -> Claim:
 
 
 def acrobot(trained: Trained) -> Claim:
-    """§5.2.1, the exception."""
+    """The exception of §5.2.1, where regression is said to be better."""
     tasks = {name: task for name, task in trained.judged.items() if name == "acrobot"}
     gains = _against_regression(tasks, final_return)
     return claim(
@@ -144,7 +144,7 @@ def acrobot(trained: Trained) -> Claim:
 
 
 def more_stable(trained: Trained) -> Claim:
-    """§1, contribution 4."""
+    """The fourth contribution of §1: how far seeds end from one another."""
     gaps = {}
     for name, task in trained.judged.items():
         losses = "gaussian", better(task.chosen, final_return)
@@ -160,7 +160,7 @@ def more_stable(trained: Trained) -> Claim:
 
 
 def order_changes(trained: Trained) -> Claim:
-    """§7."""
+    """What §7 says of the two classification losses against each other."""
     gaps, one_hot = {}, []
     for name, task in trained.judged.items():
         start, end = progress(task.chosen)

@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 from jaxtyping import Float
 from matplotlib import colormaps
+from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from scipy import stats
 
@@ -60,7 +61,7 @@ def draw(grids: Mapping[str, Summary], loss: str, fields: tuple[str, ...]) -> Fi
     columns = max((sum(f == field for f, *_ in found) for field in fields), default=1)
     figure, axes = panels(len(found), columns=min(columns, 4))
     for panel, (field, task, curves, summary) in zip(axes, found, strict=True):
-        colors = colormaps["viridis"](np.linspace(0, 0.85, len(curves)))
+        colors = map(to_hex, colormaps["viridis"](np.linspace(0, 0.85, len(curves))))
         for (value, interval), color in zip(curves.items(), colors, strict=True):
             draw_series(panel, summary.steps, interval, f"{NAMES[field]} = {value:g}", color)
         fit(panel, [interval.mean for interval in curves.values()])
@@ -93,7 +94,7 @@ def sensitive(trained: Trained, loss: str, field: str, much: bool, words: str) -
 
 
 def wide_targets(trained: Trained) -> Claim:
-    """App. C.3, Figure 4."""
+    """What App. C.3 says of Figure 4: the widest targets of the grid do harm."""
     gaps = {}
     for task, summary in trained.largest_grids.items():
         marginals = [*by_value(summary, "hl-gauss", "eta").values()]

@@ -2,6 +2,7 @@
 
 import dataclasses
 import functools
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -21,17 +22,20 @@ CURVES = ("training_return", "evaluation_return", "entropy")
 """What is kept of each log point; of the others their final mean only."""
 
 
+Provenance = Mapping[str, Any]
+
+
 @dataclasses.dataclass(frozen=True)
 class Summary:
     """R runs of a study, L log points each."""
 
     study: Study
-    provenance: dict[str, Any]
+    provenance: Provenance
     """How it was made: budget, versions, machines, seconds of training."""
     table: pa.Table
 
     @classmethod
-    def of_results(cls, study: Study, results: pa.Table, provenance: dict[str, Any]) -> "Summary":
+    def of_results(cls, study: Study, results: pa.Table, provenance: Provenance) -> "Summary":
         """Of what `sweep.results.collect` gathered."""
         diverged_at = results.column("diverged_at").to_numpy()
         columns = {name: results.column(name) for name in ("setting", "trial", "diverged_at")}
@@ -47,7 +51,7 @@ class Summary:
     def save(self, store: Store, name: str) -> None:
         """Write it as one file; the same bytes for the same summary."""
         data = to_bytes(
-            with_record(self.table, {"study": self.study.record(), "provenance": self.provenance}),
+            with_record(self.table, {"study": self.study.record(), "provenance": dict(self.provenance)}),
             compression_level=19,
             use_dictionary=["setting", "trial", "diverged_at", "steps.list.element"],
             column_encoding={f"{metric}.list.element": "BYTE_STREAM_SPLIT" for metric in CURVES},

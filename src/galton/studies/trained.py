@@ -16,7 +16,7 @@ class Judged(NamedTuple):
     """A task whose best settings were trained twice, so that none is judged by the runs that it was chosen by."""
 
     chosen: Summary
-    """The grid."""
+    """The main sweep: the task's whole grid."""
     again: Summary
     """Each loss's best setting of it on fresh seeds."""
 

@@ -3,7 +3,7 @@
 import dataclasses
 import textwrap
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -57,7 +57,7 @@ def _sweep(task: str) -> Sweep:
         smoke = budget == "smoke"
         rates, bins = ([1e-3], 20) if smoke else (WHY_RATES, 100)
         names = ["as in the paper", "λ = 0.95"] if smoke else list(CHANGES)
-        losses: list[dict[str, Any]] = [
+        losses: list[dict[str, object]] = [
             {"loss": ["gaussian", "hl-one-hot"]},
             {"loss": "hl-gauss", "eta": 0.25},
             {"loss": "hl-gauss-centred", "eta": [2.0] if smoke else [2.0, 4.0]},
@@ -116,7 +116,7 @@ def retrained(trained: Trained) -> dict[str, Summary]:
 
 
 def outcomes(summary: Summary) -> dict[tuple[str, str], Outcome]:
-    """By (change, loss)."""
+    """The winners on fresh seeds, by change and loss."""
     metrics = {metric: summary.final(metric) for metric in METRICS}
     base = task_defaults(summary.study.env)
     return {
