@@ -7,8 +7,8 @@ import pytest
 from rich.console import Console
 
 from galton import LOSSES, Config, Hypers, train
-from galton.analysis.comparison import curves, summarise, table, verdicts
-from galton.analysis.plots import learning_curves, save
+from galton.analysis.comparison import curves, learning_curves, summarise, table, verdicts
+from galton.analysis.plots import save
 from galton.envs import LQR, MountainCar
 
 

@@ -1,4 +1,4 @@
-"""What figures share: the look, a curve with its band, a page of panels. And the figure of `galton compare`.
+"""What figures share: the look, a curve with its band, a page of panels.
 
 Artists with a gid are a series of that name, which the page lets readers hover over and toggle; artists whose gid
 begins with RUN are single runs, which print leaves out.
@@ -20,9 +20,7 @@ from matplotlib.ticker import EngFormatter
 from matplotlib.transforms import Affine2D
 from matplotlib.typing import ColorType
 
-from galton.analysis.comparison import Results
-from galton.analysis.statistics import Interval, fill_until, mean_interval
-from galton.envs.base import Environment
+from galton.analysis.statistics import Interval
 from galton.losses import LOSSES
 
 _COLORS = ("#000000", "#E69F00", "#0072B2", "#009E73", "#D55E00", "#CC79A7", "#56B4E9", "#F0E442")
@@ -139,33 +137,6 @@ def fit(axes: Axes, means: Sequence[np.ndarray | np.float64]) -> None:
     if len(known):
         margin = 0.05 * np.ptp(known) + 1e-9
         axes.set_ylim(known.min() - margin, known.max() + 2 * margin)
-
-
-def learning_curves(results: Results, env: Environment | None, title: str) -> Figure:
-    """Training and evaluation return over environment steps: mean over runs and its 95% CI; the optimum if known."""
-    optimum = env.optimal_return if env is not None else None
-    figure, (left, right) = panels(2, height=3.7)
-    right.sharey(left)
-    figure.set_size_inches(9.5, 4.2)
-    figure.suptitle(title)
-    means: list[np.ndarray | np.float64] = [] if optimum is None else [np.array([optimum])]
-    for axes, metric, heading in (
-        (left, "training_return", "training return"),
-        (right, "evaluation_return", "evaluation return, deterministic policy"),
-    ):
-        for loss, result in results.items():
-            curves = getattr(result.log, metric).astype(np.float64)
-            interval = mean_interval(fill_until(curves, result.steps, result.diverged_at))
-            draw_series(axes, result.steps, interval, *look_of(loss))
-            means.append(interval.mean)
-        axes.set_title(heading, fontsize=10)
-        over_steps(axes, float(max(result.steps[-1] for result in results.values())))
-        if optimum is not None:
-            draw_level(axes, optimum, "optimum", "--")
-    fit(left, means)
-    left.set_ylabel("undiscounted return")
-    finish(figure, [left])
-    return figure
 
 
 def save(figure: Figure, stem: Path) -> None:

@@ -8,8 +8,8 @@ from pathlib import Path
 import pyarrow.parquet as pq
 from rich.console import Console
 
-from galton.analysis.comparison import curves, summarise, table, verdicts
-from galton.analysis.plots import learning_curves, save
+from galton.analysis.comparison import curves, learning_curves, summarise, table, verdicts
+from galton.analysis.plots import save
 from galton.commands.common import (
     EnvName,
     LossNames,
