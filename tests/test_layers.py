@@ -17,6 +17,7 @@ RANKS = [
     {"callbacks", "sb3"},
     {"agent"},
     {"analysis", "sweep"},
+    {"page"},
     {"studies"},
     {"commands"},
     {"cli"},

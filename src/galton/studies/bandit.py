@@ -8,10 +8,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from galton.analysis.page import Claim
 from galton.analysis.plots import draw_series, finish, look_of, panels
 from galton.analysis.statistics import Interval, difference_interval, mean_interval
 from galton.losses import LOSSES
+from galton.page.page import Claim
 from galton.studies import controls
 from galton.studies.controls import CONTROLS
 from galton.studies.curves import draw_best

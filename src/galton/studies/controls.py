@@ -4,9 +4,9 @@ import dataclasses
 from collections.abc import Callable
 from typing import NamedTuple
 
-from galton.analysis.page import Claim
 from galton.analysis.statistics import Interval, difference_interval, mean_interval
 from galton.losses import LOSSES
+from galton.page.page import Claim
 from galton.studies.measures import CLASSIFICATION, Scores, final_return, mean_return, optimum
 from galton.studies.summary import Summary
 from galton.studies.sweeps import AGAIN, Budget, Done, Sweep, again, main_settings, task_study

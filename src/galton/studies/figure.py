@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 import pyarrow as pa
 from matplotlib.figure import Figure
 
-from galton.analysis.page import Claim, Table
+from galton.page.page import Claim, Table
 from galton.studies.sweeps import Budget, Sweep
 from galton.studies.trained import Trained
 

@@ -7,9 +7,9 @@ import numpy as np
 from matplotlib.figure import Figure
 from scipy import stats
 
-from galton.analysis.page import Claim
 from galton.analysis.plots import draw_series, finish, look_of, panels
 from galton.analysis.statistics import Interval, performance_profile, stratified_bootstrap
+from galton.page.page import Claim
 from galton.studies.curves import heading
 from galton.studies.figure import FigureStudy
 from galton.studies.measures import CLASSIFICATION, by_setting, progress

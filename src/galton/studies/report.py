@@ -5,9 +5,9 @@ from collections.abc import Mapping
 
 from matplotlib.figure import Figure
 
-from galton.analysis.page import Claim, Section, render
 from galton.analysis.plots import settle
 from galton.losses import LOSSES
+from galton.page.page import Claim, Section, render
 from galton.studies.figure import FigureStudy
 from galton.studies.registry import FIGURES, all_sweeps
 from galton.studies.summary import Summary

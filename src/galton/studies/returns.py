@@ -7,9 +7,9 @@ from collections.abc import Callable, Iterable, Mapping
 
 import numpy as np
 
-from galton.analysis.page import Claim, Table
 from galton.analysis.statistics import Interval, difference_interval, mean_interval
 from galton.losses import LOSSES
+from galton.page.page import Claim, Table
 from galton.studies.curves import best_curves
 from galton.studies.figure import FigureStudy
 from galton.studies.measures import (

@@ -11,9 +11,9 @@ from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from scipy import stats
 
-from galton.analysis.page import Claim
 from galton.analysis.plots import draw_series, fit, over_steps, panels
 from galton.analysis.statistics import Interval, difference_interval, mean_interval
+from galton.page.page import Claim
 from galton.studies.curves import heading
 from galton.studies.figure import FigureStudy
 from galton.studies.measures import by_value, spread

@@ -4,8 +4,8 @@ from collections.abc import Iterable, Mapping
 
 import numpy as np
 
-from galton.analysis.page import Claim
 from galton.analysis.statistics import Interval
+from galton.page.page import Claim
 
 UNKNOWN = "not decidable here"
 NOT_TRAINED = "What it needs was not trained."

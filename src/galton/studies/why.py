@@ -10,10 +10,10 @@ from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from galton.analysis.page import Table
 from galton.analysis.plots import draw_marks, finish, fit, look_of, panels
 from galton.analysis.statistics import mean_interval
 from galton.losses import LOSSES
+from galton.page.page import Table
 from galton.studies.curves import draw_levels, heading
 from galton.studies.figure import FigureStudy
 from galton.studies.summary import Summary

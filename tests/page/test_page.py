@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from galton.analysis.page import VERDICTS, Claim, Section, Table, render
 from galton.analysis.plots import draw_level, draw_marks, draw_series, finish, panels
 from galton.analysis.statistics import Interval, mean_interval
 from galton.errors import UsageError
+from galton.page.page import VERDICTS, Claim, Section, Table, render
 
 HOSTILE = "</script><script>alert(1)</script><!-- <img src=x onerror=alert(2)> \"'&amp;"
 STEPS = np.arange(1.0, 6.0) * 1000

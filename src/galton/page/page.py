@@ -11,8 +11,8 @@ from jinja2 import Environment, StrictUndefined
 from markupsafe import Markup
 from matplotlib.figure import Figure
 
-from galton.analysis.drawing import draw
 from galton.errors import require
+from galton.page.drawing import draw
 
 VERDICTS = ("holds", "holds in part", "does not hold", "not decidable here")
 
@@ -115,7 +115,7 @@ def render(title: str, introduction: Sequence[str], claims: Sequence[Claim], sec
 
 
 def _file(name: str) -> str:
-    return resources.files("galton.analysis").joinpath(name).read_text(encoding="utf-8")
+    return resources.files("galton.page").joinpath(name).read_text(encoding="utf-8")
 
 
 def _hash(text: str) -> str:

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from playwright.sync_api import sync_playwright
 
-from galton.analysis.page import Claim, Section, Table, render
 from galton.analysis.plots import draw_level, draw_series, finish, panels
 from galton.analysis.statistics import Interval
+from galton.page.page import Claim, Section, Table, render
 
 from . import browser
 

@@ -24,9 +24,9 @@ from matplotlib.patches import StepPatch
 from matplotlib.ticker import FixedFormatter, FuncFormatter
 from matplotlib.transforms import BboxBase
 
-from galton.analysis import svg
 from galton.analysis.plots import RUN
-from galton.analysis.svg import Box
+from galton.page import svg
+from galton.page.svg import Box
 
 _SCALE = (1.1, 1.25)
 """CSS pixels per point, at least and at most."""
