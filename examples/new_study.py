@@ -7,10 +7,10 @@ import numpy as np
 from galton.analysis.plots import draw_series, finish, look_of, panels
 from galton.analysis.statistics import difference_interval, mean_interval
 from galton.commands.reproduce import reproduce
-from galton.studies.figure import FigureStudy
-from galton.studies.registry import FIGURES
-from galton.studies.sweeps import Sweep
-from galton.studies.verdicts import claim
+from galton.paper.figure import FigureStudy
+from galton.paper.registry import FIGURES
+from galton.paper.sweeps import Sweep
+from galton.paper.verdicts import claim
 from galton.sweep.grid import expand, task_defaults
 from galton.sweep.study import Study
 

@@ -18,7 +18,7 @@ RANKS = [
     {"agent"},
     {"analysis", "sweep"},
     {"page"},
-    {"studies"},
+    {"paper"},
     {"commands"},
     {"cli"},
 ]

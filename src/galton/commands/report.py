@@ -9,9 +9,9 @@ import tyro
 
 from galton.analysis import plots
 from galton.errors import require
-from galton.studies import report, reproduce
-from galton.studies.registry import FIGURES
-from galton.studies.trained import Trained
+from galton.paper import report, reproduce
+from galton.paper.registry import FIGURES
+from galton.paper.trained import Trained
 from galton.sweep.store import Store
 from galton.sweep.study import import_all
 

@@ -10,10 +10,10 @@ import tyro
 from galton.commands.carry import processes
 from galton.commands.report import write
 from galton.errors import UsageError
-from galton.studies import reproduce as studies
-from galton.studies.figure import FigureStudy
-from galton.studies.registry import FIGURES
-from galton.studies.sweeps import AGAIN, MAIN, Budget, Sweep
+from galton.paper import reproduce as paper
+from galton.paper.figure import FigureStudy
+from galton.paper.registry import FIGURES
+from galton.paper.sweeps import AGAIN, MAIN, Budget, Sweep
 from galton.sweep.executors import Place, one_per_core
 from galton.sweep.study import import_all
 from galton.tasks import TASKS
@@ -62,11 +62,11 @@ def reproduce(what: Sequence[str], budget: Budget, out: Path, workers: int | Non
     places = one_per_core(workers)
     if budget == "smoke":  # compiling is all that takes time
         places = [Place(place.cores, (("JAX_DISABLE_MOST_OPTIMIZATIONS", "1"),)) for place in places]
-    studies.refuse_other_budgets(sweeps, figures, budget, str(out))
+    paper.refuse_other_budgets(sweeps, figures, budget, str(out))
     with processes(places) as carry_out:
-        studies.train(sweeps, budget, str(out), carry_out)
-    studies.measure(figures, budget, str(out))
-    write(out, studies.load(str(out)))
+        paper.train(sweeps, budget, str(out), carry_out)
+    paper.measure(figures, budget, str(out))
+    write(out, paper.load(str(out)))
 
 
 def asked(what: Sequence[str]) -> tuple[list[Sweep], dict[str, FigureStudy]]:

@@ -8,7 +8,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from galton.losses import LOSSES
-from galton.studies.gradients import Sample
+from galton.paper.gradients import Sample
 
 Rows = dict[str, np.ndarray]
 Series = tuple[str, str, str]

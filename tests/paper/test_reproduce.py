@@ -12,13 +12,13 @@ from matplotlib.figure import Figure
 
 from galton.commands.reproduce import asked
 from galton.errors import UsageError
-from galton.studies import reproduce
-from galton.studies.figure import FigureStudy
-from galton.studies.registry import FIGURES
-from galton.studies.report import budgets, claims
-from galton.studies.summary import Summary
-from galton.studies.sweeps import AGAIN, MAIN, Sweep, again
-from galton.studies.verdicts import claim
+from galton.paper import reproduce
+from galton.paper.figure import FigureStudy
+from galton.paper.registry import FIGURES
+from galton.paper.report import budgets, claims
+from galton.paper.summary import Summary
+from galton.paper.sweeps import AGAIN, MAIN, Sweep, again
+from galton.paper.verdicts import claim
 from galton.sweep.parquet import record_of
 from galton.sweep.shard import machine, versions
 from galton.tasks import TASKS
@@ -172,9 +172,9 @@ def test_a_summary_is_enough(tmp_path):
 
 MINE = """
 from galton.analysis.plots import panels
-from galton.studies.figure import FigureStudy
-from galton.studies.registry import FIGURES
-from galton.studies.verdicts import claim
+from galton.paper.figure import FigureStudy
+from galton.paper.registry import FIGURES
+from galton.paper.verdicts import claim
 
 
 def draw(trained):

@@ -10,13 +10,13 @@ from scipy import stats
 from galton.analysis.plots import draw_series, finish, look_of, panels
 from galton.analysis.statistics import Interval, performance_profile, stratified_bootstrap
 from galton.page.page import Claim
-from galton.studies.curves import heading
-from galton.studies.figure import FigureStudy
-from galton.studies.measures import CLASSIFICATION, by_setting, progress
-from galton.studies.summary import Summary
-from galton.studies.sweeps import MAIN
-from galton.studies.trained import Trained
-from galton.studies.verdicts import claim
+from galton.paper.curves import heading
+from galton.paper.figure import FigureStudy
+from galton.paper.measures import CLASSIFICATION, by_setting, progress
+from galton.paper.summary import Summary
+from galton.paper.sweeps import MAIN
+from galton.paper.trained import Trained
+from galton.paper.verdicts import claim
 from galton.tasks import TASKS
 
 _HIGH = 0.9

@@ -5,9 +5,9 @@ import pytest
 
 from galton.analysis.plots import RUN
 from galton.losses import LOSSES
-from galton.studies.bandit import DIMENSION, NOISE
-from galton.studies.registry import FIGURES
-from galton.studies.trained import Trained
+from galton.paper.bandit import DIMENSION, NOISE
+from galton.paper.registry import FIGURES
+from galton.paper.trained import Trained
 from galton.tasks import TASKS
 
 from . import made_up

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from galton.errors import UsageError
-from galton.studies.summary import CURVES, Summary
+from galton.paper.summary import CURVES, Summary
 from galton.sweep.results import best_settings
 from galton.sweep.store import Store
 

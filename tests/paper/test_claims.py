@@ -7,14 +7,14 @@ import pyarrow as pa
 import pytest
 
 from galton.analysis.statistics import Interval
-from galton.studies import bandit, controls, profiles, propositions, returns, sensitivity
-from galton.studies.gradients import Sample
-from galton.studies.measures import better, by_setting, final_return, over_regression
-from galton.studies.registry import FIGURES
-from galton.studies.report import claims
-from galton.studies.summary import Summary
-from galton.studies.trained import Trained
-from galton.studies.verdicts import decided, verdict
+from galton.paper import bandit, controls, profiles, propositions, returns, sensitivity
+from galton.paper.gradients import Sample
+from galton.paper.measures import better, by_setting, final_return, over_regression
+from galton.paper.registry import FIGURES
+from galton.paper.report import claims
+from galton.paper.summary import Summary
+from galton.paper.trained import Trained
+from galton.paper.verdicts import decided, verdict
 
 from . import made_up
 from .made_up import SWEEPS

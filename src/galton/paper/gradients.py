@@ -14,8 +14,8 @@ from galton.algorithms import a2c
 from galton.envs.registry import make
 from galton.losses import LOSSES, find_loss, surrogate
 from galton.networks import features, mlp
+from galton.paper.sweeps import Budget
 from galton.policies import Distribution, Gaussian, Policy
-from galton.studies.sweeps import Budget
 from galton.tasks import TASKS
 from galton.theory import gradient_bound, output_lipschitz, regression_bound
 from galton.training.populate import populate

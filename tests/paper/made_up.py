@@ -3,9 +3,9 @@
 import numpy as np
 import pyarrow as pa
 
-from galton.studies.registry import all_sweeps
-from galton.studies.summary import Summary
-from galton.studies.trained import Trained
+from galton.paper.registry import all_sweeps
+from galton.paper.summary import Summary
+from galton.paper.trained import Trained
 from galton.training.state import Log
 
 PROVENANCE = {

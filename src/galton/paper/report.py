@@ -8,10 +8,10 @@ from matplotlib.figure import Figure
 from galton.analysis.plots import settle
 from galton.losses import LOSSES
 from galton.page.page import Claim, Section, render
-from galton.studies.figure import FigureStudy
-from galton.studies.registry import FIGURES, all_sweeps
-from galton.studies.summary import Summary
-from galton.studies.trained import Trained
+from galton.paper.figure import FigureStudy
+from galton.paper.registry import FIGURES, all_sweeps
+from galton.paper.summary import Summary
+from galton.paper.trained import Trained
 from galton.sweep.parquet import record_of
 
 TITLE = "Replacing implicit regression with classification: what holds"

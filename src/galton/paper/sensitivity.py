@@ -14,13 +14,13 @@ from scipy import stats
 from galton.analysis.plots import draw_series, fit, over_steps, panels
 from galton.analysis.statistics import Interval, difference_interval, mean_interval
 from galton.page.page import Claim
-from galton.studies.curves import heading
-from galton.studies.figure import FigureStudy
-from galton.studies.measures import by_value, spread
-from galton.studies.summary import Summary
-from galton.studies.sweeps import MAIN
-from galton.studies.trained import Trained
-from galton.studies.verdicts import A_TENTH, claim, listed
+from galton.paper.curves import heading
+from galton.paper.figure import FigureStudy
+from galton.paper.measures import by_value, spread
+from galton.paper.summary import Summary
+from galton.paper.sweeps import MAIN
+from galton.paper.trained import Trained
+from galton.paper.verdicts import A_TENTH, claim, listed
 from galton.tasks import TASKS
 
 NAMES = {"learning_rate": "learning rate", "n_bins": "k", "eta": "η"}

@@ -4,7 +4,7 @@ import dataclasses
 from collections.abc import Callable, Iterable, Mapping
 from typing import Literal
 
-from galton.studies.summary import Summary
+from galton.paper.summary import Summary
 from galton.sweep.grid import expand, paper_blocks, paper_grid, task_defaults
 from galton.sweep.study import Setting, Study
 from galton.tasks import TASKS

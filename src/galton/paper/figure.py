@@ -7,8 +7,8 @@ import pyarrow as pa
 from matplotlib.figure import Figure
 
 from galton.page.page import Claim, Table
-from galton.studies.sweeps import Budget, Sweep
-from galton.studies.trained import Trained
+from galton.paper.sweeps import Budget, Sweep
+from galton.paper.trained import Trained
 
 
 @dataclasses.dataclass(frozen=True)

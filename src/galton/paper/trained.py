@@ -7,8 +7,8 @@ from typing import NamedTuple, get_args
 
 import pyarrow as pa
 
-from galton.studies.summary import Summary
-from galton.studies.sweeps import AGAIN, MAIN, Budget, Sweep
+from galton.paper.summary import Summary
+from galton.paper.sweeps import AGAIN, MAIN, Budget, Sweep
 from galton.tasks import TASKS
 
 

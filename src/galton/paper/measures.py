@@ -10,8 +10,8 @@ from galton.analysis.statistics import Interval, difference_interval, mean_inter
 from galton.envs.base import Environment
 from galton.envs.find import find
 from galton.losses import LOSSES
-from galton.studies.summary import Summary
-from galton.studies.trained import Judged
+from galton.paper.summary import Summary
+from galton.paper.trained import Judged
 from galton.tasks import TASKS
 
 CLASSIFICATION = ("hl-one-hot", "hl-gauss")

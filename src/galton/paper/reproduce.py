@@ -5,11 +5,11 @@ from collections.abc import Iterable, Mapping
 import pyarrow as pa
 
 from galton.errors import UsageError
-from galton.studies.figure import FigureStudy
-from galton.studies.registry import FIGURES, all_sweeps
-from galton.studies.summary import Summary
-from galton.studies.sweeps import Budget, Sweep, needed
-from galton.studies.trained import Trained
+from galton.paper.figure import FigureStudy
+from galton.paper.registry import FIGURES, all_sweeps
+from galton.paper.summary import Summary
+from galton.paper.sweeps import Budget, Sweep, needed
+from galton.paper.trained import Trained
 from galton.sweep import engine, results
 from galton.sweep.engine import CarryOut
 from galton.sweep.parquet import from_bytes, record_of, to_bytes, with_record

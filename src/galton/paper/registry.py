@@ -1,9 +1,9 @@
 """The figures of the page by name, and their sweeps."""
 
 from galton.errors import require
-from galton.studies import bandit, one_step, profiles, propositions, returns, sensitivity, why
-from galton.studies.figure import FigureStudy
-from galton.studies.sweeps import Sweep, needed
+from galton.paper import bandit, one_step, profiles, propositions, returns, sensitivity, why
+from galton.paper.figure import FigureStudy
+from galton.paper.sweeps import Sweep, needed
 
 FIGURES: dict[str, FigureStudy] = {
     "figure-1": one_step.FIGURE,

@@ -5,8 +5,8 @@ import pytest
 from scipy.stats import norm
 
 from galton.losses import LOSSES
-from galton.studies import one_step
-from galton.studies.one_step import ACTIONS, ADVANTAGES, BINS, FIGURE, STEP_SIZES
+from galton.paper import one_step
+from galton.paper.one_step import ACTIONS, ADVANTAGES, BINS, FIGURE, STEP_SIZES
 
 SOFTMAXES = [name for name, loss in LOSSES.items() if loss.policy == "histogram"]
 CENTERS = np.asarray(BINS.centers[0], np.float64)

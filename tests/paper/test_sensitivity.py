@@ -3,9 +3,9 @@ import pytest
 from scipy import stats
 
 from galton.analysis.statistics import mean_interval
-from galton.studies.measures import spread
-from galton.studies.sensitivity import marginals, stratified_mean
-from galton.studies.summary import Summary
+from galton.paper.measures import spread
+from galton.paper.sensitivity import marginals, stratified_mean
+from galton.paper.summary import Summary
 
 from . import made_up
 

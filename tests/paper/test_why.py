@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from galton.envs.find import find
-from galton.studies.why import draw
+from galton.paper.why import draw
 from galton.tasks import TASKS
 
 from . import made_up

@@ -14,11 +14,11 @@ from galton.analysis.plots import draw_marks, finish, fit, look_of, panels
 from galton.analysis.statistics import mean_interval
 from galton.losses import LOSSES
 from galton.page.page import Table
-from galton.studies.curves import draw_levels, heading
-from galton.studies.figure import FigureStudy
-from galton.studies.summary import Summary
-from galton.studies.sweeps import Budget, Done, Sweep, again, task_study
-from galton.studies.trained import Trained
+from galton.paper.curves import draw_levels, heading
+from galton.paper.figure import FigureStudy
+from galton.paper.summary import Summary
+from galton.paper.sweeps import Budget, Done, Sweep, again, task_study
+from galton.paper.trained import Trained
 from galton.sweep.grid import expand, task_defaults
 from galton.sweep.results import mean_returns
 from galton.sweep.study import Setting, Study

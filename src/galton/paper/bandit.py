@@ -12,15 +12,15 @@ from galton.analysis.plots import draw_series, finish, look_of, panels
 from galton.analysis.statistics import Interval, difference_interval, mean_interval
 from galton.losses import LOSSES
 from galton.page.page import Claim
-from galton.studies import controls
-from galton.studies.controls import CONTROLS
-from galton.studies.curves import draw_best
-from galton.studies.figure import FigureStudy
-from galton.studies.measures import CLASSIFICATION, final_return
-from galton.studies.summary import Summary
-from galton.studies.sweeps import AGAIN, FRESH, MAIN, Budget, Done, Sweep
-from galton.studies.trained import Trained
-from galton.studies.verdicts import claim
+from galton.paper import controls
+from galton.paper.controls import CONTROLS
+from galton.paper.curves import draw_best
+from galton.paper.figure import FigureStudy
+from galton.paper.measures import CLASSIFICATION, final_return
+from galton.paper.summary import Summary
+from galton.paper.sweeps import AGAIN, FRESH, MAIN, Budget, Done, Sweep
+from galton.paper.trained import Trained
+from galton.paper.verdicts import claim
 from galton.sweep.study import Study
 
 _BANDIT, _BANDIT_AGAIN = MAIN["bandit"], AGAIN["bandit"]

@@ -8,8 +8,8 @@ from matplotlib.figure import Figure
 
 from galton.analysis.plots import draw_level, draw_series, finish, fit, look_of, over_steps, panels
 from galton.analysis.statistics import mean_interval
-from galton.studies.measures import optimum
-from galton.studies.summary import Summary
+from galton.paper.measures import optimum
+from galton.paper.summary import Summary
 from galton.tasks import TASKS
 
 

@@ -14,11 +14,11 @@ from galton import LOSSES, Config, Hypers, targets
 from galton.algorithms import a2c
 from galton.losses import surrogate
 from galton.networks import features, mlp
-from galton.studies import bounds, gradients, propositions
-from galton.studies.bounds import crossings, findings
-from galton.studies.gradients import READINGS, Sample, measure, sharpen
-from galton.studies.propositions import FIGURE
-from galton.studies.trained import Trained
+from galton.paper import bounds, gradients, propositions
+from galton.paper.bounds import crossings, findings
+from galton.paper.gradients import READINGS, Sample, measure, sharpen
+from galton.paper.propositions import FIGURE
+from galton.paper.trained import Trained
 from galton.theory import output_lipschitz
 from galton.types import Learner, Transition
 

@@ -12,7 +12,7 @@ from galton.analysis.plots import draw_series, finish, look_of, panels
 from galton.analysis.statistics import Interval, difference_interval, mean_interval
 from galton.losses import LOSSES
 from galton.page.page import Claim, Table
-from galton.studies.bounds import (
+from galton.paper.bounds import (
     Finding,
     Rows,
     Series,
@@ -23,11 +23,11 @@ from galton.studies.bounds import (
     parts,
     read,
 )
-from galton.studies.figure import FigureStudy
-from galton.studies.gradients import collect
-from galton.studies.measures import CLASSIFICATION
-from galton.studies.trained import Trained
-from galton.studies.verdicts import NOT_TRAINED, UNKNOWN, claim
+from galton.paper.figure import FigureStudy
+from galton.paper.gradients import collect
+from galton.paper.measures import CLASSIFICATION
+from galton.paper.trained import Trained
+from galton.paper.verdicts import NOT_TRAINED, UNKNOWN, claim
 from galton.tasks import TASKS
 
 NAME = "propositions"

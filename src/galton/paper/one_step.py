@@ -10,9 +10,9 @@ from matplotlib.figure import Figure
 from galton.analysis.plots import finish, look_of, panels
 from galton.bins import Bins
 from galton.losses import LOSSES, find_loss, surrogate
+from galton.paper.figure import FigureStudy
 from galton.policies import Distribution, Gaussian, Histogram
 from galton.policies.exploration import init_gaussian_logits
-from galton.studies.figure import FigureStudy
 from galton.types import Config, Params
 
 BINS = Bins(-3.0, 3.0, 30)

@@ -4,10 +4,10 @@ import dataclasses
 import pytest
 
 from galton.errors import UsageError
-from galton.studies.registry import FIGURES, all_sweeps
-from galton.studies.summary import Summary
-from galton.studies.sweeps import AGAIN, CENTRED_ETAS, MAIN, Sweep, needed
-from galton.studies.why import CHANGES, WHY_TASKS, best_of_each, change_of
+from galton.paper.registry import FIGURES, all_sweeps
+from galton.paper.summary import Summary
+from galton.paper.sweeps import AGAIN, CENTRED_ETAS, MAIN, Sweep, needed
+from galton.paper.why import CHANGES, WHY_TASKS, best_of_each, change_of
 from galton.sweep.grid import paper_grid, task_defaults
 from galton.sweep.plan import Plan
 from galton.tasks import TASKS

@@ -7,11 +7,11 @@ from typing import NamedTuple
 from galton.analysis.statistics import Interval, difference_interval, mean_interval
 from galton.losses import LOSSES
 from galton.page.page import Claim
-from galton.studies.measures import CLASSIFICATION, Scores, final_return, mean_return, optimum
-from galton.studies.summary import Summary
-from galton.studies.sweeps import AGAIN, Budget, Done, Sweep, again, main_settings, task_study
-from galton.studies.trained import Trained
-from galton.studies.verdicts import UNKNOWN, claim, decided
+from galton.paper.measures import CLASSIFICATION, Scores, final_return, mean_return, optimum
+from galton.paper.summary import Summary
+from galton.paper.sweeps import AGAIN, Budget, Done, Sweep, again, main_settings, task_study
+from galton.paper.trained import Trained
+from galton.paper.verdicts import UNKNOWN, claim, decided
 from galton.sweep.study import Study
 from galton.types import Config
 

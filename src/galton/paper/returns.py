@@ -10,9 +10,9 @@ import numpy as np
 from galton.analysis.statistics import Interval, difference_interval, mean_interval
 from galton.losses import LOSSES
 from galton.page.page import Claim, Table
-from galton.studies.curves import best_curves
-from galton.studies.figure import FigureStudy
-from galton.studies.measures import (
+from galton.paper.curves import best_curves
+from galton.paper.figure import FigureStudy
+from galton.paper.measures import (
     CLASSIFICATION,
     Scores,
     better,
@@ -22,10 +22,10 @@ from galton.studies.measures import (
     over_regression,
     progress,
 )
-from galton.studies.summary import Summary
-from galton.studies.sweeps import AGAIN, MAIN
-from galton.studies.trained import Judged, Trained
-from galton.studies.verdicts import A_TENTH, NOT_TRAINED, UNKNOWN, claim, decided, named
+from galton.paper.summary import Summary
+from galton.paper.sweeps import AGAIN, MAIN
+from galton.paper.trained import Judged, Trained
+from galton.paper.verdicts import A_TENTH, NOT_TRAINED, UNKNOWN, claim, decided, named
 from galton.tasks import TASKS
 
 _ONE_HOT = 0.1
