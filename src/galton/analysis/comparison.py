@@ -1,20 +1,21 @@
-"""Several losses on one task: a row for each, the verdicts and the numbers behind them."""
+"""Several losses on one task: a row for each, the verdicts, the figure and the numbers behind them."""
 
 import dataclasses
 import math
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 import pyarrow as pa
+from matplotlib.figure import Figure
 
-from galton.analysis.statistics import Interval, difference_interval, mean_interval
+from galton.analysis.plots import draw_level, draw_series, finish, fit, look_of, over_steps, panels
+from galton.analysis.statistics import Interval, difference_interval, fill_until, mean_interval
 from galton.envs.base import Environment
 from galton.losses import LOSSES
 from galton.training.train import Result
 
 Results = Mapping[str, Result]
-"""By loss."""
+"""What was trained, by loss."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -32,10 +33,10 @@ class Row:
     diverged: int
     runs: int
 
-    def record(self) -> dict[str, Any]:
+    def record(self) -> dict[str, object]:
         """For JSON, with null for what is not known."""
 
-        def plain(value: Any) -> Any:
+        def plain(value: object) -> object:
             if isinstance(value, Interval):
                 return {bound: plain(float(number)) for bound, number in value._asdict().items()}
             return None if isinstance(value, float) and not math.isfinite(value) else value
@@ -88,12 +89,39 @@ def verdicts(results: Results, baseline: str = "gaussian") -> list[str]:
     return sentences
 
 
+def learning_curves(results: Results, env: Environment | None, title: str) -> Figure:
+    """Training and evaluation return over environment steps: mean over runs and its 95% CI; the optimum if known."""
+    optimum = env.optimal_return if env is not None else None
+    figure, (left, right) = panels(2, height=3.7)
+    right.sharey(left)
+    figure.set_size_inches(9.5, 4.2)
+    figure.suptitle(title)
+    means: list[np.ndarray | np.float64] = [] if optimum is None else [np.array([optimum])]
+    for axes, metric, heading in (
+        (left, "training_return", "training return"),
+        (right, "evaluation_return", "evaluation return, deterministic policy"),
+    ):
+        for loss, result in results.items():
+            curves = getattr(result.log, metric).astype(np.float64)
+            interval = mean_interval(fill_until(curves, result.steps, result.diverged_at))
+            draw_series(axes, result.steps, interval, *look_of(loss))
+            means.append(interval.mean)
+        axes.set_title(heading, fontsize=10)
+        over_steps(axes, float(max(result.steps[-1] for result in results.values())))
+        if optimum is not None:
+            draw_level(axes, optimum, "optimum", "--")
+    fit(left, means)
+    left.set_ylabel("undiscounted return")
+    finish(figure, [left])
+    return figure
+
+
 def curves(results: Results) -> pa.Table:
     """All that was recorded, a row per loss, seed and log point."""
     parts = []
     for loss, result in results.items():
         n_runs, n_logs = len(result.seeds), len(result.steps)
-        columns: dict[str, Any] = {
+        columns: dict[str, object] = {
             "loss": [loss] * (n_runs * n_logs),
             "seed": np.repeat(result.seeds, n_logs),
             "step": np.tile(result.steps, n_runs),

@@ -22,9 +22,10 @@ from tyro.constructors import (
 from galton.envs.base import Environment
 from galton.envs.find import find
 from galton.envs.host.base import HostTask
-from galton.envs.registry import ENVS, find_task, is_known, read_constants, settings
+from galton.envs.registry import ENVS, find_task, is_known, read_constants
 from galton.errors import UsageError, require
 from galton.losses import LOSSES
+from galton.tasks import task_of
 from galton.training.log import Log
 from galton.training.train import Result, check_arguments, train
 from galton.types import Config, Hypers, Number
@@ -64,7 +65,7 @@ class Training:
     @classmethod
     def of_task(cls, name: str) -> "Training":
         """The defaults for the environment of that name."""
-        task = settings(name)
+        task = task_of(name)
         return cls(
             task.total_timesteps,
             task.n_logs,

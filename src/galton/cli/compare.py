@@ -8,17 +8,17 @@ from pathlib import Path
 import pyarrow.parquet as pq
 from rich.console import Console
 
-from galton.analysis.comparison import curves, summarise, verdicts
-from galton.analysis.plots import learning_curves, save
+from galton.analysis.comparison import curves, learning_curves, summarise, verdicts
+from galton.analysis.plots import save
 from galton.cli._compare_view import table
 from galton.cli._options import EnvName, LossNames, Training, command_line, parse, short_name
 from galton.cli._progress import live_progress
 from galton.devices import use_all_cores
 from galton.envs.base import Environment
-from galton.envs.registry import settings
 from galton.errors import require, require_integer
 from galton.losses import LOSSES, find_loss
 from galton.saving.result_folder import result_folder, write_settings
+from galton.tasks import task_of
 from galton.training.train import Result
 
 
@@ -63,7 +63,7 @@ def main(arguments: Sequence[str]) -> None:
         write_settings(folder, given | training.record() | {"command": command_line()})
         (folder / "summary.json").write_text(json.dumps([row.record() for row in rows], indent=2) + "\n")
         pq.write_table(curves(results), folder / "curves.parquet")
-        title = f"{settings(options.env).title}: mean of {options.seeds} runs and 95% CI"
+        title = f"{task_of(options.env).title}: mean of {options.seeds} runs and 95% CI"
         save(learning_curves(results, known, title), folder / "learning_curves")
     console.print(table(rows, known))
     print(*verdicts(results), f"figure and numbers: {out}", sep="\n")

@@ -14,7 +14,8 @@ from galton import callbacks
 from galton.cli._options import EnvName, LossName, Training, command_line, parse, short_name
 from galton.cli._progress import OnLog, live_progress
 from galton.devices import use_all_cores
-from galton.envs.base import Environment, HostTask
+from galton.envs.base import Environment
+from galton.envs.host.base import HostTask
 from galton.errors import DivergenceError, UsageError, require
 from galton.losses import find_loss
 from galton.models import InexactResume, Model

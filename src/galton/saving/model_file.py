@@ -101,12 +101,12 @@ def check(settings: Settings, arrays: dict[str, np.ndarray]) -> Settings:
     return settings
 
 
-def config_of(settings: dict[str, Any]) -> Config:
+def config_of(settings: Settings) -> Config:
     """The configuration in checked settings."""
     return Config(**settings["config"] | {"net_arch": tuple(settings["config"]["net_arch"])})
 
 
-def hypers_of(settings: dict[str, Any]) -> Hypers:
+def hypers_of(settings: Settings) -> Hypers:
     """The numbers in checked settings."""
     return Hypers(**settings["hypers"])
 
