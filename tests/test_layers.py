@@ -13,32 +13,33 @@ ROOT = Path(galton.__file__).parent
 
 # Folders and files under src/galton, the lowest first; what shares a line may not import one another.
 RANKS = """
-    errors cores foreign
+    errors devices foreign
     types
+    records
     bins networks returns normalization
     targets theory
     policies envs
     losses
-    algorithms
+    tasks algorithms
+    saving
     training
     callbacks sb3
-    agent
+    models
     analysis sweep
-    studies
-    commands
+    page
+    paper
     cli
 """
 
 # The core computes: beside the standard library it needs no more than these.
-CORE = "types bins networks returns normalization targets theory policies losses algorithms"
+CORE = "types records bins networks returns normalization targets theory policies losses algorithms"
 CORE_LIBRARIES = "jax numpy optax jaxtyping"
 
 # Libraries of the command line, and the folders and files outside it that may import them all the same.
-COMMAND_LINE = "commands cli"
+COMMAND_LINE = "cli"
 COMMAND_LINE_LIBRARIES = {
-    "matplotlib": ["analysis", "studies"],  # which draw
-    "rich": ["analysis/comparison.py", "agent.py"],  # for as long as they draw a table and a progress bar
-    "tyro": ["types.py"],  # for as long as the records say how they are spelled on the command line
+    "matplotlib": ["analysis", "page", "paper"],  # which draw
+    "rich": ["models/learning.py"],  # the progress bar of `learn`
 }
 
 

@@ -5,12 +5,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from galton.training.host import HostPopulation
 from gymnasium.spaces import Box
 from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 
 from galton import Config, Hypers, normalization
 from galton.envs import find
-from galton.training.host import HostPopulation
 
 N = 3
 receive, standardise = jax.jit(normalization.receive), jax.jit(normalization.observation)

@@ -7,12 +7,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from galton.algorithms.diagnostics import diagnose
 from scipy.stats import norm
 from stable_baselines3.common.utils import explained_variance
 
 from galton import LOSSES, Config, Hypers
 from galton.algorithms import a2c
-from galton.algorithms.diagnostics import diagnose
 from galton.types import Transition
 
 T, N, K = 6, 3, 8
