@@ -50,8 +50,8 @@ $(VENV)/installed-dev: pyproject.toml constraints.txt | $(VENV)/bin/python
 	@touch $@ $(VENV)/installed
 
 # The tests of the page need a browser: one that is there, or else Playwright's or Debian's.
-$(VENV)/browser: tests/analysis/browser.py | $(VENV)/installed-dev
-	$(BIN)/python tests/analysis/browser.py
+$(VENV)/browser: tests/page/browser.py | $(VENV)/installed-dev
+	$(BIN)/python tests/page/browser.py
 	@touch $@
 
 # rejax needs packages that Galton doesn't: an environment of its own.

@@ -19,7 +19,7 @@ from rich.table import Table
 from sides import SB3, K, Ours, Side, write
 
 import galton
-from galton.cores import n_cores
+from galton.devices import n_cores
 from galton.sweep.executors import Place, one_per_core
 
 RUNS = 64

@@ -8,10 +8,6 @@ is faster here. Sides take turns; medians over the rounds. Nothing else should b
 """
 
 import argparse
-import importlib.metadata
-import json
-import os
-import platform
 import statistics
 import time
 from pathlib import Path
@@ -20,10 +16,11 @@ import gymnasium
 import torch
 from rich.console import Console
 from rich.table import Table
-from sides import Discretised, K
+from sides import Discretised, K, write
 from stable_baselines3 import A2C
 
 import galton
+from galton.devices import n_cores
 
 
 class SB3:
@@ -61,7 +58,7 @@ def main():
     arguments = parser.parse_args()
     galton.use_all_cores()
 
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    cores = n_cores()
     sb3 = {(d, t): SB3(d, t) for d in (False, True) for t in {1, cores}}
     settings = [(loss, runs) for runs in (1, 64) for loss in galton.LOSSES]
     compile_seconds = {setting: ours(*setting)[1] for setting in settings}
@@ -99,11 +96,8 @@ def main():
         table.add_row(row["side"], row["loss"], str(row["runs"]), speed, ratio, seconds)
     Console().print(table)
 
-    versions = {name: importlib.metadata.version(name) for name in ("galton", "jax", "stable-baselines3", "torch")}
-    record = {"cores": cores, "machine": platform.processor() or platform.machine(), "versions": versions, "rows": rows}
-    record["rounds"] = {" ".join(map(str, key)): values for key, values in speeds.items()}
-    arguments.out.mkdir(parents=True, exist_ok=True)
-    (arguments.out / "against_sb3.json").write_text(json.dumps(record, indent=2) + "\n")
+    rounds = {" ".join(map(str, key)): values for key, values in speeds.items()}
+    write(arguments.out / "against_sb3.json", ("stable-baselines3", "torch"), rows=rows, rounds=rounds)
 
 
 if __name__ == "__main__":

@@ -17,10 +17,11 @@ import numpy as np
 from sides import write
 
 import galton
-from galton.cores import n_cores
-from galton.envs.registry import ENVS, settings
+from galton.devices import n_cores
+from galton.envs.registry import ENVS
 from galton.sweep.executors import Processes, one_per_core
 from galton.sweep.grid import find_grid
+from galton.tasks import task_of
 
 TRIALS, RUNS, LOG_POINTS = 20, 16, 4
 MUJOCO = ("Reacher-v5", "HalfCheetah-v5", "Ant-v5")
@@ -29,7 +30,7 @@ MUJOCO = ("Reacher-v5", "HalfCheetah-v5", "Ant-v5")
 def seconds_per_step(env, config):
     """Of one core, evaluation included; and the seconds of compiling."""
     galton.use_all_cores()
-    task = settings(env)
+    task = task_of(env)
     steps = LOG_POINTS * task.total_timesteps // task.n_logs
     hypers = galton.Hypers(learning_rate=task.learning_rate)
     result = galton.train(env, config, hypers, range(RUNS), steps, n_logs=LOG_POINTS, n_eval_episodes=10)
@@ -49,13 +50,13 @@ def main():
             for config, n_settings in programs.items():
                 calls = [executor.submit(seconds_per_step, env, config) for _ in range(n_cores())]
                 rate, compiling = np.mean([call.result() for call in calls], axis=0)
-                core_seconds += rate * n_settings * TRIALS * settings(env).total_timesteps
+                core_seconds += rate * n_settings * TRIALS * task_of(env).total_timesteps
                 compile_seconds += compiling
             runs = programs.total() * TRIALS
-            rows.append((env, runs, runs * settings(env).total_timesteps, core_seconds, compile_seconds))
+            rows.append((env, runs, runs * task_of(env).total_timesteps, core_seconds, compile_seconds))
     physics = json.loads((arguments.out / "against_physics.json").read_text())
     for row in physics["populations"]:
-        steps = 88 * TRIALS * settings(row["task"]).total_timesteps
+        steps = 88 * TRIALS * task_of(row["task"]).total_timesteps
         rows.append((row["task"], 88 * TRIALS, steps, steps / row["training"] * physics["cores"], None))
     keys = ("env", "runs", "steps", "core_seconds", "compile_seconds")
     write(arguments.out / "cost.json", ("mujoco",), rows=[dict(zip(keys, row, strict=True)) for row in rows])

@@ -77,6 +77,49 @@ def run(job):
         file.write(json.dumps(line | {"seconds": time.perf_counter() - start}) + "\n")
 
 
+def galton_runs(job):
+    """All of our runs on one task, side by side on one core, written down."""
+    out, task, seeds = job
+    import jax
+
+    import galton
+    from galton.training.population import populate
+
+    galton.use_all_cores()
+    ppo, start = galton.ALGORITHMS["ppo"], time.perf_counter()
+    settings = {name: value for name, value in SETTINGS.items() if name not in galton.Hypers._fields}
+    config = ppo.config(loss="gaussian", normalize_observation=True, normalize_reward=True, **settings)
+    numbers = {name: value for name, value in SETTINGS.items() if name in galton.Hypers._fields}
+    hypers = ppo.hypers(learning_rate=LEARNING_RATE, decay_steps=STEPS, **numbers)
+    arrays = galton.Hypers._make(np.full(len(seeds), value, np.float32) for value in hypers)
+    population = populate(task, config, arrays, seeds, jax.devices()[:1])
+    n_updates = -(-STEPS // SETTINGS["n_steps"])
+    population.advance(round(0.9 * n_updates))
+    population.log()
+    population.advance(n_updates - round(0.9 * n_updates))
+    training, evaluation = population.log().training_return, population.evaluate(20).mean(1)
+    population.close()
+    seconds = (time.perf_counter() - start) / len(seeds)
+    with out.open("a") as file:
+        for seed, *scores in zip(seeds, training, evaluation, strict=True):
+            named = dict(zip(("training_return", "evaluation_return"), map(float, scores), strict=True))
+            line = {"side": "galton", "task": task, "seed": seed} | named | {"seconds": seconds}
+            file.write(json.dumps(line) + "\n")
+
+
+def summarise(out):
+    """Means and 95% intervals of both sides, side by side."""
+    from galton.analysis.statistics import mean_interval
+
+    runs = known(out).values()
+    for task in dict.fromkeys(run["task"] for run in runs):
+        for side in ("sb3", "galton"):
+            own = [run for run in runs if (run["side"], run["task"]) == (side, task)]
+            for score in ("training_return", "evaluation_return") if own else ():
+                interval = mean_interval(np.array([run[score] for run in own]))
+                print(f"{task} {side} {score}: {interval:,.0f} ({len(own)} runs)")
+
+
 def known(out):
     """The runs that are done."""
     lines = [json.loads(line) for line in out.read_text().splitlines()] if out.exists() else []
@@ -96,6 +139,13 @@ def main():
         jobs = [job for job in jobs if ("sb3", *job[1:]) not in known(arguments.out)]
         with multiprocessing.get_context("spawn").Pool(len(os.sched_getaffinity(0))) as pool:
             pool.map(run, jobs, chunksize=1)
+    if "galton" in arguments.sides:
+        done = known(arguments.out)
+        missing = {t: [s for s in range(arguments.seeds) if ("galton", t, s) not in done] for t in arguments.tasks}
+        jobs = [(arguments.out, task, seeds) for task, seeds in missing.items() if seeds]
+        with multiprocessing.get_context("spawn").Pool(len(os.sched_getaffinity(0)), maxtasksperchild=1) as pool:
+            pool.map(galton_runs, jobs, chunksize=1)
+    summarise(arguments.out)
 
 
 if __name__ == "__main__":

@@ -1,8 +1,6 @@
 """What the benchmarks measure, each in processes of its own, and how they keep what they found."""
 
-import importlib.metadata
 import json
-import platform
 import subprocess
 import time
 
@@ -11,7 +9,8 @@ import numpy as np
 from gymnasium.spaces import MultiDiscrete
 
 import galton
-from galton.cores import n_cores
+from galton.devices import n_cores
+from galton.saving import provenance
 from galton.sweep.executors import Processes
 from galton.training.populate import populate
 
@@ -118,20 +117,6 @@ class Script:
 
 def write(path, packages, **found):
     """A benchmark's numbers with the machine and the versions that they were taken on."""
-    record = {
-        "cores": n_cores(),
-        "machine": cpu(),
-        "versions": {name: importlib.metadata.version(name) for name in ("galton", "jax", *packages)},
-    }
+    record = {"cores": n_cores(), "machine": provenance.processor(), "versions": provenance.versions(*packages)}
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(json.dumps(record | found, indent=2) + "\n")
-
-
-def cpu():
-    """The processor's name, where the system tells."""
-    try:
-        with open("/proc/cpuinfo") as file:  # noqa: PTH123
-            names = [line.split(":", 1)[1].strip() for line in file if line.startswith("model name")]
-        return names[0]
-    except (OSError, IndexError):
-        return platform.processor() or platform.machine()

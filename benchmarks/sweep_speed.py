@@ -20,7 +20,7 @@ from rich.console import Console
 from rich.table import Table
 from sides import SB3, Ours, Script, Side, write
 
-from galton.cores import n_cores
+from galton.devices import n_cores
 from galton.sweep.executors import one_per_core
 
 TASK, RUNS, UPDATES, HIDDEN = "mountain-car", 16, 250, 64

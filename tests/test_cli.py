@@ -17,7 +17,7 @@ from PIL import Image
 
 from galton import LOSSES
 from galton.envs import ENVS
-from galton.training.checkpoint import read
+from galton.saving.checkpoint import read
 
 SMALL = ["--steps", "400", "--logs", "4", "--eval-episodes", "2", "--n-bins", "10"]
 
@@ -34,9 +34,8 @@ def test_help_names_the_commands_and_needs_no_jax():
     assert done.returncode == 0
     assert "train" in done.stdout
     assert "compare" in done.stdout
-    check = (
-        "import sys; from galton.cli import main; sys.argv[1:] = ['--help']; main(); assert 'jax' not in sys.modules"
-    )
+    check = "import sys; from galton.cli.main import main; sys.argv[1:] = ['--help']; main(); "
+    check += "assert 'jax' not in sys.modules"
     assert subprocess.run([sys.executable, "-c", check], capture_output=True).returncode == 0
 
 
@@ -89,7 +88,7 @@ WRONG = [
 
 MANY = """
 import contextlib, io, json, sys
-from galton.cli import main
+from galton.cli.main import main
 for sys.argv in json.load(sys.stdin):
     said, code = io.StringIO(), None
     with contextlib.redirect_stderr(said):
@@ -207,6 +206,61 @@ def test_a_folder_in_use_is_refused_and_left_alone(command, tmp_path):
     assert "which is in use; name another folder or give --overwrite" in done.stderr
     assert done.stderr.count("\n") == 1
     assert [path.name for path in tmp_path.rglob("*")] == ["out", "precious"]
+
+
+FAILING = """
+import gymnasium
+import numpy as np
+
+class Failing(gymnasium.Env):
+    action_space = observation_space = gymnasium.spaces.Box(-1, 1, (1,))
+    def __init__(self, after): self.left = after
+    def reset(self, **kwargs): return np.zeros(1, np.float32), {}
+    def step(self, action):
+        self.left -= 1
+        if self.left < 0: raise ArithmeticError("on purpose")
+        return np.zeros(1, np.float32), 0.0, False, self.left % 10 == 0, {}
+
+gymnasium.register("Failing-v0", Failing)
+"""
+
+
+def content(folder):
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
+
+
+def test_an_earlier_run_stays_until_the_new_one_has_learnt_something(tmp_path):
+    (tmp_path / "failing.py").write_text(FAILING)
+    out = tmp_path / "run"
+    assert galton("train", "bandit", "--steps", "100", "--out", out).returncode == 0
+    before = content(out)
+    options = ["--overwrite", "--out", out, "--eval-episodes", "0", "--n-bins", "10"]
+    for code, words, arguments in (
+        (2, "total_timesteps is 99999999999; one run counts up to", ["bandit", "--steps", "99999999999"]),
+        (1, "on purpose", ["failing:Failing-v0", "--env-kwargs", '{"after": 5}', "--steps", "400"]),
+    ):
+        done = galton("train", *arguments, *options, cwd=tmp_path)
+        assert (done.returncode, words in done.stderr) == (code, True), done.stderr
+        assert content(out) == before
+        assert {path.name for path in tmp_path.iterdir()} - {"__pycache__"} == {"failing.py", "run"}
+    late = ["failing:Failing-v0", "--env-kwargs", '{"after": 50}', "--steps", "400", "--logs", "1"]
+    assert galton("train", *late, *options, cwd=tmp_path).returncode == 1
+    assert read(out / "model.safetensors")[0]["step"] == 40, "what was learnt before the environment broke"
+    assert json.loads((out / "config.json").read_text())["env"] == "failing:Failing-v0"
+    assert set(content(out)) == {"config.json", "metrics.jsonl", "model.safetensors"}
+
+
+def test_two_processes_do_not_train_in_one_run_folder(tmp_path):
+    command = [GALTON, "train", "lqr", "--n-bins", "10", "--steps", "100000000", "--out", tmp_path / "run"]
+    first = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    deadline = time.monotonic() + 60
+    while not (tmp_path / ".run.lock").exists() and time.monotonic() < deadline:
+        time.sleep(0.1)
+    second = galton(*command[1:], "--overwrite")
+    first.kill()
+    first.wait(60)
+    assert second.returncode == 2
+    assert "which another process is filling" in second.stderr
 
 
 def test_train_writes_a_run_folder(tmp_path):

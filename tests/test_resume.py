@@ -9,7 +9,7 @@ import pytest
 
 from galton import A2C, LOSSES, InexactResume, UsageError
 from galton.envs import LQR
-from galton.training import checkpoint
+from galton.saving import checkpoint
 
 HERE = Path(__file__).parent
 CHILD = f"""

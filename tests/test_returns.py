@@ -1,7 +1,7 @@
 import jax
 import numpy as np
 
-from galton.returns import gae, n_step_returns
+from galton.returns import gae
 
 
 def arrays(seed=0, t=12):
@@ -33,22 +33,12 @@ def test_gae_is_the_sum_of_its_definition():
             np.testing.assert_allclose(got, by_definition(*arrays(), 0.9, lam), rtol=1e-12)
 
 
-def test_n_step_returns_by_hand():
-    # Two steps to a termination, two to a time limit worth 10, one to the end of the rollout worth 20.
+def test_with_lambda_one_an_advantage_is_the_n_step_return_less_the_value():
+    """By hand: two steps to a termination, two to a time limit worth 10, one to the end of the rollout worth 20."""
     reward = np.array([1.0, 2.0, 3.0, 4.0, 5.0], np.float32)
-    next_value = np.array([99.0, 99.0, 99.0, 10.0, 20.0], np.float32)
+    value = np.array([7.0, 6.0, -5.0, 4.0, 0.5], np.float32)
+    next_value = np.array([6.0, 99.0, 4.0, 10.0, 20.0], np.float32)
     terminated, truncated = np.array([0, 1, 0, 0, 0], bool), np.array([0, 0, 0, 1, 0], bool)
-    got = n_step_returns(*map(jax.numpy.asarray, (reward, next_value, terminated, truncated)), 0.5)
-    np.testing.assert_allclose(got, [1 + 0.5 * 2, 2, 3 + 0.5 * (4 + 0.5 * 10), 4 + 0.5 * 10, 5 + 0.5 * 20])
-
-
-def test_gae_with_lambda_one_is_the_n_step_return_less_the_value():
-    # Holds where each next value is the value of the following observation.
-    reward, value, next_value, terminated, truncated = arrays()
-    inner = ~(terminated | truncated)
-    inner[-1] = False
-    next_value = np.where(inner, np.roll(value, -1), next_value)
-    with jax.enable_x64(True):
-        ours = gae(*map(jax.numpy.asarray, (reward, value, next_value, terminated, truncated)), 0.9, 1.0)
-        returns = n_step_returns(*map(jax.numpy.asarray, (reward, next_value, terminated, truncated)), 0.9)
-        np.testing.assert_allclose(ours, returns - value, rtol=1e-12)
+    advantage = gae(*map(jax.numpy.asarray, (reward, value, next_value, terminated, truncated)), 0.5, 1.0)
+    returns = [1 + 0.5 * 2, 2, 3 + 0.5 * (4 + 0.5 * 10), 4 + 0.5 * 10, 5 + 0.5 * 20]
+    np.testing.assert_allclose(advantage, returns - value, rtol=1e-6)

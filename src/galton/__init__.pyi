@@ -4,6 +4,7 @@ from . import targets as targets
 from .algorithms import ALGORITHMS as ALGORITHMS
 from .algorithms import Algorithm as Algorithm
 from .bins import Bins as Bins
+from .devices import use_all_cores as use_all_cores
 from .errors import BrokenEnvironmentError as BrokenEnvironmentError
 from .errors import CheckpointError as CheckpointError
 from .errors import DivergenceError as DivergenceError
@@ -17,7 +18,6 @@ from .models import InexactResume as InexactResume
 from .models import Model as Model
 from .policies import POLICIES as POLICIES
 from .policies import Policy as Policy
-from .training.devices import use_all_cores as use_all_cores
 from .training.train import Result as Result
 from .training.train import train as train
 from .types import Config as Config

@@ -1,5 +1,5 @@
 """`python -m galton`."""
 
-from galton.cli import main
+from galton.cli.main import main
 
 main()

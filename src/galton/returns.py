@@ -33,16 +33,3 @@ def gae(
         return advantage, advantage
 
     return lax.scan(step, jnp.zeros_like(delta[0]), (delta, decay), reverse=True, unroll=min(len(reward), 32))[1]
-
-
-def n_step_returns(
-    reward: Float[Array, " T"],
-    next_value: Float[Array, " T"],
-    terminated: Bool[Array, " T"],
-    truncated: Bool[Array, " T"],
-    gamma: Scalar,
-) -> Float[Array, " T"]:
-    """Discounted rewards up to the end of the episode or of the rollout, plus the value found there (§5.1)."""
-    bootstraps = (terminated | truncated).at[-1].set(True)
-    zero = jnp.zeros_like(next_value)
-    return gae(reward, zero, jnp.where(bootstraps, next_value, 0.0), terminated, truncated, gamma, 1.0)

@@ -38,23 +38,10 @@ def gradient_bound(
 ) -> Float[Array, ""]:
     """What both propositions say, for any loss: |A| (l + ‖f‖) ‖∂loss/∂outputs‖₁.
 
-    With a softmax's logits as the outputs this is Proposition 1, summed over action dimensions; with a Gaussian's
-    mean it is Proposition 2 with scale σ².
+    With a softmax's logits as the outputs their gradient is π − q, and this is Proposition 1, eq. 7, summed over
+    action dimensions: |A| (l + ‖f‖) Σ_i |q_i − π_i|. With a Gaussian's mean it is Proposition 2 with scale σ².
     """
     bound: Array = jnp.abs(advantage) * (lipschitz + jnp.linalg.norm(features)) * jnp.abs(output_gradient).sum()
-    return bound
-
-
-def classification_bound(
-    advantage: Scalar,
-    lipschitz: Scalar,
-    features: Float[Array, " hidden"],
-    target: Float[Array, " k"],
-    probs: Float[Array, " k"],
-) -> Float[Array, ""]:
-    """Proposition 1, eq. 7: |A| (l + ‖f‖) Σ_i |q_i − π_i|; the last factor is at most 2."""
-    distance = jnp.abs(target - probs).sum()
-    bound: Array = distance * jnp.abs(advantage) * (lipschitz + jnp.linalg.norm(features))
     return bound
 
 

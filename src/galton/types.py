@@ -3,10 +3,9 @@
 import dataclasses
 import math
 from collections.abc import Callable
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
-import tyro
 from jaxtyping import Array, Bool, Float, PyTree
 
 from galton.errors import require, require_integer
@@ -19,8 +18,8 @@ Params = dict[str, Any]
 class Config:
     """What changes shapes or code: static, hashable, one compiled program each."""
 
-    loss: Annotated[str, tyro.conf.Suppress] = "hl-gauss"
-    """A key of LOSSES. (The commands have options of their own for it.)"""
+    loss: str = "hl-gauss"
+    """A key of LOSSES."""
     n_bins: int = 100
     """Bins per action dimension, k (§4.1); the Gaussian has none."""
     n_steps: int = 20
@@ -45,8 +44,8 @@ class Config:
     """Divide rewards by the running standard deviation of the discounted return, clipped to ±10."""
     policy: str = "auto"
     """A key of POLICIES; auto is the one that the loss usually trains."""
-    algorithm: Annotated[str, tyro.conf.Suppress] = "a2c"
-    """A key of ALGORITHMS. (The commands have options of their own for it.)"""
+    algorithm: str = "a2c"
+    """A key of ALGORITHMS."""
     n_epochs: int = 10
     """How often PPO goes through a rollout."""
     batch_size: int = 64
@@ -83,17 +82,8 @@ _CHOICES = {
 }
 
 
-Number = Annotated[
-    float | Float[Array, "*runs"],
-    tyro.constructors.PrimitiveConstructorSpec(
-        nargs=1,
-        metavar="FLOAT",
-        instance_from_str=lambda words: float(words[0]),
-        is_instance=lambda value: isinstance(value, (int, float)),
-        str_from_instance=lambda value: [str(value)],
-    ),
-]
-"""One number, or one for each run; on the command line the former."""
+Number = float | Float[Array, "*runs"]
+"""One number, or one for each run."""
 
 
 class Hypers(NamedTuple):

@@ -15,11 +15,8 @@ from galton.analysis.statistics import (
     Interval,
     difference_interval,
     fill_forward,
-    interquartile_mean,
     mean_interval,
-    paired_difference_interval,
     performance_profile,
-    probability_of_improvement,
     stratified_bootstrap,
 )
 
@@ -31,7 +28,13 @@ def of_three_tasks(n_runs, shift=0.0):
     return np.random.default_rng(n_runs).normal((shift, 1 + shift, 2 + shift), 1.0, (n_runs, 3))
 
 
-X, Y = of_three_tasks(10, 0.3), of_three_tasks(8)
+X = of_three_tasks(10, 0.3)
+
+
+def interquartile_mean(tasks):
+    """The mean of the middle half of all scores; a diverged run counts as −∞."""
+    pooled = np.concatenate([*tasks.T] if isinstance(tasks, np.ndarray) else tasks)
+    return float(stats.trim_mean(np.where(np.isnan(pooled), -np.inf, pooled), 0.25))
 
 
 def scores(n_runs):
@@ -82,16 +85,6 @@ def test_difference_interval_is_welchs():
     assert np.isnan(difference_interval(np.ones(1), b).low)
 
 
-def test_paired_difference_interval_is_students_without_incomplete_pairs():
-    rng = np.random.default_rng(3)
-    a, b = rng.normal(1, 1, 12), rng.normal(0, 4, 12)
-    a[2], b[[2, 5]] = NAN, NAN
-    known = ~np.isnan(a - b)
-    scipys = stats.ttest_rel(a[known], b[known]).confidence_interval(0.95)
-    np.testing.assert_allclose(paired_difference_interval(a, b)[1:], scipys, rtol=1e-10)
-    assert np.isnan(paired_difference_interval(a[2:4], b[2:4]).low)
-
-
 def test_intervals_read_as_mean_and_half_width_or_as_both_ends():
     assert f"{mean_interval(np.array([-1.0, -3.0])):.1f}" == "−2.0 ± 12.7"
     assert f"{Interval(np.float64(1), np.float64(0.05), np.float64(2.05)):+.1f}" == "+1.0 ± 1.0"
@@ -100,37 +93,22 @@ def test_intervals_read_as_mean_and_half_width_or_as_both_ends():
 
 
 @settings(deadline=None, max_examples=50)
-@given(x=scores(7), y=scores(5))
-def test_estimates_are_rliables_with_diverged_runs_below_every_score(x, y):
-    low_x, low_y = np.nan_to_num(x, nan=-9.0), np.nan_to_num(y, nan=-9.0)
-    improvement = probability_of_improvement(x, y, n_resamples=1).mean
-    assert improvement == pytest.approx(metrics.probability_of_improvement(low_x, low_y), abs=1e-12)
-    assert interquartile_mean(low_x) == pytest.approx(metrics.aggregate_iqm(low_x), abs=1e-12)
-    if np.isnan(x).sum() <= 21 // 4:
-        assert interquartile_mean(x) == interquartile_mean(low_x)
-    else:
-        assert interquartile_mean(x) == -np.inf
+@given(x=scores(7))
+def test_a_profile_is_the_share_above_with_diverged_runs_below_every_score(x):
+    low_x = np.nan_to_num(x, nan=-9.0)
     profile = performance_profile(x, TAUS, n_resamples=1).mean
     np.testing.assert_allclose(profile, [(low_x > tau).mean() for tau in TAUS], atol=1e-12)
 
 
-# rliable's bootstrap varies too: over 20 seeds its bounds have standard deviations of at most 0.013 (interquartile
-# mean, 2000 resamples) and 0.007 (improvement, 1000), and the profile's jump by one run in 30. A tolerance is 4√2 of
-# them. Resampling across tasks would move the first's bounds by 0.11; resampling x alone, the second's by 0.08.
+# rliable's bootstrap varies too: over 20 seeds its bounds have a standard deviation of at most 0.013 (interquartile
+# mean, 2000 resamples), and the profile's jump by one run in 30. A tolerance is 4√2 of them. Resampling across tasks
+# would move the first's bounds by 0.11.
 def test_interval_of_the_interquartile_mean_is_rliables(rliable):
     np.random.seed(0)  # noqa: NPY002 — rliable draws from NumPy's global generator
     estimate, bounds = rliable.get_interval_estimates({0: X}, lambda x: np.array([metrics.aggregate_iqm(x)]), reps=2000)
     interval = stratified_bootstrap(X, interquartile_mean)
     assert interval.mean == pytest.approx(estimate[0][0], abs=1e-12)
     np.testing.assert_allclose(interval[1:], bounds[0][:, 0], atol=0.07)
-
-
-def test_interval_of_the_probability_of_improvement_is_rliables(rliable):
-    np.random.seed(0)  # noqa: NPY002 — as above
-    improvement = lambda x, y: np.array([metrics.probability_of_improvement(x, y)])  # noqa: E731
-    _, bounds = rliable.get_interval_estimates({0: (X, Y)}, improvement, reps=1000)
-    interval = probability_of_improvement(X, Y, n_resamples=1000)
-    np.testing.assert_allclose(interval[1:], bounds[0][:, 0], atol=0.04)
 
 
 def test_band_of_the_performance_profile_is_rliables(rliable):
@@ -148,10 +126,8 @@ def test_runs_are_resampled_within_their_task():
 
 
 def test_each_task_weighs_the_same_however_many_runs_it_has():
-    x, y = [np.array([1.0]), np.array([0.0, 0.0, 0.0])], [np.array([0.0, 0.0]), np.array([1.0])]
-    assert probability_of_improvement(x, y).mean == 0.5
+    x = [np.array([1.0]), np.array([0.0, 0.0, 0.0])]
     np.testing.assert_array_equal(performance_profile(x, np.array([-1.0, 0.0, 1.0])).mean, [1, 0.5, 0])
-    assert interquartile_mean(x) == 0
 
 
 def test_more_than_a_quarter_of_diverged_runs_is_worse_than_any_score():
@@ -172,12 +148,10 @@ def test_one_run_of_a_task_has_no_interval():
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda: interquartile_mean([]), "scores has no tasks; give"),
+        (lambda: performance_profile([], TAUS), "scores has no tasks; give"),
         (lambda: performance_profile([X[:, 0], X[:0, 1]], TAUS), r"scores\[1\] has shape \(0,\); give"),
-        (lambda: probability_of_improvement(X, Y[:, :2]), "x has 3 tasks and y 2; give"),
         (lambda: stratified_bootstrap(X, interquartile_mean, 0), "n_resamples is 0; it must be"),
         (lambda: stratified_bootstrap(X, interquartile_mean, seed=-1), "seed is -1; it must be"),
-        (lambda: paired_difference_interval(np.ones(3), np.ones(1)), "a has 3 samples and b 1; give pairs"),
     ],
 )
 def test_errors_name_the_argument_its_value_and_the_remedy(call, message):

@@ -1,5 +1,6 @@
 """Worker processes that may die."""
 
+import multiprocessing
 import os
 import signal
 import subprocess
@@ -10,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from galton.cores import allowed_cores
+from galton.devices import allowed_cores
 from galton.errors import UsageError
 from galton.sweep.executors import Place, Processes, WorkerDiedError, one_per_core, one_per_gpu
 
@@ -81,8 +82,8 @@ def test_workers_killed_from_outside_are_replaced(two):
     futures = [two.submit(nap, 0.3) for _ in range(6)]
     for _ in range(4):
         time.sleep(0.25)
-        for process_id in two.process_ids[:1]:
-            os.kill(process_id, signal.SIGKILL)
+        for worker in multiprocessing.active_children()[:1]:
+            worker.kill()
     assert all(future.result() for future in futures)
 
 
@@ -112,14 +113,15 @@ def test_calls_that_cant_be_made_are_refused():
 
 
 def test_shutting_down_kills_those_at_work():
+    before = set(multiprocessing.active_children())
     executor = Processes(one_per_core(2))
     futures = [executor.submit(nap, 60) for _ in range(3)]
-    while len(executor.process_ids) < 2:
+    while len(set(multiprocessing.active_children()) - before) < 2:
         time.sleep(0.05)
     start = time.monotonic()
     executor.shutdown(cancel_futures=True)
     assert time.monotonic() - start < 10
-    assert executor.process_ids == []
+    assert set(multiprocessing.active_children()) <= before
     assert all(future.done() for future in futures)
     assert [future.cancelled() for future in futures] == [False, False, True]
     assert all(isinstance(future.exception(), WorkerDiedError) for future in futures[:2])
@@ -127,12 +129,13 @@ def test_shutting_down_kills_those_at_work():
 
 def test_workers_end_with_a_parent_that_is_killed():
     script = (
-        "import sys, time; from galton.sweep.executors import Processes, one_per_core\n"
+        "import multiprocessing, time; from galton.sweep.executors import Processes, one_per_core\n"
         "if __name__ == '__main__':\n"
         "    executor = Processes(one_per_core(2))\n"
         "    for _ in range(2): executor.submit(time.sleep, 60)\n"
-        "    while len(executor.process_ids) < 2: time.sleep(0.05)\n"
-        "    time.sleep(1); print(*executor.process_ids, flush=True); time.sleep(60)"
+        "    while len(multiprocessing.active_children()) < 2: time.sleep(0.05)\n"
+        "    time.sleep(1); print(*(worker.pid for worker in multiprocessing.active_children()), flush=True)\n"
+        "    time.sleep(60)"
     )
     with subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE, text=True) as parent:
         workers = [int(number) for number in parent.stdout.readline().split()]

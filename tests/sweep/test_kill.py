@@ -11,11 +11,12 @@ from pathlib import Path
 
 import pytest
 
-from galton.cores import allowed_cores
+from galton.devices import allowed_cores
+from galton.saving.files import SCRATCH
 from galton.sweep import results
 from galton.sweep.plan import Plan
 from galton.sweep.shard import FOLDER, finished
-from galton.sweep.store import SCRATCH, Store
+from galton.sweep.store import Store
 
 GRID = """
 [[grid]]

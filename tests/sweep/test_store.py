@@ -10,8 +10,9 @@ import uuid
 import pytest
 
 from galton.errors import UsageError
-from galton.sweep import store
-from galton.sweep.store import SCRATCH, Store
+from galton.saving import files
+from galton.saving.files import SCRATCH
+from galton.sweep.store import Store
 
 
 @pytest.fixture(params=["local", "object store"])
@@ -73,11 +74,11 @@ def test_a_full_disk_is_told_and_leaves_the_old_file(tmp_path, monkeypatch, step
         raise OSError(errno.ENOSPC, "No space left on device")
 
     if step == "write":
-        monkeypatch.setattr(store.os, "fdopen", full)
+        monkeypatch.setattr(files.Path, "write_bytes", full)
     elif step == "fsync":
-        monkeypatch.setattr(store.os, "fsync", full)
+        monkeypatch.setattr(files.os, "fsync", full)
     else:
-        monkeypatch.setattr(store.Path, "replace", full)
+        monkeypatch.setattr(files.Path, "replace", full)
     with pytest.raises(UsageError, match=r"no room left .* run the same command again"):
         place.write("a", b"new")
     assert place.read("a") == b"old"

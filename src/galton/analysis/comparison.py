@@ -1,22 +1,21 @@
-"""Several losses on one task: the table, the verdicts and the numbers behind them."""
+"""Several losses on one task: a row for each, the verdicts, the figure and the numbers behind them."""
 
 import dataclasses
 import math
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 import pyarrow as pa
-from rich import box
-from rich.table import Table
+from matplotlib.figure import Figure
 
-from galton.analysis.statistics import Interval, difference_interval, mean_interval
+from galton.analysis.plots import draw_level, draw_series, finish, fit, look_of, over_steps, panels
+from galton.analysis.statistics import Interval, difference_interval, fill_until, mean_interval
 from galton.envs.base import Environment
 from galton.losses import LOSSES
 from galton.training.train import Result
 
 Results = Mapping[str, Result]
-"""By loss."""
+"""What was trained, by loss."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -34,10 +33,10 @@ class Row:
     diverged: int
     runs: int
 
-    def record(self) -> dict[str, Any]:
+    def record(self) -> dict[str, object]:
         """For JSON, with null for what is not known."""
 
-        def plain(value: Any) -> Any:
+        def plain(value: object) -> object:
             if isinstance(value, Interval):
                 return {bound: plain(float(number)) for bound, number in value._asdict().items()}
             return None if isinstance(value, float) and not math.isfinite(value) else value
@@ -72,48 +71,6 @@ def summarise(results: Results, env: Environment | None) -> list[Row]:
     return rows
 
 
-def table(rows: list[Row], env: Environment | None) -> Table:
-    """The rows for a terminal."""
-    shares = any(row.share_of_optimum is not None for row in rows)
-    notes = ["final returns: mean over runs ± 95% CI, last 5% of training"]
-    if any(row.diverged for row in rows):
-        notes.append("diverged runs are left out of the means")
-    if shares and env is not None:
-        notes.append(
-            f"of optimum: random actions {env.random_return:.2f} are 0%, the optimum {env.optimal_return:.2f} is 100%"
-        )
-    notes.append(
-        "steps/s: training and evaluation; compiling apart: "
-        + ", ".join(f"{row.compile_seconds:.1f} s" for row in rows)
-    )
-    view = Table(
-        box=box.SIMPLE_HEAD,
-        pad_edge=False,
-        caption="\n".join(notes).replace("-", "−"),
-        caption_justify="left",
-    )
-    view.add_column("loss")
-    for heading in (
-        "training\nreturn",
-        "evaluation\nreturn",
-        *["of\noptimum"] * shares,
-        "steps/s",
-        "diverged",
-    ):
-        view.add_column(heading, justify="right", no_wrap=True)
-    for row in rows:
-        share = [f"{row.share_of_optimum:.1%}".replace("-", "−") if row.share_of_optimum is not None else "—"] * shares
-        view.add_row(
-            LOSSES[row.loss].label,
-            f"{row.training_return:.2f}",
-            f"{row.evaluation_return:.2f}",
-            *share,
-            f"{row.steps_per_second:,.0f}",
-            str(row.diverged),
-        )
-    return view
-
-
 def verdicts(results: Results, baseline: str = "gaussian") -> list[str]:
     """What the final returns say of each loss against the baseline: a sentence each, none if it was not trained."""
     if baseline not in results:
@@ -132,12 +89,39 @@ def verdicts(results: Results, baseline: str = "gaussian") -> list[str]:
     return sentences
 
 
+def learning_curves(results: Results, env: Environment | None, title: str) -> Figure:
+    """Training and evaluation return over environment steps: mean over runs and its 95% CI; the optimum if known."""
+    optimum = env.optimal_return if env is not None else None
+    figure, (left, right) = panels(2, height=3.7)
+    right.sharey(left)
+    figure.set_size_inches(9.5, 4.2)
+    figure.suptitle(title)
+    means: list[np.ndarray | np.float64] = [] if optimum is None else [np.array([optimum])]
+    for axes, metric, heading in (
+        (left, "training_return", "training return"),
+        (right, "evaluation_return", "evaluation return, deterministic policy"),
+    ):
+        for loss, result in results.items():
+            curves = getattr(result.log, metric).astype(np.float64)
+            interval = mean_interval(fill_until(curves, result.steps, result.diverged_at))
+            draw_series(axes, result.steps, interval, *look_of(loss))
+            means.append(interval.mean)
+        axes.set_title(heading, fontsize=10)
+        over_steps(axes, float(max(result.steps[-1] for result in results.values())))
+        if optimum is not None:
+            draw_level(axes, optimum, "optimum", "--")
+    fit(left, means)
+    left.set_ylabel("undiscounted return")
+    finish(figure, [left])
+    return figure
+
+
 def curves(results: Results) -> pa.Table:
     """All that was recorded, a row per loss, seed and log point."""
     parts = []
     for loss, result in results.items():
         n_runs, n_logs = len(result.seeds), len(result.steps)
-        columns: dict[str, Any] = {
+        columns: dict[str, object] = {
             "loss": [loss] * (n_runs * n_logs),
             "seed": np.repeat(result.seeds, n_logs),
             "step": np.tile(result.steps, n_runs),

@@ -1,4 +1,4 @@
-"""What figures share: the look, a curve with its band, a page of panels. And the figure of `galton compare`.
+"""What figures share: the look, a curve with its band, a page of panels.
 
 Artists with a gid are a series of that name, which the page lets readers hover over and toggle; artists whose gid
 begins with RUN are single runs, which print leaves out.
@@ -12,15 +12,15 @@ from typing import Any
 import matplotlib as mpl
 import numpy as np
 from jaxtyping import Float, Real
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.ticker import EngFormatter
 from matplotlib.transforms import Affine2D
+from matplotlib.typing import ColorType
 
-from galton.analysis.comparison import Results
-from galton.analysis.statistics import Interval, fill_until, mean_interval
-from galton.envs.base import Environment
+from galton.analysis.statistics import Interval
 from galton.losses import LOSSES
 
 _COLORS = ("#000000", "#E69F00", "#0072B2", "#009E73", "#D55E00", "#CC79A7", "#56B4E9", "#F0E442")
@@ -60,7 +60,7 @@ def draw_series(
     x: Real[np.ndarray, " L"] | Sequence[float],
     interval: Interval,
     name: str,
-    color: Any,
+    color: ColorType,
     linestyle: str = "-",
     marker: str = "",
     single_runs: Float[np.ndarray, "R L"] | None = None,
@@ -73,7 +73,7 @@ def draw_series(
             axes.plot(x, run, gid=RUN + name, lw=0.6, color=color, alpha=0.35, ls=linestyle)
 
 
-def draw_marks(axes: Axes, intervals: Sequence[Interval], name: str, color: Any, shift: float) -> None:
+def draw_marks(axes: Axes, intervals: Sequence[Interval], name: str, color: ColorType, shift: float) -> None:
     """A mark with its interval at 0, 1, …, drawn so far to the right, so that series stand side by side."""
     mean, low, high = np.array(intervals).T
     beside = Affine2D().translate(shift, 0) + axes.transData
@@ -105,7 +105,7 @@ def look_of(loss: str) -> tuple[str, str, str]:
 
 def finish(figure: Figure, axes: Sequence[Axes]) -> None:
     """One legend below all panels, of every name in them, in as many columns as fit."""
-    found: dict[str, Any] = {}
+    found: dict[str, Artist] = {}
     for panel in axes:
         for handle, label in zip(*panel.get_legend_handles_labels(), strict=True):
             found.setdefault(label, handle)
@@ -137,33 +137,6 @@ def fit(axes: Axes, means: Sequence[np.ndarray | np.float64]) -> None:
     if len(known):
         margin = 0.05 * np.ptp(known) + 1e-9
         axes.set_ylim(known.min() - margin, known.max() + 2 * margin)
-
-
-def learning_curves(results: Results, env: Environment | None, title: str) -> Figure:
-    """Training and evaluation return over environment steps: mean over runs and its 95% CI; the optimum if known."""
-    optimum = env.optimal_return if env is not None else None
-    figure, (left, right) = panels(2, height=3.7)
-    right.sharey(left)
-    figure.set_size_inches(9.5, 4.2)
-    figure.suptitle(title)
-    means: list[Any] = [] if optimum is None else [np.array([optimum])]
-    for axes, metric, heading in (
-        (left, "training_return", "training return"),
-        (right, "evaluation_return", "evaluation return, deterministic policy"),
-    ):
-        for loss, result in results.items():
-            curves = getattr(result.log, metric).astype(np.float64)
-            interval = mean_interval(fill_until(curves, result.steps, result.diverged_at))
-            draw_series(axes, result.steps, interval, *look_of(loss))
-            means.append(interval.mean)
-        axes.set_title(heading, fontsize=10)
-        over_steps(axes, float(max(result.steps[-1] for result in results.values())))
-        if optimum is not None:
-            draw_level(axes, optimum, "optimum", "--")
-    fit(left, means)
-    left.set_ylabel("undiscounted return")
-    finish(figure, [left])
-    return figure
 
 
 def save(figure: Figure, stem: Path) -> None:

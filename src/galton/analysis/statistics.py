@@ -65,24 +65,6 @@ def difference_interval(a: Float[np.ndarray, " n"], b: Float[np.ndarray, " m"]) 
     return Interval(mean, mean - half, mean + half)
 
 
-def paired_difference_interval(a: Float[np.ndarray, " n"], b: Float[np.ndarray, " m"]) -> Interval:
-    """Student's t interval of the mean of a − b, a[i] paired with b[i]; pairs with a NaN are left out.
-
-    NaN with fewer than two pairs. Raises UsageError unless n = m.
-    """
-    require(len(a) == len(b), f"a has {len(a)} samples and b {len(b)}; give pairs, such as runs of the same seed")
-    return mean_interval(a - b)
-
-
-def interquartile_mean(scores: Scores) -> float:
-    """Mean of the middle half of all scores, the tasks pooled: one with more runs weighs more.
-
-    Diverged runs count as −∞, so they are cut off with the lowest quarter; if there are more of them, the mean is −∞.
-    """
-    pooled = np.concatenate(_tasks("scores", scores), dtype=np.float64)
-    return float(stats.trim_mean(_ranked(pooled), 0.25))
-
-
 def stratified_bootstrap(scores: Scores, statistic: Statistic, n_resamples: int = 2000, seed: int = 0) -> Interval:
     """A statistic of the scores and its percentile interval, runs resampled within each task.
 
@@ -91,7 +73,7 @@ def stratified_bootstrap(scores: Scores, statistic: Statistic, n_resamples: int 
     """
     require_integer("n_resamples", n_resamples, 1)
     require_integer("seed", seed, 0)
-    tasks = _tasks("scores", scores)
+    tasks = _tasks(scores)
     estimate = np.asarray(statistic(tasks), np.float64)[()]
     if min(len(task) for task in tasks) < 2:
         return Interval(estimate, estimate * np.nan, estimate * np.nan)
@@ -101,26 +83,6 @@ def stratified_bootstrap(scores: Scores, statistic: Statistic, n_resamples: int 
     # Any method that interpolates makes NaN of two neighbours that are −∞.
     low, high = np.quantile(estimates, (0.025, 0.975), axis=0, method="inverted_cdf")
     return Interval(estimate, low, high)
-
-
-def probability_of_improvement(x: Scores, y: Scores, n_resamples: int = 2000, seed: int = 0) -> Interval:
-    """P(X > Y) + ½ P(X = Y) for a run of x and one of y on the same task, averaged over tasks.
-
-    Mann and Whitney's U / (R_x R_y), with a bootstrap interval. A diverged run loses to every score and ties with
-    another that diverged.
-    """
-    xs, ys = _tasks("x", x), _tasks("y", y)
-    require(len(xs) == len(ys), f"x has {len(xs)} tasks and y {len(ys)}; give both scores on the same tasks")
-
-    def probability(both: Tasks) -> float:
-        shares = []
-        for a, b in zip(both[: len(xs)], both[len(xs) :], strict=True):
-            ascending = np.sort(b)
-            below, not_above = np.searchsorted(ascending, a, "left"), np.searchsorted(ascending, a, "right")
-            shares.append((below + not_above).mean() / (2 * len(b)))
-        return float(np.mean(shares))
-
-    return stratified_bootstrap([_ranked(task) for task in (*xs, *ys)], probability, n_resamples, seed)
 
 
 def performance_profile(
@@ -135,7 +97,7 @@ def performance_profile(
         not_above = [np.searchsorted(np.sort(task), taus, "right") / len(task) for task in tasks]
         return np.asarray(1 - np.mean(not_above, axis=0))
 
-    return stratified_bootstrap([_ranked(task) for task in _tasks("scores", scores)], profile, n_resamples, seed)
+    return stratified_bootstrap([_ranked(task) for task in _tasks(scores)], profile, n_resamples, seed)
 
 
 def fill_forward(curves: Float[np.ndarray, "R L"]) -> Float[np.ndarray, "R L"]:
@@ -153,13 +115,13 @@ def fill_until(
     return np.where(gone, np.nan, fill_forward(curves))
 
 
-def _tasks(name: str, scores: Scores) -> Tasks:
+def _tasks(scores: Scores) -> Tasks:
     """The scores task by task, checked."""
     tasks = list(scores.T if isinstance(scores, np.ndarray) else scores)
-    require(len(tasks) > 0, f"{name} has no tasks; give an array of scores for each")
+    require(len(tasks) > 0, "scores has no tasks; give an array of scores for each")
     for i, task in enumerate(tasks):
         shape = np.shape(task)
-        require(len(shape) == 1 and shape[0] > 0, f"{name}[{i}] has shape {shape}; give the task's scores, one per run")
+        require(len(shape) == 1 and shape[0] > 0, f"scores[{i}] has shape {shape}; give the task's scores, one per run")
     return tasks
 
 

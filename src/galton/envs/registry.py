@@ -1,9 +1,8 @@
-"""The tasks by name, with the settings of App. C.2. Importing this costs no JAX: records load when they are made."""
+"""Our own environments by name. Importing this costs no JAX: records load when they are made."""
 
 import dataclasses
 import importlib
 import json
-from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import gymnasium
@@ -14,63 +13,32 @@ if TYPE_CHECKING:
     from galton.envs.base import Environment
 
 
-class Task(NamedTuple):
-    """An entry of ENVS."""
+class Entry(NamedTuple):
+    """What ENVS knows of an environment before its record is loaded."""
 
     record: str
     """module:Class of the environment's record."""
     gymnasium_id: str
-    title: str
     max_episode_steps: int
-    total_timesteps: int = 500_000
-    """The paper's training length."""
-    learning_rate: float = 7e-4
-    config: Mapping[str, Any] = {}
-    """What differs from Config's defaults."""
-    n_logs: int = 100
-    """Points of a learning curve, each with an evaluation."""
-    n_eval_episodes: int = 10
 
 
 ENVS = {
-    "bandit": Task(
-        "galton.envs.bandit:Bandit",
-        "galton/Bandit-v0",
-        "Bandit",
-        max_episode_steps=1,
-        total_timesteps=2_000,
-        learning_rate=0.05,
-        config={"n_steps": 5, "net_arch": ()},
+    "bandit": Entry("galton.envs.bandit:Bandit", "galton/Bandit-v0", max_episode_steps=1),
+    "lqr": Entry("galton.envs.lqr:LQR", "galton/LQR-v0", max_episode_steps=100),
+    "mountain-car": Entry(
+        "galton.envs.mountain_car:MountainCar", "galton/MountainCarContinuous-v0", max_episode_steps=999
     ),
-    "lqr": Task("galton.envs.lqr:LQR", "galton/LQR-v0", "LQR", max_episode_steps=100),
-    "mountain-car": Task(
-        "galton.envs.mountain_car:MountainCar",
-        "galton/MountainCarContinuous-v0",
-        "Mountain Car",
-        max_episode_steps=999,
-    ),
-    "acrobot": Task("galton.envs.acrobot:Acrobot", "galton/AcrobotContinuous-v0", "Acrobot", max_episode_steps=500),
+    "acrobot": Entry("galton.envs.acrobot:Acrobot", "galton/AcrobotContinuous-v0", max_episode_steps=500),
 }
+"""Our own environments, by the names that commands and `make` take; each is registered with Gymnasium too."""
 
 
-def find_task(name: str) -> tuple[str, Task]:
+def find_task(name: str) -> tuple[str, Entry]:
     """The key in ENVS and the entry, by either of its names; UsageError lists the names if there is none."""
     for key, task in ENVS.items():
         if name in (key, task.gymnasium_id):
             return key, task
     raise UsageError(f"environment is {name!r}; choose from {', '.join(ENVS)}")
-
-
-def settings(name: str) -> Task:
-    """The entry of that name, or the settings for an environment that is not ours: fewer evaluations, which cost."""
-    if is_known(name):
-        return find_task(name)[1]
-    steps = _PAPER_STEPS.get(name, 500_000)
-    return Task("", name, name, max_episode_steps=0, total_timesteps=steps, n_logs=50, n_eval_episodes=2)
-
-
-_PAPER_STEPS = {"HalfCheetah-v5": 1_000_000, "Ant-v5": 1_000_000}
-"""The paper's training length, where it is not 500,000 (App. C.2)."""
 
 
 def is_known(name: str) -> bool:

@@ -17,8 +17,8 @@ from galton.envs.host.observations import Observations
 from galton.envs.host.space_json import from_json, to_json
 from galton.errors import CheckpointError, require
 from galton.records import written
-from galton.training import checkpoint
-from galton.training import settings as saved
+from galton.saving import checkpoint
+from galton.saving import model_file as saved
 
 if TYPE_CHECKING:
     import galton.models.model

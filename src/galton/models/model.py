@@ -24,7 +24,7 @@ from galton.envs.host.space_json import to_json
 from galton.errors import DivergenceError, require, require_integer
 from galton.models import file
 from galton.models.learning import learn
-from galton.models.settings import Settings, split
+from galton.models.settings import Settings, check_one_run, split
 from galton.training.evaluate import deterministic_action, evaluate, play
 from galton.training.population import Population, populate
 from galton.training.train import check_seed
@@ -67,7 +67,21 @@ class Model:
         task = find(env, **(env_kwargs or {}))
         given = None if isinstance(task, Environment) else task.given
         n_copies = (given or 1) if n_envs is None else n_envs
-        config, hypers = split(find_algorithm(algorithm), loss, n_copies, dict(settings))
+        self._begin(task, *split(find_algorithm(algorithm), loss, n_copies, dict(settings)), seed)
+
+    @classmethod
+    def of(cls: type[ModelT], env: Any, config: Config, hypers: Hypers, seed: int = 0) -> ModelT:
+        """A model with these records in the place of keyword arguments.
+
+        Raises:
+            UsageError: as the constructor.
+        """
+        model = cls.__new__(cls)
+        model._begin(find(env), config, hypers, seed)
+        return model
+
+    def _begin(self, task: Environment | HostTask, config: Config, hypers: Hypers, seed: int) -> None:
+        given = None if isinstance(task, Environment) else task.given
         require(
             given is None or config.n_envs == given,
             f"n_envs is {config.n_envs}, but {'one environment was' if given == 1 else f'{given} were'} given; "
@@ -81,6 +95,7 @@ class Model:
     ) -> None:
         """Become the model of these settings, without an environment yet (for `load`)."""
         check_seed(seed)
+        check_one_run(hypers)
         self.config, self.hypers, self.seed = config, hypers, seed
         self.agent: Agent = resolve(config, actions.low, actions.high)
         self.actions, self.observations = actions, observations

@@ -72,15 +72,17 @@ def split(algorithm: Algorithm, loss: str, n_envs: int, settings: dict[str, Any]
     arch = given["net_arch"]
     require(isinstance(arch, Iterable), f"net_arch is {arch!r}; give numbers of units, such as (64, 64)")
     numbers = {name: value for name, value in given.items() if name in Hypers._fields}
-    for name, value in numbers.items():
+    fields = {name: value for name, value in given.items() if name not in numbers}
+    arguments = {"net_arch": tuple(arch), "loss": loss, "n_envs": n_envs, "algorithm": algorithm.name}
+    return Config(**fields | arguments), Hypers(**numbers)
+
+
+def check_one_run(hypers: Hypers) -> None:
+    """Raise UsageError unless each is one number, in its range."""
+    for name, value in hypers._asdict().items():
         require(np.ndim(value) == 0, f"{name} is {value}; a model is one run: give one number (train takes many)")
         require(np.asarray(value).dtype.kind in "fiu", f"{name} is {value!r}; it must be a number")
-    hypers = Hypers(**numbers)
     check_hypers(hypers)
-    fields = {name: value for name, value in given.items() if name not in numbers}
-    return Config(
-        **fields | {"net_arch": tuple(arch), "loss": loss, "n_envs": n_envs, "algorithm": algorithm.name}
-    ), hypers
 
 
 def signature(algorithm: Algorithm) -> inspect.Signature:

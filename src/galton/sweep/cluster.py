@@ -4,7 +4,7 @@ import contextlib
 from collections.abc import Callable, Iterator
 from concurrent.futures import CancelledError, Executor
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from galton.errors import UsageError, require, require_integer
 
@@ -22,7 +22,7 @@ CLUSTERS = {
 PATIENCE = 10
 """Seconds to wait for a scheduler that is said to run."""
 LOST = (distributed.scheduler.KilledWorker, CancelledError, distributed.client.FutureCancelledError)
-"""What a future raises whose workers died."""
+"""The errors that a future raises whose workers died."""
 
 
 class Jobs(NamedTuple):
@@ -32,7 +32,7 @@ class Jobs(NamedTuple):
     walltime: str
     """Hours, minutes and seconds, as in 12:00:00."""
     memory: str
-    """Such as 2GB."""
+    """How much each gets, such as 2GB."""
     directives: tuple[str, ...] = ()
     """Further lines for the batch system: its account, its queue."""
 
@@ -46,7 +46,7 @@ class Carrier(NamedTuple):
 
 @contextlib.contextmanager
 def connect(address: str, tls: Path | None = None) -> Iterator[Carrier]:
-    """To a scheduler that runs; each thread of its workers is one place.
+    """Connect to a scheduler that runs; each thread of its workers is one place.
 
     Args:
         address: such as tcp://host:8786, or tls://.
@@ -69,7 +69,7 @@ def connect(address: str, tls: Path | None = None) -> Iterator[Carrier]:
 
 @contextlib.contextmanager
 def start(kind: str, jobs: Jobs, folder: Path, tls: Path | None = None) -> Iterator[Carrier]:
-    """A scheduler in this process, and jobs of a batch system for its workers; jobs that end are started again.
+    """Start a scheduler in this process, and jobs of a batch system for its workers; jobs that end are started again.
 
     Args:
         kind: a key of CLUSTERS.
@@ -91,9 +91,9 @@ def start(kind: str, jobs: Jobs, folder: Path, tls: Path | None = None) -> Itera
         yield _carrier(client)
 
 
-def job_options(kind: str, jobs: Jobs, folder: Path) -> dict[str, Any]:
+def job_options(kind: str, jobs: Jobs, folder: Path) -> dict[str, object]:
     """The arguments of dask-jobqueue for one worker of one thread per job."""
-    options: dict[str, Any] = {
+    options: dict[str, object] = {
         "cores": 1,
         "processes": 1,
         "memory": jobs.memory,
@@ -111,7 +111,7 @@ def job_options(kind: str, jobs: Jobs, folder: Path) -> dict[str, Any]:
     return options | {"walltime": jobs.walltime}
 
 
-def _carrier(client: Any) -> Carrier:
+def _carrier(client: distributed.Client) -> Carrier:
     def width() -> int:
         try:
             return sum(client.nthreads().values())
@@ -124,7 +124,7 @@ def _carrier(client: Any) -> Carrier:
     return Carrier(client.get_executor(pure=False), width)
 
 
-def _security(folder: Path) -> Any:
+def _security(folder: Path) -> distributed.Security:
     files = {name: folder / f"{name}.pem" for name in ("ca", "cert", "key")}
     for path in files.values():
         require(path.is_file(), f"tls is {folder}, which holds no {path.name}; it needs ca.pem, cert.pem and key.pem")

@@ -3,7 +3,7 @@
 import collections
 import concurrent.futures
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable
 from concurrent.futures import Executor, Future
 from typing import Protocol, runtime_checkable
 
@@ -29,10 +29,10 @@ class Watcher(Protocol):
     """Who looks on while a sweep runs."""
 
     def resumed(self, reports: list[Report]) -> None:
-        """Shards that were done before."""
+        """Take note of the shards that were done before."""
 
     def finished(self, report: Report) -> None:
-        """A shard that has just been done."""
+        """Take note of a shard that has just been done."""
 
 
 def sweep(
@@ -93,7 +93,7 @@ def prepare(store: Store, study: Study, shard_width: int | None, extend: bool) -
 
 
 def verified(store: Store, plan: Plan) -> list[Report]:
-    """Of the shards that are done. Files that were damaged are removed."""
+    """Reports of the shards that are done. Files that were damaged are removed."""
     reports = []
     for done in finished(store, plan).values():
         table = read(store, done)
@@ -115,50 +115,50 @@ def run(
     """Do what is not done yet. The lock must be held.
 
     Args:
-        store: of the plan.
+        store: where the plan is; the executor must reach the same place under the same name.
         plan: as it is there.
-        executor: what carries shards; it must reach the same place under the same name.
+        executor: what carries shards.
         width: how many shards it can work on now.
         watcher: is told of what happens.
-        lost: what a future of the executor raises whose workers died; its shard is done again, up to ATTEMPTS times.
+        lost: what a future of the executor raises whose worker died; its shard is done again, up to ATTEMPTS times.
 
     Raises:
         BrokenEnvironmentError, UsageError: a shard failed; those that were done stay.
     """
-    reports = verified(store, plan)
-    watcher.resumed(reports)
-    done = {report.index for report in reports}
-    pending = _Pending(plan, [i for i in range(plan.n_shards) if i not in done])
+    pending = _left(store, plan, watcher)
     running: dict[Future[Report], int] = {}
     free: list[Config] = []
-    losses: collections.Counter[int] = collections.Counter()
-    failures: tuple[type[BaseException], ...] = (WorkerDiedError, *lost)
+    died: tuple[type[BaseException], ...] = (WorkerDiedError, *lost)
     try:
         while pending or running:
             while pending and len(running) < width():
                 index = pending.pop(free.pop() if free else None)
                 running[executor.submit(work, store.url, index, plan.names[index])] = index
-            if not running:
-                time.sleep(TICK)  # nobody is there to work yet
-            ready, _ = concurrent.futures.wait(running, timeout=TICK, return_when=concurrent.futures.FIRST_COMPLETED)
-            for future in ready:
+            for future in _ended(running):
                 index = running.pop(future)
                 try:
                     watcher.finished(future.result())
-                except failures as error:
-                    losses[index] += 1
-                    if isinstance(error, WorkerDiedError) or losses[index] >= ATTEMPTS:
-                        raise UsageError(
-                            f"shard {index} ended every worker that tried it; give fewer workers or a smaller "
-                            "shard_width if memory is short, and in a script start sweeps under "
-                            f'if __name__ == "__main__": ({error})'
-                        ) from error
-                    pending.push(index)
-                else:
                     free.append(plan.configs[index])
+                except died as error:
+                    pending.again(index, error)
     finally:
         for future in running:
             future.cancel()
+
+
+def _left(store: Store, plan: Plan, watcher: Watcher) -> "_Pending":
+    """What is not done yet; the watcher is told of what is."""
+    reports = verified(store, plan)
+    watcher.resumed(reports)
+    done = {report.index for report in reports}
+    return _Pending(plan, (i for i in range(plan.n_shards) if i not in done))
+
+
+def _ended(running: Collection[Future[Report]]) -> set[Future[Report]]:
+    """Those that have ended, after a TICK at most."""
+    if not running:
+        time.sleep(TICK)  # nobody is there to work yet
+    return concurrent.futures.wait(running, timeout=TICK, return_when=concurrent.futures.FIRST_COMPLETED).done
 
 
 class _Pending:
@@ -168,6 +168,7 @@ class _Pending:
         self._plan = plan
         self._queues: dict[Config, collections.deque[int]] = {}
         self._taken: collections.Counter[Config] = collections.Counter()
+        self._losses: collections.Counter[int] = collections.Counter()
         for index in dict.fromkeys(indices):
             self.push(index)
 
@@ -175,9 +176,11 @@ class _Pending:
         return bool(self._queues)
 
     def push(self, index: int) -> None:
+        """Add a shard behind those of its Config."""
         self._queues.setdefault(self._plan.configs[index], collections.deque()).append(index)
 
     def pop(self, compiled: Config | None) -> int:
+        """Take the next shard for a worker that has compiled this Config, or none."""
         if compiled not in self._queues:
             compiled = min(self._queues, key=lambda config: (self._taken[config], -len(self._queues[config])))
             self._taken[compiled] += 1
@@ -187,12 +190,27 @@ class _Pending:
             del self._queues[compiled]
         return index
 
+    def again(self, index: int, error: BaseException) -> None:
+        """Add a shard again whose worker died.
+
+        Raises:
+            UsageError: so many died with it that the shard itself must be the reason.
+        """
+        self._losses[index] += 1
+        if isinstance(error, WorkerDiedError) or self._losses[index] >= ATTEMPTS:
+            raise UsageError(
+                f"shard {index} ended every worker that tried it; give fewer workers or a smaller shard_width if "
+                "memory is short, and in a script start sweeps under "
+                f'if __name__ == "__main__": ({error})'
+            ) from error
+        self.push(index)
+
 
 class Silent:
     """A watcher that does nothing."""
 
     def resumed(self, reports: list[Report]) -> None:
-        """Nothing."""
+        """Take no notice of shards that were done before."""
 
     def finished(self, report: Report) -> None:
-        """Nothing."""
+        """Take no notice of a shard that has just been done."""

@@ -1,4 +1,4 @@
-"""What carries shards to processes, as an Executor of concurrent.futures."""
+"""Worker processes that may die, as an Executor of concurrent.futures."""
 
 import contextlib
 import multiprocessing
@@ -10,10 +10,16 @@ import signal
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, Future
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias, TypeVar
 
-from galton.cores import allowed_cores
+from galton.devices import allowed_cores
 from galton.errors import require, require_integer
+
+T = TypeVar("T")
+Call = tuple[Future[Any], Callable[..., object], tuple[object, ...]]
+"""What a worker is to do: the future of it, a function and its arguments."""
+Pipe: TypeAlias = "multiprocessing.connection.Connection[object, Any]"
+"""One end of the pipe between this process and a worker."""
 
 ATTEMPTS = 20
 """How often a call is made again because the process that made it died."""
@@ -25,7 +31,7 @@ class Place(NamedTuple):
     cores: tuple[int, ...] = ()
     """It is kept on these, where the operating system can; () leaves it free."""
     environment: tuple[tuple[str, str], ...] = ()
-    """Variables that it sees."""
+    """Variables of the environment that it sees, besides those of this process."""
 
 
 def one_per_core(n: int | None = None) -> list[Place]:
@@ -46,15 +52,14 @@ def one_per_gpu(n: int) -> list[Place]:
 
 
 class WorkerDiedError(RuntimeError):
-    """Every process that made this call died."""
+    """What a future raises if every process that made its call died."""
 
 
 class Processes(Executor):
     """A process for each place. One that dies is replaced, and its call is made again."""
 
     def __init__(self, places: Sequence[Place]) -> None:
-        self._calls: queue.SimpleQueue[tuple[Future[Any], Callable[..., Any], tuple[Any, ...]] | None]
-        self._calls = queue.SimpleQueue()
+        self._calls: queue.SimpleQueue[Call | None] = queue.SimpleQueue()
         self._context = multiprocessing.get_context("spawn")
         self._workers: dict[int, multiprocessing.context.SpawnProcess] = {}
         self._lock, self._closed, self._shut = threading.Lock(), threading.Event(), False
@@ -64,13 +69,7 @@ class Processes(Executor):
         for thread in self._threads:
             thread.start()
 
-    @property
-    def process_ids(self) -> list[int]:
-        """Of the workers that live."""
-        with self._lock:
-            return [worker.pid for worker in self._workers.values() if worker.pid and worker.is_alive()]
-
-    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+    def submit(self, fn: Callable[..., T], /, *args: object, **kwargs: object) -> Future[T]:
         """Call fn, which a worker must be able to import, with arguments that can be pickled.
 
         Raises:
@@ -81,7 +80,7 @@ class Processes(Executor):
             raise TypeError(f"keyword arguments {sorted(kwargs)} are not sent to workers; give them by position")
         if self._shut:
             raise RuntimeError("no calls can be made after a shutdown")
-        future: Future[Any] = Future()
+        future: Future[T] = Future()
         self._calls.put((future, fn, args))
         return future
 
@@ -108,7 +107,7 @@ class Processes(Executor):
                 thread.join()
 
     def _serve(self, number: int, place: Place) -> None:
-        connection: multiprocessing.connection.Connection[Any, Any] | None = None
+        connection: Pipe | None = None
         while (call := self._calls.get()) is not None:
             future, fn, args = call
             if self._closed.is_set():
@@ -143,7 +142,7 @@ class Processes(Executor):
         if worker:
             worker.join()
 
-    def _start(self, number: int, place: Place) -> "multiprocessing.connection.Connection[Any, Any]":
+    def _start(self, number: int, place: Place) -> Pipe:
         ours, its = self._context.Pipe()
         with self._lock:
             if self._closed.is_set():
@@ -165,7 +164,7 @@ def processes(places: Sequence[Place]) -> Iterator[Processes]:
         executor.shutdown(cancel_futures=True)
 
 
-def _live(connection: "multiprocessing.connection.Connection[Any, Any]", place: Place) -> None:
+def _live(connection: Pipe, place: Place) -> None:
     """A worker's life: calls, until there are no more. It ends with its parent, however that ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent says when to stop
     threading.Thread(target=_end_with_parent, daemon=True).start()
@@ -177,7 +176,7 @@ def _live(connection: "multiprocessing.connection.Connection[Any, Any]", place: 
             fn, args = connection.recv()
         except EOFError:
             return
-        answer: tuple[Any, Exception | None]
+        answer: tuple[object, Exception | None]
         try:
             answer = fn(*args), None
         except Exception as error:

@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from galton.envs.registry import find_task, is_known, settings
 from galton.errors import UsageError, require, require_integer
 from galton.losses import LOSSES
 from galton.sweep.study import Setting
+from galton.tasks import task_of
 
 
 def expand(blocks: Iterable[Mapping[str, Any]], base: Mapping[str, Any]) -> tuple[Setting, ...]:
@@ -40,26 +40,23 @@ def _axis(name: str, value: Any) -> Sequence[Any]:
 
 def task_defaults(env: str) -> dict[str, Any]:
     """The settings of App. C.2 for a task, to put a grid upon."""
-    task = settings(env)
+    task = task_of(env)
     return {"learning_rate": task.learning_rate, **task.config}
 
 
-def paper_grid(env: str, base: Mapping[str, Any]) -> tuple[Setting, ...]:
-    """App. C.2: learning rates for all three losses, n_bins for both classifications, η for HL-Gauss.
-
-    88 settings, 76 on the bandit.
-    """
-    if is_known(env) and find_task(env)[0] == "bandit":
-        rates, etas = [0.01, 0.05, 0.1, 1.0], [0.1, 0.25, 0.5, 0.75, 1.0]
-    else:
-        rates, etas = [1e-4, 3e-4, 7e-4, 1e-3], [0.01, 0.05, 0.1, 0.25, 0.5, 0.75]
-    bins = [50, 100, 200]
-    blocks = (
+def paper_blocks(rates: Sequence[float], bins: Sequence[int], etas: Sequence[float]) -> list[dict[str, Any]]:
+    """App. C.2's grid with these values: rates for all three losses, bins for both classifications, η for HL-Gauss."""
+    return [
         {"loss": "gaussian", "learning_rate": rates},
         {"loss": "hl-one-hot", "learning_rate": rates, "n_bins": bins},
         {"loss": "hl-gauss", "learning_rate": rates, "n_bins": bins, "eta": etas},
-    )
-    return expand(blocks, base)
+    ]
+
+
+def paper_grid(env: str, base: Mapping[str, Any]) -> tuple[Setting, ...]:
+    """The grid of App. C.2: 88 settings, 76 on the bandit."""
+    task = task_of(env)
+    return expand(paper_blocks(task.learning_rates, [50, 100, 200], task.etas), base)
 
 
 def random_grid(base: Mapping[str, Any], n: int = 16, seed: int = 0) -> tuple[Setting, ...]:

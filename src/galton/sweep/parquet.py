@@ -2,6 +2,7 @@
 
 import io
 import json
+from collections.abc import Mapping
 from typing import Any
 
 import pyarrow as pa
@@ -10,23 +11,22 @@ import pyarrow.parquet as pq
 _RECORD = b"galton"
 
 
-def with_record(table: pa.Table, record: dict[str, Any]) -> pa.Table:
+def with_record(table: pa.Table, record: Mapping[str, object]) -> pa.Table:
     """The table with that record, and no other, in its metadata."""
     return table.replace_schema_metadata({_RECORD: json.dumps(record, sort_keys=True)})
 
 
 def record_of(table: pa.Table) -> dict[str, Any]:
-    """What `with_record` wrote.
+    """The record that `with_record` gave the table.
 
     Raises:
-        KeyError: nothing.
-        ValueError: something else.
+        KeyError: it has none.
+        ValueError: what it has is something else.
     """
-    record: dict[str, Any] = json.loads((table.schema.metadata or {})[_RECORD])
-    return record
+    return json.loads((table.schema.metadata or {})[_RECORD])
 
 
-def to_bytes(table: pa.Table, **options: Any) -> bytes:
+def to_bytes(table: pa.Table, **options: object) -> bytes:
     """A whole Parquet file; the same bytes for the same table.
 
     Args:
@@ -45,6 +45,6 @@ def from_bytes(data: bytes) -> pa.Table:
     where one of those lets go of them while Python ends, it aborts the process (apache/arrow, issues 33975 and 34314).
 
     Raises:
-        pyarrow.ArrowException: it is none.
+        pyarrow.ArrowException: the data are no Parquet file.
     """
     return pq.ParquetFile(pa.BufferReader(data)).read(use_threads=False)

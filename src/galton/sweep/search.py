@@ -43,9 +43,9 @@ def search(
     searches = {loss: _begin(seed, loss) for loss in LOSSES}
     settings: dict[Setting, None] = {}
     for start in range(0, n, batch):
-        asked: list[tuple[str, Any, Setting]] = []
+        asked: list[tuple[str, optuna.Trial, Setting]] = []
         for loss, study in searches.items():
-            space = _space(loss, base)
+            space = _space(loss, base["learning_rate"])
             for _ in range(min(batch, n - start)):
                 trial = study.ask(space)
                 asked.append((loss, trial, Setting.of_record({**base, "loss": loss, **trial.params})))
@@ -55,15 +55,15 @@ def search(
             searches[loss].tell(trial, found[setting] if np.isfinite(found[setting]) else FAILED)
 
 
-def _begin(seed: int, loss: str) -> Any:
+def _begin(seed: int, loss: str) -> optuna.Study:
     entropy = np.random.SeedSequence((seed, *loss.encode())).generate_state(1)[0]
     sampler = optuna.samplers.TPESampler(seed=int(entropy), constant_liar=True)
     return optuna.create_study(direction="maximize", sampler=sampler)
 
 
-def _space(loss: str, base: Mapping[str, Any]) -> dict[str, Any]:
-    rate = base["learning_rate"]
-    space: dict[str, Any] = {"learning_rate": optuna.distributions.FloatDistribution(rate / 10, rate * 10, log=True)}
+def _space(loss: str, rate: float) -> dict[str, optuna.distributions.BaseDistribution]:
+    rates = optuna.distributions.FloatDistribution(rate / 10, rate * 10, log=True)
+    space: dict[str, optuna.distributions.BaseDistribution] = {"learning_rate": rates}
     if find_loss(loss).family == "histogram":
         space["n_bins"] = optuna.distributions.CategoricalDistribution([50, 100, 200])
     if "eta" in find_loss(loss).uses:

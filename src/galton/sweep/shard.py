@@ -3,26 +3,22 @@
 import dataclasses
 import datetime
 import functools
-import importlib.metadata
 import json
-import platform
 import re
-import subprocess
-from pathlib import Path
-from typing import Any
 
 import jax
 import numpy as np
 import pyarrow as pa
 
+from galton.devices import use_all_cores
 from galton.envs.find import find
 from galton.envs.registry import read_constants
 from galton.errors import require
+from galton.saving.provenance import machine, versions
 from galton.sweep.parquet import from_bytes, record_of, to_bytes, with_record
 from galton.sweep.plan import Plan, Shard
 from galton.sweep.store import Store, checksum
 from galton.sweep.study import import_all
-from galton.training.devices import use_all_cores
 from galton.training.train import Result, train
 
 FOLDER = "shards"
@@ -35,7 +31,7 @@ class Done:
 
     index: int
     name: str
-    """Of what determined its results."""
+    """The shard's name: a hash of all that determined its results."""
     checksum: str
     file: str
 
@@ -61,7 +57,7 @@ def work(url: str, index: int, name: str | None = None) -> Report:
     Args:
         url: the sweep's folder, as this process sees it.
         index: of the shard.
-        name: the shard's, if the plan might be another by now.
+        name: of the shard, if the plan might be another by now.
 
     Raises:
         UsageError: no such plan, or one whose shard is of another name; no room to write.
@@ -95,14 +91,14 @@ def work(url: str, index: int, name: str | None = None) -> Report:
 
 @functools.cache
 def _settle() -> None:
-    """Before the first shard of this process."""
+    """Prepare this process for its shards, once."""
     use_all_cores()
 
 
 def tabulate(shard: Shard, result: Result) -> pa.Table:
-    """One row per run: what it is, its final numbers and its curves. Machine and times are in the metadata."""
+    """A table of one row per run: what it is, its final numbers and its curves. Machine and times are its metadata."""
     n = shard.n_runs
-    columns: dict[str, Any] = {
+    columns: dict[str, object] = {
         "setting": shard.setting[:n],
         "trial": shard.trial[:n],
         "seed": shard.seeds[:n],
@@ -126,15 +122,15 @@ def tabulate(shard: Shard, result: Result) -> pa.Table:
 
 
 def report(index: int, table: pa.Table) -> Report:
-    """Of a shard's table."""
+    """The report of a shard, from its table."""
     record = record_of(table)
     names = ("setting", "trial", "final_training_return")
     columns = (table.column(name).to_pylist() for name in names)
     return Report(index, *columns, *(record[name] for name in ("env_steps", "compile_seconds", "train_seconds")))
 
 
-def provenance(store: Store, plan: Plan) -> dict[str, Any]:
-    """Of a sweep that is done: versions and machines, each once, and the seconds of all workers together."""
+def provenance(store: Store, plan: Plan) -> dict[str, object]:
+    """What made a sweep that is done: versions and machines, each once, and the seconds of all workers together."""
     records = []
     for done in finished(store, plan).values():
         table = read(store, done)
@@ -160,7 +156,7 @@ def finished(store: Store, plan: Plan) -> dict[int, Done]:
 
 
 def read(store: Store, done: Done) -> pa.Table | None:
-    """A finished shard's table; None where the file was damaged or is gone.
+    """The table of a finished shard; None where the file was damaged or is gone.
 
     Raises:
         UsageError: it can't be read now, which says nothing of what is in it.
@@ -175,38 +171,6 @@ def read(store: Store, done: Done) -> pa.Table | None:
 def discard(store: Store, done: Done) -> None:
     """Remove a damaged file, so that its shard is trained again."""
     store.remove(f"{FOLDER}/{done.file}")
-
-
-@functools.lru_cache(maxsize=1)
-def versions() -> dict[str, str | None]:
-    """Of what the results depend on; the commit where this is a checkout."""
-    found: dict[str, str | None] = {}
-    for name in ("galton", "jax", "jaxlib", "numpy", "optax", "gymnasium", "mujoco"):
-        try:
-            found[name] = importlib.metadata.version(name)
-        except importlib.metadata.PackageNotFoundError:
-            found[name] = None
-    return found | {"commit": _commit(), "python": platform.python_version()}
-
-
-def machine() -> str:
-    """Its name, architecture and system."""
-    return f"{platform.node()} {platform.machine()} {platform.platform()}"
-
-
-def _commit() -> str | None:
-    """Of the checkout that this file belongs to, if any."""
-
-    def git(*command: str) -> str:
-        here = Path(__file__).parent
-        done = subprocess.run(["git", *command], cwd=here, capture_output=True, text=True, check=True, timeout=10)
-        return done.stdout.strip()
-
-    try:
-        git("ls-files", "--error-unmatch", Path(__file__).name)  # it may lie in somebody else's
-        return git("describe", "--always", "--dirty", "--abbrev=12")
-    except (OSError, subprocess.SubprocessError):
-        return None
 
 
 def _lists(rows: np.ndarray) -> pa.Array:

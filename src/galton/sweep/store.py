@@ -4,9 +4,6 @@ import contextlib
 import errno
 import hashlib
 import os
-import platform
-import re
-import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -15,9 +12,7 @@ import fsspec
 from fsspec.implementations.local import LocalFileSystem
 
 from galton.errors import UsageError
-
-SCRATCH = ".writing-"
-"""How the names of files begin that are not whole yet."""
+from galton.saving import files
 
 
 class Store:
@@ -48,7 +43,7 @@ class Store:
         if self.local is not None:
             try:
                 with os.scandir(self.local / folder) as entries:
-                    return sorted(entry.name for entry in entries if not entry.name.startswith(SCRATCH))
+                    return sorted(entry.name for entry in entries if not entry.name.startswith(files.SCRATCH))
             except FileNotFoundError:
                 return []
             except OSError as error:
@@ -60,29 +55,28 @@ class Store:
             return []
 
     def read(self, name: str) -> bytes:
-        """A whole file.
+        """The content of a whole file.
 
         Raises:
             FileNotFoundError: there is none.
             UsageError: it can't be read.
         """
         try:
-            data: bytes = self._files.cat_file(f"{self._root}/{name}")
+            return self._files.cat_file(f"{self._root}/{name}")
         except FileNotFoundError:
             raise
         except OSError as error:
             raise UsageError(f"out is {self.url}, where {name} can't be read: {error}") from None
-        return data
 
     def write(self, name: str, data: bytes) -> None:
-        """All of it or nothing, even if the machine stops meanwhile; what had that name is replaced.
+        """Write all of a file or nothing, even if the machine stops meanwhile; what had that name is replaced.
 
         Raises:
             UsageError: no room, or no permission.
         """
         try:
             if self.local is not None:
-                _write_atomically(self.local / name, data)
+                files.write(self.local / name, data)
             else:
                 self._files.pipe_file(f"{self._root}/{name}", data)
         except OSError as error:
@@ -94,13 +88,13 @@ class Store:
             raise UsageError(f"out is {self.url}, where {name} can't be written: {error}") from None
 
     def remove(self, name: str) -> None:
-        """A file that may be there."""
+        """Remove a file, if it is there."""
         with contextlib.suppress(FileNotFoundError):
             self._files.rm_file(f"{self._root}/{name}")
 
     @contextlib.contextmanager
     def lock(self) -> Iterator[None]:
-        """Held by the one process that runs the sweep; what killed processes left half-written is cleared away.
+        """Hold the sweep for this process alone; what killed ones left half-written is cleared away.
 
         An object store has no locks: there two of the same sweep would do the same work twice, and the workers of
         two that differ would refuse.
@@ -120,43 +114,13 @@ class Store:
         except OSError as error:
             raise UsageError(f"out is {self.url}, which can't be written: {error}") from None
         try:
-            _clear(self.local)
+            files.clear(self.local)
             yield
         finally:
-            _clear(self.local)
+            files.clear(self.local)
             lock.release()
 
 
 def checksum(data: bytes) -> str:
-    """32 hexadecimal digits."""
+    """The checksum of some bytes: 32 hexadecimal digits."""
     return hashlib.sha256(data).hexdigest()[:32]
-
-
-def _clear(folder: Path) -> None:
-    """Remove what processes of this machine left half-written when they were killed."""
-    if os.name != "posix":  # elsewhere nobody can ask whether a process lives
-        return
-    ours = re.compile(rf"{re.escape(SCRATCH + platform.node())}-(\d+)-[^-]*")
-    for scratch in [*folder.glob(f"{SCRATCH}*"), *folder.glob(f"*/{SCRATCH}*")]:
-        if match := ours.fullmatch(scratch.name):
-            try:
-                os.kill(int(match[1]), 0)
-            except ProcessLookupError:
-                scratch.unlink(missing_ok=True)
-            except OSError:
-                continue
-
-
-def _write_atomically(path: Path, data: bytes) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    number, scratch = tempfile.mkstemp(prefix=f"{SCRATCH}{platform.node()}-{os.getpid()}-", dir=path.parent)
-    try:
-        with os.fdopen(number, "wb") as file:
-            file.write(data)
-            file.flush()
-            os.fsync(file.fileno())
-        Path(scratch).chmod(0o644)
-        Path(scratch).replace(path)
-    except BaseException:
-        Path(scratch).unlink(missing_ok=True)
-        raise

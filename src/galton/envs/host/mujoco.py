@@ -7,7 +7,7 @@ import gymnasium
 import numpy as np
 from jaxtyping import Bool, Float, Int, Integer
 
-from galton.cores import n_cores
+from galton.devices import n_cores
 from galton.envs.host.action_box import ActionBox
 from galton.envs.host.answers import as_float32, try_to_make
 from galton.envs.host.base import Steps

@@ -1,0 +1,69 @@
+"""galton compare: does classification beat regression on this task?"""
+
+import dataclasses
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+import pyarrow.parquet as pq
+from rich.console import Console
+
+from galton.analysis.comparison import curves, learning_curves, summarise, verdicts
+from galton.analysis.plots import save
+from galton.cli._compare_view import table
+from galton.cli._options import EnvName, LossNames, Training, command_line, parse, short_name
+from galton.cli._progress import live_progress
+from galton.devices import use_all_cores
+from galton.envs.base import Environment
+from galton.errors import require, require_integer
+from galton.losses import LOSSES, find_loss
+from galton.saving.result_folder import result_folder, write_settings
+from galton.tasks import task_of
+from galton.training.train import Result
+
+
+@dataclasses.dataclass(frozen=True)
+class Options:
+    """Train several losses over the same seeds; print a table and keep figure and numbers in a folder."""
+
+    env: EnvName
+    training: Training
+    losses: LossNames = tuple(name for name, loss in LOSSES.items() if loss.in_paper)
+    seeds: int = 20
+    """How many runs of each loss, each with a seed of its own."""
+    out: Path | None = None
+    """The folder for the figure and the numbers, by default runs/compare-ENV."""
+    overwrite: bool = False
+    """Replace what the folder holds once the comparison is done."""
+
+
+def main(arguments: Sequence[str]) -> None:
+    """Train all losses, print the table and write figure, curves and settings."""
+    options = parse(Options, "compare", arguments)
+    labels = {loss: find_loss(loss).label for loss in options.losses}
+    require(
+        len(labels) == len(options.losses) > 0,
+        f"losses is {options.losses}; name each loss once, and at least one",
+    )
+    require_integer("seeds", options.seeds, 1)
+    training, seeds = options.training, range(options.seeds)
+    env = training.find(options.env)
+    known = env if isinstance(env, Environment) else None
+    out = options.out or Path("runs", f"compare-{short_name(options.env)}")
+    training.check(seeds)
+    console = Console()
+    use_all_cores()
+    results: dict[str, Result] = {}
+    with result_folder(out, options.overwrite) as folder:
+        with live_progress(console) as follow:
+            for loss, label in labels.items():
+                results[loss] = training.run(env, loss, seeds, follow(label, training.steps, len(seeds)))
+        rows = summarise(results, known)
+        given = {"env": options.env, "losses": options.losses, "seeds": options.seeds}
+        write_settings(folder, given | training.record() | {"command": command_line()})
+        (folder / "summary.json").write_text(json.dumps([row.record() for row in rows], indent=2) + "\n")
+        pq.write_table(curves(results), folder / "curves.parquet")
+        title = f"{task_of(options.env).title}: mean of {options.seeds} runs and 95% CI"
+        save(learning_curves(results, known, title), folder / "learning_curves")
+    console.print(table(rows, known))
+    print(*verdicts(results), f"figure and numbers: {out}", sep="\n")

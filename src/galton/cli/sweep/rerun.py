@@ -1,0 +1,45 @@
+"""galton sweep rerun: the best settings again, on seeds that had no part in choosing them."""
+
+import dataclasses
+from collections.abc import Sequence
+
+import tyro
+
+from galton.cli._carry import processes
+from galton.cli.sweep._folder import Folder, conclude, load
+from galton.errors import require
+from galton.sweep import engine, results
+from galton.sweep.executors import one_per_core
+from galton.sweep.store import Store
+
+
+@dataclasses.dataclass(frozen=True)
+class Options(Folder):
+    """Train the best setting of each loss again on fresh seeds: the best of many flatters."""
+
+    to: str
+    """The folder for it."""
+    trials: int = 20
+    """Runs of each setting."""
+    seed: int = 1
+    """Of the study; not the sweep's own."""
+    workers: int | None = None
+    """Processes, by default one per core."""
+
+
+def main(arguments: Sequence[str]) -> None:
+    """Find the winners of a sweep that is done, and train them as a sweep of their own."""
+    options = tyro.cli(Options, prog="galton sweep rerun", args=list(arguments))
+    source, target = Store(options.out), Store(options.to)
+    require(options.out != options.to, f"to is {options.to!r}, the sweep's own folder; name another")
+    known = load(source)
+    table = results.collect(source, known)
+    missing = known.n_runs - table.num_rows
+    require(not missing, f"out is {options.out}, where {missing:,} runs are missing; run the sweep to its end first")
+    best = results.best_settings(known.study, table)
+    study = results.rerun(known.study, best, options.trials, options.seed)
+    with target.lock():
+        plan = engine.prepare(target, study, known.shard_width, extend=False)
+        with processes(one_per_core(options.workers)) as carry_out:
+            carry_out(target, plan)
+        conclude(target, plan)

@@ -1,0 +1,14 @@
+"""galton sweep results: the table of all runs that are done, and the best settings."""
+
+from collections.abc import Sequence
+
+import tyro
+
+from galton.cli.sweep._folder import Folder, conclude, load
+from galton.sweep.store import Store
+
+
+def main(arguments: Sequence[str]) -> None:
+    """Write results.parquet from the shards that are there, and show the best settings."""
+    store = Store(tyro.cli(Folder, prog="galton sweep results", args=list(arguments)).out)
+    conclude(store, load(store))

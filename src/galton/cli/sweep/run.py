@@ -1,0 +1,130 @@
+"""galton sweep ENV: plan, train, and keep the results."""
+
+import dataclasses
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from galton.cli._options import EnvName, Training, parse, short_name
+from galton.cli.sweep._folder import conclude
+from galton.cli.sweep._workers import Workers, go_with
+from galton.errors import require, require_integer
+from galton.sweep import engine, results
+from galton.sweep.grid import GRIDS, find_grid
+from galton.sweep.plan import Plan
+from galton.sweep.store import Store
+from galton.sweep.study import Setting, Study, import_all
+
+
+@dataclasses.dataclass(frozen=True)
+class Options:
+    """Train every setting of a grid many times. Run it again to go on where it stopped.
+
+    Also: `galton sweep status DIR`, `results DIR`, `rerun DIR --to DIR`, `shard DIR INDEX`.
+    """
+
+    env: EnvName
+    training: Training
+    grid: Annotated[str, tyro.conf.arg(metavar="{" + ",".join(GRIDS) + ",optuna} or FILE.toml")] = "paper"
+    """The settings: the paper's (App. C.2), random ones around them, what Optuna proposes, or the [[grid]] tables of a
+    file."""
+    n_settings: int = 16
+    """Settings per loss of the random grid and of Optuna's search."""
+    batch: int = 4
+    """Settings per loss that Optuna proposes before it hears of their results."""
+    trials: int = 20
+    """Runs of each setting."""
+    seed: int = 0
+    """Of the study: another one gives every run a fresh seed."""
+    out: str | None = None
+    """The folder, by default runs/sweep-ENV, or runs/sweep-ENV-optuna for Optuna's search; or an address that fsspec
+    opens, such as s3://bucket/folder."""
+    shard_width: int | None = None
+    """Runs that are trained side by side by one worker; by default 16, or 32 on environments outside JAX, but no more
+    than share a program."""
+    extend: bool = False
+    """Add to the plan that the folder holds what it lacks of this grid."""
+    plan_only: bool = False
+    """Write the plan and stop: its shards are for `galton sweep shard`."""
+    imports: tuple[str, ...] = ()
+    """Modules that every worker imports first, where losses or environments of your own are registered."""
+    workers: Workers = dataclasses.field(default_factory=Workers)
+
+    @property
+    def base(self) -> Setting:
+        """What the grid varies."""
+        return Setting(self.training.config, self.training.hypers)
+
+    @property
+    def folder(self) -> str:
+        """Where plan and results are."""
+        name = f"sweep-{short_name(self.env)}" + ("-optuna" if self.grid == "optuna" else "")
+        return self.out or str(Path("runs", name))
+
+    def study(self, settings: tuple[Setting, ...]) -> Study:
+        """What is trained, of these settings."""
+        training = self.training
+        return Study(
+            self.env,
+            settings,
+            self.trials,
+            training.steps,
+            training.logs,
+            training.eval_episodes,
+            training.env_kwargs,
+            self.seed,
+            self.imports,
+        )
+
+
+def main(arguments: Sequence[str]) -> None:
+    """Plan, train, and keep the results."""
+    options = parse(Options, "sweep", arguments, lambda options: import_all(options.imports))
+    options.training.find(options.env)
+    store = Store(options.folder)
+    _check(options)
+    if options.grid == "optuna":
+        _search(options, store)
+        return
+    study = options.study(find_grid(options.grid, options.env, options.base.record(), options.n_settings))
+    with store.lock():
+        plan = engine.prepare(store, study, options.shard_width, options.extend)
+        if options.plan_only:
+            print(f"{plan.n_runs:,} runs in {plan.n_shards:,} shards: {store.url}")
+            return
+        with options.workers.hired(store) as carry_out:
+            carry_out(store, plan)
+        conclude(store, plan)
+
+
+def _check(options: Options) -> None:
+    """Raise UsageError for options that don't go together."""
+    go_with(options, ("n_settings",), options.grid in ("random", "optuna"), "grid 'random' or 'optuna'")
+    go_with(options, ("batch",), options.grid == "optuna", "grid 'optuna'")
+    options.workers.check()
+    if options.shard_width is not None:
+        require_integer("shard_width", options.shard_width, 1)
+    growing = options.grid == "optuna" and options.plan_only
+    require(not growing, "plan_only goes without grid 'optuna', whose plan grows with what it finds")
+
+
+def _search(options: Options, store: Store) -> None:
+    """Train what Optuna proposes, round by round."""
+    from galton.sweep.search import search
+
+    options.study((options.base,))  # wrong numbers are told before anything is written
+    first: tuple[Setting, ...] = ()
+    with store.lock(), options.workers.hired(store) as carry_out:
+
+        def means(settings: tuple[Setting, ...]) -> dict[Setting, float]:
+            nonlocal first
+            first = first or settings
+            engine.prepare(store, options.study(first), options.shard_width, options.extend)
+            plan = engine.prepare(store, options.study(settings), options.shard_width, extend=True)
+            carry_out(store, plan)
+            return results.mean_returns(plan.study, results.collect(store, plan))
+
+        search(means, options.base.record(), options.n_settings, options.batch, options.seed)
+        conclude(store, Plan.load(store))

@@ -1,0 +1,35 @@
+"""galton sweep shard: one shard of a plan, as one task of a job array."""
+
+import dataclasses
+from collections.abc import Sequence
+
+import tyro
+
+from galton.cli.sweep._folder import Folder
+from galton.sweep.plan import Plan
+from galton.sweep.shard import discard, finished, read, work
+from galton.sweep.store import Store
+
+
+@dataclasses.dataclass(frozen=True)
+class Options(Folder):
+    """Train one shard of a planned sweep, as one task of a job array."""
+
+    index: tyro.conf.Positional[int]
+    """From 0 to the number of shards − 1."""
+
+
+def main(arguments: Sequence[str]) -> None:
+    """Train the shard, unless it is done."""
+    options = tyro.cli(Options, prog="galton sweep shard", args=list(arguments))
+    store = Store(options.out)
+    plan = Plan.load(store)
+    plan.get(options.index)
+    done = finished(store, plan).get(options.index)
+    if done and read(store, done) is not None:
+        print(f"shard {options.index} is done already")
+        return
+    if done:
+        discard(store, done)
+    report = work(store.url, options.index)
+    print(f"shard {options.index}: {len(report.setting)} runs in {report.train_seconds:,.1f} s")

@@ -1,0 +1,47 @@
+"""galton sweep status: what is done, by the files that are there."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import tyro
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from galton.cli.sweep._folder import Folder, load
+from galton.losses import find_loss
+from galton.sweep.plan import Plan
+from galton.sweep.shard import finished
+from galton.sweep.store import Store
+from galton.types import Config
+
+
+def main(arguments: Sequence[str]) -> None:
+    """Show how many shards and runs of each program are done."""
+    store = Store(tyro.cli(Folder, prog="galton sweep status", args=list(arguments)).out)
+    plan = load(store)
+    done = finished(store, plan)
+    table = Table("program", "shards done", "runs done", title=escape(f"{store.url}: {plan.study.env}"))
+    of_program: dict[str, list[int]] = {}
+    for index, config in enumerate(plan.configs):
+        of_program.setdefault(_program(config), []).append(index)
+    for name, shards in of_program.items():
+        there = [index for index in shards if index in done]
+        table.add_row(
+            name,
+            f"{len(there):,} of {len(shards):,}",
+            f"{_n_runs(plan, there):,} of {_n_runs(plan, shards):,}",
+        )
+    Console().print(table)
+    print(
+        f"{len(done):,} of {plan.n_shards:,} shards, {_n_runs(plan, list(done)):,} of {plan.n_runs:,} runs",
+    )
+
+
+def _program(config: Config) -> str:
+    has_bins = find_loss(config.loss).policy == "histogram"
+    return f"{config.loss}, k = {config.n_bins}" if has_bins else config.loss
+
+
+def _n_runs(plan: Plan, shards: Sequence[int]) -> int:
+    return int(np.diff(plan.bounds)[list(shards)].sum())

@@ -1,1 +1,0 @@
-"""The subcommands of galton: a module each with `main(arguments)`."""

@@ -1,0 +1,1 @@
+"""One self-contained HTML page: claims, figures as inline SVG with the numbers behind them, and how they were made."""

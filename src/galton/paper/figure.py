@@ -1,0 +1,37 @@
+"""A study as one record: what is trained for a figure, how it is drawn, and what it says of the paper."""
+
+import dataclasses
+from collections.abc import Callable, Mapping
+
+import pyarrow as pa
+from matplotlib.figure import Figure
+
+from galton.page.page import Claim, Table
+from galton.paper.sweeps import Budget, Sweep
+from galton.paper.trained import Trained
+
+
+@dataclasses.dataclass(frozen=True)
+class FigureStudy:
+    """One figure of the page, with all that belongs to it."""
+
+    title: str
+    caption: str
+    draw: Callable[[Trained], Figure]
+    """From what was trained, which may lack some of its sweeps but not all; a figure without axes is left out."""
+    sweeps: tuple[Sweep, ...] = ()
+    """What it needs; figures may share sweeps, which are then trained once."""
+    number: int | None = None
+    """In the paper; None for a figure that it does not have."""
+    table: Callable[[Trained], Table] | None = None
+    """Numbers to stand below the figure, where it is drawn."""
+    claims: Mapping[int, Callable[[Trained], Claim]] = dataclasses.field(default_factory=dict)
+    """What is said of it, by the place among all claims of the page: the paper's 25 are in its order. They are judged
+    from whatever there is."""
+    measure: Callable[[Budget], pa.Table] | None = None
+    """What is measured besides; the figure finds it in `Trained.tables` under its name."""
+
+    def is_there(self, name: str, trained: Trained) -> bool:
+        """Whether anything was trained or measured for it, or it needs nothing."""
+        needs_nothing = not self.sweeps and self.measure is None
+        return needs_nothing or name in trained.tables or any(sweep.name in trained.sweeps for sweep in self.sweeps)

@@ -1,0 +1,107 @@
+"""What figures need, trained: each sweep in a folder of its own, then as a summary of a megabyte or less."""
+
+from collections.abc import Iterable, Mapping
+
+import pyarrow as pa
+
+from galton.errors import UsageError
+from galton.paper.figure import FigureStudy
+from galton.paper.registry import FIGURES, all_sweeps
+from galton.paper.summary import Summary
+from galton.paper.sweeps import Budget, Sweep, needed
+from galton.paper.trained import Trained
+from galton.saving.provenance import machine, versions
+from galton.sweep import engine, results
+from galton.sweep.engine import CarryOut
+from galton.sweep.parquet import from_bytes, record_of, to_bytes, with_record
+from galton.sweep.shard import provenance
+from galton.sweep.store import Store
+
+DATA = "data"
+"""The folder of summaries, and of what figures measured."""
+
+
+def load(out: str) -> Trained:
+    """What a folder holds.
+
+    Raises:
+        UsageError: a file there is damaged, or something else.
+    """
+    store = Store(f"{out}/{DATA}")
+    files = store.names("")
+    sweeps = {name: Summary.load(store, f"{name}.parquet") for name in all_sweeps() if f"{name}.parquet" in files}
+    measured = [name for name, figure in FIGURES.items() if figure.measure and f"{name}.parquet" in files]
+    return Trained(sweeps, {name: _measured(store, f"{name}.parquet") for name in measured})
+
+
+def _measured(store: Store, file: str) -> pa.Table:
+    try:
+        table = from_bytes(store.read(file))
+        record_of(table)
+    except (pa.ArrowException, OSError, KeyError, TypeError, ValueError) as error:
+        raise UsageError(f"{file} in {store.url} is not what was measured, or was damaged: {error}") from None
+    return table
+
+
+def of_no_figure(out: str) -> list[str]:
+    """The files of a folder's data that no figure knows, such as those of a study that was not imported."""
+    known = {f"{name}.parquet" for name in (*all_sweeps(), *FIGURES)}
+    return [file for file in Store(f"{out}/{DATA}").names("") if file not in known]
+
+
+def refuse_other_budgets(sweeps: Iterable[Sweep], measured: Iterable[str], budget: Budget, out: str) -> None:
+    """So that nothing is trained for a folder that has some of it at another budget.
+
+    Raises:
+        UsageError: it has.
+    """
+    there = load(out)
+    made = {sweep.name: done.provenance["budget"] for sweep in needed(sweeps) if (done := there.of(sweep))}
+    made |= {name: record_of(there.tables[name])["budget"] for name in measured if name in there.tables}
+    for name, other in made.items():
+        if other != budget:
+            raise UsageError(
+                f"out is {out}, whose {name} was made with budget {other!r}, not {budget!r}; name another folder, or "
+                f"remove {DATA}/{name}.parquet there"
+            )
+
+
+def measure(figures: Mapping[str, FigureStudy], budget: Budget, out: str) -> None:
+    """What these figures measure besides sweeps, unless the folder has it."""
+    there = load(out).tables
+    for name, figure in figures.items():
+        if figure.measure is not None and name not in there:
+            record = {"budget": budget, "versions": [versions()], "machines": [machine()]}
+            Store(f"{out}/{DATA}").write(f"{name}.parquet", to_bytes(with_record(figure.measure(budget), record)))
+
+
+def train(sweeps: Iterable[Sweep], budget: Budget, out: str, carry_out: CarryOut) -> None:
+    """Do what is not done yet.
+
+    Args:
+        sweeps: those whose winners they train come first.
+        budget: how much of each.
+        out: summaries go to its folder `data`, the runs to `sweeps`; a run needs no second training, and with its
+            summary there a sweep needs no runs.
+        carry_out: what trains.
+
+    Raises:
+        UsageError: the folder holds a sweep that is not the one asked for, or is in use, or full.
+    """
+    done = dict(load(out).sweeps)
+    for sweep in needed(sweeps):
+        name, study = sweep.name, sweep.study(budget, done)
+        if name in done:
+            if done[name].study != study:
+                raise UsageError(
+                    f"out is {out}, whose {name} is of another study than this version and budget {budget!r} ask for; "
+                    f"name another folder, or remove {DATA}/{name}.parquet there"
+                )
+            continue
+        store = Store(f"{out}/sweeps/{name}")
+        with store.lock():
+            plan = engine.prepare(store, study, 4 if budget == "smoke" else None, extend=False)  # few programs
+            carry_out(store, plan)
+            table: pa.Table = results.collect(store, plan)
+            done[name] = Summary.of_results(study, table, {"budget": budget} | provenance(store, plan))
+        done[name].save(Store(f"{out}/{DATA}"), f"{name}.parquet")

@@ -1,0 +1,129 @@
+"""Settings and arrays in one file: safetensors, whose header carries the settings as JSON and a checksum of all.
+
+Loading runs no code, imports nothing and makes no environment. Writing is atomic.
+"""
+
+import hashlib
+import json
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+from jaxtyping import PyTree
+from safetensors import SafetensorError
+from safetensors.numpy import load, save
+
+from galton.errors import CheckpointError, UsageError, require
+from galton.saving import files
+from galton.saving.provenance import version
+
+FORMAT = 1
+"""The number of today's format; a file of a higher one is of a newer version."""
+MAX_HEADER = 1 << 23
+MAX_FILE = 1 << 30
+
+Settings = dict[str, Any]
+"""What JSON can hold, by name."""
+
+
+def write(path: Path, settings: Settings, arrays: dict[str, np.ndarray]) -> None:
+    """Put a checkpoint at path, all of it or none.
+
+    Raises:
+        UsageError: a path that can't be written, or more than `read` takes.
+    """
+    record = {"format": FORMAT, "galton": version(), "settings": settings}
+    text = json.dumps(record | {"sha256": _digest(record, arrays)})
+    content = save({name: np.asarray(array, order="C") for name, array in arrays.items()}, {"galton": text})
+    require(
+        len(content) <= MAX_FILE and int.from_bytes(content[:8], "little") <= MAX_HEADER,
+        f"the checkpoint is too large: {len(content):,} bytes of at most {MAX_FILE:,}, "
+        f"{len(text):,} of settings of about {MAX_HEADER:,}; make the networks or spaces smaller",
+    )
+    try:
+        files.write(path, content)
+    except OSError as error:
+        raise UsageError(f"path is {path}, which can't be written: {error.strerror}; name another") from None
+
+
+def read(path: Path) -> tuple[Settings, dict[str, np.ndarray]]:
+    """The settings and the arrays that `write` put into a file.
+
+    Raises:
+        UsageError: no such file.
+        CheckpointError: a file that is not, bit for bit, what `write` wrote.
+    """
+    require(path.exists(), f"path is {path}, which does not exist")
+    try:
+        if not path.is_file() or path.stat().st_size > MAX_FILE:
+            raise CheckpointError("it is not a file of a checkpoint's size")
+        content = path.read_bytes()
+        length = int.from_bytes(content[:8], "little")
+        if len(content) < 8 or length > min(MAX_HEADER, len(content) - 8):
+            raise CheckpointError("its header is cut off or too long")
+        header = json.loads(content[8 : 8 + length])
+        record = json.loads(header["__metadata__"]["galton"])
+        _check_format(record)
+        arrays = load(content)
+        digest = record.pop("sha256")
+        whole = _digest(record, arrays) == digest
+        again = save(arrays, {"galton": json.dumps(record | {"sha256": digest})})
+        if not whole or again != content:
+            raise CheckpointError("its checksum is wrong: the file was damaged or changed")
+        if not isinstance(record["settings"], dict):
+            raise CheckpointError("its settings are missing")
+    except CheckpointError as error:
+        raise CheckpointError(f"{path} can't be loaded: {error}") from None
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError, SafetensorError) as error:
+        raise CheckpointError(f"{path} is not a checkpoint of Galton's: {type(error).__name__}: {error}") from None
+    return record["settings"], arrays
+
+
+def _check_format(record: Settings) -> None:
+    """Raise unless this version reads files of the record's format.
+
+    What a newer version wrote may have its checksum elsewhere, so this is asked first.
+    """
+    if not isinstance(record["format"], int) or record["format"] < FORMAT:
+        raise CheckpointError(f"its format is {record['format']!r}; this version reads {FORMAT}")
+    if record["format"] > FORMAT:
+        writer = str(record.get("galton", "not known"))[:40]
+        raise CheckpointError(
+            f"it was written by a newer version of Galton ({writer}, format {record['format']}); this one is "
+            f"{version()}, which reads format {FORMAT}: upgrade Galton to load it"
+        )
+
+
+def flatten(tree: PyTree) -> dict[str, np.ndarray]:
+    """The arrays of a pytree by their place in it, such as actor/0/kernel."""
+    return {_name(path): np.asarray(leaf) for path, leaf in jax.tree_util.tree_leaves_with_path(tree)}
+
+
+def unflatten(arrays: dict[str, np.ndarray], like: PyTree) -> PyTree:
+    """Undo `flatten`, into the structure, shapes and types of `like`.
+
+    Raises:
+        CheckpointError: an array that is missing or differs.
+    """
+    leaves, structure = jax.tree_util.tree_flatten_with_path(like)
+    for path, leaf in leaves:
+        found = arrays.get(_name(path))
+        wanted = (leaf.shape, np.dtype(leaf.dtype))
+        if found is None or (found.shape, found.dtype) != wanted:
+            there = "missing" if found is None else f"{found.shape} {found.dtype}"
+            raise CheckpointError(f"{_name(path)} in the checkpoint is {there}; its settings call for {wanted}")
+    return jax.tree.unflatten(structure, [arrays[_name(path)] for path, _ in leaves])
+
+
+def _name(path: tuple[object, ...]) -> str:
+    return jax.tree_util.keystr(path, simple=True, separator="/")
+
+
+def _digest(record: Settings, arrays: dict[str, np.ndarray]) -> str:
+    digest = hashlib.sha256(json.dumps(record, sort_keys=True).encode())
+    for name in sorted(arrays):
+        array = arrays[name]
+        digest.update(json.dumps([name, array.dtype.str, array.shape]).encode())
+        digest.update(array.tobytes())
+    return digest.hexdigest()

@@ -1,0 +1,59 @@
+"""Files that are whole or not there."""
+
+import contextlib
+import os
+import platform
+import re
+import secrets
+from collections.abc import Iterator
+from pathlib import Path
+
+SCRATCH = ".writing-"
+"""How the names of files begin that are not whole yet; machine and process follow."""
+
+
+def write(path: Path, data: bytes) -> None:
+    """Put all of the data at path, even if the machine stops meanwhile, or leave what was there.
+
+    Raises:
+        OSError: a path that can't be written.
+    """
+    with replacing(path) as scratch:
+        scratch.write_bytes(data)
+
+
+@contextlib.contextmanager
+def replacing(path: Path) -> Iterator[Path]:
+    """A scratch file beside `path` to write; it becomes `path` at the end, or vanishes if that is never reached.
+
+    It has the suffix of `path`, by which some writers choose a format. A link stays: what it points to is replaced.
+
+    Raises:
+        OSError: a path that can't be written.
+    """
+    path = path.resolve()
+    scratch = path.with_name(f"{SCRATCH}{platform.node()}-{os.getpid()}-{secrets.token_hex(4)}{path.suffix}")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        yield scratch
+        with scratch.open("r+b") as file:
+            os.fsync(file.fileno())
+        scratch.replace(path)
+    finally:
+        with contextlib.suppress(OSError):
+            scratch.unlink(missing_ok=True)
+
+
+def clear(folder: Path) -> None:
+    """Remove what processes of this machine left half-written in a folder and those in it when they were killed."""
+    if os.name != "posix":  # elsewhere nobody can ask whether a process lives
+        return
+    ours = re.compile(rf"{re.escape(SCRATCH + platform.node())}-(\d+)-[^-]*")
+    for scratch in [*folder.glob(f"{SCRATCH}*"), *folder.glob(f"*/{SCRATCH}*")]:
+        if match := ours.fullmatch(scratch.name):
+            try:
+                os.kill(int(match[1]), 0)
+            except ProcessLookupError:
+                scratch.unlink(missing_ok=True)
+            except OSError:
+                continue

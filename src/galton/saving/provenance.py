@@ -1,0 +1,55 @@
+"""What made a file: the versions, the machine and the commit."""
+
+import functools
+import importlib.metadata
+import platform
+import subprocess
+from pathlib import Path
+
+PACKAGES = ("galton", "jax", "jaxlib", "numpy", "optax", "gymnasium", "mujoco")
+"""The packages that results depend on."""
+
+
+@functools.cache
+def versions(*more: str) -> dict[str, str | None]:
+    """The versions of PACKAGES, of `more` and of Python, None where there is no such package; and the commit."""
+    found = {name: version(name) for name in (*PACKAGES, *more)}
+    return found | {"commit": commit(), "python": platform.python_version()}
+
+
+def version(package: str = "galton") -> str | None:
+    """The version of an installed package, if it is one."""
+    try:
+        return importlib.metadata.version(package)
+    except importlib.metadata.PackageNotFoundError:
+        return None
+
+
+def machine() -> str:
+    """The name of this machine, its architecture and its system."""
+    return f"{platform.node()} {platform.machine()} {platform.platform()}"
+
+
+def processor() -> str:
+    """The name of this machine's processor, where the system tells, or else its architecture."""
+    try:
+        described = Path("/proc/cpuinfo").read_text().splitlines()
+    except OSError:
+        described = []
+    names = [line.split(":", 1)[1].strip() for line in described if line.startswith("model name")]
+    return names[0] if names else platform.processor() or platform.machine()
+
+
+def commit() -> str | None:
+    """The commit of the checkout that this file belongs to, if it belongs to one."""
+
+    def git(*command: str) -> str:
+        here = Path(__file__).parent
+        done = subprocess.run(["git", *command], cwd=here, capture_output=True, text=True, check=True, timeout=10)
+        return done.stdout.strip()
+
+    try:
+        git("ls-files", "--error-unmatch", Path(__file__).name)  # it may lie in somebody else's
+        return git("describe", "--always", "--dirty", "--abbrev=12")
+    except (OSError, subprocess.SubprocessError):
+        return None

@@ -1,0 +1,140 @@
+"""Folders of results: filled by one process at a time, and whole or not there."""
+
+import contextlib
+import glob
+import json
+import os
+import shutil
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+import filelock
+
+from galton.errors import UsageError, require
+from galton.saving.provenance import machine, versions
+
+CONFIG = "config.json"
+"""What the results were made with; the file by which a folder of results is known."""
+
+
+@contextlib.contextmanager
+def result_folder(path: Path, overwrite: bool) -> Iterator[Path]:
+    """A hidden folder beside `path` to write into; it becomes `path` at the end, or vanishes if that is never reached.
+
+    Raises:
+        UsageError: at once, if path holds something and may not be overwritten, or another process is about to fill it.
+    """
+    check_free(path, overwrite)
+    with claimed(path):
+        check_free(path, overwrite)  # nobody else can fill it now
+        with replacing(path, overwrite) as fresh:
+            yield fresh
+
+
+def check_free(path: Path, overwrite: bool, instead: str = "--overwrite") -> None:
+    """Raise UsageError if path holds something that may not be replaced.
+
+    Args:
+        path: of the folder.
+        overwrite: whether an earlier folder of results may be.
+        instead: the options that the user could give, where it may not.
+    """
+    path = path.resolve()
+    with _told(path):
+        require(path.is_dir() or not path.exists(), f"out is {path}, which is a file; name a folder")
+        if not path.exists() or not any(path.iterdir()):
+            return
+    require(overwrite, f"out is {path}, which is in use; name another folder or give {instead}")
+    require(
+        (path / CONFIG).exists() and not Path.cwd().is_relative_to(path),
+        f"out is {path}, which is not a folder of results and is not overwritten; name another",
+    )
+
+
+@contextlib.contextmanager
+def claimed(path: Path) -> Iterator[None]:
+    """A time in which no other process claims the same folder. What killed ones left of it is put in order first.
+
+    Raises:
+        UsageError: another process has claimed it, or nothing can be written beside it.
+    """
+    path = path.resolve()
+    lock = filelock.FileLock(path.parent / f".{path.name}.lock", blocking=False)
+    with _told(path):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        try:
+            lock.acquire()
+        except filelock.Timeout:
+            raise UsageError(f"out is {path}, which another process is filling; name another folder") from None
+    try:
+        for stale in path.parent.glob(f".{glob.escape(path.name)}.galton-*/"):
+            _discard(stale, path)
+        yield
+    finally:
+        with contextlib.suppress(OSError):  # Windows can't remove an open file
+            Path(lock.lock_file).unlink()
+        lock.release()
+
+
+@contextlib.contextmanager
+def replacing(path: Path, overwrite: bool) -> Iterator[Path]:
+    """What `result_folder` gives, of a folder that is claimed: it takes the place of `path`, whose content goes then.
+
+    Raises:
+        UsageError: it can't be written, or somebody has filled `path` meanwhile.
+    """
+    path = path.resolve()
+    with _told(path):
+        scratch = Path(tempfile.mkdtemp(prefix=f".{path.name}.galton-", dir=path.parent))
+    try:
+        fresh = scratch / "new"
+        fresh.mkdir()
+        yield fresh
+        if overwrite and path.exists():
+            path.replace(scratch / "old")
+        try:
+            fresh.replace(path)
+        except OSError:
+            kept = fresh.replace(path.with_name(f"{path.name}-{os.getpid()}"))
+            raise UsageError(f"out is {path}, which somebody filled meanwhile; the results are in {kept}") from None
+    finally:
+        _discard(scratch, path)
+
+
+def write_settings(folder: Path, settings: dict[str, object]) -> None:
+    """Write config.json: the settings, the versions and the machine."""
+    record = settings | {"versions": versions(), "machine": machine()}
+    (folder / CONFIG).write_text(json.dumps(record, indent=2, default=str) + "\n")
+
+
+def read_settings(folder: Path) -> dict[str, object]:
+    """What `write_settings` wrote; nothing where there is no config.json.
+
+    Raises:
+        UsageError: the file can't be read, or is something else.
+    """
+    path = folder / CONFIG
+    try:
+        settings = json.loads(path.read_text())
+    except FileNotFoundError:
+        return {}
+    except (OSError, ValueError, RecursionError) as error:
+        raise UsageError(f"{path} can't be read: {error}") from None
+    require(isinstance(settings, dict), f"{path} holds no settings, which are a JSON object")
+    return settings
+
+
+@contextlib.contextmanager
+def _told(path: Path) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        raise UsageError(f"out is {path}, which can't be written: {error.strerror}; name another folder") from None
+
+
+def _discard(scratch: Path, path: Path) -> None:
+    """Remove a scratch folder, but first put back what it took from `path`, should it hold the only copy."""
+    if (scratch / "old").exists() and not path.exists():
+        (scratch / "old").replace(path)
+    shutil.rmtree(scratch, ignore_errors=True)

@@ -1,5 +1,0 @@
-"""Figure 6: what the Gaussian is sensitive to."""
-
-from galton.studies.sensitivity import study
-
-FIGURE = study("gaussian", "the Gaussian", ("learning_rate",))

@@ -1,0 +1,65 @@
+"""The paper's seven tasks with the settings of App. C.2: the one table that commands, grids and the studies read."""
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+from galton.envs.registry import find_task, is_known
+
+
+class Task(NamedTuple):
+    """One of the paper's tasks, or any other environment with settings that suit it."""
+
+    env: str
+    """One of ENVS, or a Gymnasium id."""
+    title: str
+    d: int = 0
+    """Action dimensions; 0 where they are not known."""
+    in_jax: bool = True
+    """Whether the environment is one of ours, in pure JAX."""
+    total_timesteps: int = 500_000
+    """The paper's training length."""
+    learning_rate: float = 7e-4
+    """What is taken where it is not tuned."""
+    learning_rates: tuple[float, ...] = (1e-4, 3e-4, 7e-4, 1e-3)
+    """Those of the paper's grid."""
+    etas: tuple[float, ...] = (0.01, 0.05, 0.1, 0.25, 0.5, 0.75)
+    """HL-Gauss's widths in the paper's grid."""
+    config: Mapping[str, Any] = {}
+    """What differs from Config's defaults."""
+    n_logs: int = 100
+    """Points of a learning curve, each with an evaluation."""
+    n_eval_episodes: int = 10
+    at_rest: float | None = None
+    """The mean return of the action 0 from the first step to the last, where a figure shows it."""
+
+
+def _outside(env: str, title: str, d: int = 0, total_timesteps: int = 500_000, at_rest: float | None = None) -> Task:
+    """A task outside JAX: fewer evaluations, since they cost."""
+    return Task(env, title, d, False, total_timesteps, n_logs=50, n_eval_episodes=2, at_rest=at_rest)
+
+
+TASKS = {
+    "bandit": Task(
+        "bandit",
+        "Bandit",
+        d=2,
+        total_timesteps=2_000,
+        learning_rate=0.05,
+        learning_rates=(0.01, 0.05, 0.1, 1.0),
+        etas=(0.1, 0.25, 0.5, 0.75, 1.0),
+        config={"n_steps": 5, "net_arch": ()},
+    ),
+    "lqr": Task("lqr", "LQR", d=2, at_rest=-26.03),
+    "mountain-car": Task("mountain-car", "Mountain Car", d=1, at_rest=0.0),
+    "acrobot": Task("acrobot", "Acrobot", d=1, at_rest=-500.0),
+    "reacher": _outside("Reacher-v5", "Reacher", d=2, at_rest=-11.69),
+    "half-cheetah": _outside("HalfCheetah-v5", "HalfCheetah", d=6, total_timesteps=1_000_000, at_rest=-0.23),
+    "ant": _outside("Ant-v5", "Ant", d=8, total_timesteps=1_000_000, at_rest=994.2),
+}
+"""By the names that `galton reproduce` takes, in the order of the paper's figures."""
+
+
+def task_of(env: str) -> Task:
+    """The task on that environment, by either of its names; for any other environment the paper's usual settings."""
+    env = find_task(env)[0] if is_known(env) else env
+    return next((task for task in TASKS.values() if task.env == env), _outside(env, env))

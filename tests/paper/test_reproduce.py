@@ -1,0 +1,232 @@
+"""The command that trains, draws and tells, at its smallest budget."""
+
+import dataclasses
+import shutil
+import subprocess
+import sys
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from matplotlib.figure import Figure
+
+from galton.cli.reproduce import asked
+from galton.errors import UsageError
+from galton.paper import reproduce
+from galton.paper.figure import FigureStudy
+from galton.paper.registry import FIGURES
+from galton.paper.report import budgets, claims
+from galton.paper.summary import Summary
+from galton.paper.sweeps import AGAIN, MAIN, Sweep, again
+from galton.paper.verdicts import claim
+from galton.saving.provenance import machine, versions
+from galton.sweep.parquet import record_of
+from galton.tasks import TASKS
+
+from . import made_up
+from .made_up import SWEEPS
+
+
+def galton(*arguments):
+    return subprocess.run(
+        [sys.executable, "-m", "galton", *map(str, arguments)], capture_output=True, text=True, timeout=900
+    )
+
+
+def files(folder):
+    return {str(path.relative_to(folder)): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """All of it, as a user asks for it."""
+    out = tmp_path_factory.mktemp("whole") / "paper"
+    done = galton("reproduce", "all", "--budget", "smoke", "--out", out)
+    assert done.returncode == 0, done.stderr
+    return out
+
+
+def test_all_of_it_at_the_smallest_budget(whole):
+    assert set(reproduce.load(str(whole)).sweeps) == set(SWEEPS)
+    for name in FIGURES:
+        assert (whole / "figures" / f"{name}.png").stat().st_size > 5_000
+        assert (whole / "figures" / f"{name}.svg").stat().st_size > 5_000
+    page = (whole / "index.html").read_text()
+    assert all(f'id="{name}"' in page for name in FIGURES)
+    assert "Not trained here" not in page
+    assert len(page) < 5_000_000
+
+
+def test_the_summaries_alone_give_the_same_page_without_training(whole, tmp_path):
+    shutil.copytree(whole / reproduce.DATA, tmp_path / reproduce.DATA)
+    done = galton("reproduce", "all", "--budget", "smoke", "--out", tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert not (tmp_path / "sweeps").exists()
+    assert {name: data for name, data in files(whole).items() if not name.startswith("sweeps")} == files(tmp_path)
+
+
+@pytest.mark.slow
+def test_a_report_alone_writes_the_same(whole, tmp_path):
+    shutil.copytree(whole / reproduce.DATA, tmp_path / reproduce.DATA)
+    assert galton("report", tmp_path).returncode == 0
+    assert {name: data for name, data in files(whole).items() if not name.startswith("sweeps")} == files(tmp_path)
+
+
+def test_another_budget_in_the_same_folder_is_refused(whole):
+    done = galton("reproduce", "propositions", "bandit", "--budget", "small", "--out", whole)
+    assert done.returncode == 2
+    assert "whose bandit was made with budget 'smoke', not 'small'" in done.stderr
+    assert done.stderr.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("arguments", "complaint"),
+    [
+        (["reproduce", "figure-11"], "what is 'figure-11'; choose from figure-1, "),
+        (["report", "nowhere"], "holds no data; make some with: galton reproduce"),
+    ],
+)
+def test_wrong_words_are_one_line(arguments, complaint):
+    done = galton(*arguments)
+    assert done.returncode == 2
+    assert complaint in done.stderr
+    assert done.stderr.count("\n") == 1
+
+
+def test_words_ask_for_sweeps():
+    everything, figures = asked(["all"])
+    assert {sweep.name for sweep in everything} == set(SWEEPS)
+    assert figures == FIGURES
+    assert asked(["figure-3"]) == (list(FIGURES["figure-3"].sweeps), {"figure-3": FIGURES["figure-3"]})
+    assert asked(["analytic"])[0] == [sweep for task in list(TASKS)[:4] for sweep in (MAIN[task], AGAIN[task])]
+    sweeps, figures = asked(["ant", "propositions"])
+    assert ([sweep.name for sweep in sweeps], [*figures]) == (["ant", "ant-again"], ["propositions"])
+    with pytest.raises(UsageError, match="what is 'cart-pole'"):
+        asked(["lqr", "cart-pole"])
+
+
+def test_what_a_figure_measured_is_kept_and_refused_at_another_budget(tmp_path):
+    calls = []
+
+    def measure(budget):
+        calls.append(budget)
+        return pa.table({"norm": [1.0]})
+
+    figures = {"propositions": dataclasses.replace(FIGURES["propositions"], measure=measure)}
+    for _ in range(2):
+        reproduce.measure(figures, "smoke", str(tmp_path))
+    assert calls == ["smoke"]
+    known = record_of(reproduce.load(str(tmp_path)).tables["propositions"])
+    assert (known["budget"], known["versions"], known["machines"]) == ("smoke", [versions()], [machine()])
+    reproduce.refuse_other_budgets([], [], "paper", str(tmp_path))
+    with pytest.raises(UsageError, match="propositions was made with budget 'smoke', not 'paper'"):
+        reproduce.refuse_other_budgets([], figures, "paper", str(tmp_path))
+
+
+def test_damaged_propositions_are_named(tmp_path):
+    store = reproduce.Store(f"{tmp_path}/{reproduce.DATA}")
+    for content in (b"PAR1", None):
+        if content is None:
+            pq.write_table(pa.table({"norm": [1.0]}), tmp_path / reproduce.DATA / "propositions.parquet")
+        else:
+            store.write("propositions.parquet", content)
+        with pytest.raises(UsageError, match=r"propositions.parquet in .* is not what was measured, or was damaged"):
+            reproduce.load(str(tmp_path))
+
+
+def test_a_summary_of_another_study_is_refused(tmp_path):
+    summary = made_up.data(lambda *_: 1.0, ("lqr",)).sweeps["lqr"]
+    other = dataclasses.replace(summary, study=dataclasses.replace(summary.study, trials=3))
+    other.save(reproduce.Store(f"{tmp_path}/{reproduce.DATA}"), "lqr.parquet")
+    with pytest.raises(UsageError, match="whose lqr is of another study than this version and budget 'smoke' ask for"):
+        reproduce.train([MAIN["lqr"]], "smoke", str(tmp_path), lambda *_: None)
+
+
+def test_figure_1_needs_no_training_and_takes_stale_figures_away(tmp_path):
+    (tmp_path / "figures").mkdir()
+    for name in ("figure-2.png", "mine.png"):
+        (tmp_path / "figures" / name).touch()
+    done = galton("reproduce", "figure-1", "--out", tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert sorted(path.name for path in (tmp_path / "figures").iterdir()) == [
+        "figure-1.png",
+        "figure-1.svg",
+        "mine.png",
+    ]
+    assert 'id="figure-1"' in (tmp_path / "index.html").read_text()
+
+
+def test_a_summary_is_enough(tmp_path):
+    """No sweep is carried out whose summary is there."""
+    data = made_up.data(lambda *_: 1.0, ("bandit", "bandit-again"))
+    for name, summary in data.sweeps.items():
+        summary.save(reproduce.Store(f"{tmp_path}/{reproduce.DATA}"), f"{name}.parquet")
+
+    def fail(*_):
+        raise AssertionError("trained")
+
+    reproduce.train([AGAIN["bandit"]], "smoke", str(tmp_path), fail)
+    with pytest.raises(AssertionError, match="trained"):
+        reproduce.train([MAIN["lqr"]], "smoke", str(tmp_path), fail)
+
+
+MINE = """
+from galton.analysis.plots import panels
+from galton.paper.figure import FigureStudy
+from galton.paper.registry import FIGURES
+from galton.paper.verdicts import claim
+
+
+def draw(trained):
+    figure, (axes,) = panels(1)
+    axes.plot([0, 1], gid="mine")
+    return figure
+
+
+def says(trained):
+    return claim("of our own", "It is drawn.", "nothing", {})
+
+
+FIGURES["mine"] = FigureStudy("A study of our own", "A line.", draw, claims={100: says})
+"""
+
+
+def test_a_study_from_outside_stands_on_the_page(tmp_path):
+    (tmp_path / "my_study.py").write_text(MINE)
+    command = [sys.executable, "-m", "galton", "reproduce", "mine", "--imports", "my_study", "--out", "out"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    page = (tmp_path / "out" / "index.html").read_text()
+    assert 'id="mine"' in page
+    assert page.index("a higher fraction of classification") < page.index("It is drawn.")
+    assert (tmp_path / "out" / "figures" / "mine.svg").exists()
+
+
+def test_a_sweep_from_outside_is_trained_drawn_and_judged(tmp_path, monkeypatch):
+    """What of it is trained again on fresh seeds is loaded too, though the figure does not name the grid."""
+    study = MAIN["lqr"].study("smoke", {})
+    grid = Sweep("mine", lambda budget, done: study, title="My grid")
+    mine = FigureStudy("My figure", "", lambda trained: Figure(), (again(grid),), claims={100: my_claim})
+    monkeypatch.setitem(FIGURES, "my-figure", mine)
+    results = made_up.results(study, lambda setting: 1.0)
+    Summary.of_results(study, results, made_up.PROVENANCE).save(data_of(tmp_path), "mine.parquet")
+    trained = reproduce.load(str(tmp_path))
+    assert [*trained.sweeps] == ["mine"]
+    assert "My grid (2 trials)" in budgets(trained)[0]
+    assert claims(trained)[-1].words == "Mine was trained."
+    assert claims(trained)[-1].section == "my-figure"
+
+
+def my_claim(trained):
+    return claim("mine", "Mine was trained." if "mine" in trained.sweeps else "It was not.", "", {})
+
+
+def data_of(folder):
+    return reproduce.Store(f"{folder}/{reproduce.DATA}")
+
+
+def test_data_of_no_figure_are_told(tmp_path):
+    for name, summary in made_up.data(lambda *_: 1.0, ("lqr",)).sweeps.items():
+        summary.save(data_of(tmp_path), f"{name}.parquet")
+        summary.save(data_of(tmp_path), "strange.parquet")
+    assert reproduce.of_no_figure(str(tmp_path)) == ["strange.parquet"]

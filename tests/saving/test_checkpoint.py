@@ -1,0 +1,500 @@
+import json
+import os
+import pickle
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+from safetensors.numpy import save
+
+from galton import A2C, CheckpointError, UsageError
+from galton.saving import checkpoint
+from galton.saving.provenance import version
+
+SETTINGS = {"name": "a", "numbers": [1, 2.5, float("inf"), None, True], "nested": {"b": {}, "ü": "σ"}}
+ARRAYS = {
+    "scalar": np.array(1.5),
+    "empty": np.zeros((0, 3), np.float32),
+    "flags": np.array([[True], [False]]),
+    "count": np.array([-(2**63), 2**63 - 1]),
+    "key": np.array([0, 2**32 - 1], np.uint32),
+    "numbers/deep/in": np.array([[np.nan, -0.0, np.inf]]),
+    "transposed": np.arange(6.0, dtype=np.float32).reshape(2, 3).T,
+}
+
+
+def frame(header, body=b"", length=None):
+    header = header if isinstance(header, bytes) else json.dumps(header).encode()
+    return (len(header) if length is None else length).to_bytes(8, "little") + header + body
+
+
+def tensor(shape, offsets, dtype="F32"):
+    return {"dtype": dtype, "shape": shape, "data_offsets": offsets}
+
+
+def with_metadata(text, **tensors):
+    return frame({"__metadata__": {"galton": text}} | tensors, b"\0" * 8)
+
+
+@pytest.fixture(scope="module")
+def small(tmp_path_factory):
+    path = tmp_path_factory.mktemp("small") / "file"
+    checkpoint.write(path, {"a": 1}, {"x": np.arange(3, dtype=np.int32), "y": np.array(True)})
+    return path.read_bytes()
+
+
+def refuse(path, content, message=None):
+    path.write_bytes(content)
+    with pytest.raises(CheckpointError, match=message):
+        checkpoint.read(path)
+
+
+def test_what_is_written_is_read_bit_for_bit(tmp_path):
+    path = tmp_path / "new" / "folder" / "file"
+    checkpoint.write(path, SETTINGS, ARRAYS)
+    settings, arrays = checkpoint.read(path)
+    assert settings == SETTINGS
+    assert arrays.keys() == ARRAYS.keys()
+    for name, array in ARRAYS.items():
+        assert (arrays[name].dtype, arrays[name].shape) == (array.dtype, array.shape)
+        assert arrays[name].tobytes() == array.tobytes()
+
+
+def test_the_same_content_gives_the_same_file(tmp_path):
+    for name in "ab":
+        checkpoint.write(tmp_path / name, SETTINGS, ARRAYS)
+    assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
+
+
+def test_a_pytree_survives_and_another_structure_is_refused():
+    tree = {"a": [np.arange(3), np.float32(1)], "b": (np.zeros((2, 0), bool),)}
+    flat = checkpoint.flatten(tree)
+    back = checkpoint.unflatten(flat, tree)
+    np.testing.assert_array_equal(back["a"][0], tree["a"][0])
+    assert back["b"][0].shape == (2, 0)
+    for wrong in ({"a": [np.arange(4)]}, {"a": [np.arange(3.0)]}, {"c": np.arange(3)}):
+        with pytest.raises(CheckpointError, match="in the checkpoint is"):
+            checkpoint.unflatten(flat, wrong)
+
+
+@pytest.mark.parametrize("step", ["write_bytes", "replace"])
+@pytest.mark.parametrize(("raised", "seen"), [(OSError(28, "No space left"), UsageError), (KeyboardInterrupt(),) * 2])
+def test_a_write_that_fails_leaves_the_old_file_and_no_scratch(tmp_path, monkeypatch, step, raised, seen):
+    path = tmp_path / "file"
+    checkpoint.write(path, {"old": 1}, {})
+    real = getattr(Path, step)
+
+    def fail(self, *arguments):
+        if step == "write_bytes":
+            real(self, arguments[0][:10])
+        raise raised
+
+    monkeypatch.setattr(Path, step, fail)
+    with pytest.raises(seen if isinstance(seen, type) else type(seen)):
+        checkpoint.write(path, {"new": 1}, ARRAYS)
+    monkeypatch.undo()
+    assert checkpoint.read(path)[0] == {"old": 1}
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+def test_a_path_that_can_not_be_written_is_a_usage_error(tmp_path):
+    (tmp_path / "file").touch()
+    for path in (tmp_path / "file" / "below", tmp_path, tmp_path / ("n" * 300)):
+        with pytest.raises(UsageError, match="can't be written"):
+            checkpoint.write(path, {}, {})
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+def test_what_read_would_refuse_for_its_size_is_not_written(tmp_path, monkeypatch):
+    monkeypatch.setattr(checkpoint, "MAX_HEADER", 1000)
+    with pytest.raises(UsageError, match="too large"):
+        checkpoint.write(tmp_path / "file", {"long": "x" * 2000}, {})
+    monkeypatch.setattr(checkpoint, "MAX_FILE", 1000)
+    with pytest.raises(UsageError, match="too large"):
+        checkpoint.write(tmp_path / "file", {}, {"x": np.zeros(1000)})
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_link_is_followed_by_both(tmp_path):
+    target, link = tmp_path / "target", tmp_path / "link"
+    link.symlink_to(target)
+    checkpoint.write(link, {"a": 1}, {})
+    assert link.is_symlink()
+    assert checkpoint.read(link) == checkpoint.read(target) == ({"a": 1}, {})
+    link.unlink()
+    link.symlink_to("/etc/passwd")
+    with pytest.raises(CheckpointError):
+        checkpoint.read(link)
+
+
+def test_a_missing_file_is_a_usage_error_that_names_it(tmp_path):
+    (tmp_path / "dangling").symlink_to("nowhere")
+    for name in ("nowhere", "dangling"):
+        with pytest.raises(UsageError, match=name):
+            checkpoint.read(tmp_path / name)
+
+
+def test_every_truncation_is_refused(tmp_path, small):
+    for length in range(len(small)):
+        refuse(tmp_path / "file", small[:length])
+    for more in (b"\0", b" ", small):
+        refuse(tmp_path / "file", small + more)
+
+
+def test_every_single_bit_flip_is_refused(tmp_path, small):
+    path = tmp_path / "file"
+    content = bytearray(small)
+    for place in range(len(content)):
+        for bit in range(8):
+            content[place] ^= 1 << bit
+            path.write_bytes(content)
+            with pytest.raises(CheckpointError):
+                checkpoint.read(path)
+            content[place] ^= 1 << bit
+    path.write_bytes(content)
+    checkpoint.read(path)
+
+
+class Bomb:
+    def __reduce__(self):
+        return os.system, ("touch /tmp/galton-was-here",)
+
+
+def zipped(path):
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("../data.pkl", pickle.dumps(Bomb()))
+    return path.read_bytes()
+
+
+def npz(path):
+    with path.open("wb") as file:
+        np.savez(file, allow_pickle=True, x=np.array([Bomb()], object))
+    return path.read_bytes()
+
+
+@pytest.mark.parametrize("protocol", range(pickle.HIGHEST_PROTOCOL + 1))
+def test_a_pickle_is_refused_and_does_not_run(tmp_path, protocol):
+    bomb = pickle.dumps(Bomb(), protocol)
+    for content in (bomb, frame(bomb), with_metadata(bomb.decode("latin-1")), len(bomb).to_bytes(8, "little") + bomb):
+        refuse(tmp_path / "file", content)
+    assert not Path("/tmp/galton-was-here").exists()
+
+
+@pytest.mark.parametrize("make", [zipped, npz])
+def test_archives_are_refused_and_do_not_run(tmp_path, make):
+    refuse(tmp_path / "file", make(tmp_path / "archive"))
+    assert not Path("/tmp/galton-was-here").exists()
+
+
+DEEP = b"[" * 100_000
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        b"",
+        b"hello, world\n" * 100,
+        b"\0" * 1000,
+        b"\xff" * 1000,
+        frame(b"{}", length=2**63),
+        frame(b"{}", length=2**64 - 1),
+        frame(b"{}", length=100 << 20),
+        frame(b" " * (9 << 20)),
+        frame(b""),
+        frame(b"null"),
+        frame(b"[]"),
+        frame({}),
+        frame({"__metadata__": None}),
+        frame({"__metadata__": {"galton": 1}}),
+        frame({"__metadata__": {"galton": "{}"}}),
+        frame(DEEP),
+        frame(b'{"a":' * 100_000),
+        with_metadata(DEEP.decode()),
+        with_metadata('{"format": NaN, "settings": {}, "sha256": ""}'),
+        with_metadata('{"format": 1, "format": 1, "settings": {}, "sha256": ""}'),
+        with_metadata("1" * 10_000),
+        with_metadata("[1, 2]"),
+        with_metadata('"text"'),
+        frame(b'{"__metadata__":{"galton":"{}"},"x":NaN}'),
+        frame(b"\xff\xfe{}"),
+        *(
+            with_metadata('{"format": 1, "settings": {}, "sha256": ""}', **tensors)
+            for tensors in (
+                {"x": tensor([2], [0, 2**40])},
+                {"x": tensor([2], [8, 0])},
+                {"x": tensor([2], [-8, 0])},
+                {"x": tensor([2**62], [0, 8])},
+                {"x": tensor([2**63, 2**63], [0, 8])},
+                {"x": tensor([0, 2**62], [0, 0]), "y": tensor([2], [0, 8])},
+                {"x": tensor([-2], [0, 8])},
+                {"x": tensor([2], [0, 8]), "y": tensor([2], [0, 8])},
+                {"x": tensor([1], [0, 4]), "y": tensor([1], [2, 6])},
+                {"x": tensor([1], [0, 4])},
+                {"x": tensor([2], [0, 8], "PICKLE")},
+                {"x": tensor([4], [0, 8], "BF16")},
+                {"x": tensor([8], [0, 8], "F8_E4M3")},
+                {"x": {}},
+                {"x": None},
+                {"../../x": tensor([2], [0, 8])},
+                {"/etc/passwd": tensor([2], [0, 8])},
+                {"": tensor([2], [0, 8])},
+            )
+        ),
+    ],
+    ids=lambda content: repr(content[8:80]),
+)
+def test_hostile_files_give_one_error(tmp_path, content):
+    refuse(tmp_path / "file", content)
+
+
+def test_a_folder_a_pipe_and_a_device_are_refused(tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    for path in (tmp_path, tmp_path / "pipe", Path("/dev/zero")):
+        with pytest.raises(CheckpointError):
+            checkpoint.read(path)
+
+
+def test_a_huge_file_is_not_read(tmp_path):
+    with (tmp_path / "file").open("wb") as file:
+        file.truncate(1 << 40)
+    with pytest.raises(CheckpointError, match="size"):
+        checkpoint.read(tmp_path / "file")
+
+
+@pytest.mark.parametrize(
+    ("record", "message"),
+    [
+        ({"format": 0, "settings": {}}, "its format is 0; this version reads 1"),
+        ({"format": "1", "settings": {}}, "its format is '1'; this version reads 1"),
+        ({"format": 2, "settings": {}}, r"written by a newer version of Galton \(not known, format 2\)"),
+        ({"format": 1, "settings": []}, "settings"),
+        ({"format": 1, "settings": "text"}, "settings"),
+        ({"format": 1, "settings": None}, "settings"),
+        ({"format": 1}, "settings"),
+        ({"settings": {}}, "format"),
+    ],
+)
+def test_wrong_records_with_a_right_checksum_are_refused(tmp_path, record, message):
+    arrays = {"x": np.zeros(3)}
+    text = json.dumps(record | {"sha256": checkpoint._digest(record, arrays)})
+    refuse(tmp_path / "file", save(arrays, {"galton": text}), message)
+
+
+def test_a_file_of_a_newer_version_is_never_called_damaged(tmp_path):
+    """Whatever else it changed: where the checksum stands, for instance."""
+    record = {"format": checkpoint.FORMAT + 1, "galton": "99.1", "contents": []}
+    content = save({"x": np.zeros(3)}, {"galton": json.dumps(record)})
+    refuse(tmp_path / "file", content, r"newer version of Galton \(99\.1, format 2\); this one is .* upgrade")
+    with pytest.raises(CheckpointError) as told:
+        checkpoint.read(tmp_path / "file")
+    assert "damaged" not in str(told.value)
+
+
+def test_a_file_says_which_version_wrote_it_and_older_ones_did_not(tmp_path):
+    checkpoint.write(tmp_path / "new", {"a": 1}, ARRAYS)
+    content = (tmp_path / "new").read_bytes()
+    header = json.loads(content[8 : 8 + int.from_bytes(content[:8], "little")])
+    assert json.loads(header["__metadata__"]["galton"])["galton"] == version()
+    record = {"format": 1, "settings": {"a": 1}}
+    text = json.dumps(record | {"sha256": checkpoint._digest(record, ARRAYS)})
+    arrays = {name: np.asarray(array, order="C") for name, array in ARRAYS.items()}
+    (tmp_path / "old").write_bytes(save(arrays, {"galton": text}))
+    assert checkpoint.read(tmp_path / "old")[0] == checkpoint.read(tmp_path / "new")[0]
+
+
+def test_a_name_with_a_path_in_it_touches_no_other_file(tmp_path):
+    (tmp_path / "in").mkdir()
+    checkpoint.write(tmp_path / "in" / "file", {}, {"../../escape": np.zeros(2), "/absolute": np.zeros(2)})
+    assert set(checkpoint.read(tmp_path / "in" / "file")[1]) == {"../../escape", "/absolute"}
+    assert [path.name for path in tmp_path.iterdir()] == ["in"]
+
+
+# A model's file, rewritten with a right checksum. Loaded in a fresh process, without the checks of the tests' types.
+
+BOX = {"Box": [[-1.0], [1.0], [2], "<f4"]}
+
+
+def config(**changes):
+    return lambda settings, arrays: settings["config"].update(changes)
+
+
+def hypers(**changes):
+    return lambda settings, arrays: settings["hypers"].update(changes)
+
+
+def settings(**changes):
+    return lambda settings, arrays: settings.update(changes)
+
+
+def nested(depth):
+    space = json.loads(json.dumps(BOX))
+    for _ in range(depth):
+        space = {"Tuple": [space]}
+    return space
+
+
+def change(name, f):
+    def attack(settings, arrays):
+        arrays[name] = np.asarray(f(arrays[name]))
+
+    return attack
+
+
+KERNEL = "run/learner/params/actor/0/kernel"
+ATTACKS = {
+    "n_bins huge": config(n_bins=10**9),
+    "n_bins beyond int64": config(n_bins=10**30),
+    "n_bins negative": config(n_bins=-1),
+    "n_bins another": config(n_bins=11),
+    "n_bins text": config(n_bins="10"),
+    "n_bins float": config(n_bins=10.0),
+    "n_bins flag": config(n_bins=True),
+    "net_arch huge": config(net_arch=[10**9, 10**9]),
+    "net_arch long": config(net_arch=[8] * 100_000),
+    "net_arch negative": config(net_arch=[10**12, -(10**12)]),
+    "net_arch text": config(net_arch="88"),
+    "net_arch of lists": config(net_arch=[[8]]),
+    "n_steps huge": config(n_steps=10**18),
+    "n_steps zero": config(n_steps=0),
+    "n_envs huge": config(n_envs=10**9),
+    "n_envs negative": config(n_envs=-2, n_steps=-20),
+    "loss unknown": config(loss="os.system"),
+    "loss a list": config(loss=["hl-gauss"]),
+    "flag text": config(normalize_observation="yes"),
+    "choice unknown": config(exploration="none"),
+    "config unknown key": config(extra=1),
+    "config missing key": lambda settings, arrays: settings["config"].pop("n_bins"),
+    "config a list": settings(config=[]),
+    "rate text": hypers(learning_rate="0.1"),
+    "rate negative": hypers(learning_rate=-1.0),
+    "rate NaN": hypers(learning_rate=float("nan")),
+    "rate list": hypers(learning_rate=[0.1]),
+    "rate huge integer": hypers(learning_rate=10**400),
+    "hypers unknown key": hypers(extra=1.0),
+    "hypers missing key": lambda settings, arrays: settings["hypers"].pop("gamma"),
+    "seed negative": settings(seed=-1),
+    "seed huge": settings(seed=2**32),
+    "seed float": settings(seed=0.5),
+    "step text": settings(step="100"),
+    "step negative": settings(step=-100),
+    "step another": settings(step=120),
+    "step huge": settings(step=10**30),
+    "log_interval zero": settings(log_interval=0),
+    "n_predictions huge": settings(n_predictions=2**64),
+    "class another": settings(**{"class": "os.system"}),
+    "env a list": settings(env=["os:system"]),
+    "unknown key": settings(extra=1),
+    "missing key": lambda settings, arrays: settings.pop("action_space"),
+    "nothing": lambda settings, arrays: settings.clear(),
+    "actions huge": settings(action_space={"Box": [[-1.0], [1.0], [10**9], "<f4"]}),
+    "actions many": settings(action_space={"Box": [[-1.0] * 100_000, [1.0] * 100_000, [100_000], "<f4"]}),
+    "actions negative": settings(action_space={"Box": [[-1.0], [1.0], [-2], "<f4"]}),
+    "actions reversed": settings(action_space={"Box": [[1.0], [-1.0], [2], "<f4"]}),
+    "actions unbounded": settings(action_space={"Box": [[-float("inf")], [float("inf")], [2], "<f4"]}),
+    "actions discrete": settings(action_space={"Discrete": [2, 0]}),
+    "actions of text": settings(action_space={"Box": [["a"], ["b"], [2], "<f4"]}),
+    "actions of objects": settings(action_space={"Box": [[-1.0], [1.0], [2], "O"]}),
+    "observations of long text": settings(observation_space={"Box": [[0.0], [1.0], [2], "S1000000000"]}),
+    "observations a record": settings(observation_space={"Box": [[0.0], [1.0], [2], "(1000000000,)f4"]}),
+    "observations huge": settings(observation_space={"Box": [[0.0], [1.0], [10**5, 10**5], "<f4"]}),
+    "observations cancel": settings(
+        observation_space={
+            "Tuple": [{"Box": [[0.0], [1.0], [10**9], "<f4"]}, {"Box": [[0.0], [1.0], [-(10**9)], "<f4"]}]
+        }
+    ),
+    "observations discrete": settings(observation_space={"Discrete": [10**12, 0]}),
+    "observations start": settings(observation_space={"Discrete": [2, 10**30]}),
+    "observations binary": settings(observation_space={"MultiBinary": [10**9]}),
+    "observations multi": settings(observation_space={"MultiDiscrete": [2**62] * 4}),
+    "observations deep": settings(observation_space=nested(400)),
+    "observations unknown": settings(observation_space={"os:system": ["ls"]}),
+    "observations two": settings(observation_space=BOX | {"Discrete": [2, 0]}),
+    "observations text": settings(observation_space={"Box": "abcd"}),
+    "array missing": lambda settings, arrays: arrays.pop(KERNEL),
+    "array of another shape": change(KERNEL, lambda x: x[:, :1]),
+    "array of another type": change(KERNEL, lambda x: x.astype(np.float64)),
+    "array of more runs": change(KERNEL, lambda x: np.repeat(x, 3, 0)),
+    "array of no run": change(KERNEL, lambda x: x[:0]),
+    "array a number": change(KERNEL, lambda x: x.ravel()[0]),
+    "array step": change("run/step", lambda x: x + 20),
+    "array step missing": lambda settings, arrays: arrays.pop("run/step"),
+}
+
+LOADER = """
+import json, resource, sys, time
+import galton
+galton.use_all_cores()
+galton.A2C.load(sys.argv[1])
+before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+known = set(sys.modules)
+for path in sys.argv[2:]:
+    start = time.perf_counter()
+    try:
+        galton.A2C.load(path)
+        seen = "loaded"
+    except Exception as error:
+        seen = type(error).__name__
+    megabytes = (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) / 1024
+    print(json.dumps([seen, time.perf_counter() - start, megabytes, sorted(set(sys.modules) - known)]), flush=True)
+"""
+
+
+@pytest.fixture(scope="module")
+def model(tmp_path_factory):
+    path = tmp_path_factory.mktemp("model") / "model"
+    return A2C("lqr", n_bins=10, net_arch=(8,)).learn(100, progress_bar=False, log_interval=5).save(path)
+
+
+def rewritten(model, path, attack):
+    settings, arrays = checkpoint.read(model)
+    attack(settings, arrays)
+    checkpoint.write(path, settings, arrays)
+    return path
+
+
+def load_elsewhere(model, paths):
+    done = subprocess.run([sys.executable, "-c", LOADER, model, *paths], capture_output=True, text=True, check=True)
+    return [json.loads(line) for line in done.stdout.splitlines()]
+
+
+def test_hostile_settings_and_arrays_give_one_error_quickly_in_little_memory(model, tmp_path):
+    paths = [rewritten(model, tmp_path / str(i), attack) for i, attack in enumerate(ATTACKS.values())]
+    answers = load_elsewhere(model, paths)
+    assert len(answers) == len(ATTACKS)
+    seen = {name: answer for name, answer in zip(ATTACKS, answers, strict=True) if answer[0] != "CheckpointError"}
+    assert not seen
+    assert max(answer[1] for answer in answers) < 5
+    assert answers[-1][2] < 200
+
+
+def test_loading_imports_nothing_whatever_the_file_names(model, tmp_path, monkeypatch):
+    (tmp_path / "evilmodule.py").write_text("raise SystemExit('imported')")
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=os.pathsep)
+    names = ["os:system", "evilmodule:Env-v0", "this:Env-v0", "../../evil"]
+    paths = [rewritten(model, tmp_path / str(i), settings(env=name)) for i, name in enumerate(names)]
+    for seen, _, _, modules in load_elsewhere(model, paths):
+        assert seen == "loaded"
+        assert not {"evilmodule", "this"} & set(modules)
+
+
+@pytest.mark.parametrize("name", ["n_bins huge", "rate text", "array missing", "observations huge"])
+def test_the_error_names_the_file(model, tmp_path, name):
+    path = rewritten(model, tmp_path / "hostile", ATTACKS[name])
+    with pytest.raises(CheckpointError, match="hostile"):
+        A2C.load(path)
+
+
+@pytest.mark.parametrize(
+    "attack",
+    [
+        change("run/key", lambda x: x[:, :1]),
+        change("run/tally/n_episodes", lambda x: x.astype(np.int32)),
+        lambda settings, arrays: arrays.pop("run/tally/length"),
+    ],
+)
+def test_a_damaged_run_is_refused_where_it_is_to_go_on(model, tmp_path, attack):
+    with pytest.raises(CheckpointError, match="hostile"):
+        A2C.load(rewritten(model, tmp_path / "hostile", attack), env="lqr")

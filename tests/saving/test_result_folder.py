@@ -1,0 +1,149 @@
+import pytest
+
+from galton import UsageError
+from galton.saving.result_folder import check_free, claimed, read_settings, result_folder, write_settings
+
+
+def fill(folder, text):
+    (folder / "config.json").write_text(text)
+
+
+def test_the_folder_appears_whole(tmp_path):
+    with result_folder(tmp_path / "out", overwrite=False) as folder:
+        fill(folder, "new")
+        assert not (tmp_path / "out").exists()
+    assert (tmp_path / "out" / "config.json").read_text() == "new"
+    assert list(tmp_path.iterdir()) == [tmp_path / "out"]
+
+
+@pytest.mark.parametrize("error", [RuntimeError, KeyboardInterrupt])
+def test_an_error_leaves_what_was_there(error, tmp_path):
+    (tmp_path / "out").mkdir()
+    fill(tmp_path / "out", "old")
+
+    def fail():
+        with result_folder(tmp_path / "out", overwrite=True) as folder:
+            fill(folder, "new")
+            raise error
+
+    with pytest.raises(error):
+        fail()
+    assert (tmp_path / "out" / "config.json").read_text() == "old"
+    assert list(tmp_path.iterdir()) == [tmp_path / "out"]
+
+
+def test_overwriting_replaces_everything(tmp_path):
+    (tmp_path / "out").mkdir()
+    fill(tmp_path / "out", "old")
+    (tmp_path / "out" / "other").write_text("old")
+    with result_folder(tmp_path / "out", overwrite=True) as folder:
+        fill(folder, "new")
+    assert [path.name for path in (tmp_path / "out").iterdir()] == ["config.json"]
+
+
+def test_an_empty_folder_is_free(tmp_path):
+    (tmp_path / "out").mkdir()
+    with result_folder(tmp_path / "out", overwrite=False) as folder:
+        fill(folder, "new")
+    assert (tmp_path / "out" / "config.json").exists()
+
+
+def test_a_second_filler_is_refused(tmp_path):
+    with result_folder(tmp_path / "out", overwrite=False) as folder:
+        with (
+            pytest.raises(UsageError, match="another process is filling"),
+            result_folder(tmp_path / "out", overwrite=False),
+        ):
+            pass
+        fill(folder, "new")
+    assert list(tmp_path.iterdir()) == [tmp_path / "out"]
+
+
+def test_results_survive_when_somebody_fills_the_folder_meanwhile(tmp_path):
+    def meet():
+        with result_folder(tmp_path / "out", overwrite=False) as folder:
+            fill(folder, "ours")
+            (tmp_path / "out").mkdir()
+            fill(tmp_path / "out", "theirs")
+
+    with pytest.raises(UsageError, match="the results are in"):
+        meet()
+    assert {(path / "config.json").read_text() for path in tmp_path.iterdir()} == {"ours", "theirs"}
+
+
+def test_the_remains_of_a_killed_process_are_cleared_and_nothing_else(tmp_path):
+    for name in (".out.galton-dead", ".out.backup", ".other.galton-x"):
+        (tmp_path / name).mkdir()
+    with result_folder(tmp_path / "out", overwrite=False) as folder:
+        fill(folder, "new")
+    assert {path.name for path in tmp_path.iterdir()} == {"out", ".out.backup", ".other.galton-x"}
+
+
+def test_a_file_in_the_way_is_named(tmp_path):
+    fill(tmp_path, "mine")
+    with pytest.raises(UsageError, match="which is a file"), result_folder(tmp_path / "config.json", overwrite=True):
+        pass
+    with (
+        pytest.raises(UsageError, match="can't be written"),
+        result_folder(tmp_path / "config.json" / "out", overwrite=True),
+    ):
+        pass
+
+
+def test_what_a_process_killed_between_two_renames_set_aside_is_put_back(tmp_path):
+    (tmp_path / ".out.galton-dead" / "old").mkdir(parents=True)
+    fill(tmp_path / ".out.galton-dead" / "old", "precious")
+
+    def fail():
+        with result_folder(tmp_path / "out", overwrite=False):
+            raise RuntimeError
+
+    with pytest.raises(UsageError, match="which is in use"):
+        fail()
+    assert (tmp_path / "out" / "config.json").read_text() == "precious"
+
+
+def test_settings_come_back_with_what_made_them(tmp_path):
+    assert read_settings(tmp_path) == {}
+    write_settings(tmp_path, {"env": "lqr", "env_kwargs": {"noise_std": 0.5}})
+    known = read_settings(tmp_path)
+    assert (known["env"], known["env_kwargs"]) == ("lqr", {"noise_std": 0.5})
+    assert known["versions"]["galton"]
+    assert known["machine"]
+
+
+@pytest.mark.parametrize("text", ["", "{", "[1]", '"env"', "[" * 100_000])
+def test_settings_that_are_something_else_are_a_usage_error(tmp_path, text):
+    fill(tmp_path, text)
+    with pytest.raises(UsageError, match=r"config\.json"):
+        read_settings(tmp_path)
+
+
+def test_a_claim_ends_with_its_block_and_leaves_no_trace(tmp_path):
+    for _ in range(2):
+        with (
+            claimed(tmp_path / "new" / "out"),
+            pytest.raises(UsageError, match="another process is filling"),
+            claimed(tmp_path / "new" / "out"),
+        ):
+            pass
+        assert list((tmp_path / "new").iterdir()) == []
+
+
+def test_a_name_that_is_too_long_is_told(tmp_path):
+    with pytest.raises(UsageError, match="can't be written: File name too long"):
+        check_free(tmp_path / ("n" * 300), overwrite=False)
+    with pytest.raises(UsageError, match="can't be written: File name too long"), claimed(tmp_path / ("n" * 252)):
+        pass
+
+
+def test_only_folders_of_results_are_overwritten(tmp_path, monkeypatch):
+    (tmp_path / "thesis").mkdir()
+    (tmp_path / "thesis" / "chapter").write_text("precious")
+    with pytest.raises(UsageError, match="not a folder of results"), result_folder(tmp_path / "thesis", overwrite=True):
+        pass
+    fill(tmp_path, "mine")
+    monkeypatch.chdir(tmp_path / "thesis")
+    with pytest.raises(UsageError, match="not a folder of results"), result_folder(tmp_path, overwrite=True):
+        pass
+    assert (tmp_path / "thesis" / "chapter").read_text() == "precious"
