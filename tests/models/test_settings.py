@@ -62,7 +62,7 @@ def test_what_editors_show_is_what_a_model_takes_with_the_defaults_that_it_has(m
 def test_a_setting_of_another_algorithm_is_refused_with_those_that_there_are():
     with pytest.raises(TypeError, match=r"A2C\(\) got an unexpected keyword argument 'clip_range'; it takes .*eta"):
         A2C("lqr", clip_range=0.1)
-    assert PPO("lqr", clip_range=0.1, n_steps=64).hypers.clip_range == 0.1
+    assert PPO("lqr", **SMALL, clip_range=0.1, n_steps=64).hypers.clip_range == 0.1
 
 
 WRONG_TYPES = """
@@ -82,12 +82,15 @@ for attempt, message in (
     (lambda: make(n_steps="20"), "n_steps is 20"),
     (lambda: make(net_arch=8), "net_arch is 8"),
     (lambda: make(net_arch="88"), "an entry of net_arch is 8"),
+    (lambda: make(normalize_reward=2), "normalize_reward is 2; it must be True or False"),
+    (lambda: make(normalize_reward="no"), "normalize_reward is 'no'"),
+    (lambda: make(policy=None), "policy is None"),
     (lambda: make(loss=["mse"]), "loss is ['mse']"),
     (lambda: make(loss=None), "loss is None"),
     (lambda: model.learn(1e4), "total_timesteps is 10000.0"),
     (lambda: model.learn(True), "total_timesteps is True"),
     (lambda: model.learn(20, callback=7), "callback is 7"),
-    (lambda: model.learn(20, log_interval=None), "log_interval is None"),
+    (lambda: model.learn(20, log_interval="often"), "log_interval is often"),
 ):
     try:
         attempt()
