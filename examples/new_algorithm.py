@@ -1,7 +1,7 @@
-"""An algorithm of your own: advantage-weighted regression (Peng et al., 2019), on-policy. A record and a line in ALGORITHMS.
+"""An algorithm of your own, a record and a line in ALGORITHMS: on-policy advantage-weighted regression.
 
-Each sample is weighted by exp(A / β), never by a negative number: the loss is regression or classification to the
-letter, and every loss of Galton's fits.
+Each sample is weighted by exp(A / β), never by a negative number (Peng et al., 2019): the loss is regression or
+classification to the letter, and every loss of Galton's fits.
 """
 
 import jax
@@ -15,7 +15,8 @@ BETA, N_STEPS, LARGEST = 1.0, 10, 20.0
 
 
 def update(agent, learner, batch, hypers, key):
-    """Ten gradient steps on a rollout [T, N], with advantages of the critic that began it."""
+    """Ten gradient steps on a rollout [T, N], with advantages of the critic that began it; nothing is random."""
+    del key
     observation, following, action = map(flatten, (batch.observation, batch.next_observation, batch.action))
     values = actor_critic.value(learner.params, observation)
     advantage = actor_critic.advantages(values, actor_critic.value(learner.params, following), batch, hypers)
@@ -26,7 +27,8 @@ def update(agent, learner, batch, hypers, key):
         def objective(params):
             outputs, values = actor_critic.outputs_and_values(params, observation)
             distribution = agent.policy.distribution(outputs, params, hypers)
-            parts = actor_critic.objective(agent, distribution, action, weight, values, returns, hypers)
+            loss = agent.loss.function(distribution, action, hypers)
+            parts = actor_critic.objective(distribution, loss, weight, values, returns, hypers)
             return parts.total, parts
 
         gradient, parts = jax.grad(objective, has_aux=True)(learner.params)

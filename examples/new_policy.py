@@ -1,4 +1,4 @@
-"""A policy of your own: Laplace noise around the mean. A class and a line in POLICIES; every loss of any density fits."""
+"""A policy of your own: Laplace noise around the mean. A class and a line in POLICIES; losses of any density fit it."""
 
 import dataclasses
 from typing import ClassVar
@@ -48,7 +48,7 @@ class LaplacePolicy:
     label: ClassVar[str] = "Laplace"
 
     @classmethod
-    def create(cls, config, low, high):
+    def create(cls, _, low, high):
         return cls(low, high)
 
     @property

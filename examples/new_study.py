@@ -6,7 +6,7 @@ import numpy as np
 
 from galton.analysis.plots import draw_series, finish, look_of, panels
 from galton.analysis.statistics import difference_interval, mean_interval
-from galton.commands.reproduce import reproduce
+from galton.cli.reproduce import reproduce
 from galton.paper.figure import FigureStudy
 from galton.paper.registry import FIGURES
 from galton.paper.sweeps import Sweep

@@ -9,9 +9,10 @@ import pyarrow.parquet as pq
 import pytest
 
 # All that is not public; where it lives may change, what is read with it may not.
-from galton.studies import reproduce
-from galton.studies.claims import all_claims
-from galton.studies.sweeps import SWEEPS
+from galton.paper import reproduce
+from galton.paper.registry import all_sweeps
+from galton.paper.report import claims
+from galton.paper.sweeps import AGAIN, MAIN
 from galton.sweep.grid import paper_grid, task_defaults
 from galton.sweep.plan import Plan, fold_in
 from galton.sweep.store import Store
@@ -90,7 +91,7 @@ def told_by(out):
         }
         digest = hashlib.sha256("\n".join(names).encode()).hexdigest()
         found[name] = {"runs": summary.table.num_rows, "settings": len(names), "names": digest, "best": best}
-    return found, [[claim.source, claim.number, claim.verdict] for claim in all_claims(data)]
+    return found, [[claim.source, claim.number, claim.verdict] for claim in claims(data)]
 
 
 def check_told(out, known):
@@ -108,16 +109,16 @@ def test_results_are_still_of_the_studies_that_reproduce_asks_for():
     def carry_out(store, plan):
         raise AssertionError(f"{store.url} is trained again")
 
-    reproduce.train(["bandit", "bandit-again"], "smoke", str(V1 / "results"), carry_out)
+    reproduce.train([MAIN["bandit"], AGAIN["bandit"]], "smoke", str(V1 / "results"), carry_out)
     assert [path.name for path in (V1 / "results").iterdir()] == ["data"]
 
 
 def test_all_published_results_open():
     data = reproduce.load(str(PAPER))
-    assert set(SWEEPS) | set(record("paper.json")["sweeps"]) == set(data.sweeps)
+    assert set(all_sweeps()) | set(record("paper.json")["sweeps"]) == set(data.sweeps)
     files = {path.stem for path in (PAPER / "data").iterdir()}
     assert files == set(data.sweeps) | {"propositions"}
-    assert data.propositions.num_rows > 0
+    assert data.tables["propositions"].num_rows > 0
     for summary in data.sweeps.values():
         assert summary.table.num_rows == len(summary.study.settings) * summary.study.trials
         assert np.isfinite(summary.curves("evaluation_return")).any()

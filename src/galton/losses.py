@@ -36,13 +36,12 @@ def gaussian(distribution: Distribution, action: Float[Array, "*batch d"], hyper
 
 def hl_one_hot(distribution: Histogram, action: Float[Array, "*batch d"], hypers: Hypers) -> Float[Array, "*batch"]:
     """HL-1-Hot: cross-entropy with all mass on the sampled bin (eq. 6). No number has a part in it."""
-    del hypers
-    return cross_entropy(distribution, targets.one_hot(distribution.bins, action))
+    return cross_entropy(distribution, one_hot_target(distribution, action, hypers))
 
 
 def hl_gauss(distribution: Histogram, action: Float[Array, "*batch d"], hypers: Hypers) -> Float[Array, "*batch"]:
     """HL-Gauss: cross-entropy with a Gaussian histogram around the sampled action (eq. 6)."""
-    return cross_entropy(distribution, _gaussian_target(distribution, action, hypers.eta))
+    return cross_entropy(distribution, gaussian_target(distribution, action, hypers))
 
 
 def hl_gauss_centred(
@@ -54,8 +53,37 @@ def hl_gauss_centred(
     not π. With q − Kᵀπ as the weights (K: row j is the target of bin j's center) that pull is gone: a constant
     added to the advantage changes nothing on average, and K = I gives HL-1-Hot.
     """
-    expected = lax.stop_gradient(expected_target(distribution, hypers.eta))
-    return cross_entropy(distribution, _gaussian_target(distribution, action, hypers.eta) - expected)
+    return cross_entropy(distribution, lax.stop_gradient(centred_target(distribution, action, hypers)))
+
+
+def cross_entropy(distribution: Histogram, weights: Float[Array, "*batch d k"]) -> Float[Array, "*batch"]:
+    """−Σ_l Σ_i weights_l(i) log π_l(i); the gradient in the logits is π − weights where these sum to 1 (App. A)."""
+    return -(weights * log_softmax(distribution.logits)).sum((-2, -1))
+
+
+def one_hot_target(
+    distribution: Histogram, action: Float[Array, "*batch d"], hypers: Hypers
+) -> Float[Array, "*batch d k"]:
+    """All mass on the sampled bin."""
+    del hypers
+    return targets.one_hot(distribution.bins, action)
+
+
+def gaussian_target(
+    distribution: Histogram, action: Float[Array, "*batch d"], hypers: Hypers
+) -> Float[Array, "*batch d k"]:
+    """A Gaussian histogram of σ = η bin widths around the sampled action."""
+    bins = distribution.bins
+    if distribution.samples_centers:
+        return targets.hl_gauss_of_center(bins.n_bins, bins.encode(action), hypers.eta)
+    return targets.hl_gauss(bins, action, hypers.eta)
+
+
+def centred_target(
+    distribution: Histogram, action: Float[Array, "*batch d"], hypers: Hypers
+) -> Float[Array, "*batch d k"]:
+    """The Gaussian histogram less its mean over the policy's own actions: weights that sum to 0."""
+    return gaussian_target(distribution, action, hypers) - expected_target(distribution, hypers.eta)
 
 
 def expected_target(distribution: Histogram, eta: Eta) -> Float[Array, "*batch d k"]:
@@ -67,18 +95,6 @@ def expected_target(distribution: Histogram, eta: Eta) -> Float[Array, "*batch d
 def hl_gauss_bias(distribution: Histogram, hypers: Hypers) -> Float[Array, "*batch d k"]:
     """Kᵀπ − π: what HL-Gauss adds to the mean logit gradient for each unit that the baseline is off."""
     return expected_target(distribution, hypers.eta) - distribution.probs
-
-
-def cross_entropy(distribution: Histogram, weights: Float[Array, "*batch d k"]) -> Float[Array, "*batch"]:
-    """−Σ_l Σ_i weights_l(i) log π_l(i); the gradient in the logits is π − weights where these sum to 1 (App. A)."""
-    return -(weights * log_softmax(distribution.logits)).sum((-2, -1))
-
-
-def _gaussian_target(distribution: Histogram, action: Float[Array, "*batch d"], eta: Eta) -> Float[Array, "*batch d k"]:
-    bins = distribution.bins
-    if distribution.samples_centers:
-        return targets.hl_gauss_of_center(bins.n_bins, bins.encode(action), eta)
-    return targets.hl_gauss(bins, action, eta)
 
 
 class Loss(NamedTuple):
@@ -95,6 +111,9 @@ class Loss(NamedTuple):
     in_paper: bool = True
     uses: tuple[str, ...] = ()
     """The fields of Hypers that it takes."""
+    target: Callable[[Any, Array, Hypers], Array] | None = None
+    """Of a cross-entropy: (distribution, action, hypers) → the weights of the bins' log π `[*batch, d, k]`, which PPO
+    takes from the policy that sampled; None for other losses."""
     bias: Callable[[Any, Hypers], Array] | None = None
     """(distribution, hypers) → what an error of the baseline adds to the mean logit gradient `[*batch, d, k]`; None:
     nothing."""
@@ -102,10 +121,18 @@ class Loss(NamedTuple):
 
 LOSSES = {
     "gaussian": Loss(gaussian, "density", "gaussian", "Gaussian"),
-    "hl-one-hot": Loss(hl_one_hot, "histogram", "histogram", "HL-1-Hot"),
-    "hl-gauss": Loss(hl_gauss, "histogram", "histogram", "HL-Gauss", uses=("eta",), bias=hl_gauss_bias),
+    "hl-one-hot": Loss(hl_one_hot, "histogram", "histogram", "HL-1-Hot", target=one_hot_target),
+    "hl-gauss": Loss(
+        hl_gauss, "histogram", "histogram", "HL-Gauss", uses=("eta",), target=gaussian_target, bias=hl_gauss_bias
+    ),
     "hl-gauss-centred": Loss(
-        hl_gauss_centred, "histogram", "histogram", "Centred HL-Gauss (ours)", in_paper=False, uses=("eta",)
+        hl_gauss_centred,
+        "histogram",
+        "histogram",
+        "Centred HL-Gauss (ours)",
+        in_paper=False,
+        uses=("eta",),
+        target=centred_target,
     ),
 }
 

@@ -4,7 +4,7 @@ import json
 import numpy as np
 import pytest
 
-from galton import LOSSES, Config, Hypers, train
+from galton import Config, Hypers, train
 from galton.analysis.comparison import curves, learning_curves, summarise, verdicts
 from galton.analysis.plots import save
 from galton.envs import LQR, MountainCar

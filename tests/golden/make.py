@@ -15,12 +15,12 @@ from pathlib import Path
 
 import jax
 import numpy as np
+from galton.studies import reproduce
+from galton.studies.claims import all_claims
 
 import galton
 from galton import A2C, Config, Hypers
 from galton.losses import LOSSES
-from galton.studies import reproduce
-from galton.studies.claims import all_claims
 from galton.sweep.grid import paper_grid, task_defaults
 from galton.sweep.plan import Plan, fold_in
 from galton.sweep.store import Store

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pyarrow as pa
+from galton.training.state import Log
 
 from galton.paper.registry import all_sweeps
 from galton.paper.summary import Summary
 from galton.paper.trained import Trained
-from galton.training.state import Log
 
 PROVENANCE = {
     "budget": "smoke",

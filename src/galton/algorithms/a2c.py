@@ -25,7 +25,8 @@ def update(
         if agent.config.normalize_advantage:
             advantage = actor_critic.standardise(advantage)
         distribution = agent.policy.distribution(outputs, params, hypers)
-        parts = actor_critic.objective(agent, distribution, action, advantage, values, returns, hypers)
+        loss = agent.loss.function(distribution, action, hypers)
+        parts = actor_critic.objective(distribution, loss, advantage, values, returns, hypers)
         return parts.total, parts
 
     gradient, parts = jax.grad(objective, has_aux=True)(learner.params)

@@ -93,9 +93,8 @@ class Objective(NamedTuple):
 
 
 def objective(
-    agent: Agent,
     distribution: Distribution,
-    action: Float[Array, "B d"],
+    loss: Float[Array, " B"],
     weight: Float[Array, " B"],
     values: Float[Array, " B"],
     returns: Float[Array, " B"],
@@ -105,7 +104,7 @@ def objective(
 
     The weight is A2C's advantage; PPO's has the likelihood ratio in it.
     """
-    policy_loss = surrogate(weight, agent.loss.function(distribution, action, hypers))
+    policy_loss = surrogate(weight, loss)
     value_loss = jnp.mean((returns - values) ** 2)
     entropy = jnp.mean(distribution.entropy())
     total = policy_loss + hypers.vf_coef * value_loss - hypers.ent_coef * entropy

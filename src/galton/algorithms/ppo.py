@@ -1,17 +1,20 @@
 """Proximal policy optimisation with the semantics of Stable-Baselines3's PPO (Schulman et al., 2017), for any loss.
 
-A2C minimises mean(A · loss). PPO goes through a rollout several times, so that the policy π leaves the one that
-sampled, π_old; its surrogate min(r A, clip(r) A) with r = π / π_old has the gradient
-
-    A · r · [not clipped] · ∇ log π(a).
+A2C minimises mean(A · loss). PPO goes through a rollout several times, so that the policy π leaves π_old, the one that
+sampled; its surrogate min(r A, clip(r) A) with r = π / π_old has the gradient A · r · [not clipped] · ∇ log π(a).
 
 Galton puts the loss in the place of −log π(a), and so PPO is A2C's line again, with another weight:
-mean(stop_gradient(A · r · [not clipped]) · loss). For a negative log-likelihood (the Gaussian's, HL-1-Hot) this is
-PPO to the letter; for HL-Gauss it is PPO with smoothed targets. The ratio is the true one, of the actions' own
-log-probabilities, for every loss.
+mean(stop_gradient(A · r · [not clipped]) · loss). For a negative log-likelihood (the Gaussian's, HL-1-Hot) this is PPO
+to the letter. For a histogram target there are two ratios, `Config.ratio`:
+
+- "smoothed": r = exp(loss_old − loss), the ratio of what the loss measures, with targets from the policy that sampled.
+  Clipping then holds what the loss moves, neighbouring bins included; it is the default, since plain HL-Gauss runs
+  away without it (docs/ppo.md).
+- "true": r = π(a) / π_old(a), with targets from the policy in training. A constant added to the advantages then does
+  not move centred HL-Gauss's mean gradient in any epoch, while nothing is clipped.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -21,6 +24,7 @@ from galton.algorithms import actor_critic
 from galton.algorithms.actor_critic import Objective, flatten
 from galton.algorithms.base import Agent, Algorithm, Scalars
 from galton.errors import require
+from galton.losses import cross_entropy
 from galton.types import Config, Hypers, Learner, Params, Transition
 
 Told = dict[str, Float[Array, "*minibatches"]]
@@ -37,6 +41,10 @@ class Rows(NamedTuple):
     """What the critic is trained towards."""
     log_prob: Float[Array, " B"]
     """Of each action under the policy that sampled it."""
+    loss: Float[Array, " B"]
+    """Of each action under that policy."""
+    target: Float[Array, "B d k"] | tuple[()]
+    """The weights of a cross-entropy under that policy; () where the ratio does not need them."""
 
 
 def update(
@@ -50,13 +58,32 @@ def update(
 
 
 def prepare(agent: Agent, learner: Learner, batch: Transition, hypers: Hypers) -> Rows:
-    """Advantages, returns and log-probabilities under the parameters that sampled the rollout."""
+    """Advantages, returns, log-probabilities and targets under the parameters that sampled the rollout."""
     observation, next_observation, action = map(flatten, (batch.observation, batch.next_observation, batch.action))
     outputs, values = actor_critic.outputs_and_values(learner.params, observation)
     next_values = actor_critic.value(learner.params, next_observation)
     advantage = actor_critic.advantages(values, next_values, batch, hypers)
-    log_prob = agent.policy.distribution(outputs, learner.params, hypers).log_prob(action)
-    return Rows(observation, action, advantage, advantage + values, log_prob)
+    distribution = agent.policy.distribution(outputs, learner.params, hypers)
+    target = agent.loss.target(distribution, action, hypers) if _is_smoothed(agent) and agent.loss.target else ()
+    loss = _loss(agent, distribution, action, target, hypers)
+    return Rows(observation, action, advantage, advantage + values, distribution.log_prob(action), loss, target)
+
+
+def _is_smoothed(agent: Agent) -> bool:
+    return agent.config.ratio == "smoothed"
+
+
+def _loss(
+    agent: Agent,
+    distribution: Any,
+    action: Float[Array, "B d"],
+    target: Float[Array, "B d k"] | tuple[()],
+    hypers: Hypers,
+) -> Float[Array, " B"]:
+    """The agent's loss, with a target that is there already or the loss's own."""
+    if isinstance(target, tuple):
+        return agent.loss.function(distribution, action, hypers)
+    return cross_entropy(distribution, target)
 
 
 def fit(
@@ -80,17 +107,18 @@ def _minibatch(
     learner, looking = carry
     advantage = actor_critic.standardise(rows.advantage) if agent.config.normalize_advantage else rows.advantage
 
-    def objective(params: Params) -> tuple[Array, tuple[Objective, Array]]:
+    def objective(params: Params) -> tuple[Array, tuple[Objective, Array, Array]]:
         outputs, values = actor_critic.outputs_and_values(params, rows.observation)
         distribution = agent.policy.distribution(outputs, params, hypers)
-        log_ratio = jax.lax.stop_gradient(distribution.log_prob(rows.action)) - rows.log_prob
-        weight = advantage * gated(jnp.exp(log_ratio), advantage, hypers.clip_range)
-        parts = actor_critic.objective(agent, distribution, rows.action, weight, values, rows.returns, hypers)
-        return parts.total, (parts, log_ratio)
+        loss = _loss(agent, distribution, rows.action, rows.target, hypers)
+        log_ratio = jax.lax.stop_gradient(distribution.log_prob(rows.action) - rows.log_prob)
+        ratio = jnp.exp(jax.lax.stop_gradient(rows.loss - loss) if _is_smoothed(agent) else log_ratio)
+        weight = advantage * gated(ratio, advantage, hypers.clip_range)
+        parts = actor_critic.objective(distribution, loss, weight, values, rows.returns, hypers)
+        return parts.total, (parts, ratio, log_ratio)
 
-    gradient, (parts, log_ratio) = jax.grad(objective, has_aux=True)(learner.params)
-    ratio = jnp.exp(log_ratio)
-    approximate_kl = jnp.mean(ratio - 1 - log_ratio)
+    gradient, (parts, ratio, log_ratio) = jax.grad(objective, has_aux=True)(learner.params)
+    approximate_kl = jnp.mean(jnp.exp(log_ratio) - 1 - log_ratio)
     going = looking & ~(approximate_kl > 1.5 * hypers.target_kl)  # one that is not a number shows in the gradient
     learner, grad_norm = actor_critic.step(learner, gradient, hypers, going)
     clipped = jnp.clip(ratio, 1 - hypers.clip_range, 1 + hypers.clip_range)
@@ -142,7 +170,7 @@ ALGORITHM = Algorithm(
     "PPO",
     update,
     (*actor_critic.SCALARS, "approx_kl", "clip_fraction", "ratio_mean", "ratio_max"),
-    own=("n_epochs", "batch_size", "clip_range", "target_kl"),
+    own=("n_epochs", "batch_size", "ratio", "clip_range", "target_kl"),
     defaults={"learning_rate": 3e-4, "n_steps": 2048, "gae_lambda": 0.95, "normalize_advantage": True},
     log_interval=1,
     check=check,

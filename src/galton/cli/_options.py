@@ -19,12 +19,14 @@ from tyro.constructors import (
     StructTypeInfo,
 )
 
+from galton.algorithms import ALGORITHMS, find_algorithm
 from galton.envs.base import Environment
 from galton.envs.find import find
 from galton.envs.host.base import HostTask
 from galton.envs.registry import ENVS, find_task, is_known, read_constants
 from galton.errors import UsageError, require
 from galton.losses import LOSSES
+from galton.records import written
 from galton.tasks import task_of
 from galton.training.log import Log
 from galton.training.train import Result, check_arguments, train
@@ -40,8 +42,11 @@ EnvName = Annotated[
 LossName = Annotated[str, tyro.conf.arg(metavar="{" + ",".join(LOSSES) + "}")]
 LossNames = Annotated[tuple[str, ...], tyro.conf.arg(metavar="{" + ",".join(LOSSES) + "} ...")]
 
-IN_CONFIG: Mapping[str, object] = {"loss": tyro.conf.Suppress}
-"""What the command line makes of fields of Config, where not simply an option: each command names losses its own way.
+AlgorithmName = Annotated[str, tyro.conf.arg(metavar="{" + ",".join(ALGORITHMS) + "}")]
+
+IN_CONFIG: Mapping[str, object] = {"loss": tyro.conf.Suppress, "algorithm": tyro.conf.Suppress}
+"""What the command line makes of fields of Config, where not simply an option: each command names losses its own way,
+and the algorithm, which decides on the other defaults, in an option of its own.
 
 A value is anything that tyro takes in an `Annotated`.
 """
@@ -49,7 +54,7 @@ A value is anything that tyro takes in an `Annotated`.
 
 @dataclasses.dataclass(frozen=True)
 class Training:
-    """How long and with what to train; the defaults are the task's (App. C.2)."""
+    """How long and with what to train; the defaults are the task's (App. C.2), or those of another algorithm."""
 
     steps: int = 500_000
     """Environment steps per run."""
@@ -63,22 +68,24 @@ class Training:
     hypers: Hypers = dataclasses.field(default_factory=Hypers)
 
     @classmethod
-    def of_task(cls, name: str) -> "Training":
-        """The defaults for the environment of that name."""
-        task = task_of(name)
+    def of_task(cls, name: str, algorithm: str = "a2c") -> "Training":
+        """The defaults for the environment of that name: App. C.2's, except for what the algorithm usually has."""
+        task, usual = task_of(name), find_algorithm(algorithm)
+        fields = {**task.config, "learning_rate": task.learning_rate, **usual.defaults}
+        numbers = {field: value for field, value in fields.items() if field in Hypers._fields}
         return cls(
             task.total_timesteps,
             task.n_logs,
             task.n_eval_episodes,
-            config=Config(**task.config),
-            hypers=Hypers(learning_rate=task.learning_rate),
+            config=usual.config(**{field: value for field, value in fields.items() if field not in numbers}),
+            hypers=Hypers(**numbers),
         )
 
     def record(self) -> dict[str, object]:
         """These options for JSON; the losses are told apart from them."""
-        config = {name: value for name, value in dataclasses.asdict(self.config).items() if name != "loss"}
+        config = {name: value for name, value in written(self.config).items() if name != "loss"}
         constants = read_constants(self.env_kwargs)
-        return dataclasses.asdict(self) | {"env_kwargs": constants, "config": config, "hypers": self.hypers._asdict()}
+        return dataclasses.asdict(self) | {"env_kwargs": constants, "config": config, "hypers": written(self.hypers)}
 
     def check(self, seeds: Sequence[int]) -> None:
         """Raise UsageError for what `run` can't take, before anything is begun."""
@@ -110,6 +117,11 @@ def short_name(env: str) -> str:
     return find_task(env)[0] if is_known(env) else re.sub(r"[^\w.-]+", "-", env)
 
 
+def folder_name(env: str, algorithm: str) -> str:
+    """The environment's, with the algorithm's where it is not the paper's."""
+    return short_name(env) if algorithm == "a2c" else f"{short_name(env)}-{algorithm}"
+
+
 def command_line() -> str:
     """The command as it was typed."""
     return shlex.join(["galton", *sys.argv[1:]])
@@ -121,7 +133,7 @@ OptionsT = TypeVar("OptionsT")
 def parse(
     options: type[OptionsT], name: str, arguments: Sequence[str], prepare: Callable[[OptionsT], None] = lambda _: None
 ) -> OptionsT:
-    """Parse twice: the first time for the task, whose settings are the defaults of the second.
+    """Parse twice: the first time for the task and the algorithm, whose settings are the defaults of the second.
 
     Between the two, `prepare` may register the task.
     """
@@ -147,7 +159,7 @@ def parse(
             cause = cause.__context__
         first = read(Training())  # tyro explains itself, or prints its help
     prepare(first)
-    return read(Training.of_task(first.env))  # type: ignore[attr-defined]
+    return read(Training.of_task(first.env, first.algorithm))  # type: ignore[attr-defined]
 
 
 _REGISTRY = ConstructorRegistry()

@@ -11,7 +11,7 @@ from rich.console import Console
 from galton.analysis.comparison import curves, learning_curves, summarise, verdicts
 from galton.analysis.plots import save
 from galton.cli._compare_view import table
-from galton.cli._options import EnvName, LossNames, Training, command_line, parse, short_name
+from galton.cli._options import AlgorithmName, EnvName, LossNames, Training, command_line, folder_name, parse
 from galton.cli._progress import live_progress
 from galton.devices import use_all_cores
 from galton.envs.base import Environment
@@ -28,11 +28,13 @@ class Options:
 
     env: EnvName
     training: Training
+    algorithm: AlgorithmName = "a2c"
+    """What learns; the defaults of its settings are its own."""
     losses: LossNames = tuple(name for name, loss in LOSSES.items() if loss.in_paper)
     seeds: int = 20
     """How many runs of each loss, each with a seed of its own."""
     out: Path | None = None
-    """The folder for the figure and the numbers, by default runs/compare-ENV."""
+    """The folder for the figure and the numbers, by default runs/compare-ENV, or runs/compare-ENV-ALGORITHM."""
     overwrite: bool = False
     """Replace what the folder holds once the comparison is done."""
 
@@ -49,7 +51,7 @@ def main(arguments: Sequence[str]) -> None:
     training, seeds = options.training, range(options.seeds)
     env = training.find(options.env)
     known = env if isinstance(env, Environment) else None
-    out = options.out or Path("runs", f"compare-{short_name(options.env)}")
+    out = options.out or Path("runs", f"compare-{folder_name(options.env, options.algorithm)}")
     training.check(seeds)
     console = Console()
     use_all_cores()

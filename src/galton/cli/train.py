@@ -11,7 +11,7 @@ from pathlib import Path
 from rich.console import Console
 
 from galton import callbacks
-from galton.cli._options import EnvName, LossName, Training, command_line, parse, short_name
+from galton.cli._options import AlgorithmName, EnvName, LossName, Training, command_line, folder_name, parse
 from galton.cli._progress import OnLog, live_progress
 from galton.devices import use_all_cores
 from galton.envs.base import Environment
@@ -32,9 +32,11 @@ class Options:
     env: EnvName
     training: Training
     loss: LossName = "hl-gauss"
+    algorithm: AlgorithmName = "a2c"
+    """What learns; the defaults of its settings are its own."""
     seed: int = 0
     out: Path | None = None
-    """The run folder, by default runs/ENV-LOSS-SEED."""
+    """The run folder, by default runs/ENV-LOSS-SEED, or runs/ENV-ALGORITHM-LOSS-SEED."""
     overwrite: bool = False
     """Replace a run that the folder holds."""
     resume: bool = False
@@ -48,7 +50,7 @@ class Options:
     @property
     def folder(self) -> Path:
         """The run folder, named or by default."""
-        return self.out or Path("runs", f"{short_name(self.env)}-{self.loss}-{self.seed}")
+        return self.out or Path("runs", f"{folder_name(self.env, self.algorithm)}-{self.loss}-{self.seed}")
 
 
 def main(arguments: Sequence[str]) -> None:

@@ -3,17 +3,38 @@
 import contextlib
 import time
 from collections.abc import Callable, Iterator
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol, runtime_checkable
 
 from galton import sb3
 from galton.errors import require
 from galton.training.log import Log
+from galton.training.population import Population
+from galton.types import Config
 
-if TYPE_CHECKING:
-    import galton.models.model
+
+@runtime_checkable
+class Learning(Protocol):
+    """What the loop needs of a model."""
+
+    config: Config
+
+    @property
+    def num_timesteps(self) -> int:
+        """Environment steps so far."""
+
+    @property
+    def updates_per_log(self) -> int:
+        """Updates between log points."""
+
+    @property
+    def population(self) -> Population:
+        """The one run, as training sees it."""
+
+    def advance(self, n_updates: int) -> None:
+        """Train for some updates."""
 
 
-def learn(model: "galton.models.model.Model", n_updates: int, callback: Any, progress_bar: bool) -> None:
+def learn(model: Learning, n_updates: int, callback: Any, progress_bar: bool) -> None:
     """Train for so many updates, with a log point every `model.updates_per_log`.
 
     Callbacks of SB3's are called after each update, ours at log points, until one says to stop.
@@ -24,8 +45,7 @@ def learn(model: "galton.models.model.Model", n_updates: int, callback: Any, pro
     theirs, ours = _sorted_out(model, callback, n_updates * size)
     start = time.perf_counter()
     with _progress(progress_bar, model.config.loss, n_updates * size) as show:
-        theirs.start()
-        going = True
+        going = theirs.start()
         while going and model.num_timesteps < last:
             to_log = interval - done % interval
             n = min(to_log, (last - model.num_timesteps) // size, 1 if theirs else to_log)
@@ -33,28 +53,28 @@ def learn(model: "galton.models.model.Model", n_updates: int, callback: Any, pro
             done += n
             going = theirs.after_update()
             if n == to_log:
-                log = named(model, model.population.log(), time.perf_counter() - start, first)
+                log = named(model.population.log(), model.num_timesteps, time.perf_counter() - start, first)
                 verdicts = [one(model, log) for one in ours]
                 going = going and all(verdict is not False for verdict in verdicts)
             show(model.num_timesteps - first)
         theirs.end()
 
 
-def named(model: "galton.models.model.Model", log: Log, seconds: float, first: int) -> dict[str, float]:
-    """The log under SB3's names, where it has one."""
+def named(log: Log, step: int, seconds: float, first: int) -> dict[str, float]:
+    """The log under SB3's names, where it has one; `first` is the step where the clock started."""
     columns = {name: float(value[0]) for name, value in log.columns().items()}
     return {
         "rollout/ep_rew_mean": columns.pop("training_return"),
         "rollout/ep_len_mean": columns.pop("episode_length"),
         "rollout/n_episodes": columns.pop("n_episodes"),
-        "time/total_timesteps": model.num_timesteps,
+        "time/total_timesteps": step,
         "time/time_elapsed": seconds,
-        "time/fps": (model.num_timesteps - first) / seconds,
+        "time/fps": (step - first) / seconds,
     } | {f"train/{name}": value for name, value in columns.items() if name != "evaluation_return"}
 
 
 def _sorted_out(
-    model: "galton.models.model.Model", callback: Any, total_timesteps: int
+    model: Learning, callback: Any, total_timesteps: int
 ) -> tuple[sb3.Callbacks, list[Callable[[Any, dict[str, float]], bool | None]]]:
     """SB3's callbacks and ours."""
     given: list[Any] = [] if callback is None else [callback] if not isinstance(callback, list | tuple) else [*callback]

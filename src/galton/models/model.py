@@ -2,6 +2,7 @@
 
 import functools
 import math
+import warnings
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, TypeVar, Unpack
@@ -87,19 +88,19 @@ class Model:
             f"n_envs is {config.n_envs}, but {'one environment was' if given == 1 else f'{given} were'} given; "
             "leave n_envs out, or give an id or a function that makes the environment",
         )
-        self.describe(config, hypers, seed, *spaces_of(task))
-        self.connect(task)
+        self._describe(config, hypers, seed, *spaces_of(task))
+        self._connect(task)
 
-    def describe(
+    def _describe(
         self, config: Config, hypers: Hypers, seed: int, actions: ActionBox, observations: Observations
     ) -> None:
-        """Become the model of these settings, without an environment yet (for `load`)."""
+        """Become the model of these settings, without an environment yet."""
         check_seed(seed)
         check_one_run(hypers)
         self.config, self.hypers, self.seed = config, hypers, seed
         self.agent: Agent = resolve(config, actions.low, actions.high)
         self.actions, self.observations = actions, observations
-        self.n_predictions = 0
+        self._n_predictions = 0
         """How many batches of actions were sampled by `predict`, each with a key of its own."""
         self._population: Population | None = None
         self._env: Environment | HostTask | None = None
@@ -107,15 +108,11 @@ class Model:
         self._interval = self.agent.algorithm.log_interval
         self._steps_at_load = 0
 
-    def connect(self, task: Environment | HostTask) -> None:
-        """Begin a run on an environment (for `load`)."""
+    def _connect(self, task: Environment | HostTask) -> None:
+        """Begin a run on an environment."""
         self._env = task
         hypers = Hypers._make(np.full(1, value, np.float32) for value in self.hypers)
         self._population = populate(task, self.config, hypers, [self.seed])
-
-    def remember(self, learner: Learner, step: int, interval: int) -> None:
-        """Take over what another run has learnt (for `load`)."""
-        self._learner, self._steps_at_load, self._interval = learner, step, interval
 
     @property
     def env(self) -> Environment | HostTask | None:
@@ -239,8 +236,8 @@ class Model:
         if deterministic:
             action = self._exploit(rows)
         else:
-            key = jax.random.fold_in(jax.random.key(self.seed), self.n_predictions)
-            self.n_predictions += 1
+            key = jax.random.fold_in(jax.random.key(self.seed), self._n_predictions)
+            self._n_predictions += 1
             action = np.asarray(_explore(self.agent, self.learner, rows, key, self.hypers))
         actions = self.actions.to_env(action)
         return (actions[0, ...] if single else actions), state
@@ -278,7 +275,19 @@ class Model:
 
         It holds all that `load` needs to go on exactly. Loading it runs no code.
         """
-        return file.save(self, Path(path))
+        model = file.ModelFile(
+            self.agent.algorithm.label,
+            self.env_name,
+            self.config,
+            self.hypers,
+            self.seed,
+            self.num_timesteps,
+            self.updates_per_log,
+            self._n_predictions,
+            self.actions,
+            self.observations,
+        )
+        return file.save(Path(path), model, self.population.snapshot())
 
     @classmethod
     def load(cls: type[ModelT], path: str | Path, env: Any = None, env_kwargs: dict[str, Any] | None = None) -> ModelT:
@@ -291,7 +300,33 @@ class Model:
         Warns:
             InexactResume: the file has no states of the environments, so their episodes start anew.
         """
-        return file.load(cls, Path(path), env, env_kwargs or {})
+        path = Path(path)
+        if not path.exists() and path.with_suffix(".safetensors").exists():
+            path = path.with_suffix(".safetensors")
+        found, arrays = file.read(path)
+        fits = cls.__name__ in ("Model", found.label)
+        require(fits, f"path is {path}, which holds a model of {found.label}; load it with galton.{found.label}.load")
+        model = cls.__new__(cls)
+        model._describe(found.config, found.hypers, found.seed, found.actions, found.observations)
+        model._learner = file.learner_of(path, model.agent, found, arrays)
+        model._steps_at_load, model._interval = found.step, found.log_interval
+        model._n_predictions = found.n_predictions
+        if env is None:
+            require(not env_kwargs, f"env_kwargs is {env_kwargs}; give env with it")
+            return model
+        task = find(env, **(env_kwargs or {}))
+        model.check_spaces(task)
+        model._connect(task)
+        try:
+            cause = file.resume(path, model.population, arrays)
+        except BaseException:
+            model.close()
+            raise
+        model._learner = None
+        if cause:
+            message = f"{model.env_name} goes on from the start of new episodes: {cause}"
+            warnings.warn(message, file.InexactResume, stacklevel=2)
+        return model
 
     def check_spaces(self, task: Environment | HostTask) -> None:
         """Raise UsageError unless an environment has the spaces of the model's own."""

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import tyro
 
-from galton.cli._options import EnvName, Training, parse, short_name
+from galton.cli._options import AlgorithmName, EnvName, Training, folder_name, parse
 from galton.cli.sweep._folder import conclude
 from galton.cli.sweep._workers import Workers, go_with
 from galton.errors import require, require_integer
@@ -27,6 +27,8 @@ class Options:
 
     env: EnvName
     training: Training
+    algorithm: AlgorithmName = "a2c"
+    """What learns; the defaults of its settings are its own."""
     grid: Annotated[str, tyro.conf.arg(metavar="{" + ",".join(GRIDS) + ",optuna} or FILE.toml")] = "paper"
     """The settings: the paper's (App. C.2), random ones around them, what Optuna proposes, or the [[grid]] tables of a
     file."""
@@ -39,8 +41,8 @@ class Options:
     seed: int = 0
     """Of the study: another one gives every run a fresh seed."""
     out: str | None = None
-    """The folder, by default runs/sweep-ENV, or runs/sweep-ENV-optuna for Optuna's search; or an address that fsspec
-    opens, such as s3://bucket/folder."""
+    """The folder, by default runs/sweep-ENV or runs/sweep-ENV-ALGORITHM, with -optuna behind it for Optuna's search;
+    or an address that fsspec opens, such as s3://bucket/folder."""
     shard_width: int | None = None
     """Runs that are trained side by side by one worker; by default 16, or 32 on environments outside JAX, but no more
     than share a program."""
@@ -60,7 +62,7 @@ class Options:
     @property
     def folder(self) -> str:
         """Where plan and results are."""
-        name = f"sweep-{short_name(self.env)}" + ("-optuna" if self.grid == "optuna" else "")
+        name = f"sweep-{folder_name(self.env, self.algorithm)}" + ("-optuna" if self.grid == "optuna" else "")
         return self.out or str(Path("runs", name))
 
     def study(self, settings: tuple[Setting, ...]) -> Study:
