@@ -5,7 +5,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from galton.training.host import HostPopulation
 from gymnasium.spaces import Box
 from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 
