@@ -17,17 +17,19 @@ from pathlib import Path
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import lax
 from rich.console import Console
 from rich.table import Table
 from sides import write
 
 import galton
-from galton.algorithms import a2c
+from galton.algorithms import actor_critic, resolve
 from galton.networks import mlp
-from galton.training import scan
+from galton.training.on_device import begin_on_device
+from galton.training.population import populate
 from galton.training.rollout import draw_noise, rollout
-from galton.training.state import learn
+from galton.training.run import learn
 
 RUNS, LOOPS, HIDDEN = 16, 200, 64
 
@@ -69,15 +71,16 @@ def main():
     galton.use_all_cores()
 
     env, config = galton.envs.MountainCar(), galton.Config(arguments.loss, n_bins=arguments.n_bins)
-    policy = a2c.make_policy(config, env.action_low, env.action_high)
-    begin = functools.partial(scan._begin, env, config, policy)
-    state = jax.jit(functools.partial(lax.map, begin))(jnp.arange(RUNS, dtype=jnp.uint32))
+    agent = resolve(config, env.action_low, env.action_high)
     hypers = jax.tree.map(lambda h: jnp.full(RUNS, h), galton.Hypers(learning_rate=1e-8))
-    draw = functools.partial(draw_noise, env=env, policy=policy, config=config)
+    seeds = jnp.arange(RUNS, dtype=jnp.uint32)
+    begin = jax.jit(lambda *runs: lax.map(lambda run: begin_on_device(env, agent, *run), runs))
+    state = begin(seeds, hypers)
+    draw = functools.partial(draw_noise, env=env, agent=agent)
     noise = jax.jit(jax.vmap(draw))(state.run.key)
 
     def act(episodes, run, noise, hypers):
-        return rollout(env, policy, run.learner, episodes, noise, hypers)
+        return rollout(env, agent, run.learner, episodes, noise, hypers)
 
     episodes, _, batch, finished = jax.jit(jax.vmap(act))(state.episodes, state.run, noise, hypers)
 
@@ -85,9 +88,10 @@ def main():
         """Networks forwards and backwards, with a gradient of ones in place of the losses'."""
 
         def outputs(params):
-            values, following = (a2c.value(params, a2c.flatten(x)) for x in (batch.observation, batch.next_observation))
-            logits = mlp(params["actor"], a2c.flatten(batch.observation))
-            return logits.sum() + values.sum() + lax.stop_gradient(following).sum()
+            observation, following = map(actor_critic.flatten, (batch.observation, batch.next_observation))
+            values, next_values = (actor_critic.value(params, rows) for rows in (observation, following))
+            logits = mlp(params["actor"], observation)
+            return logits.sum() + values.sum() + lax.stop_gradient(next_values).sum()
 
         gradient = jax.grad(outputs)(params)
         return jax.tree.map(lambda p, g: p + 1e-12 * g, params, gradient)
@@ -96,13 +100,11 @@ def main():
         """On the parameters themselves as the gradient."""
         norm = jnp.sqrt(sum(jnp.vdot(x, x) for x in jax.tree.leaves(learner.params)))
         gradient = jax.tree.map(lambda p: p * jnp.minimum(1.0, hypers.max_grad_norm / norm), learner.params)
-        step, optimizer = a2c._ADAM.update(gradient, learner.optimizer)
+        step, optimizer = actor_critic._ADAM.update(gradient, learner.optimizer)
         params = jax.tree.map(lambda p, s: p - hypers.learning_rate * s, learner.params, step)
         return learner._replace(params=params, optimizer=optimizer)
 
-    whole = galton.training.populate.populate(
-        env, config, jax.tree.map(jnp.asarray, hypers), range(RUNS), LOOPS, jax.devices()[:1]
-    )
+    whole = populate(env, config, jax.tree.map(np.asarray, hypers), range(RUNS), jax.devices()[:1])
     times = []
     for _ in range(6):  # the first one is not counted
         start = time.perf_counter()
@@ -121,9 +123,7 @@ def main():
     parts["rollout of 20 steps"] = microseconds(
         lambda episodes, *rest: act(episodes, *rest)[0], episodes, state.run, noise, hypers
     )
-    parts["learning"] = microseconds(
-        lambda run, *rest: learn(config, policy, run, *rest), state.run, batch, finished, hypers
-    )
+    parts["learning"] = microseconds(lambda run, *rest: learn(agent, run, *rest), state.run, batch, finished, hypers)
     parts["· networks forwards and backwards"] = microseconds(differentiate, state.run.learner.params, batch)
     parts["· Adam and the gradient's norm"] = microseconds(adam, state.run.learner, hypers)
     products_alone, operations = 0.0, 0

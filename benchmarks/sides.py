@@ -12,7 +12,7 @@ import galton
 from galton.devices import n_cores
 from galton.saving import provenance
 from galton.sweep.executors import Processes
-from galton.training.populate import populate
+from galton.training.population import populate
 
 K = 100
 _made = {}
@@ -56,14 +56,15 @@ class Ours:
     def __init__(self, task, plain, loss, n_bins, runs, updates):
         env = (lambda: gymnasium.make(task)) if plain else task
         hypers = galton.Hypers._make(np.full(runs, value, np.float32) for value in galton.Hypers())
-        self.population = populate(env, galton.Config(loss=loss, n_bins=n_bins), hypers, range(runs), updates)
-        self.runs, self.updates = runs, updates
+        config = galton.Config(loss=loss, n_bins=n_bins)
+        self.population = populate(env, config, hypers, range(runs))
+        self.runs, self.updates, self.batch = runs, updates, config.n_steps * config.n_envs
         self.advance()
 
     def advance(self):
         self.population.advance(self.updates)
         self.population.log()
-        return self.updates * 20 * self.runs
+        return self.updates * self.batch * self.runs
 
 
 def prepare(kind, *arguments):

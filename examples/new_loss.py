@@ -1,17 +1,29 @@
-"""A loss of your own: HL-1-Hot with label smoothing. A function on (distribution, action, eta) and a line in LOSSES."""
+"""A loss of your own: HL-1-Hot with label smoothing. A function on (distribution, action, hypers) and a line in LOSSES."""
 
 import galton
-from galton import targets
-from galton.losses import LOSSES, Loss, cross_entropy
+from galton.losses import cross_entropy
 
 
-def smoothed(distribution, action, eta):
-    """A share `eta` of the target's mass goes to all bins alike."""
-    target = targets.one_hot(distribution.bins, action)
-    return cross_entropy(distribution, (1 - eta) * target + eta / distribution.bins.n_bins)
+def target(distribution, action, hypers):
+    """A share `hypers.eta` of the target's mass goes to all bins alike."""
+    one_hot = galton.targets.one_hot(distribution.bins, action)
+    return (1 - hypers.eta) * one_hot + hypers.eta / distribution.bins.n_bins
 
 
-LOSSES["smoothed"] = Loss(smoothed, policy="histogram", label="smoothed 1-Hot", in_paper=False)
+def smoothed(distribution, action, hypers):
+    """Cross-entropy with that target; as for any loss of this family the policy is the usual softmax."""
+    return cross_entropy(distribution, target(distribution, action, hypers))
+
+
+galton.LOSSES["smoothed"] = galton.Loss(
+    smoothed,
+    family="histogram",
+    policy="histogram",
+    label="smoothed 1-Hot",
+    in_paper=False,
+    uses=("eta",),
+    target=target,
+)
 
 if __name__ == "__main__":
     galton.use_all_cores()

@@ -40,6 +40,7 @@ COMMAND_LINE = "cli"
 COMMAND_LINE_LIBRARIES = {
     "matplotlib": ["analysis", "page", "paper"],  # which draw
     "rich": ["models/learning.py"],  # the progress bar of `learn`
+    "tyro": [],
 }
 
 

@@ -5,12 +5,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from galton.training.host import HostPopulation
 from gymnasium.spaces import Box
 from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 
 from galton import Config, Hypers, normalization
+from galton.algorithms import resolve
 from galton.envs import find
+from galton.training.on_host import HostPopulation
+from galton.training.population import action_box
 
 N = 3
 receive, standardise = jax.jit(normalization.receive), jax.jit(normalization.observation)
@@ -88,7 +90,8 @@ def test_the_host_loop_records_standardised_observations():
     config = Config(loss="gaussian", n_envs=2, n_steps=50, net_arch=(4,), normalize_observation=True)
     hypers = Hypers._make(np.full(1, value, np.float32) for value in Hypers())
     task = find(lambda: gymnasium.wrappers.TimeLimit(Drift(), 100))
-    population = HostPopulation(task, config, hypers, [0], jax.devices())
+    agent = resolve(config, *action_box(task))
+    population = HostPopulation(task, agent, hypers, [0], jax.devices())
     population.advance(20)
     moments = population.learner.normalizer.observation
     np.testing.assert_allclose(moments.mean[0], [5, -200], rtol=0.2)

@@ -57,7 +57,7 @@ class Config:
         for field in dataclasses.fields(self):
             value = getattr(self, field.name)
             if isinstance(field.default, bool):
-                fits = isinstance(value, bool | np.bool)
+                fits = isinstance(value, bool | np.bool | int | np.integer) and value in (0, 1)
                 require(fits, f"{field.name} is {value!r}; it must be True or False")
                 object.__setattr__(self, field.name, bool(value))
             elif isinstance(field.default, int):

@@ -10,8 +10,7 @@ import torch
 from gymnasium.spaces import Box, MultiDiscrete
 
 from galton import Bins, Config, Hypers
-from galton.algorithms import a2c
-from galton.losses import find_loss
+from galton.algorithms import a2c, actor_critic, resolve
 from galton.types import Transition
 
 LOW, HIGH, K = np.array([-1.0, 0.0]), np.array([1.0, 3.0]), 12
@@ -118,10 +117,10 @@ def test_updates_equal_sb3s(loss, normalize_advantage):
     discrete = loss == "hl-one-hot"
     model, envs = sb3_model(discrete, normalize_advantage)
     config = Config(loss=loss, n_bins=K, n_steps=T, n_envs=N, normalize_advantage=normalize_advantage)
-    policy = a2c.make_policy(config, LOW, HIGH)
+    agent = resolve(config, LOW, HIGH)
     start = jax.tree.map(jnp.asarray, params_of(model))
-    learner = a2c.init(jax.random.key(0), config, policy, 3)._replace(params=start)
-    update = jax.jit(lambda learner, batch: a2c.update(config, policy, learner, batch, HYPERS)[0])
+    learner = actor_critic.init(jax.random.key(0), agent, HYPERS, 3)._replace(params=start)
+    update = jax.jit(lambda learner, batch: a2c.update(agent, learner, batch, HYPERS, jax.random.key(1))[0])
 
     for i in range(20):
         batch = record_batch(model, envs, discrete)
@@ -143,13 +142,14 @@ def test_values_entropy_and_log_prob_equal_sb3s(loss):
     discrete = loss == "hl-one-hot"
     model, envs = sb3_model(discrete, False)
     config = Config(loss=loss, n_bins=K, n_steps=T, n_envs=N)
-    policy, params = a2c.make_policy(config, LOW, HIGH), jax.tree.map(jnp.asarray, params_of(model))
+    agent, params = resolve(config, LOW, HIGH), jax.tree.map(jnp.asarray, params_of(model))
     batch = record_batch(model, envs, discrete)
     buffer = model.rollout_buffer
-    np.testing.assert_allclose(a2c.value(params, batch.observation), buffer.values, rtol=1e-4, atol=1e-6)
-    distribution = a2c.distribution(policy, params, batch.observation)
+    np.testing.assert_allclose(actor_critic.value(params, batch.observation), buffer.values, rtol=1e-4, atol=1e-6)
+    distribution = actor_critic.distribution(agent, params, batch.observation, HYPERS)
     flat = torch.as_tensor(np.array(batch.observation).reshape(T * N, 3))
     _, log_prob, entropy = model.policy.evaluate_actions(flat, torch.as_tensor(buffer.actions.reshape(T * N, 2)))
     np.testing.assert_allclose(np.ravel(distribution.entropy()), entropy.detach(), rtol=1e-5)
-    loss_value = find_loss(loss).function(distribution, batch.action, 0.5)
+    np.testing.assert_allclose(np.ravel(distribution.log_prob(batch.action)), log_prob.detach(), rtol=1e-5)
+    loss_value = agent.loss.function(distribution, batch.action, HYPERS)
     np.testing.assert_allclose(np.ravel(loss_value), -log_prob.detach(), rtol=1e-5)

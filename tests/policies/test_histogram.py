@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy.stats import chisquare, norm
 
-from galton import Bins, Config
+from galton import Bins, Config, Hypers
 from galton.policies import Histogram, HistogramPolicy
-from galton.policies.histogram import sample_bin
+from galton.policies.histogram import Choices, sample_bin
 
 
 @pytest.mark.parametrize("k", [2, 3, 10, 50, 100, 200, 211])
@@ -34,7 +34,7 @@ def test_samples_follow_the_softmax():
     policy = HistogramPolicy.create(config, np.array([-1.0, 0.0]), np.array([1.0, 4.0]))
     logits = jax.random.normal(jax.random.key(0), (40,))
     n = 100_000
-    distribution = policy.distribution(jnp.broadcast_to(logits, (n, 40)), {})
+    distribution = policy.distribution(jnp.broadcast_to(logits, (n, 40)), {}, Hypers())
     index = np.asarray(policy.bins.encode(distribution.sample(policy.noise(jax.random.key(1), (n,)))))
     for dimension in range(2):
         counts = np.bincount(index[:, dimension], minlength=20)
@@ -46,7 +46,7 @@ def test_uniform_in_bin_samples_fill_the_bin():
     config = Config(n_bins=10, bin_sample="uniform")
     policy = HistogramPolicy.create(config, np.array([0.0]), np.array([10.0]))
     logits = jnp.broadcast_to(jnp.where(jnp.arange(10) == 3, 50.0, 0.0), (20_000, 10))
-    action = np.asarray(policy.distribution(logits, {}).sample(policy.noise(jax.random.key(0), (20_000,))))
+    action = np.asarray(policy.distribution(logits, {}, Hypers()).sample(policy.noise(jax.random.key(0), (20_000,))))
     assert action.min() >= 3
     assert action.max() <= 4
     assert chisquare(np.histogram(action, 20, (3, 4))[0]).pvalue > 1e-3
@@ -56,7 +56,7 @@ def test_deterministic_actions_are_mode_mean_and_median():
     bins = Bins(0.0, 4.0, 4)
     logits = jnp.log(jnp.array([[0.4, 0.05, 0.25, 0.3]]))
     actions = {
-        how: float(Histogram(bins, logits, Config(n_bins=4, deterministic_action=how)).deterministic_action()[0])
+        how: float(Histogram(bins, logits, Choices(deterministic_action=how)).deterministic_action()[0])
         for how in ("mode", "mean", "median")
     }
     assert actions["mode"] == 0.5
@@ -65,7 +65,7 @@ def test_deterministic_actions_are_mode_mean_and_median():
 
 
 def test_entropy_is_the_sum_over_dimensions():
-    uniform = Histogram(Bins([0.0, 0.0], [1.0, 1.0], 8), jnp.zeros((2, 8)), Config(n_bins=8))
+    uniform = Histogram(Bins([0.0, 0.0], [1.0, 1.0], 8), jnp.zeros((2, 8)))
     np.testing.assert_allclose(uniform.entropy(), 2 * np.log(8), rtol=1e-6)
 
 
@@ -75,7 +75,7 @@ def test_gaussian_exploration_has_the_policys_moments_and_leaves_the_box():
     logits = jax.random.normal(jax.random.key(2), (40,))
     probs, centers = np.asarray(jax.nn.softmax(logits), np.float64), policy.bins.centers[0]
     n = 200_000
-    distribution = policy.distribution(jnp.broadcast_to(logits, (n, 40)), {})
+    distribution = policy.distribution(jnp.broadcast_to(logits, (n, 40)), {}, Hypers())
     action = np.asarray(distribution.sample(policy.noise(jax.random.key(3), (n,))), np.float64)
     mean = (probs * centers).sum()
     std = np.sqrt((probs * (centers - mean) ** 2).sum())
@@ -86,7 +86,7 @@ def test_gaussian_exploration_has_the_policys_moments_and_leaves_the_box():
 
 def test_init_gaussian_starts_like_the_gaussian_policy():
     policy = HistogramPolicy.create(Config(n_bins=400, initial_policy="gaussian"), np.array([-4.0]), np.array([4.0]))
-    probs = jax.nn.softmax(policy.init()[0])
+    probs = jax.nn.softmax(policy.init(Hypers())[0])
     edges = np.linspace(-4, 4, 401)
     expected = np.diff(norm.cdf(edges))
     np.testing.assert_allclose(probs, expected / expected.sum(), atol=2e-6)

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from galton import LOSSES, Config, Hypers, train
-from galton.algorithms import a2c
+from galton.algorithms import actor_critic
 
 from .probes import Probe
 
@@ -17,7 +17,7 @@ def values_after(env, steps=40_000, gamma=0.9, **hypers):
     config = Config(loss="gaussian", n_steps=8, n_envs=2, net_arch=(32,))
     result = train(env, config, Hypers(3e-3, gamma=gamma, **hypers), [0], steps, n_logs=5, n_eval_episodes=2)
     params = {"critic": [{name: x[0] for name, x in layer.items()} for layer in result.learner.params["critic"]]}
-    return np.asarray(a2c.value(params, jnp.array([[-1.0], [1.0]])))
+    return np.asarray(actor_critic.value(params, jnp.array([[-1.0], [1.0]])))
 
 
 def test_the_critic_learns_a_constant():

@@ -127,7 +127,7 @@ def test_every_variant_trains(loss, settings):
 
 
 def test_hypers_are_data_and_do_not_compile_again():
-    from galton.training import scan as module
+    from galton.training import on_device as module
 
     module._compile.cache_clear()
     for rate in (1e-4, 1e-3):

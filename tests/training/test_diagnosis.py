@@ -7,12 +7,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from galton.algorithms.diagnostics import diagnose
 from scipy.stats import norm
 from stable_baselines3.common.utils import explained_variance
 
 from galton import LOSSES, Config, Hypers
-from galton.algorithms import a2c
+from galton.algorithms import a2c, actor_critic, resolve
+from galton.training.diagnosis import diagnose
 from galton.types import Transition
 
 T, N, K = 6, 3, 8
@@ -24,23 +24,23 @@ HYPERS = Hypers(gamma=0.9, gae_lambda=0.8, eta=0.7)
 def program(loss):
     """(seed, scale) → a learner, a batch and its diagnosis."""
     config = Config(loss=loss, n_bins=K, n_steps=T, n_envs=N, net_arch=(7, 5))
-    policy = a2c.make_policy(config, LOW, HIGH)
-    return config, policy, jax.jit(functools.partial(_setup, config, policy))
+    agent = resolve(config, LOW, HIGH)
+    return agent, jax.jit(functools.partial(_setup, agent))
 
 
 def setup(loss, seed=0, scale=3.0):
     """A policy with peaks, a batch that it sampled and what is said of them."""
-    config, policy, made = program(loss)
-    return config, policy, *made(seed, scale)
+    agent, made = program(loss)
+    return agent, *made(seed, scale)
 
 
-def _setup(config, policy, seed, scale):
+def _setup(agent, seed, scale):
     keys = jax.random.split(jax.random.key(seed), 8)
-    learner = a2c.init(keys[0], config, policy, 4)
+    learner = actor_critic.init(keys[0], agent, HYPERS, 4)
     learner = learner._replace(params=jax.tree.map(lambda x: x * scale, learner.params))
     learner.params["actor"][-1]["kernel"] *= 30
     observation = jax.random.normal(keys[1], (T, N, 4))
-    action = a2c.act(policy, learner.params, observation, policy.noise(keys[2], (T, N)))
+    action = actor_critic.act(agent, learner.params, observation, agent.policy.noise(keys[2], (T, N)), HYPERS)
     ends = jax.random.uniform(keys[3], (2, T, N)) < 0.2
     batch = Transition(
         observation,
@@ -50,7 +50,7 @@ def _setup(config, policy, seed, scale):
         ends[0],
         ends[1] & ~ends[0],
     )
-    return learner, batch, diagnose(config, policy, learner, batch, HYPERS)
+    return learner, batch, diagnose(agent, learner, batch, HYPERS)
 
 
 @pytest.mark.parametrize("loss", LOSSES)
@@ -58,77 +58,81 @@ def test_the_gradient_never_crosses_its_bound_and_the_bound_is_not_idle(loss):
     for seed in range(20):
         for scale in (0.3, 3.0):
             *_, diagnosis = setup(loss, seed, scale)
-            assert 0 < diagnosis.actor_grad_norm <= diagnosis.grad_bound
-    assert diagnosis.grad_bound < 1000 * diagnosis.actor_grad_norm
+            assert 0 < diagnosis["actor_grad_norm"] <= diagnosis["grad_bound"]
+    assert diagnosis["grad_bound"] < 1000 * diagnosis["actor_grad_norm"]
 
 
 @pytest.mark.parametrize("loss", LOSSES)
 def test_the_gradient_is_that_of_the_update(loss):
     """The norm of the update's gradient over the same parameters, with the critic's and the entropy's part at zero."""
-    config, policy, learner, batch, diagnosis = setup(loss)
+    agent, learner, batch, diagnosis = setup(loss)
     hypers = HYPERS._replace(vf_coef=0.0, max_grad_norm=1e9, learning_rate=0.0)
-    after, _ = jax.jit(functools.partial(a2c.update, config, policy))(learner, batch, hypers)
+    after, _ = jax.jit(functools.partial(a2c.update, agent))(learner, batch, hypers, jax.random.key(0))
     first_moment = after.optimizer.mu["actor"]
     gradient = [np.ravel(leaf) / 0.1 for layer in first_moment[:-1] for leaf in layer.values()]
     gradient.append(np.ravel(first_moment[-1]["kernel"]) / 0.1)
-    np.testing.assert_allclose(diagnosis.actor_grad_norm, np.linalg.norm(np.concatenate(gradient)), rtol=1e-4)
+    np.testing.assert_allclose(diagnosis["actor_grad_norm"], np.linalg.norm(np.concatenate(gradient)), rtol=1e-4)
 
 
 def test_explained_variance_is_sb3s():
-    _, _, learner, batch, diagnosis = setup("gaussian")
-    values, following = (np.asarray(a2c.value(learner.params, o)) for o in (batch.observation, batch.next_observation))
-    advantage = np.asarray(a2c.advantages(jnp.ravel(values), jnp.ravel(following), batch, HYPERS))
+    _, learner, batch, diagnosis = setup("gaussian")
+    values, following = (
+        np.asarray(actor_critic.value(learner.params, o)) for o in (batch.observation, batch.next_observation)
+    )
+    advantage = np.asarray(actor_critic.advantages(jnp.ravel(values), jnp.ravel(following), batch, HYPERS))
     expected = explained_variance(values.ravel(), advantage + values.ravel())
-    np.testing.assert_allclose(diagnosis.explained_variance, expected, rtol=1e-4)
+    np.testing.assert_allclose(diagnosis["explained_variance"], expected, rtol=1e-4)
 
 
 def test_sigma_is_the_gaussians_own_and_the_softmaxs_effective_one():
-    _, _, learner, _, diagnosis = setup("gaussian")
-    np.testing.assert_allclose(diagnosis.sigma, np.exp(learner.params["log_std"]).mean(), rtol=1e-6)
-    _, policy, learner, batch, diagnosis = setup("hl-gauss")
-    probs = np.asarray(a2c.distribution(policy, learner.params, batch.observation).probs, np.float64)
-    centers = np.asarray(policy.bins.centers, np.float64)
+    _, learner, _, diagnosis = setup("gaussian")
+    np.testing.assert_allclose(diagnosis["sigma"], np.exp(learner.params["log_std"]).mean(), rtol=1e-6)
+    agent, learner, batch, diagnosis = setup("hl-gauss")
+    probs = np.asarray(actor_critic.distribution(agent, learner.params, batch.observation, HYPERS).probs, np.float64)
+    centers = np.asarray(agent.policy.bins.centers, np.float64)
     variance = (probs * centers**2).sum(-1) - (probs * centers).sum(-1) ** 2
-    np.testing.assert_allclose(diagnosis.sigma, np.sqrt(variance).mean(), rtol=1e-4)
+    np.testing.assert_allclose(diagnosis["sigma"], np.sqrt(variance).mean(), rtol=1e-4)
 
 
 def test_edge_share_counts_the_outermost_bins_or_what_is_clipped():
-    _, policy, _, batch, diagnosis = setup("hl-one-hot")
-    index = np.asarray(policy.bins.encode(batch.action))
-    assert 0 < diagnosis.edge_share < 1
-    np.testing.assert_allclose(diagnosis.edge_share, np.isin(index, [0, K - 1]).mean(), rtol=1e-6)
-    _, _, _, batch, diagnosis = setup("gaussian")
+    agent, _, batch, diagnosis = setup("hl-one-hot")
+    index = np.asarray(agent.policy.bins.encode(batch.action))
+    assert 0 < diagnosis["edge_share"] < 1
+    np.testing.assert_allclose(diagnosis["edge_share"], np.isin(index, [0, K - 1]).mean(), rtol=1e-6)
+    _, _, batch, diagnosis = setup("gaussian")
     outside = (np.asarray(batch.action) < LOW) | (np.asarray(batch.action) > HIGH)
-    assert 0 < diagnosis.edge_share < 1
-    np.testing.assert_allclose(diagnosis.edge_share, outside.mean(), rtol=1e-6)
+    assert 0 < diagnosis["edge_share"] < 1
+    np.testing.assert_allclose(diagnosis["edge_share"], outside.mean(), rtol=1e-6)
 
 
 @pytest.mark.parametrize("loss", LOSSES)
 def test_the_bias_is_hl_gausss_alone_and_its_closed_form(loss):
-    _, policy, learner, batch, diagnosis = setup(loss)
+    agent, learner, batch, diagnosis = setup(loss)
     if loss != "hl-gauss":
-        assert diagnosis.hl_gauss_bias == 0
+        assert diagnosis["hl_gauss_bias"] == 0
         return
     edges = np.arange(K + 1)
     cdf = norm.cdf((edges - (np.arange(K)[:, None] + 0.5)) / HYPERS.eta)
     table = np.diff(cdf) / (cdf[:, -1:] - cdf[:, :1])
-    probs = np.asarray(a2c.distribution(policy, learner.params, batch.observation).probs, np.float64)
-    values = (a2c.value(learner.params, a2c.flatten(o)) for o in (batch.observation, batch.next_observation))
-    advantage = np.asarray(a2c.advantages(*values, batch, HYPERS))
+    probs = np.asarray(actor_critic.distribution(agent, learner.params, batch.observation, HYPERS).probs, np.float64)
+    values = (
+        actor_critic.value(learner.params, actor_critic.flatten(o)) for o in (batch.observation, batch.next_observation)
+    )
+    advantage = np.asarray(actor_critic.advantages(*values, batch, HYPERS))
     expected = abs(advantage.mean()) * np.linalg.norm(probs @ table - probs, axis=-1).mean()
-    np.testing.assert_allclose(diagnosis.hl_gauss_bias, expected, rtol=1e-4)
+    np.testing.assert_allclose(diagnosis["hl_gauss_bias"], expected, rtol=1e-4)
 
 
 def test_centring_takes_the_bias_away():
     """The mean logit gradient over actions of the policy itself, with the advantage off by one."""
-    _, policy, learner, batch, _ = setup("hl-gauss")
-    distribution = a2c.distribution(policy, learner.params, batch.observation[0, :1])
-    centers = jnp.asarray(policy.bins.centers.T)[:, None]
+    agent, learner, batch, _ = setup("hl-gauss")
+    distribution = actor_critic.distribution(agent, learner.params, batch.observation[0, :1], HYPERS)
+    centers = jnp.asarray(agent.policy.bins.centers.T)[:, None]
     for loss, biased in (("hl-gauss", True), ("hl-gauss-centred", False)):
 
         def mean_loss(logits, loss=loss):
             whole = dataclasses.replace(distribution, logits=jnp.broadcast_to(logits, (K, *logits.shape)))
-            losses = LOSSES[loss].function(whole, jnp.broadcast_to(centers, (K, 1, 2)), HYPERS.eta)
+            losses = LOSSES[loss].function(whole, jnp.broadcast_to(centers, (K, 1, 2)), HYPERS)
             return losses
 
         # Rows of actions take the same bin in both dimensions; one dimension is enough.

@@ -1,0 +1,47 @@
+import numpy as np
+import pytest
+
+from galton import A2C, PPO, Model, UsageError
+from galton.envs import LQR
+
+SMALL = {"n_bins": 10, "net_arch": (8,)}
+
+
+@pytest.fixture(scope="module")
+def model():
+    return A2C("lqr", **SMALL).learn(200, progress_bar=False)
+
+
+def test_a_loaded_model_predicts_the_same_bits_without_an_environment(model, tmp_path):
+    loaded = A2C.load(model.save(tmp_path / "model"))
+    observations = np.random.default_rng(0).normal(size=(7, 2))
+    for deterministic in (True, False, False):
+        ours, theirs = (m.predict(observations, deterministic=deterministic)[0] for m in (model, loaded))
+        np.testing.assert_array_equal(ours, theirs)
+    assert loaded.env is None
+    assert loaded.num_timesteps == 200
+    assert loaded.action_space == model.action_space
+    assert loaded.observation_space == model.observation_space
+    assert (loaded.config, loaded.hypers, loaded.seed) == (model.config, model.hypers, model.seed)
+
+
+def test_a_loaded_model_without_an_environment_says_what_it_needs(model, tmp_path):
+    path = model.save(tmp_path / "model")
+    assert path.name == "model.safetensors"
+    loaded = A2C.load(tmp_path / "model")
+    for action in (lambda: loaded.learn(1), loaded.evaluate, lambda: loaded.save(path)):
+        with pytest.raises(UsageError, match=r"A2C.load\(path, env=\.\.\.\)"):
+            action()
+    assert loaded.evaluate(2, LQR()).shape == (2,)
+    with pytest.raises(UsageError, match="env_kwargs"):
+        A2C.load(path, env_kwargs={"noise_std": 0.0})
+    loaded.close()
+
+
+def test_a_file_says_its_algorithm_and_only_that_class_or_model_opens_it(tmp_path):
+    path = PPO("lqr", **SMALL, n_steps=8, batch_size=4, clip_range=0.1).save(tmp_path / "model")
+    with pytest.raises(UsageError, match=r"holds a model of PPO; load it with galton.PPO.load"):
+        A2C.load(path)
+    for cls in (PPO, Model):
+        loaded = cls.load(path)
+        assert (loaded.config.algorithm, loaded.config.batch_size, loaded.hypers.clip_range) == ("ppo", 4, 0.1)

@@ -1,0 +1,109 @@
+import inspect
+import subprocess
+import sys
+
+import pytest
+from stable_baselines3.common.vec_env import DummyVecEnv
+
+from galton import A2C, ALGORITHMS, PPO, Config, Hypers, UsageError
+from galton.envs import LQR
+from galton.models.settings import Settings
+
+from .tall import Tall
+
+SMALL = {"n_bins": 10, "net_arch": (8,)}
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"loss": "mse"}, "loss is 'mse'"),
+        ({"learning_rate": -1.0}, "learning_rate is -1.0"),
+        ({"learning_rate": float("inf")}, "learning_rate is inf"),
+        ({"gamma": 1.5}, "gamma is 1.5"),
+        ({"eta": 0.0}, "eta is 0.0"),
+        ({"seed": -1}, "seed is -1"),
+        ({"seed": 2**32}, "seed is 4294967296"),
+        ({"n_bins": 1}, "n_bins is 1"),
+        ({"net_arch": (8, 0)}, "net_arch is 0"),
+        ({"n_envs": 0}, "n_envs is 0"),
+        ({"env": 7}, "env is 7"),
+        ({"env": "NoSuch-v0"}, "NoSuch-v0"),
+        ({"env": "CartPole-v1"}, "continuous actions"),
+        ({"env": LQR(), "env_kwargs": {"noise_std": 1.0}}, "env_kwargs"),
+        ({"env_kwargs": {"mass": 1.0}}, "no constant 'mass'"),
+        ({"env": DummyVecEnv([Tall] * 2), "n_envs": 3}, "n_envs is 3, but 2 were given"),
+        ({"env": Tall(), "n_envs": 3}, "n_envs is 3, but one environment was given"),
+    ],
+    ids=lambda value: value if isinstance(value, str) else "",
+)
+def test_bad_arguments_of_the_constructor_are_named(settings, message):
+    with pytest.raises(UsageError, match=message):
+        A2C(**{"env": "lqr"} | SMALL | settings)
+
+
+def test_every_field_of_the_records_can_be_told():
+    arguments = {"loss", "n_envs", "algorithm"}
+    fields = {*Config.__dataclass_fields__, *Hypers._fields}
+    assert set(Settings.__annotations__) == fields - arguments
+
+
+@pytest.mark.parametrize(("model", "algorithm"), [(A2C, "a2c"), (PPO, "ppo")])
+def test_what_editors_show_is_what_a_model_takes_with_the_defaults_that_it_has(model, algorithm):
+    shown = {name: parameter.default for name, parameter in inspect.signature(model).parameters.items()}
+    made = model("lqr", n_envs=1)
+    values = vars(made.config) | made.hypers._asdict()
+    for name in shown.keys() & values.keys() - {"n_envs"}:
+        assert shown[name] == values[name], name
+    others = {field for name, other in ALGORITHMS.items() if name != algorithm for field in other.own}
+    assert set(Settings.__annotations__) - shown.keys() == others - set(ALGORITHMS[algorithm].own)
+
+
+def test_a_setting_of_another_algorithm_is_refused_with_those_that_there_are():
+    with pytest.raises(TypeError, match=r"A2C\(\) got an unexpected keyword argument 'clip_range'; it takes .*eta"):
+        A2C("lqr", clip_range=0.1)
+    assert PPO("lqr", **SMALL, clip_range=0.1, n_steps=64).hypers.clip_range == 0.1
+
+
+WRONG_TYPES = """
+import sys, numpy as np, galton
+model = galton.A2C("lqr", n_bins=np.int64(10), net_arch=[np.int32(8)], normalize_reward=1, seed=np.uint32(5), eta=1)
+loaded = galton.A2C.load(model.save(sys.argv[1]))
+assert loaded.config == model.config, loaded.config
+make = lambda **settings: galton.A2C("lqr", **settings)
+for attempt, message in (
+    (lambda: make(learning_rate=np.ones(2)), "learning_rate is [1. 1.]; a model is one run"),
+    (lambda: make(gamma=np.ones((1, 1))), "gamma is [[1.]]; a model is one run"),
+    (lambda: make(learning_rate="fast"), "learning_rate is 'fast'"),
+    (lambda: make(eta=None), "eta is None; it must be a number"),
+    (lambda: make(seed=1.5), "seed is 1.5"),
+    (lambda: make(seed=None), "seed is None"),
+    (lambda: make(n_bins=10.0), "n_bins is 10.0"),
+    (lambda: make(n_steps="20"), "n_steps is 20"),
+    (lambda: make(net_arch=8), "net_arch is 8"),
+    (lambda: make(net_arch="88"), "an entry of net_arch is 8"),
+    (lambda: make(normalize_reward=2), "normalize_reward is 2; it must be True or False"),
+    (lambda: make(normalize_reward="no"), "normalize_reward is 'no'"),
+    (lambda: make(policy=None), "policy is None"),
+    (lambda: make(loss=["mse"]), "loss is ['mse']"),
+    (lambda: make(loss=None), "loss is None"),
+    (lambda: model.learn(1e4), "total_timesteps is 10000.0"),
+    (lambda: model.learn(True), "total_timesteps is True"),
+    (lambda: model.learn(20, callback=7), "callback is 7"),
+    (lambda: model.learn(20, log_interval="often"), "log_interval is often"),
+):
+    try:
+        attempt()
+    except galton.UsageError as error:
+        print("" if message in str(error) else f"{message!r} became {error!r}\\n", end="")
+    except Exception as error:
+        print(f"{message!r} became {error!r}")
+    else:
+        print(f"{message!r} passed")
+"""
+
+
+def test_numbers_of_numpy_are_saved_and_wrong_types_are_named_where_annotations_are_not_checked(tmp_path):
+    command = [sys.executable, "-W", "error", "-c", WRONG_TYPES, str(tmp_path / "model")]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert (done.stdout, done.stderr) == ("", "")
