@@ -23,6 +23,9 @@ from galton.algorithms.base import Agent, Algorithm, Scalars
 from galton.errors import require
 from galton.types import Config, Hypers, Learner, Params, Transition
 
+Told = dict[str, Float[Array, "*minibatches"]]
+"""What minibatches tell of themselves, by name."""
+
 
 class Rows(NamedTuple):
     """A rollout as training data, a row per transition, all fixed before the first step."""
@@ -62,7 +65,7 @@ def fit(
     """A step on each minibatch of each epoch, until one's KL divergence is over 1.5 · target_kl."""
     size = agent.config.batch_size
 
-    def epoch(carry: tuple[Learner, Array], order: Array) -> tuple[tuple[Learner, Array], tuple[Array, Scalars]]:
+    def epoch(carry: tuple[Learner, Array], order: Array) -> tuple[tuple[Learner, Array], tuple[Array, Told]]:
         batches = jax.tree.map(lambda x: x[order].reshape(-1, size, *x.shape[1:]), rows)
         return jax.lax.scan(lambda carry, rows: _minibatch(agent, carry, rows, hypers), carry, batches)
 
@@ -109,7 +112,7 @@ def gated(
     return jnp.where(clipped, 0.0, ratio)
 
 
-def _summarise(looked_at: Bool[Array, "epochs batches"], told: Scalars) -> Scalars:
+def _summarise(looked_at: Bool[Array, "epochs batches"], told: Told) -> Scalars:
     """Means over the minibatches that were looked at; the KL divergence of the last epoch that was, as SB3's."""
     last = looked_at & (jnp.arange(len(looked_at)) == looked_at.any(1).sum() - 1)[:, None]
     share = looked_at / looked_at.sum()
