@@ -1,6 +1,5 @@
 """One run with the habits of Stable-Baselines3: learn, predict, evaluate, save, load."""
 
-import functools
 import math
 import warnings
 from collections.abc import Iterable
@@ -11,10 +10,9 @@ import gymnasium
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
-from galton import normalization
-from galton.algorithms import Agent, actor_critic, find_algorithm, resolve
+from galton.algorithms import Agent, find_algorithm, resolve
 from galton.callbacks import Callback
 from galton.envs.base import Environment
 from galton.envs.find import find
@@ -24,9 +22,9 @@ from galton.envs.host.observations import Observations
 from galton.envs.host.space_json import to_json
 from galton.errors import DivergenceError, require, require_integer
 from galton.models import file
+from galton.models.acting import exploit, explore, returns_on, spaces_of
 from galton.models.learning import learn
 from galton.models.settings import Settings, check_one_run, split
-from galton.training.evaluate import deterministic_action, evaluate, play
 from galton.training.population import Population, populate
 from galton.training.train import check_seed
 from galton.types import Config, Hypers, Learner
@@ -234,11 +232,10 @@ class Model:
         del episode_start
         rows, single = self.observations.rows(observation)
         if deterministic:
-            action = self._exploit(rows)
+            action = exploit(self.agent, self.learner, self.hypers, rows)
         else:
-            key = jax.random.fold_in(jax.random.key(self.seed), self._n_predictions)
+            action = explore(self.agent, self.learner, self.hypers, rows, self.seed, self._n_predictions)
             self._n_predictions += 1
-            action = np.asarray(_explore(self.agent, self.learner, rows, key, self.hypers))
         actions = self.actions.to_env(action)
         return (actions[0, ...] if single else actions), state
 
@@ -257,18 +254,7 @@ class Model:
             return self.population.evaluate(n_episodes)[0]
         task = find(env)
         self.check_spaces(task)
-        if isinstance(task, Environment):
-            key = jax.random.fold_in(jax.random.key(self.seed), self.num_timesteps)
-            return np.asarray(evaluate(key, task, self.agent, self.learner, self.hypers, n_episodes))
-        envs = task.make(n_episodes)
-        try:
-            seeds = np.random.SeedSequence((self.seed, 1, self.num_timesteps)).generate_state(n_episodes)
-            return play(task.name, envs, seeds, self._exploit)
-        finally:
-            envs.close()
-
-    def _exploit(self, rows: Float[np.ndarray, "n o"]) -> Float[np.ndarray, "n d"]:
-        return np.asarray(_deterministic(self.agent, self.learner, rows, self.hypers))
+        return returns_on(task, self.agent, self.learner, self.hypers, n_episodes, self.seed, self.num_timesteps)
 
     def save(self, path: str | Path) -> Path:
         """Write the model to one file and return its path; `.safetensors` is added to a name without a suffix.
@@ -339,23 +325,3 @@ class Model:
         """Let go of the environments that the model made."""
         if self._population:
             self._population.close()
-
-
-def spaces_of(task: Environment | HostTask) -> tuple[ActionBox, Observations]:
-    """What it takes and what it shows, checked."""
-    if isinstance(task, Environment):
-        name = type(task).__name__
-        return (
-            ActionBox(name, gymnasium.spaces.Box(task.action_low, task.action_high)),
-            Observations(name, gymnasium.spaces.Box(task.observation_low, task.observation_high)),
-        )
-    return ActionBox(task.name, task.action_space), Observations(task.name, task.observation_space)
-
-
-_deterministic = jax.jit(deterministic_action, static_argnums=0)
-
-
-@functools.partial(jax.jit, static_argnums=0)
-def _explore(agent: Agent, learner: Learner, rows: Array, key: Array, hypers: Hypers) -> Array:
-    normalised = normalization.observation(learner.normalizer, rows)
-    return actor_critic.act(agent, learner.params, normalised, agent.policy.noise(key, rows.shape[:1]), hypers)
