@@ -2,7 +2,6 @@
 
 import functools
 
-import gymnasium
 import jax
 import numpy as np
 from jaxtyping import Array, Float
@@ -10,24 +9,11 @@ from jaxtyping import Array, Float
 from galton import normalization
 from galton.algorithms import Agent, actor_critic
 from galton.envs.base import Environment
-from galton.envs.host.action_box import ActionBox
 from galton.envs.host.base import HostTask
-from galton.envs.host.observations import Observations
 from galton.training.evaluate import deterministic_action, evaluate, play
 from galton.types import Hypers, Learner
 
 Rows = Float[np.ndarray, "n o"]
-
-
-def spaces_of(task: Environment | HostTask) -> tuple[ActionBox, Observations]:
-    """What an environment takes and what it shows; UsageError for spaces that Galton can't use."""
-    if isinstance(task, Environment):
-        name = type(task).__name__
-        return (
-            ActionBox(name, gymnasium.spaces.Box(task.action_low, task.action_high)),
-            Observations(name, gymnasium.spaces.Box(task.observation_low, task.observation_high)),
-        )
-    return ActionBox(task.name, task.action_space), Observations(task.name, task.observation_space)
 
 
 def exploit(agent: Agent, learner: Learner, hypers: Hypers, rows: Rows) -> Float[np.ndarray, "n d"]:

@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from galton.algorithms import Agent, actor_critic
+from galton.algorithms import Agent, actor_critic, find_algorithm
 from galton.envs.host.action_box import ActionBox
 from galton.envs.host.observations import Observations
 from galton.envs.host.space_json import from_json, to_json
@@ -27,8 +27,6 @@ class InexactResume(UserWarning):
 class ModelFile(NamedTuple):
     """What a file says of a model, beside its arrays."""
 
-    label: str
-    """Of its algorithm."""
     env: str
     config: Config
     hypers: Hypers
@@ -38,6 +36,17 @@ class ModelFile(NamedTuple):
     n_predictions: int
     actions: ActionBox
     observations: Observations
+
+    @property
+    def label(self) -> str:
+        """Of its algorithm, which is the name of the class that loads it."""
+        return find_algorithm(self.config.algorithm).label
+
+
+def existing(path: Path) -> Path:
+    """The file that was meant: with `.safetensors` behind its name if there is none without."""
+    with_suffix = path.with_suffix(".safetensors")
+    return with_suffix if not path.exists() and with_suffix.exists() else path
 
 
 def save(path: Path, model: ModelFile, snapshot: Snapshot) -> Path:
@@ -70,7 +79,6 @@ def read(path: Path) -> tuple[ModelFile, dict[str, np.ndarray]]:
     settings = saved.checked(path, settings, arrays)
     try:
         return ModelFile(
-            settings["class"],
             settings["env"],
             saved.config_of(settings),
             saved.hypers_of(settings),

@@ -19,11 +19,11 @@ from galton.envs.find import find
 from galton.envs.host.action_box import ActionBox
 from galton.envs.host.base import HostTask
 from galton.envs.host.observations import Observations
-from galton.envs.host.space_json import to_json
-from galton.errors import DivergenceError, require, require_integer
+from galton.errors import require, require_integer
 from galton.models import file
-from galton.models.acting import exploit, explore, returns_on, spaces_of
-from galton.models.learning import learn
+from galton.models.acting import exploit, explore, returns_on
+from galton.models.environment import check_copies, check_same_spaces, spaces_of, usual_copies
+from galton.models.learning import check_divergence, learn
 from galton.models.settings import Settings, check_one_run, split
 from galton.training.population import Population, populate
 from galton.training.train import check_seed
@@ -64,28 +64,18 @@ class Model:
         **settings: Unpack[Settings],
     ) -> None:
         task = find(env, **(env_kwargs or {}))
-        given = None if isinstance(task, Environment) else task.given
-        n_copies = (given or 1) if n_envs is None else n_envs
+        n_copies = usual_copies(task) if n_envs is None else n_envs
         self._begin(task, *split(find_algorithm(algorithm), loss, n_copies, dict(settings)), seed)
 
     @classmethod
     def of(cls: type[ModelT], env: Any, config: Config, hypers: Hypers, seed: int = 0) -> ModelT:
-        """A model with these records in the place of keyword arguments.
-
-        Raises:
-            UsageError: as the constructor.
-        """
+        """A model with these records in the place of keyword arguments; it raises what the constructor does."""
         model = cls.__new__(cls)
         model._begin(find(env), config, hypers, seed)
         return model
 
     def _begin(self, task: Environment | HostTask, config: Config, hypers: Hypers, seed: int) -> None:
-        given = None if isinstance(task, Environment) else task.given
-        require(
-            given is None or config.n_envs == given,
-            f"n_envs is {config.n_envs}, but {'one environment was' if given == 1 else f'{given} were'} given; "
-            "leave n_envs out, or give an id or a function that makes the environment",
-        )
+        check_copies(task, config.n_envs)
         self._describe(config, hypers, seed, *spaces_of(task))
         self._connect(task)
 
@@ -208,12 +198,7 @@ class Model:
         """
         self._learner = None
         self.population.advance(n_updates)
-        step = int(self.population.diverged_at[0])
-        if step >= 0:
-            raise DivergenceError(
-                f"the gradient was not finite at step {step:,}; the model keeps the parameters before it. Lower "
-                "learning_rate, or set normalize_reward or normalize_observation"
-            )
+        check_divergence(self.population)
 
     def predict(
         self,
@@ -253,7 +238,7 @@ class Model:
         if env is None:
             return self.population.evaluate(n_episodes)[0]
         task = find(env)
-        self.check_spaces(task)
+        check_same_spaces(task, self.actions, self.observations)
         return returns_on(task, self.agent, self.learner, self.hypers, n_episodes, self.seed, self.num_timesteps)
 
     def save(self, path: str | Path) -> Path:
@@ -262,7 +247,6 @@ class Model:
         It holds all that `load` needs to go on exactly. Loading it runs no code.
         """
         model = file.ModelFile(
-            self.agent.algorithm.label,
             self.env_name,
             self.config,
             self.hypers,
@@ -286,9 +270,7 @@ class Model:
         Warns:
             InexactResume: the file has no states of the environments, so their episodes start anew.
         """
-        path = Path(path)
-        if not path.exists() and path.with_suffix(".safetensors").exists():
-            path = path.with_suffix(".safetensors")
+        path = file.existing(Path(path))
         found, arrays = file.read(path)
         fits = cls.__name__ in ("Model", found.label)
         require(fits, f"path is {path}, which holds a model of {found.label}; load it with galton.{found.label}.load")
@@ -301,7 +283,7 @@ class Model:
             require(not env_kwargs, f"env_kwargs is {env_kwargs}; give env with it")
             return model
         task = find(env, **(env_kwargs or {}))
-        model.check_spaces(task)
+        check_same_spaces(task, model.actions, model.observations)
         model._connect(task)
         try:
             cause = file.resume(path, model.population, arrays)
@@ -313,13 +295,6 @@ class Model:
             message = f"{model.env_name} goes on from the start of new episodes: {cause}"
             warnings.warn(message, file.InexactResume, stacklevel=2)
         return model
-
-    def check_spaces(self, task: Environment | HostTask) -> None:
-        """Raise UsageError unless an environment has the spaces of the model's own."""
-        actions, observations = spaces_of(task)
-        for kind, own, other in (("actions", self.actions, actions), ("observations", self.observations, observations)):
-            same = to_json(own.space) == to_json(other.space)  # the order of a Dict's keys matters too
-            require(same, f"env has {kind} {other.space}; the model's are {own.space}")
 
     def close(self) -> None:
         """Let go of the environments that the model made."""
