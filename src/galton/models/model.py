@@ -88,13 +88,11 @@ class Model:
         self.config, self.hypers, self.seed = config, hypers, seed
         self.agent: Agent = resolve(config, actions.low, actions.high)
         self.actions, self.observations = actions, observations
-        self._n_predictions = 0
-        """How many batches of actions were sampled by `predict`, each with a key of its own."""
+        self._n_predictions = 0  # each batch of sampled actions has a key of its own
         self._population: Population | None = None
         self._env: Environment | HostTask | None = None
         self._learner: Learner | None = None
-        self._interval = self.agent.algorithm.log_interval
-        self._steps_at_load = 0
+        self._interval, self._steps_at_load = self.agent.algorithm.log_interval, 0
 
     def _connect(self, task: Environment | HostTask) -> None:
         """Begin a run on an environment."""
@@ -182,8 +180,7 @@ class Model:
         log_interval = self.agent.algorithm.log_interval if log_interval is None else log_interval
         require_integer("total_timesteps", total_timesteps, 1)
         require_integer("log_interval", log_interval, 1)
-        size = self.config.n_steps * self.config.n_envs
-        n_updates = math.ceil(total_timesteps / size)
+        n_updates = math.ceil(total_timesteps / (size := self.config.n_steps * self.config.n_envs))
         first = self.population.step
         require(first + n_updates * size < 2**31, f"total_timesteps is {total_timesteps}; one run counts to 2³¹ − 1")
         self._interval = log_interval
