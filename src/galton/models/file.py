@@ -113,7 +113,7 @@ def resume(path: Path, population: Population, arrays: dict[str, np.ndarray]) ->
     like: dict[str, Any] = population.snapshot()
     cause = ""
     try:
-        snapshot = checkpoint.unflatten(arrays, {"run": like["run"]})
+        snapshot = checkpoint.unflatten(_grown(model, arrays), {"run": like["run"]})
         if "environments" not in like:
             cause = "its environments can't be put into a state"
         else:
@@ -126,3 +126,9 @@ def resume(path: Path, population: Population, arrays: dict[str, np.ndarray]) ->
     except (UsageError, *saved.MALFORMED) as error:
         raise saved.unusable(path, error) from None
     return cause
+
+
+def _grown(model: "galton.models.model.Model", arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """The arrays with what the algorithm did not yet tell when they were written: unknown up to the next log point."""
+    unknown = np.where(arrays["run/tally/n_updates"] > 0, np.float32(np.nan), np.float32(0))
+    return {f"run/tally/diagnostics/{name}": unknown for name in model.agent.algorithm.scalars} | arrays
