@@ -13,15 +13,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from galton.studies.summary import Summary
 from safetensors import safe_open
 from safetensors.numpy import load_file
 
 import galton
 from galton import A2C, PPO, CheckpointError, NewerVersionError
-from galton.studies.summary import Summary
+from galton.saving import checkpoint
 from galton.sweep.plan import Plan
 from galton.sweep.store import Store
-from galton.training import checkpoint
 
 HERE = Path(__file__).parent
 FIELDS = {"newer_choice": '"other"', "newer_number": "2.5"}

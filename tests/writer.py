@@ -9,8 +9,9 @@ import shutil
 import sys
 from pathlib import Path
 
-import galton
 from galton.studies.summary import Summary
+
+import galton
 from galton.sweep.plan import Plan
 from galton.sweep.results import collect
 from galton.sweep.shard import finished, work

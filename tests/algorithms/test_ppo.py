@@ -10,7 +10,7 @@ import pytest
 from galton import A2C, PPO, Config, Hypers, UsageError, train
 from galton.algorithms import ppo, resolve
 from galton.records import defaults
-from galton.training import checkpoint
+from galton.saving import checkpoint
 
 from ..swing import stateful_swing
 from .minibatches import HYPERS, SIZE, N, T, agent_of, moved, rollout_of

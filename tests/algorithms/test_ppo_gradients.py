@@ -9,6 +9,7 @@ import pytest
 
 from galton import LOSSES, POLICIES, Bins
 from galton.algorithms import a2c, actor_critic, ppo
+from galton.losses import cross_entropy
 from galton.networks import mlp
 from galton.types import Transition
 
@@ -34,13 +35,13 @@ def fit(agent, learner, rows, orders, hypers=HYPERS):
 
 
 def deep(agent):
-    """A rollout's rows, and the parameters after three epochs on them: some ratios are clipped there, some are not."""
+    """A rollout, who sampled it, and the parameters after three epochs on it, where some ratios are clipped."""
     learner = moved(agent)
-    rows = ppo.prepare(agent, learner, rollout_of(agent, learner), HYPERS)
+    batch = rollout_of(agent, learner)
     orders = jnp.stack([jax.random.permutation(jax.random.key(i), T * N) for i in range(3)])
-    after, told = fit(agent, learner, rows, orders)
+    after, told = fit(agent, learner, ppo.prepare(agent, learner, batch, HYPERS), orders)
     assert 0.1 < told["clip_fraction"] < 0.9
-    return rows, after.params
+    return batch, learner, after.params
 
 
 def first_moments(before, after):
@@ -71,22 +72,29 @@ def check_equal(ours, theirs, tolerance):
 @pytest.mark.parametrize("eta", [0.05, 0.1])
 @pytest.mark.parametrize("loss", ["hl-gauss", "hl-gauss-centred"])
 @pytest.mark.parametrize("policy", ["histogram", "ordinal"])
-def test_with_narrow_targets_every_histogram_loss_is_ppo_on_hl_one_hot(policy, loss, eta):
-    one_hot = agent_of(policy, "hl-one-hot", normalize_advantage=True)
-    rows, params = deep(one_hot)
-    expected, told = gradient(one_hot, params, rows)
+@pytest.mark.parametrize("ratio", ["smoothed", "true"])
+def test_with_narrow_targets_every_histogram_loss_is_ppo_on_hl_one_hot(ratio, policy, loss, eta):
+    one_hot = agent_of(policy, "hl-one-hot", normalize_advantage=True, ratio=ratio)
+    batch, sampling, params = deep(one_hot)
+
+    def at(agent, hypers):
+        return gradient(agent, params, ppo.prepare(agent, sampling, batch, hypers), hypers)
+
+    expected, told = at(one_hot, HYPERS)
     assert 0 < told["clip_fraction"] < 1
-    found, _ = gradient(agent_of(policy, loss, normalize_advantage=True), params, rows, HYPERS._replace(eta=eta))
-    check_equal(found, expected, 1e-6)
-    wide, _ = gradient(agent_of(policy, loss, normalize_advantage=True), params, rows, HYPERS._replace(eta=1.0))
+    agent = agent_of(policy, loss, normalize_advantage=True, ratio=ratio)
+    check_equal(at(agent, HYPERS._replace(eta=eta))[0], expected, 1e-6)
+    wide, _ = at(agent, HYPERS._replace(eta=1.0))
     with pytest.raises(AssertionError):
         check_equal(wide, expected, 1e-2)
 
 
+@pytest.mark.parametrize("ratio", ["smoothed", "true"])
 @pytest.mark.parametrize(("policy", "loss"), LIKELIHOODS)
-def test_the_gated_weights_gradient_is_that_of_ppos_clipped_surrogate(policy, loss):
-    agent = agent_of(policy, loss)
-    rows, params = deep(agent)
+def test_the_gated_weights_gradient_is_that_of_ppos_clipped_surrogate(policy, loss, ratio):
+    agent = agent_of(policy, loss, ratio=ratio)
+    batch, sampling, params = deep(agent)
+    rows = ppo.prepare(agent, sampling, batch, HYPERS)
 
     def clipped_surrogate(params):
         distribution = agent.policy.distribution(mlp(params["actor"], rows.observation), params, HYPERS)
@@ -99,10 +107,32 @@ def test_the_gated_weights_gradient_is_that_of_ppos_clipped_surrogate(policy, lo
     check_equal(gradient(agent, params, rows)[0], jax.grad(clipped_surrogate)(params), 1e-9)
 
 
+@pytest.mark.parametrize("loss", ["hl-gauss", "hl-gauss-centred"])
+def test_the_smoothed_ratios_gradient_is_that_of_its_clipped_surrogate(loss):
+    agent = agent_of("histogram", loss, ratio="smoothed")
+    batch, sampling, params = deep(agent)
+    rows = ppo.prepare(agent, sampling, batch, HYPERS)
+
+    def clipped_surrogate(params):
+        def measured(params):
+            distribution = agent.policy.distribution(mlp(params["actor"], rows.observation), params, HYPERS)
+            return cross_entropy(distribution, rows.target), distribution.entropy().mean()
+
+        (ours, entropy), (sampled, _) = measured(params), measured(sampling.params)
+        ratio = jnp.exp(sampled - ours)
+        clipped = jnp.clip(ratio, 1 - HYPERS.clip_range, 1 + HYPERS.clip_range)
+        policy_loss = -jnp.minimum(ratio * rows.advantage, clipped * rows.advantage).mean()
+        value_loss = ((mlp(params["critic"], rows.observation)[:, 0] - rows.returns) ** 2).mean()
+        return policy_loss + HYPERS.vf_coef * value_loss - HYPERS.ent_coef * entropy
+
+    check_equal(gradient(agent, params, rows)[0], jax.grad(clipped_surrogate)(params), 1e-9)
+
+
 @pytest.mark.parametrize("normalize_advantage", [False, True])
+@pytest.mark.parametrize("ratio", ["smoothed", "true"])
 @pytest.mark.parametrize(("policy", "loss"), FITTING)
-def test_the_first_minibatch_of_the_first_epoch_is_a2cs(policy, loss, normalize_advantage):
-    agent = agent_of(policy, loss, normalize_advantage=normalize_advantage)
+def test_the_first_minibatch_of_the_first_epoch_is_a2cs(policy, loss, ratio, normalize_advantage):
+    agent = agent_of(policy, loss, normalize_advantage=normalize_advantage, ratio=ratio)
     learner = moved(agent)
     rows = ppo.prepare(agent, learner, rollout_of(agent, learner), HYPERS)
     some = jax.random.permutation(jax.random.key(5), T * N)[:SIZE]
@@ -123,14 +153,14 @@ def expected_gradient(policy, loss, shift):
     There is a row for each bin in each of three states. The mean over rows is the expectation since each advantage
     holds the action's probability, which changes no sign.
     """
-    agent = agent_of(policy, loss, d=1)
+    agent = agent_of(policy, loss, d=1, ratio="true")
     learner = moved(agent)
     observation = jnp.repeat(normal(7, 3, WIDTH), K, 0)
     action = jnp.tile(jnp.asarray(Bins(LOW[:1], HIGH[:1], K).centers[0]), 3)[:, None]
     log_prob = actor_critic.distribution(agent, learner.params, observation, HYPERS).log_prob(action)
     np.testing.assert_allclose(jnp.exp(log_prob).sum(), 3)
     advantage = K * jnp.exp(log_prob) * (normal(8, 3 * K) + shift)
-    rows = ppo.Rows(observation, action, advantage, jnp.zeros(3 * K), log_prob)
+    rows = ppo.Rows(observation, action, advantage, jnp.zeros(3 * K), log_prob, jnp.zeros(3 * K), ())
     params = jax.tree.map(lambda x: x + 0.01 * normal(9, *x.shape), learner.params)
     found, told = gradient(agent, params, rows, HYPERS._replace(eta=1.0, ent_coef=0.0))
     assert told["clip_fraction"] == 0

@@ -15,6 +15,7 @@ from galton.errors import CheckpointError, UsageError
 from galton.records import written
 from galton.saving import checkpoint
 from galton.saving import model_file as saved
+from galton.training.log import Tally
 from galton.training.population import Population
 from galton.training.run import Snapshot
 from galton.types import Config, Hypers, Learner
@@ -113,7 +114,7 @@ def resume(path: Path, population: Population, arrays: dict[str, np.ndarray]) ->
     like: dict[str, Any] = population.snapshot()
     cause = ""
     try:
-        snapshot = checkpoint.unflatten(_grown(model, arrays), {"run": like["run"]})
+        snapshot = checkpoint.unflatten(_grown(arrays, like["run"].tally), {"run": like["run"]})
         if "environments" not in like:
             cause = "its environments can't be put into a state"
         else:
@@ -128,7 +129,7 @@ def resume(path: Path, population: Population, arrays: dict[str, np.ndarray]) ->
     return cause
 
 
-def _grown(model: "galton.models.model.Model", arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+def _grown(arrays: dict[str, np.ndarray], tally: Tally) -> dict[str, np.ndarray]:
     """The arrays with what the algorithm did not yet tell when they were written: unknown up to the next log point."""
     unknown = np.where(arrays["run/tally/n_updates"] > 0, np.float32(np.nan), np.float32(0))
-    return {f"run/tally/diagnostics/{name}": unknown for name in model.agent.algorithm.scalars} | arrays
+    return {f"run/tally/diagnostics/{name}": unknown for name in tally.diagnostics} | arrays
