@@ -1,4 +1,4 @@
-"""A loss of your own: HL-1-Hot with label smoothing. A function of distribution, action and hypers, a line in LOSSES."""
+"""A loss of your own: HL-1-Hot with label smoothing. A function of (distribution, action, hypers), a line in LOSSES."""
 
 import galton
 from galton.losses import cross_entropy

@@ -2,11 +2,14 @@
 
 import numpy as np
 import pyarrow as pa
-from galton.training.state import Log
 
 from galton.paper.registry import all_sweeps
-from galton.paper.summary import Summary
+from galton.paper.summary import CURVES, Summary
 from galton.paper.trained import Trained
+from galton.paper.why import METRICS
+
+LOGGED = tuple(dict.fromkeys((*CURVES, *METRICS, "sigma")))
+"""What figures and tables show, and a metric that they don't."""
 
 PROVENANCE = {
     "budget": "smoke",
@@ -26,7 +29,7 @@ def results(study, final_of, n_logs=6, noise=0.01, diverged=(), seed=0):
     curves = -1 + (ends[:, None] + 1) * np.linspace(0, 1, n_logs) ** 0.5
     diverged_at = np.where(np.isin(np.arange(len(setting)), diverged), 1, -1).astype(np.int32)
     curves[diverged_at >= 0] = np.nan
-    lists = {name: pa.FixedSizeListArray.from_arrays(curves.astype(np.float32).ravel(), n_logs) for name in Log._fields}
+    lists = {name: pa.FixedSizeListArray.from_arrays(curves.astype(np.float32).ravel(), n_logs) for name in LOGGED}
     final = np.where(diverged_at >= 0, np.nan, ends).astype(np.float32)
     return pa.table(
         {

@@ -11,7 +11,7 @@ import pytest
 from scipy.stats import norm
 
 from galton import LOSSES, Config, Hypers, targets
-from galton.algorithms import a2c
+from galton.algorithms import actor_critic, resolve
 from galton.losses import surrogate
 from galton.networks import features, mlp
 from galton.paper import bounds, gradients, propositions
@@ -60,13 +60,13 @@ def setup(loss, seed=0, scale=1.0):
 def program(loss):
     """The policy; (learner, batch) → samples by reading."""
     config = Config(loss=loss, n_bins=K, n_steps=T, n_envs=N, net_arch=(5, 4))
-    policy = a2c.make_policy(config, LOW, HIGH)
+    agent = resolve(config, LOW, HIGH)
 
     def look(learner, batch):
         readings = [reading for name, reading in SERIES if name == loss]
-        return {reading: measure(config, policy, learner, batch, HYPERS, reading) for reading in readings}
+        return {reading: measure(agent, learner, batch, HYPERS, reading) for reading in readings}
 
-    return policy, jax.jit(look)
+    return agent.policy, jax.jit(look)
 
 
 def loss_by_hand(name, reading, theta, bias, log_std, s, a):
@@ -118,7 +118,7 @@ def norm_by_hand(name, reading, learner, s, a, advantage):
 def test_the_norm_is_that_of_finite_differences(loss, reading):
     learner, batch = setup(loss)
     samples = program(loss)[1](learner, batch)[reading]
-    s, a = (np.asarray(a2c.flatten(x), np.float64) for x in (batch.observation, batch.action))
+    s, a = (np.asarray(actor_critic.flatten(x), np.float64) for x in (batch.observation, batch.action))
     for i in range(T * N):
         expected = norm_by_hand(loss, reading, learner, s[i], a[i], float(samples.advantage[i]))
         np.testing.assert_allclose(samples.norm[i], expected, rtol=1e-4)
@@ -130,11 +130,11 @@ def test_the_samples_gradients_average_to_the_surrogates(loss):
     learner, batch = setup(loss)
     reading = "sigma^2" if loss == "gaussian" else ""
     advantage = look(learner, batch)[reading].advantage
-    s, a = a2c.flatten(batch.observation), a2c.flatten(batch.action)
+    s, a = actor_critic.flatten(batch.observation), actor_critic.flatten(batch.action)
     params, actor = learner.params, learner.params["actor"]
 
     def loss_of(outputs, action):
-        return LOSSES[loss].function(policy.distribution(outputs, params), action, HYPERS.eta)
+        return LOSSES[loss].function(policy.distribution(outputs, params, HYPERS), action, HYPERS)
 
     @jax.jit
     def both():
@@ -161,9 +161,9 @@ def test_the_bound_is_never_crossed_and_its_factors_are_those_of_the_paper(loss,
             assert np.median(np.asarray(samples.norm) / np.asarray(samples.bound)) > 0.1
     last = samples.last_factor
     if loss == "gaussian":
-        outputs = mlp(learner.params["actor"], a2c.flatten(batch.observation))
+        outputs = mlp(learner.params["actor"], actor_critic.flatten(batch.observation))
         std = jnp.exp(learner.params["log_std"])
-        distance = jnp.abs(a2c.flatten(batch.action) - outputs)
+        distance = jnp.abs(actor_critic.flatten(batch.action) - outputs)
         np.testing.assert_allclose(last, distance.sum(-1), rtol=1e-5)
         np.testing.assert_allclose(samples.sigma, std.mean(), rtol=1e-6)
         last = (distance / std ** READINGS[reading]).sum(-1)
@@ -179,12 +179,12 @@ def test_a_softmaxs_bound_is_proposition_1_summed_over_dimensions(loss):
     actor = learner.params["actor"]
 
     def eq_7(s, a, advantage):
-        probs, index = policy.distribution(mlp(actor, s), {}).probs, policy.bins.encode(a)
+        probs, index = policy.distribution(mlp(actor, s), {}, HYPERS).probs, policy.bins.encode(a)
         q = jax.nn.one_hot(index, K) if loss == "hl-one-hot" else targets.hl_gauss_of_center(K, index, HYPERS.eta)
         shared = jnp.abs(advantage) * (output_lipschitz(actor, s) + jnp.linalg.norm(features(actor, s)))
         return sum(shared * jnp.abs(q[j] - probs[j]).sum() for j in range(2))
 
-    expected = jax.jit(jax.vmap(eq_7))(*map(a2c.flatten, (batch.observation, batch.action)), samples.advantage)
+    expected = jax.jit(jax.vmap(eq_7))(*map(actor_critic.flatten, (batch.observation, batch.action)), samples.advantage)
     np.testing.assert_allclose(samples.bound, expected, rtol=1e-4)
 
 

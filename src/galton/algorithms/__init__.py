@@ -8,14 +8,15 @@ from galton.algorithms.base import Agent, Algorithm, Scalars
 from galton.errors import UsageError, require
 from galton.losses import find_loss
 from galton.policies import POLICIES
-from galton.types import Config
+from galton.records import defaults
+from galton.types import Config, Hypers
 
 ALGORITHMS: dict[str, Algorithm] = {
     "a2c": a2c.ALGORITHM,
     "ppo": ppo.ALGORITHM,
 }
 
-__all__ = ["ALGORITHMS", "Agent", "Algorithm", "Scalars", "find_algorithm", "resolve"]
+__all__ = ["ALGORITHMS", "Agent", "Algorithm", "Scalars", "find_algorithm", "refuse_others", "resolve"]
 
 
 def resolve(config: Config, low: Float[np.ndarray, " d"], high: Float[np.ndarray, " d"]) -> Agent:
@@ -32,14 +33,21 @@ def resolve(config: Config, low: Float[np.ndarray, " d"], high: Float[np.ndarray
         name in fitting,
         f"policy is {name!r}, but the loss {config.loss!r} needs a {loss.family}; choose from {', '.join(fitting)}",
     )
-    for other in ALGORITHMS.values():
-        for field in other.own if other is not algorithm else ():
-            value = getattr(config, field, None)
-            usual = value is None or value == getattr(Config, field)
-            require(usual, f"{field} is {value}; it goes with algorithm {other.name!r}, not with {config.algorithm!r}")
+    refuse_others(algorithm, config)
     algorithm.check(config)
     box = (tuple(float(x) for x in np.asarray(bound, np.float32)) for bound in (low, high))
     return Agent(config, loss, POLICIES[name].create, algorithm, *box)
+
+
+def refuse_others(algorithm: Algorithm, settings: Config | Hypers) -> None:
+    """Raise UsageError where a setting that only other algorithms have a use for is not at its default."""
+    usual = defaults(type(settings))
+    for other in ALGORITHMS.values():
+        for name in sorted(set(other.own) & set(usual) - set(algorithm.own)):
+            given = np.atleast_1d(getattr(settings, name))
+            default = np.float32(usual[name]) if given.dtype == np.float32 else usual[name]
+            for value in given[given != default][:1]:
+                raise UsageError(f"{name} is {value!s}; it goes with algorithm {other.name!r}, not {algorithm.name!r}")
 
 
 def find_algorithm(name: str) -> Algorithm:

@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from galton.algorithms import Agent, actor_critic
+from galton.algorithms import Agent, actor_critic, find_algorithm
 from galton.envs.host.action_box import ActionBox
 from galton.envs.host.observations import Observations
 from galton.envs.host.space_json import from_json, to_json
@@ -15,6 +15,7 @@ from galton.errors import CheckpointError, UsageError
 from galton.records import written
 from galton.saving import checkpoint
 from galton.saving import model_file as saved
+from galton.training.log import Tally
 from galton.training.population import Population
 from galton.training.run import Snapshot
 from galton.types import Config, Hypers, Learner
@@ -27,8 +28,6 @@ class InexactResume(UserWarning):
 class ModelFile(NamedTuple):
     """What a file says of a model, beside its arrays."""
 
-    label: str
-    """Of its algorithm."""
     env: str
     config: Config
     hypers: Hypers
@@ -38,6 +37,17 @@ class ModelFile(NamedTuple):
     n_predictions: int
     actions: ActionBox
     observations: Observations
+
+    @property
+    def label(self) -> str:
+        """Of its algorithm, which is the name of the class that loads it."""
+        return find_algorithm(self.config.algorithm).label
+
+
+def existing(path: Path) -> Path:
+    """The file that was meant: with `.safetensors` behind its name if there is none without."""
+    with_suffix = path.with_suffix(".safetensors")
+    return with_suffix if not path.exists() and with_suffix.exists() else path
 
 
 def save(path: Path, model: ModelFile, snapshot: Snapshot) -> Path:
@@ -70,7 +80,6 @@ def read(path: Path) -> tuple[ModelFile, dict[str, np.ndarray]]:
     settings = saved.checked(path, settings, arrays)
     try:
         return ModelFile(
-            settings["class"],
             settings["env"],
             saved.config_of(settings),
             saved.hypers_of(settings),
@@ -105,7 +114,7 @@ def resume(path: Path, population: Population, arrays: dict[str, np.ndarray]) ->
     like: dict[str, Any] = population.snapshot()
     cause = ""
     try:
-        snapshot = checkpoint.unflatten(arrays, {"run": like["run"]})
+        snapshot = checkpoint.unflatten(_grown(arrays, like["run"].tally), {"run": like["run"]})
         if "environments" not in like:
             cause = "its environments can't be put into a state"
         else:
@@ -118,3 +127,9 @@ def resume(path: Path, population: Population, arrays: dict[str, np.ndarray]) ->
     except (UsageError, *saved.MALFORMED) as error:
         raise saved.unusable(path, error) from None
     return cause
+
+
+def _grown(arrays: dict[str, np.ndarray], tally: Tally) -> dict[str, np.ndarray]:
+    """The arrays with what the algorithm did not yet tell when they were written: unknown up to the next log point."""
+    unknown = np.where(arrays["run/tally/n_updates"] > 0, np.float32(np.nan), np.float32(0))
+    return {f"run/tally/diagnostics/{name}": unknown for name in tally.diagnostics} | arrays

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from typing import Any, Protocol, runtime_checkable
 
 from galton import sb3
-from galton.errors import require
+from galton.errors import DivergenceError, require
 from galton.training.log import Log
 from galton.training.population import Population
 from galton.types import Config
@@ -58,6 +58,16 @@ def learn(model: Learning, n_updates: int, callback: Any, progress_bar: bool) ->
                 going = going and all(verdict is not False for verdict in verdicts)
             show(model.num_timesteps - first)
         theirs.end()
+
+
+def check_divergence(population: Population) -> None:
+    """Raise DivergenceError once the run's gradient was not finite."""
+    step = int(population.diverged_at[0])
+    if step >= 0:
+        raise DivergenceError(
+            f"the gradient was not finite at step {step:,}; the model keeps the parameters before it. Lower "
+            "learning_rate, or set normalize_reward or normalize_observation"
+        )
 
 
 def named(log: Log, step: int, seconds: float, first: int) -> dict[str, float]:

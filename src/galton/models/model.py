@@ -1,6 +1,5 @@
 """One run with the habits of Stable-Baselines3: learn, predict, evaluate, save, load."""
 
-import functools
 import math
 import warnings
 from collections.abc import Iterable
@@ -11,22 +10,21 @@ import gymnasium
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
-from galton import normalization
-from galton.algorithms import Agent, actor_critic, find_algorithm, resolve
+from galton.algorithms import Agent, find_algorithm, resolve
 from galton.callbacks import Callback
 from galton.envs.base import Environment
 from galton.envs.find import find
 from galton.envs.host.action_box import ActionBox
 from galton.envs.host.base import HostTask
 from galton.envs.host.observations import Observations
-from galton.envs.host.space_json import to_json
-from galton.errors import DivergenceError, require, require_integer
+from galton.errors import require, require_integer
 from galton.models import file
-from galton.models.learning import learn
+from galton.models.acting import exploit, explore, returns_on
+from galton.models.environment import check_copies, check_same_spaces, spaces_of, usual_copies
+from galton.models.learning import check_divergence, learn
 from galton.models.settings import Settings, check_one_run, split
-from galton.training.evaluate import deterministic_action, evaluate, play
 from galton.training.population import Population, populate
 from galton.training.train import check_seed
 from galton.types import Config, Hypers, Learner
@@ -66,28 +64,18 @@ class Model:
         **settings: Unpack[Settings],
     ) -> None:
         task = find(env, **(env_kwargs or {}))
-        given = None if isinstance(task, Environment) else task.given
-        n_copies = (given or 1) if n_envs is None else n_envs
+        n_copies = usual_copies(task) if n_envs is None else n_envs
         self._begin(task, *split(find_algorithm(algorithm), loss, n_copies, dict(settings)), seed)
 
     @classmethod
     def of(cls: type[ModelT], env: Any, config: Config, hypers: Hypers, seed: int = 0) -> ModelT:
-        """A model with these records in the place of keyword arguments.
-
-        Raises:
-            UsageError: as the constructor.
-        """
+        """A model with these records in the place of keyword arguments; it raises what the constructor does."""
         model = cls.__new__(cls)
         model._begin(find(env), config, hypers, seed)
         return model
 
     def _begin(self, task: Environment | HostTask, config: Config, hypers: Hypers, seed: int) -> None:
-        given = None if isinstance(task, Environment) else task.given
-        require(
-            given is None or config.n_envs == given,
-            f"n_envs is {config.n_envs}, but {'one environment was' if given == 1 else f'{given} were'} given; "
-            "leave n_envs out, or give an id or a function that makes the environment",
-        )
+        check_copies(task, config.n_envs)
         self._describe(config, hypers, seed, *spaces_of(task))
         self._connect(task)
 
@@ -100,13 +88,11 @@ class Model:
         self.config, self.hypers, self.seed = config, hypers, seed
         self.agent: Agent = resolve(config, actions.low, actions.high)
         self.actions, self.observations = actions, observations
-        self._n_predictions = 0
-        """How many batches of actions were sampled by `predict`, each with a key of its own."""
+        self._n_predictions = 0  # each batch of sampled actions has a key of its own
         self._population: Population | None = None
         self._env: Environment | HostTask | None = None
         self._learner: Learner | None = None
-        self._interval = self.agent.algorithm.log_interval
-        self._steps_at_load = 0
+        self._interval, self._steps_at_load = self.agent.algorithm.log_interval, 0
 
     def _connect(self, task: Environment | HostTask) -> None:
         """Begin a run on an environment."""
@@ -194,8 +180,7 @@ class Model:
         log_interval = self.agent.algorithm.log_interval if log_interval is None else log_interval
         require_integer("total_timesteps", total_timesteps, 1)
         require_integer("log_interval", log_interval, 1)
-        size = self.config.n_steps * self.config.n_envs
-        n_updates = math.ceil(total_timesteps / size)
+        n_updates = math.ceil(total_timesteps / (size := self.config.n_steps * self.config.n_envs))
         first = self.population.step
         require(first + n_updates * size < 2**31, f"total_timesteps is {total_timesteps}; one run counts to 2³¹ − 1")
         self._interval = log_interval
@@ -210,12 +195,7 @@ class Model:
         """
         self._learner = None
         self.population.advance(n_updates)
-        step = int(self.population.diverged_at[0])
-        if step >= 0:
-            raise DivergenceError(
-                f"the gradient was not finite at step {step:,}; the model keeps the parameters before it. Lower "
-                "learning_rate, or set normalize_reward or normalize_observation"
-            )
+        check_divergence(self.population)
 
     def predict(
         self,
@@ -234,11 +214,10 @@ class Model:
         del episode_start
         rows, single = self.observations.rows(observation)
         if deterministic:
-            action = self._exploit(rows)
+            action = exploit(self.agent, self.learner, self.hypers, rows)
         else:
-            key = jax.random.fold_in(jax.random.key(self.seed), self._n_predictions)
+            action = explore(self.agent, self.learner, self.hypers, rows, self.seed, self._n_predictions)
             self._n_predictions += 1
-            action = np.asarray(_explore(self.agent, self.learner, rows, key, self.hypers))
         actions = self.actions.to_env(action)
         return (actions[0, ...] if single else actions), state
 
@@ -256,19 +235,8 @@ class Model:
         if env is None:
             return self.population.evaluate(n_episodes)[0]
         task = find(env)
-        self.check_spaces(task)
-        if isinstance(task, Environment):
-            key = jax.random.fold_in(jax.random.key(self.seed), self.num_timesteps)
-            return np.asarray(evaluate(key, task, self.agent, self.learner, self.hypers, n_episodes))
-        envs = task.make(n_episodes)
-        try:
-            seeds = np.random.SeedSequence((self.seed, 1, self.num_timesteps)).generate_state(n_episodes)
-            return play(task.name, envs, seeds, self._exploit)
-        finally:
-            envs.close()
-
-    def _exploit(self, rows: Float[np.ndarray, "n o"]) -> Float[np.ndarray, "n d"]:
-        return np.asarray(_deterministic(self.agent, self.learner, rows, self.hypers))
+        check_same_spaces(task, self.actions, self.observations)
+        return returns_on(task, self.agent, self.learner, self.hypers, n_episodes, self.seed, self.num_timesteps)
 
     def save(self, path: str | Path) -> Path:
         """Write the model to one file and return its path; `.safetensors` is added to a name without a suffix.
@@ -276,7 +244,6 @@ class Model:
         It holds all that `load` needs to go on exactly. Loading it runs no code.
         """
         model = file.ModelFile(
-            self.agent.algorithm.label,
             self.env_name,
             self.config,
             self.hypers,
@@ -300,9 +267,7 @@ class Model:
         Warns:
             InexactResume: the file has no states of the environments, so their episodes start anew.
         """
-        path = Path(path)
-        if not path.exists() and path.with_suffix(".safetensors").exists():
-            path = path.with_suffix(".safetensors")
+        path = file.existing(Path(path))
         found, arrays = file.read(path)
         fits = cls.__name__ in ("Model", found.label)
         require(fits, f"path is {path}, which holds a model of {found.label}; load it with galton.{found.label}.load")
@@ -315,7 +280,7 @@ class Model:
             require(not env_kwargs, f"env_kwargs is {env_kwargs}; give env with it")
             return model
         task = find(env, **(env_kwargs or {}))
-        model.check_spaces(task)
+        check_same_spaces(task, model.actions, model.observations)
         model._connect(task)
         try:
             cause = file.resume(path, model.population, arrays)
@@ -328,34 +293,7 @@ class Model:
             warnings.warn(message, file.InexactResume, stacklevel=2)
         return model
 
-    def check_spaces(self, task: Environment | HostTask) -> None:
-        """Raise UsageError unless an environment has the spaces of the model's own."""
-        actions, observations = spaces_of(task)
-        for kind, own, other in (("actions", self.actions, actions), ("observations", self.observations, observations)):
-            same = to_json(own.space) == to_json(other.space)  # the order of a Dict's keys matters too
-            require(same, f"env has {kind} {other.space}; the model's are {own.space}")
-
     def close(self) -> None:
         """Let go of the environments that the model made."""
         if self._population:
             self._population.close()
-
-
-def spaces_of(task: Environment | HostTask) -> tuple[ActionBox, Observations]:
-    """What it takes and what it shows, checked."""
-    if isinstance(task, Environment):
-        name = type(task).__name__
-        return (
-            ActionBox(name, gymnasium.spaces.Box(task.action_low, task.action_high)),
-            Observations(name, gymnasium.spaces.Box(task.observation_low, task.observation_high)),
-        )
-    return ActionBox(task.name, task.action_space), Observations(task.name, task.observation_space)
-
-
-_deterministic = jax.jit(deterministic_action, static_argnums=0)
-
-
-@functools.partial(jax.jit, static_argnums=0)
-def _explore(agent: Agent, learner: Learner, rows: Array, key: Array, hypers: Hypers) -> Array:
-    normalised = normalization.observation(learner.normalizer, rows)
-    return actor_critic.act(agent, learner.params, normalised, agent.policy.noise(key, rows.shape[:1]), hypers)

@@ -72,6 +72,7 @@ def check(settings: Settings, arrays: dict[str, np.ndarray]) -> Settings:
         NewerVersionError: a field that this version does not know.
         CheckpointError: anything else.
     """
+    refuse_unknown("the checkpoint", settings, EXAMPLE)
     for part in ("config", "hypers"):
         _check_like(part, settings[part], {})
         refuse_unknown(f"the checkpoint's {part}", settings[part], EXAMPLE[part])

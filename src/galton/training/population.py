@@ -7,7 +7,7 @@ import jax
 import numpy as np
 from jaxtyping import Float, Int
 
-from galton.algorithms import resolve
+from galton.algorithms import refuse_others, resolve
 from galton.envs.base import Environment
 from galton.envs.find import find
 from galton.envs.host.action_box import ActionBox
@@ -80,10 +80,11 @@ def populate(
         devices: what to compute on; by default, on all of this process.
 
     Raises:
-        UsageError: an environment that can't be used, or a configuration whose choices don't fit together.
+        UsageError: an environment that can't be used, or settings that don't fit together.
     """
     found, devices = find(env), devices or jax.devices()
     agent = resolve(config, *action_box(found))
+    refuse_others(agent.algorithm, hypers)
     if isinstance(found, Environment):
         return DevicePopulation(found, agent, hypers, seeds, devices)
     return HostPopulation(found, agent, hypers, seeds, devices)

@@ -95,19 +95,12 @@ def train(
     steps = log_points(config, total_timesteps, n_logs)
     require(steps[-1] < 2**31, f"total_timesteps is {total_timesteps}; one run counts up to 2³¹ − 1 steps")
     all_hypers = Hypers._make(np.broadcast_to(np.asarray(h, np.float32), len(seeds)) for h in hypers)
-
     population = populate(env, config, all_hypers, seeds, devices)
     try:
-        compiled, start = population.compile_seconds, time.perf_counter()
-        log = _train(population, steps, int(steps[0]) // (config.n_steps * config.n_envs), n_eval_episodes, on_log)
-        learner, diverged_at = population.learner, population.diverged_at
-        elapsed, compile_seconds = time.perf_counter() - start, population.compile_seconds
+        trained = _train(population, steps, int(steps[0]) // (config.n_steps * config.n_envs), n_eval_episodes, on_log)
     finally:
         population.close()
-    train_seconds = elapsed - (compile_seconds - compiled)
-    return Result(
-        config, all_hypers, np.asarray(seeds), steps, log, diverged_at, learner, compile_seconds, train_seconds
-    )
+    return Result(config, all_hypers, np.asarray(seeds), steps, *trained)
 
 
 def _train(
@@ -116,9 +109,9 @@ def _train(
     updates_per_log: int,
     n_eval_episodes: int,
     on_log: Callable[[int, Log], None] | None,
-) -> Log:
-    """From log point to log point; the logs `[R, L]`."""
-    logs = []
+) -> tuple[Log, Int[np.ndarray, " R"], Learner, float, float]:
+    """From log point to log point: what a Result has of it, from the log to the seconds of compiling and training."""
+    compiled, start, logs = population.compile_seconds, time.perf_counter(), []
     for step in steps:
         population.advance(updates_per_log)
         log = population.log()
@@ -129,8 +122,10 @@ def _train(
         logs.append(log)
         if on_log:
             on_log(int(step), log)
+    learner, diverged_at = population.learner, population.diverged_at
+    train_seconds = time.perf_counter() - start - (population.compile_seconds - compiled)
     stacked: Log = jax.tree.map(lambda *x: np.stack(x, axis=1), *logs)
-    return stacked
+    return stacked, diverged_at, learner, population.compile_seconds, train_seconds
 
 
 def log_points(config: Config, total_timesteps: int, n_logs: int) -> Int[np.ndarray, " L"]:

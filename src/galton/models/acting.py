@@ -1,0 +1,54 @@
+"""What a policy does with observations, outside training: actions, and whole episodes."""
+
+import functools
+
+import jax
+import numpy as np
+from jaxtyping import Array, Float
+
+from galton import normalization
+from galton.algorithms import Agent, actor_critic
+from galton.envs.base import Environment
+from galton.envs.host.base import HostTask
+from galton.training.evaluate import deterministic_action, evaluate, play
+from galton.types import Hypers, Learner
+
+Rows = Float[np.ndarray, "n o"]
+
+
+def exploit(agent: Agent, learner: Learner, hypers: Hypers, rows: Rows) -> Float[np.ndarray, "n d"]:
+    """The deterministic action for each observation."""
+    return np.asarray(_deterministic(agent, learner, rows, hypers))
+
+
+def explore(agent: Agent, learner: Learner, hypers: Hypers, rows: Rows, seed: int, n: int) -> Float[np.ndarray, "n d"]:
+    """A sampled action for each observation of the n-th batch that a model of this seed is asked about."""
+    key = jax.random.fold_in(jax.random.key(seed), n)
+    return np.asarray(_sampled(agent, learner, rows, key, hypers))
+
+
+def returns_on(
+    task: Environment | HostTask, agent: Agent, learner: Learner, hypers: Hypers, n_episodes: int, seed: int, step: int
+) -> Float[np.ndarray, " n_episodes"]:
+    """Undiscounted returns of whole episodes without exploration, on copies of an environment.
+
+    Seed and step of the model decide on the episodes.
+    """
+    if isinstance(task, Environment):
+        key = jax.random.fold_in(jax.random.key(seed), step)
+        return np.asarray(evaluate(key, task, agent, learner, hypers, n_episodes))
+    envs = task.make(n_episodes)
+    try:
+        seeds = np.random.SeedSequence((seed, 1, step)).generate_state(n_episodes)
+        return play(task.name, envs, seeds, functools.partial(exploit, agent, learner, hypers))
+    finally:
+        envs.close()
+
+
+_deterministic = jax.jit(deterministic_action, static_argnums=0)
+
+
+@functools.partial(jax.jit, static_argnums=0)
+def _sampled(agent: Agent, learner: Learner, rows: Array, key: Array, hypers: Hypers) -> Array:
+    normalised = normalization.observation(learner.normalizer, rows)
+    return actor_critic.act(agent, learner.params, normalised, agent.policy.noise(key, rows.shape[:1]), hypers)

@@ -1,0 +1,137 @@
+"""PPO as a user meets it: what it refuses, where target_kl leaves off, and that a run can be cut and resumed."""
+
+import inspect
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from galton import A2C, PPO, Config, Hypers, UsageError, train
+from galton.algorithms import ppo, resolve
+from galton.records import defaults
+from galton.saving import checkpoint
+
+from ..swing import stateful_swing
+from .minibatches import HYPERS, SIZE, N, T, agent_of, moved, rollout_of
+
+ROLLOUT = 16
+SETTINGS = {
+    "n_bins": 10,
+    "net_arch": (8,),
+    "n_steps": 8,
+    "n_envs": 2,
+    "batch_size": 4,
+    "n_epochs": 3,
+    "learning_rate": 1e-2,
+    "target_kl": 0.05,
+    "decay_steps": 20 * ROLLOUT,
+    "normalize_observation": True,
+    "normalize_reward": True,
+}
+QUIET = {"progress_bar": False, "log_interval": 3}
+
+
+@pytest.mark.parametrize("loss", ["gaussian", "hl-gauss-centred"])
+def test_target_kl_leaves_everything_as_it_was_from_the_first_minibatch_over_it_on(loss):
+    agent = agent_of("auto", loss)
+    learner = moved(agent)
+    rows = ppo.prepare(agent, learner, rollout_of(agent, learner), HYPERS)
+    orders = jnp.stack([jax.random.permutation(jax.random.key(i), T * N) for i in range(5)])
+    fit = jax.jit(lambda learner, orders, hypers: ppo.fit(agent, learner, rows, orders, hypers))
+
+    hypers, one_by_one, steps = HYPERS._replace(target_kl=jnp.float32(0.004)), learner, 0
+    for minibatch in orders.reshape(-1, 1, SIZE):
+        following, told = fit(one_by_one, minibatch, hypers)
+        if told["approx_kl"] > 1.5 * 0.004:
+            break
+        one_by_one, steps = following, steps + 1
+    assert SIZE < steps * SIZE < orders.size - SIZE
+
+    # What was over it moved nothing, and nothing that comes after it has a part in the result.
+    jax.tree.map(np.testing.assert_array_equal, following, one_by_one)
+    whole, _ = fit(learner, orders, hypers)
+    assert int(whole.optimizer.count) == steps
+    jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-5, atol=1e-7), whole, one_by_one)
+    fewer, _ = fit(learner, orders.at[-1].set(orders[0]), hypers)
+    jax.tree.map(np.testing.assert_array_equal, fewer, whole)
+    without, _ = fit(learner, orders, hypers._replace(target_kl=jnp.float32(np.inf)))
+    assert int(without.optimizer.count) == orders.size // SIZE
+
+
+def test_minibatches_that_do_not_divide_a_rollout_are_refused():
+    for make in (
+        lambda: PPO("lqr", n_steps=10, n_envs=3, batch_size=8),
+        lambda: train("lqr", Config(algorithm="ppo", n_steps=10, n_envs=3, batch_size=8), Hypers(), [0], 100),
+    ):
+        with pytest.raises(UsageError, match=r"batch_size is 8, .* n_steps · n_envs = 10 · 3 = 30 steps"):
+            make()
+    with pytest.raises(UsageError, match=r"batch_size is 64, but .* = 20 · 1 = 20 steps"):
+        PPO("lqr", n_steps=20)
+    with pytest.raises(UsageError, match="normalize_advantage needs more than one step in a minibatch"):
+        PPO("lqr", n_steps=4, batch_size=1)
+
+
+@pytest.mark.parametrize("option", [{"n_epochs": 3}, {"batch_size": 5}, {"clip_range": 0.1}, {"target_kl": 0.1}])
+def test_ppos_options_are_refused_where_a2c_trains(option):
+    ((name, value),) = option.items()
+    with pytest.raises(TypeError, match=rf"A2C\(\) got an unexpected keyword argument '{name}'"):
+        A2C("lqr", **option)
+    config, hypers = (kind(**{k: v for k, v in option.items() if k in defaults(kind)}) for kind in (Config, Hypers))
+    with pytest.raises(UsageError, match=rf"{name} is {value}; it goes with algorithm 'ppo', not 'a2c'"):
+        train("lqr", config, hypers, [0], 100)
+    assert name in inspect.signature(PPO).parameters
+
+
+def test_an_unknown_algorithm_is_refused():
+    with pytest.raises(UsageError, match="algorithm is 'trpo'; choose from a2c, ppo"):
+        resolve(Config(algorithm="trpo"), np.zeros(1), np.ones(1))
+
+
+def tell(logs):
+    return lambda model, log: logs.append({k: v for k, v in log.items() if not k.startswith("time/time")})
+
+
+def test_the_run_is_the_same_however_it_is_cut_into_calls(tmp_path):
+    files, logs = [], []
+    for i, cuts in enumerate(([6], [1, 2, 3], [1] * 6)):
+        logs.append([])
+        model = PPO("lqr", "hl-gauss-centred", **SETTINGS, seed=5)
+        for n in cuts:
+            model.learn(n * ROLLOUT, tell(logs[-1]), **QUIET)
+        files.append(model.save(tmp_path / f"{i}").read_bytes())
+        model.close()
+    assert files[0] == files[1] == files[2]
+    assert len(logs[0]) == 2
+    for other in logs[1:]:
+        assert [without_fps(log) for log in other] == [without_fps(log) for log in logs[0]]
+
+
+def without_fps(log):
+    return {name: repr(value) for name, value in log.items() if name != "time/fps"}
+
+
+@pytest.mark.parametrize(
+    ("env", "loss"),
+    [("lqr", "hl-gauss-centred"), (stateful_swing, "hl-gauss"), ("Reacher-v5", "gaussian")],
+    ids=["jax", "gymnasium", "mujoco"],
+)
+def test_a_saved_run_goes_on_exactly(env, loss, tmp_path):
+    if env == "Reacher-v5":
+        pytest.importorskip("mujoco")
+    model = PPO(env, loss, **SETTINGS, seed=5).learn(4 * ROLLOUT, **QUIET)
+    path, logs = model.save(tmp_path / "cut"), ([], [])
+    whole = model.learn(4 * ROLLOUT, tell(logs[0]), **QUIET).save(tmp_path / "whole")
+    model.close()
+
+    loaded = PPO.load(path, env)
+    assert (loaded.num_timesteps, loaded.hypers, loaded.config) == (4 * ROLLOUT, model.hypers, model.config)
+    again = loaded.learn(4 * ROLLOUT, tell(logs[1]), **QUIET).save(tmp_path / "again")
+    loaded.close()
+    before, after = (checkpoint.read(file)[1]["run/learner/params/actor/0/kernel"] for file in (path, whole))
+    assert (before != after).any()
+    assert whole.read_bytes() == again.read_bytes()
+    assert [without_fps(log) for log in logs[0]] == [without_fps(log) for log in logs[1]]
+    assert len(logs[0]) == 1
+    with pytest.raises(UsageError, match=r"which holds a model of PPO; load it with galton.PPO.load"):
+        A2C.load(path)

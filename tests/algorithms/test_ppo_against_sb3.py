@@ -1,0 +1,177 @@
+"""Our PPO against Stable-Baselines3's (torch), from equal weights, on recorded rollouts, in the same minibatches."""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import stable_baselines3
+
+from galton import Hypers
+from galton.algorithms import ppo, resolve
+from galton.training.log import Finished, nothing
+from galton.training.run import begin, learn
+
+from .sb3_side import HIGH, LOW, K, Recorder, params_of, record_batch, relative_error, vector_of
+
+T, N, SIZE, EPOCHS = 32, 2, 16, 10
+HYPERS = Hypers(learning_rate=2e-3, gamma=0.97, gae_lambda=0.9, vf_coef=0.4, ent_coef=0.01, clip_range=0.15)
+TOLD = {
+    "clip_fraction": "train/clip_fraction",
+    "approx_kl": "train/approx_kl",
+    "policy_loss": "train/policy_gradient_loss",
+    "value_loss": "train/value_loss",
+}
+"""Our names and SB3's."""
+
+
+class Sides:
+    """SB3's PPO and ours with the same settings and weights."""
+
+    def __init__(self, monkeypatch, loss, *, normalize_advantage=True, target_kl=None, total=None):
+        self.discrete, self.total = loss == "hl-one-hot", total
+        self.hypers = HYPERS._replace(target_kl=target_kl or np.inf, decay_steps=total or 0)
+        self.envs = [Recorder(self.discrete) for _ in range(N)]
+        self.model = stable_baselines3.PPO(
+            "MlpPolicy",
+            vector_of(self.envs),
+            learning_rate=(lambda left: HYPERS.learning_rate * left) if total else HYPERS.learning_rate,
+            n_steps=T,
+            batch_size=SIZE,
+            n_epochs=EPOCHS,
+            gamma=HYPERS.gamma,
+            gae_lambda=HYPERS.gae_lambda,
+            clip_range=HYPERS.clip_range,
+            normalize_advantage=normalize_advantage,
+            ent_coef=HYPERS.ent_coef,
+            vf_coef=HYPERS.vf_coef,
+            max_grad_norm=HYPERS.max_grad_norm,
+            target_kl=target_kl,
+            seed=3,
+            device="cpu",
+        )
+        self.model._setup_learn(total or 10_000, None)
+        self._record(monkeypatch)
+
+        config = ppo.ALGORITHM.config(
+            loss=loss,
+            n_bins=K,
+            n_steps=T,
+            n_envs=N,
+            batch_size=SIZE,
+            n_epochs=EPOCHS,
+            normalize_advantage=normalize_advantage,
+        )
+        self.agent = resolve(config, LOW, HIGH)
+        self.run, _ = begin(self.agent, 3, jnp.uint32(0), self.hypers)
+        self.run = self.run._replace(
+            learner=self.run.learner._replace(params=jax.tree.map(jnp.asarray, params_of(self.model)))
+        )
+        self._learn = jax.jit(self._in_these_orders)
+
+    def _record(self, monkeypatch):
+        """Write down SB3's permutations and its weights after each step."""
+        self.permutations, self.after = [], []
+        shuffle, step = np.random.permutation, self.model.policy.optimizer.step
+
+        def shuffle_and_tell(n):
+            self.permutations.append(shuffle(n))
+            return self.permutations[-1]
+
+        def step_and_tell(*args, **kwargs):
+            step(*args, **kwargs)
+            self.after.append(params_of(self.model))
+
+        monkeypatch.setattr(np.random, "permutation", shuffle_and_tell)
+        monkeypatch.setattr(self.model.policy.optimizer, "step", step_and_tell)
+
+    def _in_these_orders(self, run, batch, orders):
+        """What training does with a rollout, but for where the orders come from."""
+
+        def update(agent, learner, batch, hypers, key):
+            return ppo.fit(agent, learner, ppo.prepare(agent, learner, batch, hypers), orders, hypers)
+
+        agent = dataclasses.replace(self.agent, algorithm=dataclasses.replace(ppo.ALGORITHM, update=update))
+        none = jnp.zeros((T, N), int)
+        return learn(agent, run, batch, Finished(none > 0, none.astype(float), none), self.hypers)
+
+    def rollout(self):
+        """A rollout, and SB3's training on it."""
+        self.permutations.clear()
+        self.after.clear()
+        batch = record_batch(self.model, self.envs, self.discrete)
+        assert batch.terminated.any()
+        assert batch.truncated.any()
+        if self.total:
+            self.model._update_current_progress_remaining(self.model.num_timesteps, self.total)
+        self.model.train()
+        return batch
+
+    def learn(self, batch, orders):
+        """Ours on the same rollout: the run after it, and what the update told."""
+        run = self._learn(self.run._replace(tally=nothing(ppo.ALGORITHM.scalars)), batch, orders)
+        return run, {name: float(value) for name, value in run.tally.diagnostics.items()}
+
+    def orders(self):
+        """SB3's permutations of its rows, which are one environment's after the other's, as orders of ours.
+
+        An epoch that SB3 did not begin is in some order, which must not matter.
+        """
+        rows = np.tile(np.arange(T * N), (EPOCHS, 1))
+        rows[: len(self.permutations)] = self.permutations
+        return jnp.asarray(rows % T * N + rows // T)
+
+
+def check_told(sides, told):
+    for ours, theirs in TOLD.items():
+        expected = sides.model.logger.name_to_value[theirs]
+        np.testing.assert_allclose(told[ours], expected, rtol=1e-3, atol=1e-5, err_msg=ours)
+    np.testing.assert_allclose(told["entropy"], -sides.model.logger.name_to_value["train/entropy_loss"], rtol=1e-4)
+
+
+@pytest.mark.parametrize("normalize_advantage", [False, True])
+@pytest.mark.parametrize("loss", ["gaussian", "hl-one-hot"])
+def test_one_minibatch_and_ten_epochs_equal_sb3s(monkeypatch, loss, normalize_advantage):
+    sides = Sides(monkeypatch, loss, normalize_advantage=normalize_advantage)
+    start = params_of(sides.model)
+    batch = sides.rollout()
+    assert len(sides.after) == EPOCHS * T * N // SIZE
+
+    first, _ = sides.learn(batch, sides.orders()[:1, :SIZE])
+    change = jax.tree.map(np.subtract, sides.after[0], start)
+    assert all(np.abs(leaf).max() > 1e-4 for leaf in jax.tree.leaves(change))
+    # An entry may be off by 2e-4 of Adam's step: where a gradient is near Adam's ε, rounding shows.
+    close = {"rtol": 1e-5, "atol": 2e-4 * HYPERS.learning_rate}
+    jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, **close), first.learner.params, sides.after[0])
+
+    whole, told = sides.learn(batch, sides.orders())
+    ours, theirs = (jax.tree.map(np.subtract, end, start) for end in (whole.learner.params, sides.after[-1]))
+    assert relative_error(ours, theirs) < 1e-3
+    assert told["clip_fraction"] > 0.05
+    check_told(sides, told)
+
+
+@pytest.mark.parametrize("loss", ["gaussian", "hl-one-hot"])
+def test_rollouts_with_a_learning_rate_that_decays_equal_sb3s(monkeypatch, loss):
+    sides = Sides(monkeypatch, loss, total=4 * T * N)
+    for left in (0.75, 0.5, 0.25, 0.0):
+        before, batch = sides.run, sides.rollout()
+        sides.run, told = sides.learn(batch, sides.orders())
+        assert sides.model.policy.optimizer.param_groups[0]["lr"] == pytest.approx(left * HYPERS.learning_rate)
+        assert relative_error(sides.run.learner.params, sides.after[-1]) < 1e-3
+        check_told(sides, told)
+    assert int(sides.run.step) == sides.model.num_timesteps
+    assert relative_error(sides.run.learner.params, before.learner.params) == 0
+
+
+@pytest.mark.parametrize("loss", ["gaussian", "hl-one-hot"])
+def test_target_kl_stops_where_sb3_stops(monkeypatch, loss):
+    sides = Sides(monkeypatch, loss, target_kl=0.02)
+    batch = sides.rollout()
+    assert 1 < len(sides.permutations) < EPOCHS
+    assert len(sides.after) < len(sides.permutations) * T * N // SIZE
+    run, told = sides.learn(batch, sides.orders())
+    assert relative_error(run.learner.params, sides.after[-1]) < 1e-3
+    assert int(run.learner.optimizer.count) == len(sides.after)
+    check_told(sides, told)

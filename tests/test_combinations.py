@@ -1,0 +1,112 @@
+"""Policy, loss and algorithm are three choices: whatever fits trains on both engines, and nothing else does."""
+
+import itertools
+
+import jax
+import numpy as np
+import pytest
+
+from galton import ALGORITHMS, LOSSES, POLICIES, Config, Model, UsageError
+from galton.algorithms import resolve
+from galton.envs import Bandit
+
+SETTINGS = {"n_bins": 7, "net_arch": (6,), "n_steps": 8, "n_envs": 2, "learning_rate": 1e-2}
+OWN = {"ppo": {"batch_size": 4, "n_epochs": 2}}
+"""What an algorithm needs for rollouts of this size."""
+ALL = list(itertools.product(POLICIES, LOSSES, ALGORITHMS))
+ON_THE_HOST = ("ordinal", "hl-gauss-centred"), ("gaussian", "gaussian")
+"""What is tried on the host without being slow: there the update is the device's, and only who samples is another."""
+
+
+def resolved(policy, loss, algorithm):
+    config = Config(policy=policy, loss=loss, algorithm=algorithm, n_steps=8, **OWN.get(algorithm, {}))
+    return resolve(config, np.array([-1.0]), np.array([1.0]))
+
+
+def fits(policy, loss, algorithm):
+    try:
+        resolved(policy, loss, algorithm)
+    except UsageError:
+        return False
+    return True
+
+
+FITTING = [names for names in ALL if fits(*names)]
+REFUSED = [names for names in ALL if names not in FITTING]
+
+
+def test_a_density_loss_fits_every_policy_and_a_histogram_loss_every_histogram():
+    assert len(ALL) == len(POLICIES) * len(LOSSES) * len(ALGORITHMS)
+    histograms = {name for name, policy in POLICIES.items() if policy.family == "histogram"}
+    assert {"histogram", "ordinal"} <= histograms < set(POLICIES)
+    for loss, entry in LOSSES.items():
+        expected = set(POLICIES) if entry.family == "density" else histograms
+        for algorithm in ALGORITHMS:
+            assert {one for one, *rest in FITTING if rest == [loss, algorithm]} == expected
+
+
+@pytest.mark.parametrize("names", REFUSED, ids="-".join)
+def test_what_does_not_fit_is_refused_by_name_with_what_would(names):
+    policy, loss, algorithm = names
+    wanted = ", ".join(one for one in POLICIES if (one, loss, algorithm) in FITTING)
+    needs = f"policy is {policy!r}, but the loss {loss!r} needs a histogram; choose from {wanted}"
+    with pytest.raises(UsageError, match=needs):
+        resolved(*names)
+    with pytest.raises(UsageError, match=needs):
+        Model("bandit", loss, algorithm=algorithm, policy=policy, **SETTINGS, **OWN.get(algorithm, {}))
+
+
+def check_training(env, policy, loss, algorithm):
+    own, logs = OWN.get(algorithm, {}), []
+    model = Model(env, loss, algorithm=algorithm, policy=policy, **SETTINGS, **own, seed=1)
+    try:
+        assert type(model.agent.policy) is POLICIES[policy]
+        assert model.agent.loss is LOSSES[loss]
+        assert model.agent.algorithm is ALGORITHMS[algorithm]
+        before = jax.device_get(model.learner.params)
+        model.learn(48, lambda _, log: logs.append(log), progress_bar=False, log_interval=1)
+        after = jax.device_get(model.learner.params)
+        action, _ = model.predict(np.zeros(model.observation_space.shape, np.float32))
+    finally:
+        model.close()
+    for old, new in zip(jax.tree.leaves(before), jax.tree.leaves(after), strict=True):
+        assert np.isfinite(new).all()
+        assert (old != new).any()
+    assert model.action_space.contains(action)
+    told = ("entropy", "sigma", "actor_grad_norm", "explained_variance", *ALGORITHMS[algorithm].scalars)
+    assert len(logs) == 3
+    for log in logs:
+        for name in told:
+            assert np.isfinite(log[f"train/{name}"]), name
+        assert log["train/grad_norm"] > 0
+        assert log["train/sigma"] > 0
+
+
+@pytest.mark.parametrize("names", FITTING, ids="-".join)
+def test_what_fits_trains_on_the_device(names):
+    check_training(Bandit(d=2), *names)
+
+
+@pytest.mark.parametrize(
+    "names",
+    [pytest.param(n, marks=[] if n[:2] in ON_THE_HOST else pytest.mark.slow) for n in FITTING],
+    ids="-".join,
+)
+def test_what_fits_trains_on_the_host(names):
+    check_training("Pendulum-v1", *names)
+
+
+@pytest.mark.parametrize("loss", LOSSES)
+def test_the_policy_is_by_default_the_losss_usual_one(loss):
+    agents = [resolved(policy, loss, "a2c") for policy in ("auto", LOSSES[loss].policy)]
+    assert agents[0].make_policy == agents[1].make_policy == POLICIES[LOSSES[loss].policy].create
+
+
+def test_unknown_names_are_refused_with_the_known_ones():
+    for names, message in (
+        (("beta", "gaussian", "a2c"), "policy is 'beta'; choose from auto, gaussian, histogram, ordinal"),
+        (("auto", "l2", "a2c"), "loss is 'l2'; choose from gaussian, hl-one-hot, hl-gauss, hl-gauss-centred"),
+        (("auto", "gaussian", "trpo"), "algorithm is 'trpo'; choose from a2c, ppo"),
+    ):
+        with pytest.raises(UsageError, match=message):
+            resolved(*names)
