@@ -1,0 +1,136 @@
+"""What a run becomes does not depend on where its environments live.
+
+The two engines draw a run's noise from the same key in different ways, so the device's loop is given the host's noise
+here, rollout by rollout; that a population on the device is that loop with noise of its own is a test by itself.
+"""
+
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from galton import ALGORITHMS, Hypers
+from galton.algorithms import resolve
+from galton.envs import find
+from galton.training.on_device import DevicePopulation, begin_on_device, iteration
+from galton.training.population import populate
+from galton.training.rollout import draw_noise
+from galton.training.run import read_log, rollout_key
+
+from .slide import HIGH, LOW, Slide, slide
+
+SEEDS, UPDATES = (3, 4), 5
+CLOSE = {"rtol": 1e-4, "atol": 1e-5}
+"""Roundings of the environment's float32, and what Adam makes of them in a few updates."""
+NORMALIZE = {"normalize_observation": True, "normalize_reward": True}
+CASES = [
+    ("a2c", "gaussian", NORMALIZE),
+    ("a2c", "hl-gauss", {}),
+    ("ppo", "gaussian", {}),
+    ("ppo", "hl-gauss-centred", NORMALIZE),
+]
+
+
+def settings(algorithm, loss, more):
+    """Two copies, eight steps a rollout; episodes end by the edge and by the limit in every few of them."""
+    own = {"n_epochs": 3, "batch_size": 4} if algorithm == "ppo" else {}
+    entry = ALGORITHMS[algorithm]
+    config = entry.config(loss=loss, n_bins=9, n_steps=8, n_envs=2, net_arch=(8,), **own, **more)
+    return config, entry.hypers(gamma=0.9, gae_lambda=0.8, ent_coef=0.01, eta=0.6)
+
+
+def each(hypers):
+    return Hypers._make(np.full(len(SEEDS), value, np.float32) for value in hypers)
+
+
+def by_hand(agent, hypers, seed, draw):
+    """The state after each update of one run on the device, with its rollout; noise as `draw` has it."""
+    begin, step = programs(agent)
+    numbers = Hypers(*map(jnp.float32, hypers))
+    state = begin(jnp.uint32(seed), numbers)
+    for _ in range(UPDATES):
+        state, batch = step(state, draw(agent, state.run), numbers)
+        yield state, batch
+
+
+@functools.cache
+def programs(agent):
+    return tuple(jax.jit(functools.partial(f, Slide(), agent)) for f in (begin_on_device, iteration))
+
+
+def of_the_device(agent, run):
+    return draw_noise(rollout_key(run), Slide(), agent)
+
+
+def of_the_host(agent, run):
+    """Noise for actions straight from the rollout's key; the environment has none."""
+    shape = (agent.config.n_steps, agent.config.n_envs)
+    return of_the_device(agent, run)._replace(action=agent.policy.noise(rollout_key(run), shape))
+
+
+def check_close(ours, theirs):
+    assert jax.tree.structure(ours) == jax.tree.structure(theirs)
+    for (path, a), b in zip(jax.tree_util.tree_leaves_with_path(ours), jax.tree.leaves(theirs), strict=True):
+        np.testing.assert_allclose(a, b, **CLOSE, err_msg=jax.tree_util.keystr(path))
+
+
+@pytest.mark.parametrize(("algorithm", "loss", "more"), CASES)
+def test_the_same_dynamics_on_the_host_give_the_same_rollouts_updates_and_logs(algorithm, loss, more):
+    config, hypers = settings(algorithm, loss, more)
+    population = populate(slide, config, each(hypers), SEEDS, jax.devices()[:1])
+    (group,) = population._groups
+    agent = resolve(config, LOW, HIGH)
+    runs = [by_hand(agent, hypers, seed, of_the_host) for seed in SEEDS]
+    ends = np.zeros(2)
+    for _ in range(UPDATES):
+        population.advance(1)
+        for i, run in enumerate(runs):
+            state, batch = next(run)
+            check_close(jax.tree.map(lambda x, i=i: x[i], group._batch), batch)
+            check_close(jax.tree.map(lambda x, i=i: x[i], population.learner), state.run.learner)
+            ends += [batch.terminated.sum(), batch.truncated.sum()]
+    assert (ends > 0).all()
+    assert population.step == UPDATES * 16
+    log = population.log()
+    _, expected = read_log(agent, state.run, batch, hypers)
+    check_close(jax.tree.map(lambda x: x[-1], log), expected)
+    population.close()
+
+
+@pytest.mark.parametrize(("algorithm", "loss", "more"), CASES[1:3])
+def test_a_population_on_the_device_is_one_iteration_after_the_other(algorithm, loss, more):
+    config, hypers = settings(algorithm, loss, more)
+    population = populate(Slide(), config, each(hypers), SEEDS)
+    assert isinstance(population, DevicePopulation)
+    population.advance(UPDATES)
+    for i, seed in enumerate(SEEDS):
+        *_, (state, batch) = by_hand(resolve(config, LOW, HIGH), hypers, seed, of_the_device)
+        check_close(jax.tree.map(lambda x, i=i: x[i], population.learner), state.run.learner)
+        check_close(jax.tree.map(lambda x, i=i: np.asarray(x)[i], population._batch), batch)
+
+
+def test_both_engines_evaluate_the_same_policy_alike():
+    config, hypers = settings("a2c", "hl-gauss", NORMALIZE)
+    device, host = (populate(env, config, each(hypers), SEEDS) for env in (Slide(), slide))
+    check_close(device.learner, host.learner)
+    np.testing.assert_allclose(device.evaluate(2), host.evaluate(2), rtol=1e-5)
+    host.close()
+
+
+def test_the_two_tasks_are_one():
+    ours, theirs = Slide(), find(slide).make(1)
+    state, seen = ours.reset(jax.random.key(0)), theirs.reset(np.array([0]))
+    rng = np.random.default_rng(0)
+    for _ in range(50):
+        np.testing.assert_allclose(seen[0], ours.observe(state), rtol=1e-5)
+        action = rng.uniform(ours.action_low, ours.action_high, (1, 2)).astype(np.float32)
+        steps = theirs.step(action)
+        state, reward, terminated = ours.step(state, action[0], ())
+        np.testing.assert_allclose(steps.final_observation[0], state, rtol=1e-5)
+        np.testing.assert_allclose(steps.reward[0], reward, rtol=1e-5, atol=1e-6)
+        assert steps.terminated[0] == terminated
+        seen = steps.observation
+        state = jnp.asarray(seen[0])
+    theirs.close()

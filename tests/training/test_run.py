@@ -1,0 +1,114 @@
+import dataclasses
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from galton import Config, Hypers
+from galton.algorithms import resolve
+from galton.envs import LQR
+from galton.training.log import Finished
+from galton.training.run import begin, learn, read_log, remaining, rollout_key, with_keys, without_keys
+from galton.types import Transition
+
+ENV = LQR()
+CONFIG = Config(loss="gaussian", n_steps=4, n_envs=2, net_arch=(4,))
+AGENT = resolve(CONFIG, ENV.action_low, ENV.action_high)
+FINISHED = Finished(jnp.zeros((4, 2), bool), jnp.zeros((4, 2)), jnp.zeros((4, 2), jnp.int32))
+update = jax.jit(functools.partial(learn, AGENT))
+
+
+def new(seed=0):
+    return begin(AGENT, 2, jnp.uint32(seed), Hypers())[0]
+
+
+def batch(scale=1.0):
+    keys = jax.random.split(jax.random.key(0), 4)
+    ends = jnp.zeros((4, 2), bool)
+    observation, following, action = (jax.random.normal(key, (4, 2, 2)) for key in keys[:3])
+    return Transition(observation, action, scale * jax.random.normal(keys[3], (4, 2)), following, ends, ends)
+
+
+def bits(tree):
+    return [np.asarray(leaf).tobytes() for leaf in jax.tree.leaves(tree)]
+
+
+def numbers(key):
+    return tuple(np.asarray(jax.random.key_data(key)).tolist())
+
+
+def test_a_seed_is_a_run():
+    assert bits(without_keys(new(1))) == bits(without_keys(new(1)))
+    assert bits(new(1).learner) != bits(new(2).learner)
+    assert numbers(new(1).key) != numbers(new(2).key)
+
+
+def test_training_evaluation_and_first_episodes_have_keys_apart():
+    run, episodes_key = begin(AGENT, 2, jnp.uint32(0), Hypers())
+    assert len({*map(numbers, (run.key, run.evaluation_key, episodes_key))}) == 3
+
+
+def test_a_rollouts_key_does_not_depend_on_when_it_is_asked_for():
+    run = new()
+    later = run._replace(step=jnp.int32(24))
+    assert numbers(rollout_key(run, 24)) == numbers(rollout_key(later))
+    assert len({numbers(rollout_key(run, ahead)) for ahead in range(0, 80, 8)}) == 10
+
+
+def test_an_update_has_a_key_of_its_own():
+    seen, rollouts, run = [], [], new()
+
+    def spy(agent, learner, rows, hypers, key):
+        seen.append(numbers(key))
+        return learner, dict.fromkeys(AGENT.algorithm.scalars, jnp.zeros(()))
+
+    agent = dataclasses.replace(AGENT, algorithm=dataclasses.replace(AGENT.algorithm, update=spy))
+    for _ in range(3):
+        rollouts.append(numbers(rollout_key(run)))
+        run = learn(agent, run, batch(), FINISHED, Hypers())
+    assert len({*seen, *rollouts}) == 6
+
+
+def test_the_learning_rate_falls_to_zero_with_the_last_update_and_stays_there():
+    decaying = Hypers(decay_steps=40.0)
+    shares = [float(remaining(jnp.int32(step), decaying)) for step in (8, 16, 32, 40, 48)]
+    np.testing.assert_allclose(shares, [0.8, 0.6, 0.2, 0.0, 0.0], atol=1e-6)
+    assert float(remaining(jnp.int32(10**6), Hypers())) == 1
+
+
+def test_a_decayed_update_is_one_with_that_learning_rate():
+    decayed = update(new(), batch(), FINISHED, Hypers(1e-2, decay_steps=32.0))
+    plain = update(new(), batch(), FINISHED, Hypers(1e-2 * 24 / 32))
+    for a, b in zip(jax.tree.leaves(decayed.learner), jax.tree.leaves(plain.learner), strict=True):
+        np.testing.assert_allclose(a, b, rtol=1e-5, atol=1e-7)
+
+
+def test_a_gradient_that_is_not_finite_is_flagged_once_and_nothing_is_learnt_from_there_on():
+    run = update(new(), batch(), FINISHED, Hypers())
+    assert (int(run.step), int(run.diverged_at)) == (8, -1)
+    sick = update(run, batch(jnp.inf), FINISHED, Hypers())
+    assert (int(sick.step), int(sick.diverged_at)) == (16, 16)
+    after = update(sick, batch(), FINISHED, Hypers())
+    again = update(after, batch(jnp.nan), FINISHED, Hypers())
+    assert (int(again.step), int(again.diverged_at)) == (32, 16)
+    assert bits(again.learner.params) == bits(run.learner.params)
+    assert bits(update(run, batch(), FINISHED, Hypers()).learner.params) != bits(run.learner.params)
+
+
+@pytest.mark.parametrize("scale", [1.0, jnp.inf])
+def test_a_log_empties_the_books_and_knows_nothing_of_a_diverged_run(scale):
+    run = update(new(), batch(scale), FINISHED, Hypers())
+    run, log = jax.jit(functools.partial(read_log, AGENT))(run, batch(), Hypers())
+    assert all(float(leaf) == 0 for leaf in jax.tree.leaves(run.tally))
+    assert [*log.scalars][: len(AGENT.algorithm.scalars)] == list(AGENT.algorithm.scalars)
+    values = np.array([*log.scalars.values(), log.n_episodes])
+    assert np.isfinite(values).all() if scale == 1 else np.isnan(values).all()
+
+
+def test_keys_survive_as_plain_numbers():
+    run = new(7)
+    back = with_keys(jax.tree.map(np.asarray, without_keys(run)))
+    assert numbers(rollout_key(back)) == numbers(rollout_key(run))
+    assert numbers(back.evaluation_key) == numbers(run.evaluation_key)
