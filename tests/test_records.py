@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from galton.studies.summary import Summary
+from galton.paper.summary import Summary
 from safetensors import safe_open
 from safetensors.numpy import load_file
 

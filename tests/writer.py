@@ -9,7 +9,7 @@ import shutil
 import sys
 from pathlib import Path
 
-from galton.studies.summary import Summary
+from galton.paper.summary import Summary
 
 import galton
 from galton.sweep.plan import Plan
