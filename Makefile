@@ -32,6 +32,7 @@ bench: $(VENV)/installed-dev $(VENV)-rejax/installed  ## Speed against others an
 	$(BIN)/python benchmarks/sweep_speed.py --rejax $(VENV)-rejax/bin/python
 	$(BIN)/python benchmarks/against_sb3.py
 	$(BIN)/python benchmarks/against_physics.py
+	$(BIN)/python benchmarks/ppo_speed.py
 
 clean:
 	rm -rf $(VENV) $(VENV)-rejax

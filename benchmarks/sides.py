@@ -22,10 +22,10 @@ _made = {}
 class Discretised(gymnasium.ActionWrapper):
     """Bin indices in, bin centers on."""
 
-    def __init__(self, env):
+    def __init__(self, env, n_bins=K):
         super().__init__(env)
-        self.bins = galton.Bins(env.action_space.low, env.action_space.high, K)
-        self.action_space = MultiDiscrete([K] * len(self.bins.low))
+        self.bins = galton.Bins(env.action_space.low, env.action_space.high, n_bins)
+        self.action_space = MultiDiscrete([n_bins] * len(self.bins.low))
 
     def action(self, action):
         return self.bins.centers[np.arange(len(action)), action]
