@@ -53,7 +53,8 @@ def hl_gauss_centred(
     not π. With q − Kᵀπ as the weights (K: row j is the target of bin j's center) that pull is gone: a constant
     added to the advantage changes nothing on average, and K = I gives HL-1-Hot.
     """
-    return cross_entropy(distribution, lax.stop_gradient(centred_target(distribution, action, hypers)))
+    expected = lax.stop_gradient(expected_target(distribution, hypers.eta))
+    return cross_entropy(distribution, gaussian_target(distribution, action, hypers) - expected)
 
 
 def cross_entropy(distribution: Histogram, weights: Float[Array, "*batch d k"]) -> Float[Array, "*batch"]:
@@ -82,8 +83,12 @@ def gaussian_target(
 def centred_target(
     distribution: Histogram, action: Float[Array, "*batch d"], hypers: Hypers
 ) -> Float[Array, "*batch d k"]:
-    """The Gaussian histogram less its mean over the policy's own actions: weights that sum to 0."""
-    return gaussian_target(distribution, action, hypers) - expected_target(distribution, hypers.eta)
+    """The Gaussian histogram less HL-Gauss's bias, q − (Kᵀπ − π), which sums to 1.
+
+    At the policy that it was taken from, its gradient is that of q − Kᵀπ: π itself adds nothing there. In PPO it goes on
+    from there, and K = I is HL-1-Hot for every policy, which q − Kᵀπ of an old one is not.
+    """
+    return gaussian_target(distribution, action, hypers) - hl_gauss_bias(distribution, hypers)
 
 
 def expected_target(distribution: Histogram, eta: Eta) -> Float[Array, "*batch d k"]:
