@@ -85,8 +85,8 @@ def centred_target(
 ) -> Float[Array, "*batch d k"]:
     """The Gaussian histogram less HL-Gauss's bias, q − (Kᵀπ − π), which sums to 1.
 
-    At the policy that it was taken from, its gradient is that of q − Kᵀπ: π itself adds nothing there. In PPO it goes on
-    from there, and K = I is HL-1-Hot for every policy, which q − Kᵀπ of an old one is not.
+    At the policy that it was taken from its gradient is that of q − Kᵀπ: π itself adds nothing there. PPO goes on from
+    there, where K = I must stay HL-1-Hot; the weights q − Kᵀπ of an earlier policy would not.
     """
     return gaussian_target(distribution, action, hypers) - hl_gauss_bias(distribution, hypers)
 

@@ -8,7 +8,7 @@ from galton.losses import LOSSES
 from galton.paper import one_step
 from galton.paper.one_step import ACTIONS, ADVANTAGES, BINS, FIGURE, STEP_SIZES
 
-SOFTMAXES = [name for name, loss in LOSSES.items() if loss.policy == "histogram"]
+SOFTMAXES = [name for name, loss in LOSSES.items() if loss.family == "histogram"]
 CENTERS = np.asarray(BINS.centers[0], np.float64)
 SAMPLED = [int(np.abs(CENTERS - action).argmin()) for action in ACTIONS]
 

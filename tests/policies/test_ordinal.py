@@ -11,7 +11,7 @@ from galton import LOSSES, Config, Hypers
 from galton.policies import HistogramPolicy, OrdinalPolicy
 
 LOW, HIGH, K = np.array([-1.0, 0.0]), np.array([1.0, 5.0]), 7
-HISTOGRAM = [name for name, loss in LOSSES.items() if loss.policy == "histogram"]
+HISTOGRAM = [name for name, loss in LOSSES.items() if loss.family == "histogram"]
 
 
 def policy(**fields):

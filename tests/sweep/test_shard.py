@@ -46,7 +46,7 @@ def test_a_shard_holds_what_train_gives(planned):
     assert shard.n_runs == table.num_rows == 2  # the other two of the four only fill up
     for name in ("training_return", "evaluation_return", "entropy", "grad_norm"):
         curves = np.stack(table.column(name).to_numpy())
-        np.testing.assert_array_equal(curves, np.float32(getattr(result.log, name)[:2]))
+        np.testing.assert_array_equal(curves, np.float32(result.log.columns()[name][:2]))
     np.testing.assert_array_equal(np.stack(table.column("steps").to_numpy()), [[20, 40, 60]] * 2)
     finals = np.float32(result.final("training_return")[:2])
     np.testing.assert_array_equal(table.column("final_training_return").to_numpy(), finals)

@@ -7,17 +7,19 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from galton.algorithms import Agent, actor_critic, find_algorithm
+from galton.algorithms import Agent, actor_critic, find_algorithm, resolve
 from galton.envs.host.action_box import ActionBox
 from galton.envs.host.observations import Observations
 from galton.envs.host.space_json import from_json, to_json
 from galton.errors import CheckpointError, UsageError
+from galton.models.settings import check_one_run
 from galton.records import written
 from galton.saving import checkpoint
 from galton.saving import model_file as saved
 from galton.training.log import Tally
 from galton.training.population import Population
 from galton.training.run import Snapshot
+from galton.training.train import check_seed
 from galton.types import Config, Hypers, Learner
 
 
@@ -79,7 +81,7 @@ def read(path: Path) -> tuple[ModelFile, dict[str, np.ndarray]]:
     settings, arrays = checkpoint.read(path)
     settings = saved.checked(path, settings, arrays)
     try:
-        return ModelFile(
+        model = ModelFile(
             settings["env"],
             saved.config_of(settings),
             saved.hypers_of(settings),
@@ -89,9 +91,13 @@ def read(path: Path) -> tuple[ModelFile, dict[str, np.ndarray]]:
             settings["n_predictions"],
             ActionBox("the checkpoint", from_json(settings["action_space"])),
             Observations("the checkpoint", from_json(settings["observation_space"])),
-        ), arrays
+        )
+        check_one_run(model.hypers)
+        check_seed(model.seed)
+        resolve(model.config, model.actions.low, model.actions.high)
     except saved.MALFORMED as error:
         raise saved.unusable(path, error) from None
+    return model, arrays
 
 
 def learner_of(path: Path, agent: Agent, model: ModelFile, arrays: dict[str, np.ndarray]) -> Learner:

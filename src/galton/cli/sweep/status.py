@@ -39,7 +39,7 @@ def main(arguments: Sequence[str]) -> None:
 
 
 def _program(config: Config) -> str:
-    has_bins = find_loss(config.loss).policy == "histogram"
+    has_bins = find_loss(config.loss).family == "histogram"
     return f"{config.loss}, k = {config.n_bins}" if has_bins else config.loss
 
 
