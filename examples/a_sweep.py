@@ -1,8 +1,6 @@
 """A study of your own: two losses, two learning rates, five runs each. Run it again: it knows what it has done."""
 
-from galton.sweep.engine import sweep
-from galton.sweep.grid import expand, task_defaults
-from galton.sweep.study import Study
+from galton.sweep import Study, expand, sweep, task_defaults
 
 STUDY = Study(
     env="bandit",

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 
 import galton
-from galton.envs.base import box
+from galton.envs import box
 
 
 @dataclasses.dataclass(frozen=True)

@@ -7,12 +7,8 @@ import numpy as np
 from galton.analysis.plots import draw_series, finish, look_of, panels
 from galton.analysis.statistics import difference_interval, mean_interval
 from galton.cli.reproduce import reproduce
-from galton.paper.figure import FigureStudy
-from galton.paper.registry import FIGURES
-from galton.paper.sweeps import Sweep
-from galton.paper.verdicts import claim
-from galton.sweep.grid import expand, task_defaults
-from galton.sweep.study import Study
+from galton.paper import FIGURES, FigureStudy, Sweep, claim
+from galton.sweep import Study, expand, task_defaults
 
 ETAS = [0.1, 0.5, 1.0, 2.0]
 

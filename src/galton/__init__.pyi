@@ -1,5 +1,7 @@
 from . import callbacks as callbacks
 from . import envs as envs
+from . import paper as paper
+from . import sweep as sweep
 from . import targets as targets
 from .algorithms import ALGORITHMS as ALGORITHMS
 from .algorithms import Algorithm as Algorithm

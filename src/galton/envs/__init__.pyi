@@ -1,6 +1,7 @@
 from .acrobot import Acrobot as Acrobot
 from .bandit import Bandit as Bandit
 from .base import Environment as Environment
+from .base import box as box
 from .find import find as find
 from .lqr import LQR as LQR
 from .mountain_car import MountainCar as MountainCar
