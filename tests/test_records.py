@@ -13,12 +13,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from galton.paper.summary import Summary
 from safetensors import safe_open
 from safetensors.numpy import load_file
 
 import galton
 from galton import A2C, PPO, CheckpointError, NewerVersionError
+from galton.paper.summary import Summary
 from galton.saving import checkpoint
 from galton.sweep.plan import Plan
 from galton.sweep.store import Store

@@ -9,9 +9,8 @@ import shutil
 import sys
 from pathlib import Path
 
-from galton.paper.summary import Summary
-
 import galton
+from galton.paper.summary import Summary
 from galton.sweep.plan import Plan
 from galton.sweep.results import collect
 from galton.sweep.shard import finished, work
