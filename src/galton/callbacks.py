@@ -29,7 +29,7 @@ class Model(Protocol):
     def log_interval(self) -> int:
         """Environment steps between log points."""
 
-    def evaluate(self, n_episodes: int, env: Any = None) -> np.ndarray:
+    def evaluate(self, n_episodes: int, env: object = None) -> np.ndarray:
         """Returns of whole episodes."""
 
     def save(self, path: str | Path) -> Path:
@@ -55,7 +55,7 @@ class Evaluate:
     every: int = 10_000
     """Environment steps between evaluations, rounded up to log points."""
     n_episodes: int = 10
-    env: Any = None
+    env: object = None
     """What to play on; None for copies of the environment that the model is trained on."""
     best_model: str | Path | None = None
     """Where to save the model each time that its mean return is the highest so far."""
@@ -172,7 +172,7 @@ class WeightsAndBiases:
         settings: for `wandb.init`, such as project and name.
     """
 
-    def __init__(self, **settings: Any) -> None:
+    def __init__(self, **settings: object) -> None:
         try:
             import wandb
         except ImportError:

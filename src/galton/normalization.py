@@ -23,9 +23,9 @@ class Moments(NamedTuple):
 class Normalizer(NamedTuple):
     """What normalising needs to know; an entry is () where it is off."""
 
-    observation: Any
+    observation: Moments | tuple[()]
     """Moments of the observations, `[o]`."""
-    discounted_return: Any
+    discounted_return: Moments | tuple[()]
     """Moments of each copy's discounted return: rewards are divided by its standard deviation."""
     running_return: Any
     """The discounted return of the episode so far, `[N]`."""

@@ -6,12 +6,11 @@ SB3 is not imported here: whoever has a callback of its has it.
 from collections.abc import Sequence
 from typing import Any
 
-import gymnasium
-
+from galton.envs.host.state import Env
 from galton.foreign import is_instance_of
 
 
-def is_callback(callback: Any) -> bool:
+def is_callback(callback: object) -> bool:
     """Whether it is one of SB3's."""
     return is_instance_of(callback, "stable_baselines3", "BaseCallback")
 
@@ -70,7 +69,7 @@ class Facade:
     def __getattr__(self, name: str) -> Any:
         return getattr(self._model, name)
 
-    def get_env(self) -> Any:
+    def get_env(self) -> object:
         """What stands for the training environment: its spaces and its number of copies, in the class SB3 looks for."""
         from stable_baselines3.common.vec_env import DummyVecEnv
 
@@ -80,7 +79,7 @@ class Facade:
         """Normalising is the model's own, in `predict` and `save`."""
 
 
-class _Spaces(gymnasium.Env[Any, Any]):
+class _Spaces(Env):
     """An environment that nobody steps."""
 
     def __init__(self, model: Any) -> None:
@@ -91,9 +90,9 @@ class _Logger:
     """What callbacks record is for them to read again."""
 
     def __init__(self) -> None:
-        self.name_to_value: dict[str, Any] = {}
+        self.name_to_value: dict[str, object] = {}
 
-    def record(self, key: str, value: Any, exclude: Any = None) -> None:
+    def record(self, key: str, value: object, exclude: object = None) -> None:
         """Keep the latest."""
         del exclude
         self.name_to_value[key] = value

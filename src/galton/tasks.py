@@ -1,7 +1,7 @@
 """The paper's seven tasks with the settings of App. C.2: the one table that commands, grids and the studies read."""
 
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from galton.envs.registry import find_task, is_known
 
@@ -24,7 +24,7 @@ class Task(NamedTuple):
     """Those of the paper's grid."""
     etas: tuple[float, ...] = (0.01, 0.05, 0.1, 0.25, 0.5, 0.75)
     """HL-Gauss's widths in the paper's grid."""
-    config: Mapping[str, Any] = {}
+    config: Mapping[str, object] = {}
     """What differs from Config's defaults."""
     n_logs: int = 100
     """Points of a learning curve, each with an evaluation."""

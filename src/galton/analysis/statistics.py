@@ -80,7 +80,7 @@ def stratified_bootstrap(scores: Scores, statistic: Statistic, n_resamples: int 
     rng = np.random.default_rng(seed)
     resamples = ([task[rng.integers(len(task), size=len(task))] for task in tasks] for _ in range(n_resamples))
     estimates = np.array([statistic(resample) for resample in resamples])
-    # Any method that interpolates makes NaN of two neighbours that are −∞.
+    # Every method that interpolates makes NaN of two neighbours that are −∞.
     low, high = np.quantile(estimates, (0.025, 0.975), axis=0, method="inverted_cdf")
     return Interval(estimate, low, high)
 

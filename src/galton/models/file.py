@@ -1,7 +1,7 @@
 """A model as one file, and back."""
 
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -111,7 +111,7 @@ def learner_of(path: Path, agent: Agent, model: ModelFile, arrays: dict[str, np.
 
 def resume(path: Path, population: Population, arrays: dict[str, np.ndarray]) -> str:
     """Put a population where the file's was; why not exactly, if so, or nothing."""
-    like: dict[str, Any] = population.snapshot()
+    like = population.snapshot()
     cause = ""
     try:
         snapshot = checkpoint.unflatten(_grown(arrays, like["run"].tally), {"run": like["run"]})

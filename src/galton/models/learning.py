@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 from typing import Any, Protocol, runtime_checkable
 
 from galton import sb3
+from galton.callbacks import Callback
 from galton.errors import DivergenceError, require
 from galton.training.log import Log
 from galton.training.population import Population
@@ -34,7 +35,7 @@ class Learning(Protocol):
         """Train for some updates."""
 
 
-def learn(model: Learning, n_updates: int, callback: Any, progress_bar: bool) -> None:
+def learn(model: Learning, n_updates: int, callback: object, progress_bar: bool) -> None:
     """Train for so many updates, with a log point every `model.updates_per_log`.
 
     Callbacks of SB3's are called after each update, ours at log points, until one says to stop.
@@ -83,9 +84,7 @@ def named(log: Log, step: int, seconds: float, first: int) -> dict[str, float]:
     } | {f"train/{name}": value for name, value in columns.items() if name != "evaluation_return"}
 
 
-def _sorted_out(
-    model: Learning, callback: Any, total_timesteps: int
-) -> tuple[sb3.Callbacks, list[Callable[[Any, dict[str, float]], bool | None]]]:
+def _sorted_out(model: Learning, callback: object, total_timesteps: int) -> tuple[sb3.Callbacks, list[Callback]]:
     """SB3's callbacks and ours."""
     given: list[Any] = [] if callback is None else [callback] if not isinstance(callback, list | tuple) else [*callback]
     ours = [one for one in given if not sb3.is_callback(one)]

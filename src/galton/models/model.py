@@ -2,7 +2,7 @@
 
 import math
 import warnings
-from collections.abc import Iterable
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, TypeVar, Unpack
 
@@ -13,11 +13,10 @@ import numpy as np
 from jaxtyping import Float
 
 from galton.algorithms import Agent, find_algorithm, resolve
-from galton.callbacks import Callback
 from galton.envs.base import Environment
 from galton.envs.find import find
 from galton.envs.host.action_box import ActionBox
-from galton.envs.host.base import HostTask
+from galton.envs.host.base import HostTask, Space
 from galton.envs.host.observations import Observations
 from galton.errors import require, require_integer
 from galton.models import file
@@ -54,13 +53,13 @@ class Model:
 
     def __init__(
         self,
-        env: Any,
+        env: object,
         loss: str = "hl-gauss",
         *,
         algorithm: str = "a2c",
         n_envs: int | None = None,
         seed: int = 0,
-        env_kwargs: dict[str, Any] | None = None,
+        env_kwargs: Mapping[str, object] | None = None,
         **settings: Unpack[Settings],
     ) -> None:
         task = find(env, **(env_kwargs or {}))
@@ -68,7 +67,7 @@ class Model:
         self._begin(task, *split(find_algorithm(algorithm), loss, n_copies, dict(settings)), seed)
 
     @classmethod
-    def of(cls: type[ModelT], env: Any, config: Config, hypers: Hypers, seed: int = 0) -> ModelT:
+    def of(cls: type[ModelT], env: object, config: Config, hypers: Hypers, seed: int = 0) -> ModelT:
         """A model with these records in the place of keyword arguments; it raises what the constructor does."""
         model = cls.__new__(cls)
         model._begin(find(env), config, hypers, seed)
@@ -116,7 +115,7 @@ class Model:
         return self.actions.space
 
     @property
-    def observation_space(self) -> gymnasium.Space[Any]:
+    def observation_space(self) -> Space:
         """The observations as Gymnasium describes them."""
         return self.observations.space
 
@@ -155,7 +154,7 @@ class Model:
     def learn(
         self: ModelT,
         total_timesteps: int,
-        callback: Callback | Any | Iterable[Callback | Any] | None = None,
+        callback: object = None,
         progress_bar: bool = True,
         log_interval: int | None = None,
     ) -> ModelT:
@@ -199,9 +198,9 @@ class Model:
 
     def predict(
         self,
-        observation: Any,
-        state: Any = None,
-        episode_start: Any = None,
+        observation: object,
+        state: object = None,
+        episode_start: object = None,
         deterministic: bool = False,
     ) -> tuple[np.ndarray, Any]:
         """The action for one observation, or the actions for a batch of them, within the bounds of the action space.
@@ -221,7 +220,7 @@ class Model:
         actions = self.actions.to_env(action)
         return (actions[0, ...] if single else actions), state
 
-    def evaluate(self, n_episodes: int = 10, env: Any = None) -> Float[np.ndarray, " n_episodes"]:
+    def evaluate(self, n_episodes: int = 10, env: object = None) -> Float[np.ndarray, " n_episodes"]:
         """Undiscounted returns of whole episodes without exploration; training is not touched by it.
 
         Args:
@@ -257,7 +256,9 @@ class Model:
         return file.save(Path(path), model, self.population.snapshot())
 
     @classmethod
-    def load(cls: type[ModelT], path: str | Path, env: Any = None, env_kwargs: dict[str, Any] | None = None) -> ModelT:
+    def load(
+        cls: type[ModelT], path: str | Path, env: object = None, env_kwargs: Mapping[str, object] | None = None
+    ) -> ModelT:
         """The model of a file. Without an environment it predicts; with the one that it was trained on it goes on.
 
         Raises:

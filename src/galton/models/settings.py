@@ -2,13 +2,13 @@
 
 import inspect
 from collections.abc import Iterable
-from typing import Any, Literal, TypedDict
+from typing import Literal, TypedDict
 
 import numpy as np
 
 from galton.algorithms import ALGORITHMS, Algorithm
 from galton.errors import require
-from galton.records import defaults
+from galton.records import Fields, defaults
 from galton.types import Config, Hypers, check_hypers
 
 _ARGUMENTS = ("loss", "n_envs", "algorithm")
@@ -47,7 +47,7 @@ class Settings(TypedDict, total=False):
     deterministic_action: Literal["mode", "mean", "median"]
 
 
-def usual(algorithm: Algorithm) -> dict[str, Any]:
+def usual(algorithm: Algorithm) -> Fields:
     """The settings that an algorithm knows, in the order of Settings, with its defaults."""
     values = defaults(Config) | defaults(Hypers) | dict(algorithm.defaults)
     others = {field for other in ALGORITHMS.values() if other is not algorithm for field in other.own}
@@ -55,7 +55,7 @@ def usual(algorithm: Algorithm) -> dict[str, Any]:
     return {name: values[name] for name in known}
 
 
-def split(algorithm: Algorithm, loss: str, n_envs: int, settings: dict[str, Any]) -> tuple[Config, Hypers]:
+def split(algorithm: Algorithm, loss: str, n_envs: int, settings: Fields) -> tuple[Config, Hypers]:
     """The settings as the records that training takes.
 
     Raises:

@@ -6,7 +6,7 @@ The numbers behind its series go along as JSON, for tooltips and the download.
 import math
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple, TypeGuard
+from typing import NamedTuple, TypeGuard
 
 import numpy as np
 from jinja2.utils import htmlsafe_json_dumps
@@ -139,7 +139,7 @@ def _values(artist: Curve, axes: Axes) -> tuple[list[float], list[float]]:
     if isinstance(artist, StepPatch):
         heights, edges, _ = artist.get_data()
         return ((edges[1:] + edges[:-1]) / 2).tolist(), heights.astype(float).tolist()
-    points: Any = artist.get_xydata() if isinstance(artist, Line2D) else artist.get_offsets()
+    points = np.asanyarray(artist.get_xydata() if isinstance(artist, Line2D) else artist.get_offsets())
     if artist.get_transform().contains_branch_seperately(axes.transData) == (False, True):
         return [], [float(points[0, 1])]
     x, y = np.ma.filled(points, np.nan)[np.isfinite(points[:, 0])].T.tolist()

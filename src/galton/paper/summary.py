@@ -24,6 +24,7 @@ CURVES = ("training_return", "evaluation_return", "entropy")
 
 
 Provenance = Mapping[str, Any]
+"""How a sweep was made: budget, versions, machines, seconds of training."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -32,7 +33,6 @@ class Summary:
 
     study: Study
     provenance: Provenance
-    """How it was made: budget, versions, machines, seconds of training."""
     table: pa.Table
 
     @classmethod

@@ -5,7 +5,6 @@ import dataclasses
 import functools
 import hashlib
 import itertools
-from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -147,8 +146,9 @@ class Plan:
         runs = np.minimum(np.arange(start, start + self.shard_width), stop - 1)
         setting, trial, seeds = self.setting[runs], self.trial[runs], self.seed[runs]
         settings = [self.study.settings[i] for i in setting.tolist()]
-        hypers: Any = (np.array(column, np.float32) for column in zip(*(s.hypers for s in settings), strict=True))
-        return Shard(index, stop - start, settings[0].config, Hypers(*hypers), setting, trial, seeds, self.names[index])
+        columns = (np.array(column, np.float32) for column in zip(*(s.hypers for s in settings), strict=True))
+        hypers = Hypers._make(columns)
+        return Shard(index, stop - start, settings[0].config, hypers, setting, trial, seeds, self.names[index])
 
     def save(self, store: Store) -> None:
         """Write it down, in place of an earlier and shorter one."""
@@ -194,7 +194,7 @@ def _parse(url: str, data: bytes) -> Plan:
     return Plan(study, record["shard_width"], *columns)
 
 
-def _digest(record: dict[str, Any], table: pa.Table) -> str:
+def _digest(record: dict[str, object], table: pa.Table) -> str:
     columns = b"".join(np.ascontiguousarray(column.to_numpy()).tobytes() for column in table.columns)
     return checksum(canonical(record).encode() + columns)
 

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 from galton.algorithms import find_algorithm
 from galton.errors import UsageError, require, require_integer
 from galton.losses import find_loss
-from galton.records import FIRST_FIELDS, defaults, filled, refuse_unknown, written
+from galton.records import FIRST_FIELDS, Fields, defaults, filled, refuse_unknown, written
 from galton.training.train import log_points
 from galton.types import Config, Hypers, check_hypers
 
@@ -22,7 +22,7 @@ class Setting(NamedTuple):
     hypers: Hypers
     """Plain numbers."""
 
-    def record(self) -> dict[str, Any]:
+    def record(self) -> Fields:
         """What it is known by, flat: later fields that have their defaults are left out (see `galton.records`)."""
         return written(self.config) | written(self.hypers)
 
@@ -117,12 +117,12 @@ class Study:
             f"logs is {self.logs}, which makes {shown}; choose steps and logs so that every setting has as many",
         )
 
-    def constants(self) -> dict[str, Any]:
+    def constants(self) -> dict[str, object]:
         """What every run shares, for JSON."""
         record = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
         return {name: value for name, value in record.items() if name not in ("settings", "trials")}
 
-    def record(self) -> dict[str, Any]:
+    def record(self) -> dict[str, object]:
         """All of it, for JSON."""
         settings = _by_field([setting.record() for setting in self.settings])
         return {"constants": self.constants(), "trials": self.trials, "settings": settings}
@@ -155,12 +155,12 @@ def import_all(modules: Iterable[str]) -> None:
             raise UsageError(f"imports names {module!r}, which can't be imported: {error}") from None
 
 
-def canonical(record: Any) -> str:
+def canonical(record: object) -> str:
     """JSON that is the same for equal records."""
     return json.dumps(record, sort_keys=True, separators=(",", ":"))
 
 
-def _by_field(records: list[dict[str, Any]]) -> dict[str, dict[str, Any]]:
+def _by_field(records: list[Fields]) -> dict[str, dict[str, object]]:
     """Fields with one value for all settings, and the lists of values of the others."""
     rows = filled(records, DEFAULTS)
     lists = {name: [row[name] for row in rows] for name in rows[0]}
@@ -168,7 +168,7 @@ def _by_field(records: list[dict[str, Any]]) -> dict[str, dict[str, Any]]:
     return {"same": same, "different": {name: values for name, values in lists.items() if name not in same}}
 
 
-def _settings(same: dict[str, Any], different: dict[str, list[Any]]) -> Iterator[Setting]:
+def _settings(same: Fields, different: dict[str, list[object]]) -> Iterator[Setting]:
     """The settings that `_by_field` took apart."""
     configs: dict[str, Config] = {}
     for values in zip(*different.values(), strict=True) if different else [()]:

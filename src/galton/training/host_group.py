@@ -208,15 +208,15 @@ class Group:
         """From one row per copy to `[P, copies of a run, ...]`."""
         return rows.reshape(self._shape[0], -1, *rows.shape[1:])
 
-    def _empty_batch(self) -> Any:
+    def _empty_batch(self) -> Transition:
         o, d = self._sizes
         empty = self._empty
         return Transition(empty(o), empty(d), empty(), empty(o), empty(dtype=bool), empty(dtype=bool))
 
-    def _empty_finished(self) -> Any:
+    def _empty_finished(self) -> Finished:
         return Finished(self._empty(dtype=bool), self._empty(), self._empty(dtype=np.int32))
 
-    def _empty(self, *entries: int, dtype: Any = np.float32) -> Any:
+    def _empty(self, *entries: int, dtype: type = np.float32) -> Any:
         return np.zeros((self._shape[0], self._config.n_steps, self._shape[1], *entries), dtype)
 
 

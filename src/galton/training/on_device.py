@@ -4,13 +4,13 @@ import functools
 import math
 import time
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
-from jaxtyping import Array, Float, Int, PyTree, UInt
+from jaxtyping import Array, Float, Int, UInt
 
 from galton import normalization
 from galton.algorithms import Agent
@@ -215,7 +215,7 @@ def _compile_evaluation(
     return compiled, lambda: seconds.pop() if seconds else 0.0
 
 
-def _begin_shapes(n_runs: int) -> tuple[Any, Any]:
+def _begin_shapes(n_runs: int) -> tuple[jax.ShapeDtypeStruct, Hypers]:
     """Of the seeds and numbers of so many runs."""
     numbers = jax.tree.map(lambda _: jax.ShapeDtypeStruct((n_runs,), jnp.float32), Hypers())
     return jax.ShapeDtypeStruct((n_runs,), jnp.uint32), numbers
@@ -226,7 +226,9 @@ def _one_after_the_other(f: Callable[[Array, Hypers], Tree]) -> Callable[[Array,
     return lambda seeds, hypers: jax.lax.map(lambda run: f(*run), (seeds, hypers))
 
 
-def _on_all_devices(f: Callable[..., Any], on_runs: NamedSharding, in_axes: tuple[int | None, ...]) -> Any:
+def _on_all_devices(
+    f: Callable[..., Tree], on_runs: NamedSharding, in_axes: tuple[int | None, ...]
+) -> Callable[..., Tree]:
     """Over runs: side by side on a device, and split over devices. An argument without an axis is shared."""
     specs = tuple(PartitionSpec() if axis is None else on_runs.spec for axis in in_axes)
     return jax.shard_map(
@@ -234,5 +236,7 @@ def _on_all_devices(f: Callable[..., Any], on_runs: NamedSharding, in_axes: tupl
     )
 
 
-def _placed(tree: PyTree[Any], on_runs: NamedSharding) -> Any:
-    return jax.tree.map(lambda x: jax.ShapeDtypeStruct(x.shape, x.dtype, sharding=on_runs), tree)
+def _placed(shapes: Tree, on_runs: NamedSharding) -> Tree:
+    """The same shapes, each split over devices along its first axis."""
+    placed: Tree = jax.tree.map(lambda x: jax.ShapeDtypeStruct(x.shape, x.dtype, sharding=on_runs), shapes)
+    return placed

@@ -1,7 +1,7 @@
 """R runs that are trained side by side, wherever their environments live."""
 
 from collections.abc import Sequence
-from typing import Any, Protocol, runtime_checkable
+from typing import Protocol, runtime_checkable
 
 import jax
 import numpy as np
@@ -68,7 +68,7 @@ class Population(Protocol):
 
 
 def populate(
-    env: Any, config: Config, hypers: Hypers, seeds: Sequence[int], devices: Sequence[jax.Device] | None = None
+    env: object, config: Config, hypers: Hypers, seeds: Sequence[int], devices: Sequence[jax.Device] | None = None
 ) -> Population:
     """R new runs, one per seed, with hypers `[R]` each.
 

@@ -62,7 +62,7 @@ def final(
 
 
 def train(
-    env: Any,
+    env: object,
     config: Config,
     hypers: Hypers,
     seeds: Sequence[int],

@@ -1,4 +1,4 @@
-"""Any Gymnasium environment: copies of it, stepped one after the other, every answer checked."""
+"""A Gymnasium environment: copies of it, stepped one after the other, every answer checked."""
 
 import contextlib
 import functools
@@ -154,7 +154,7 @@ class GymnasiumEnvs:
                 with contextlib.suppress(Exception):  # nothing is wanted of it any more
                     env.close()
 
-    def _step(self, i: int, action: np.ndarray, where: str) -> tuple[Any, ...]:
+    def _step(self, i: int, action: np.ndarray, where: str) -> tuple[object, ...]:
         try:  # `blame` does the same, more slowly
             answer = self._envs[i].step(action)
         except Exception as error:
