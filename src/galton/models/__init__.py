@@ -1,4 +1,4 @@
-"""What users hold: a run on one environment, with the habits of Stable-Baselines3."""
+"""What users hold: A2C and PPO, each one run on one environment, with the habits of Stable-Baselines3."""
 
 from collections.abc import Mapping
 from typing import Unpack

@@ -94,7 +94,7 @@ class Model:
         self._interval, self._steps_at_load = self.agent.algorithm.log_interval, 0
 
     def _connect(self, task: Environment | HostTask) -> None:
-        """Begin a run on an environment."""
+        """Begin a run of this model on an environment."""
         self._env = task
         hypers = Hypers._make(np.full(1, value, np.float32) for value in self.hypers)
         self._population = populate(task, self.config, hypers, [self.seed])
@@ -121,17 +121,17 @@ class Model:
 
     @property
     def num_timesteps(self) -> int:
-        """Environment steps so far, of all copies together."""
+        """How many environment steps the run has taken, all copies together."""
         return self._population.step if self._population else self._steps_at_load
 
     @property
     def log_interval(self) -> int:
-        """Environment steps between log points."""
+        """How many environment steps lie between two log points, all copies together."""
         return self.updates_per_log * self.config.n_steps * self.config.n_envs
 
     @property
     def updates_per_log(self) -> int:
-        """Updates between log points, as `learn` was last told."""
+        """How many updates lie between two log points, as `learn` was last told."""
         return self._interval
 
     @property
@@ -167,7 +167,7 @@ class Model:
             total_timesteps: steps of the environment, all copies together.
             callback: from `galton.callbacks`, a function `(model, log) -> bool | None` of your own (False stops), an
                 SB3 callback, or several of them.
-            progress_bar: show one.
+            progress_bar: show how far training is.
             log_interval: updates between log points, by default 100 for A2C and 1 for PPO, as in SB3; a run that is
                 resumed keeps the logs only if it stays the same.
 
@@ -187,7 +187,7 @@ class Model:
         return self
 
     def advance(self, n_updates: int) -> None:
-        """Train for some updates; no callback is called and nothing is logged.
+        """Train for so many updates; no callback is called and nothing is logged.
 
         Raises:
             BrokenEnvironmentError, DivergenceError: as `learn`.
@@ -197,11 +197,7 @@ class Model:
         check_divergence(self.population)
 
     def predict(
-        self,
-        observation: object,
-        state: object = None,
-        episode_start: object = None,
-        deterministic: bool = False,
+        self, observation: object, state: object = None, episode_start: object = None, deterministic: bool = False
     ) -> tuple[np.ndarray, Any]:
         """The action for one observation, or the actions for a batch of them, within the bounds of the action space.
 

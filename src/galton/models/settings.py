@@ -1,4 +1,4 @@
-"""What a model can be told: the fields of Config and Hypers, as keyword arguments."""
+"""What a model's constructor can be told: the fields of Config and Hypers as keyword arguments."""
 
 import inspect
 from collections.abc import Iterable
@@ -12,7 +12,7 @@ from galton.records import Fields, defaults
 from galton.types import Config, Hypers, check_hypers
 
 _ARGUMENTS = ("loss", "n_envs", "algorithm")
-"""Fields of Config that are arguments of their own."""
+"""The fields of Config that the constructor takes as arguments of their own, and not as settings."""
 
 
 class Settings(TypedDict, total=False):
@@ -59,7 +59,7 @@ def split(algorithm: Algorithm, loss: str, n_envs: int, settings: Fields) -> tup
     """The settings as the records that training takes.
 
     Raises:
-        TypeError: a name that is none.
+        TypeError: a name that is no setting of this algorithm.
         UsageError: a value out of range.
     """
     known = usual(algorithm)

@@ -16,14 +16,14 @@ from galton.types import Config, Hypers, check_hypers
 
 
 class Setting(NamedTuple):
-    """One point of a grid."""
+    """One point of a grid: a Config and Hypers."""
 
     config: Config
     hypers: Hypers
-    """Plain numbers."""
+    """The hyperparameters, as plain numbers."""
 
     def record(self) -> Fields:
-        """What it is known by, flat: later fields that have their defaults are left out (see `galton.records`)."""
+        """The fields that it is known by: later ones that have their defaults are left out (see `galton.records`)."""
         return written(self.config) | written(self.hypers)
 
     @classmethod
@@ -73,28 +73,28 @@ def make_config(record: Mapping[str, Any]) -> Config:
 
 
 DEFAULTS = defaults(Config) | defaults(Hypers)
-"""All fields of a setting."""
+"""All fields of a setting, with their defaults."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Study:
-    """What a sweep is about."""
+    """What a sweep trains: settings on one environment, with several runs of each."""
 
     env: str
-    """One of ENVS or a Gymnasium id (`module:Id` imports the module first)."""
+    """A name in ENVS or a Gymnasium id (`module:Id` imports the module first)."""
     settings: tuple[Setting, ...]
     trials: int
     """Runs of each setting, each with a seed of its own."""
     steps: int
     """Environment steps per run."""
     logs: int = 100
-    """Points of a learning curve."""
+    """How many points each learning curve has."""
     eval_episodes: int = 10
     """Episodes of the deterministic policy at each of them."""
     env_kwargs: str = "{}"
-    """JSON."""
+    """The environment's keyword arguments, as JSON."""
     seed: int = 0
-    """Of the study: another one gives every run a fresh seed."""
+    """The study's seed: another one gives every run a fresh seed."""
     imports: tuple[str, ...] = ()
     """Modules that every worker imports first: where losses, policies and environments of your own are registered."""
 
@@ -123,7 +123,7 @@ class Study:
         return {name: value for name, value in record.items() if name not in ("settings", "trials")}
 
     def record(self) -> dict[str, object]:
-        """All of it, for JSON."""
+        """The whole study, for JSON."""
         settings = _by_field([setting.record() for setting in self.settings])
         return {"constants": self.constants(), "trials": self.trials, "settings": settings}
 
@@ -143,10 +143,10 @@ class Study:
 
 
 def import_all(modules: Iterable[str]) -> None:
-    """A study's imports.
+    """Import the modules that a study names, which register its losses and environments.
 
     Raises:
-        UsageError: one that can't be imported.
+        UsageError: a module that can't be imported.
     """
     for module in modules:
         try:

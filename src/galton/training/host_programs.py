@@ -17,7 +17,7 @@ from galton.types import Hypers, Params
 
 
 class HostPrograms(NamedTuple):
-    """Compiled at their first call on each device; all but the first are mapped over the runs of a group."""
+    """A group's programs, compiled at their first call on each device; all but `begin` are mapped over its runs."""
 
     begin: Callable[..., RunState]
     """(observation size, seeds, hypers) → runs."""
@@ -40,7 +40,7 @@ class HostPrograms(NamedTuple):
 
 @functools.lru_cache(maxsize=64)
 def host_programs(agent: Agent) -> HostPrograms:
-    """Of an agent, once."""
+    """The programs that train this agent, made once for each agent."""
     config = agent.config
 
     def begin_all(size: int, seeds: Array, hypers: Hypers) -> RunState:
