@@ -17,7 +17,7 @@ class Moments(NamedTuple):
     mean: Float[Array, "*rest"]
     variance: Float[Array, "*rest"]
     n: Float[Array, ""]
-    """How many those were."""
+    """How many samples were seen."""
 
 
 class Normalizer(NamedTuple):

@@ -39,7 +39,7 @@ def written(record: object) -> Fields:
 
 
 def refuse_unknown(what: str, names: Collection[str], known: Collection[str]) -> None:
-    """Raise unless every name is known.
+    """Raise unless this version knows every name.
 
     Raises:
         NewerVersionError: a field that this version does not have, which a newer one may have added.

@@ -1,4 +1,4 @@
-"""Our environments behind Gymnasium's interface."""
+"""Our own environments, in pure JAX, behind Gymnasium's interface."""
 
 import gymnasium
 import jax

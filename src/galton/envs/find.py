@@ -1,4 +1,4 @@
-"""What a user calls an environment, found."""
+"""The task that a user means: by a name, an id, a function, or an environment that is already there."""
 
 from collections.abc import Mapping
 

@@ -142,7 +142,7 @@ class GymnasiumEnvs:
         return {key: np.stack([state[key] for state in states]) for key in states[0]}
 
     def set_state(self, state: dict[str, np.ndarray]) -> None:
-        """Go on from what `get_state` told."""
+        """Put every copy into the state that `get_state` told of it."""
         for i, env in enumerate(self._envs):
             self._reset(i, None)  # wrappers want one before the first step
             set_state(env, {key: rows[i] for key, rows in state.items()}, self._where(i))
