@@ -1,4 +1,4 @@
-"""`python -m galton`."""
+"""The galton command for `python -m galton`, which is the same as `galton`."""
 
 from galton.cli.main import main
 

@@ -29,11 +29,11 @@ class Model(Protocol):
     def log_interval(self) -> int:
         """Environment steps between log points."""
 
-    def evaluate(self, n_episodes: int, env: Any = None) -> np.ndarray:
-        """Returns of whole episodes."""
+    def evaluate(self, n_episodes: int, env: object = None) -> np.ndarray:
+        """Undiscounted returns of whole episodes without exploration."""
 
     def save(self, path: str | Path) -> Path:
-        """Write the model."""
+        """Write the model to one file and return its path."""
 
 
 Callback = Callable[[Any, Log], bool | None]
@@ -55,7 +55,7 @@ class Evaluate:
     every: int = 10_000
     """Environment steps between evaluations, rounded up to log points."""
     n_episodes: int = 10
-    env: Any = None
+    env: object = None
     """What to play on; None for copies of the environment that the model is trained on."""
     best_model: str | Path | None = None
     """Where to save the model each time that its mean return is the highest so far."""
@@ -66,7 +66,7 @@ class Evaluate:
         self.best = -math.inf
 
     def __call__(self, model: Model, log: Log) -> None:
-        """Evaluate if it is due."""
+        """Evaluate if a multiple of `every` steps has been passed since the last log point."""
         if not is_due(model, self.every):
             return
         returns = model.evaluate(self.n_episodes, self.env)
@@ -84,7 +84,7 @@ class Evaluate:
 
 @dataclasses.dataclass
 class Checkpoint:
-    """Save the model as it goes."""
+    """Save the model again and again while it is trained."""
 
     path: str | Path
     """A file, written over each time; `{step}` in its name keeps them all."""
@@ -95,7 +95,7 @@ class Checkpoint:
         require_integer("every", self.every, 1)
 
     def __call__(self, model: Model, log: Log) -> None:
-        """Save if it is due."""
+        """Save if a multiple of `every` steps has been passed since the last log point."""
         del log
         if is_due(model, self.every):
             model.save(str(self.path).replace("{step}", str(model.num_timesteps)))
@@ -110,7 +110,7 @@ class StopOnReward:
     """A key of the log; points without it are passed over."""
 
     def __call__(self, model: Model, log: Log) -> bool:
-        """Go on below the threshold."""
+        """Go on while the number is below the threshold or not in the log."""
         del model
         return not log.get(self.metric, -math.inf) >= self.threshold
 
@@ -142,7 +142,7 @@ class JSONLines:
             raise UsageError(f"path is {path}, which can't be written: {error.strerror}") from None
 
     def __call__(self, model: Model, log: Log) -> None:
-        """Append the log."""
+        """Append this log point to the file as a line."""
         del model
         known = {name: value if math.isfinite(value) else None for name, value in log.items()}
         with self.path.open("a") as file:
@@ -158,7 +158,7 @@ class TensorBoard:
         self._writer = SummaryWriter(str(folder))
 
     def __call__(self, model: Model, log: Log) -> None:
-        """Write the log."""
+        """Write this log point's finite numbers as scalars of its step."""
         for name, value in log.items():
             if math.isfinite(value):
                 self._writer.add_scalar(name, value, model.num_timesteps)
@@ -172,7 +172,7 @@ class WeightsAndBiases:
         settings: for `wandb.init`, such as project and name.
     """
 
-    def __init__(self, **settings: Any) -> None:
+    def __init__(self, **settings: object) -> None:
         try:
             import wandb
         except ImportError:
@@ -180,5 +180,5 @@ class WeightsAndBiases:
         self.run = wandb.init(**settings)
 
     def __call__(self, model: Model, log: Log) -> None:
-        """Send the log."""
+        """Send this log point's finite numbers to the run."""
         self.run.log({name: value for name, value in log.items() if math.isfinite(value)}, step=model.num_timesteps)

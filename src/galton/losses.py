@@ -65,7 +65,7 @@ def cross_entropy(distribution: Histogram, weights: Float[Array, "*batch d k"]) 
 def one_hot_target(
     distribution: Histogram, action: Float[Array, "*batch d"], hypers: Hypers
 ) -> Float[Array, "*batch d k"]:
-    """All mass on the sampled bin."""
+    """The target with all mass on the sampled bin."""
     del hypers
     return targets.one_hot(distribution.bins, action)
 
@@ -103,7 +103,7 @@ def hl_gauss_bias(distribution: Histogram, hypers: Hypers) -> Float[Array, "*bat
 
 
 class Loss(NamedTuple):
-    """An entry of LOSSES."""
+    """An entry of LOSSES: what is weighted by the advantage, and which policies it fits."""
 
     function: Callable[[Any, Array, Hypers], Array]
     """(distribution, action `[*batch, d]`, hypers) → loss `[*batch]`."""

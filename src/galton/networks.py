@@ -32,12 +32,12 @@ def features(layers: list[Params], x: Float[Array, "*batch n_in"]) -> Float[Arra
 
 
 def mlp(layers: list[Params], x: Float[Array, "*batch n_in"]) -> Float[Array, "*batch n_out"]:
-    """Tanh layers and a linear one."""
+    """The network's outputs: tanh layers, then a linear one."""
     return linear(layers[-1], features(layers, x))
 
 
 def linear(layer: Params, x: Float[Array, "*batch n_in"]) -> Float[Array, "*batch n_out"]:
-    """One layer without its activation."""
+    """The outputs of one layer without its activation."""
     outputs: Array = _matmul(jnp.asarray(x), jnp.asarray(layer["kernel"])) + layer["bias"]
     return outputs
 

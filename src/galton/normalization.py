@@ -17,15 +17,15 @@ class Moments(NamedTuple):
     mean: Float[Array, "*rest"]
     variance: Float[Array, "*rest"]
     n: Float[Array, ""]
-    """How many those were."""
+    """How many samples were seen."""
 
 
 class Normalizer(NamedTuple):
     """What normalising needs to know; an entry is () where it is off."""
 
-    observation: Any
+    observation: Moments | tuple[()]
     """Moments of the observations, `[o]`."""
-    discounted_return: Any
+    discounted_return: Moments | tuple[()]
     """Moments of each copy's discounted return: rewards are divided by its standard deviation."""
     running_return: Any
     """The discounted return of the episode so far, `[N]`."""

@@ -12,6 +12,9 @@ from typing import Any
 
 from galton.errors import NewerVersionError, require
 
+Fields = dict[str, Any]
+"""Fields of a record by name; each has the type that the record declares."""
+
 FIRST_FIELDS = frozenset(
     {
         *("loss", "n_bins", "n_steps", "n_envs", "net_arch", "initial_policy", "exploration", "bin_sample"),
@@ -22,21 +25,21 @@ FIRST_FIELDS = frozenset(
 """The fields of Config and Hypers that version 0.1.0 wrote, all of them always."""
 
 
-def defaults(record: type) -> dict[str, Any]:
+def defaults(record: type) -> Fields:
     """The fields of a frozen dataclass or NamedTuple with their defaults, in order."""
     if dataclasses.is_dataclass(record):
         return {field.name: field.default for field in dataclasses.fields(record)}
     return dict(getattr(record, "_field_defaults"))  # noqa: B009
 
 
-def written(record: Any) -> dict[str, Any]:
+def written(record: object) -> Fields:
     """The fields to write down: those of version 1, and the later ones that differ from their defaults."""
     values = {name: (getattr(record, name), default) for name, default in defaults(type(record)).items()}
     return {name: value for name, (value, default) in values.items() if name in FIRST_FIELDS or value != default}
 
 
 def refuse_unknown(what: str, names: Collection[str], known: Collection[str]) -> None:
-    """Raise unless every name is known.
+    """Raise unless this version knows every name.
 
     Raises:
         NewerVersionError: a field that this version does not have, which a newer one may have added.
@@ -49,7 +52,7 @@ def refuse_unknown(what: str, names: Collection[str], known: Collection[str]) ->
         )
 
 
-def filled(rows: Collection[Mapping[str, Any]], default: Mapping[str, Any]) -> list[dict[str, Any]]:
+def filled(rows: Collection[Mapping[str, object]], default: Mapping[str, object]) -> list[dict[str, object]]:
     """The same rows with the same fields each, in one order: what a row leaves out has its default."""
     names = dict.fromkeys(name for row in rows for name in row)
     for name in names:

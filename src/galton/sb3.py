@@ -6,18 +6,17 @@ SB3 is not imported here: whoever has a callback of its has it.
 from collections.abc import Sequence
 from typing import Any
 
-import gymnasium
-
+from galton.envs.host.state import Env
 from galton.foreign import is_instance_of
 
 
-def is_callback(callback: Any) -> bool:
-    """Whether it is one of SB3's."""
+def is_callback(callback: object) -> bool:
+    """Whether a callback is one of SB3's, without importing SB3 for the question."""
     return is_instance_of(callback, "stable_baselines3", "BaseCallback")
 
 
 class Callbacks:
-    """SB3 callbacks in our training loop.
+    """The SB3 callbacks of one call of `learn`, called from our training loop.
 
     They are called once for each step, as by SB3; the calls of a rollout come together, after its update.
     """
@@ -31,7 +30,7 @@ class Callbacks:
         return bool(self._callbacks)
 
     def start(self) -> bool:
-        """Before training; whether to begin."""
+        """Tell the callbacks that training begins; whether it may."""
         self._facade.num_timesteps = self._model.num_timesteps
         for callback in self._callbacks:
             callback.init_callback(self._facade)
@@ -40,7 +39,7 @@ class Callbacks:
         return True
 
     def after_update(self) -> bool:
-        """After the rollout of one update; whether to go on."""
+        """Tell the callbacks of each step of an update's rollout; whether to go on."""
         n_envs, n_steps = self._model.config.n_envs, self._model.config.n_steps
         first = self._model.num_timesteps - n_envs * n_steps
         for t in range(n_steps if self._callbacks else 0):
@@ -54,7 +53,7 @@ class Callbacks:
         return True
 
     def end(self) -> None:
-        """After training."""
+        """Tell the callbacks that training has ended."""
         for callback in self._callbacks:
             callback.on_training_end()
 
@@ -70,7 +69,7 @@ class Facade:
     def __getattr__(self, name: str) -> Any:
         return getattr(self._model, name)
 
-    def get_env(self) -> Any:
+    def get_env(self) -> object:
         """What stands for the training environment: its spaces and its number of copies, in the class SB3 looks for."""
         from stable_baselines3.common.vec_env import DummyVecEnv
 
@@ -80,23 +79,23 @@ class Facade:
         """Normalising is the model's own, in `predict` and `save`."""
 
 
-class _Spaces(gymnasium.Env[Any, Any]):
-    """An environment that nobody steps."""
+class _Spaces(Env):
+    """An environment with the model's spaces, for callbacks that ask for them; nobody steps it."""
 
     def __init__(self, model: Any) -> None:
         self.action_space, self.observation_space = model.action_space, model.observation_space
 
 
 class _Logger:
-    """What callbacks record is for them to read again."""
+    """SB3's logger as far as callbacks need it: what they record is kept for them to read again."""
 
     def __init__(self) -> None:
-        self.name_to_value: dict[str, Any] = {}
+        self.name_to_value: dict[str, object] = {}
 
-    def record(self, key: str, value: Any, exclude: Any = None) -> None:
-        """Keep the latest."""
+    def record(self, key: str, value: object, exclude: object = None) -> None:
+        """Keep the latest value of a key; what SB3 would exclude it from is of no matter here."""
         del exclude
         self.name_to_value[key] = value
 
     def dump(self, step: int = 0) -> None:
-        """Nothing to write to."""
+        """Do nothing, since there is no file to write the records to."""

@@ -1,7 +1,7 @@
 """The paper's seven tasks with the settings of App. C.2: the one table that commands, grids and the studies read."""
 
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from galton.envs.registry import find_task, is_known
 
@@ -17,17 +17,17 @@ class Task(NamedTuple):
     in_jax: bool = True
     """Whether the environment is one of ours, in pure JAX."""
     total_timesteps: int = 500_000
-    """The paper's training length."""
+    """How many environment steps the paper trains for."""
     learning_rate: float = 7e-4
-    """What is taken where it is not tuned."""
+    """The learning rate that is taken where it is not tuned."""
     learning_rates: tuple[float, ...] = (1e-4, 3e-4, 7e-4, 1e-3)
-    """Those of the paper's grid."""
+    """The learning rates of the paper's grid."""
     etas: tuple[float, ...] = (0.01, 0.05, 0.1, 0.25, 0.5, 0.75)
     """HL-Gauss's widths in the paper's grid."""
-    config: Mapping[str, Any] = {}
-    """What differs from Config's defaults."""
+    config: Mapping[str, object] = {}
+    """The fields of Config that differ from its defaults."""
     n_logs: int = 100
-    """Points of a learning curve, each with an evaluation."""
+    """How many points a learning curve has, each with an evaluation."""
     n_eval_episodes: int = 10
     at_rest: float | None = None
     """The mean return of the action 0 from the first step to the last, where a figure shows it."""

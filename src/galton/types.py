@@ -173,7 +173,7 @@ class Transition(NamedTuple):
     """As sampled, before the environment clips it."""
     reward: Float[Array, "*batch"]
     next_observation: Float[Array, "*batch o"]
-    """Before any reset."""
+    """What the step led to, before any reset."""
     terminated: Bool[Array, "*batch"]
     """The task ended: the next state has no value."""
     truncated: Bool[Array, "*batch"]
@@ -181,7 +181,7 @@ class Transition(NamedTuple):
 
 
 class Learner(NamedTuple):
-    """All that a run has learnt."""
+    """All that a run has learnt, and Adam's memory and the statistics with it."""
 
     params: Params
     """`actor` and `critic` networks, and for the Gaussian `log_std` `[d]`."""

@@ -1,4 +1,7 @@
-"""Learning algorithms by name: pure functions on pytrees. A new one is a record in a file and a line in ALGORITHMS."""
+"""Learning algorithms by name, pure functions on pytrees, and what looks up the names in a configuration.
+
+A new one is a record in a file and a line in ALGORITHMS; what every actor-critic does is in actor_critic.
+"""
 
 import numpy as np
 from jaxtyping import Float

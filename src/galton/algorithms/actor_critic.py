@@ -45,7 +45,7 @@ def act(
 
 
 def value(params: Params, observation: Float[Array, "*batch o"]) -> Float[Array, "*batch"]:
-    """The critic's v(s)."""
+    """What the critic takes each state to be worth, v(s)."""
     return mlp(params["critic"], observation)[..., 0]
 
 
@@ -83,7 +83,7 @@ def standardise(advantage: Float[Array, " B"]) -> Float[Array, " B"]:
 
 
 class Objective(NamedTuple):
-    """What is minimised, and its parts."""
+    """What an update minimises on a batch, and the parts that it is the sum of."""
 
     total: Float[Array, ""]
     policy_loss: Float[Array, ""]

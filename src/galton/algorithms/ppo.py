@@ -40,9 +40,9 @@ class Rows(NamedTuple):
     returns: Float[Array, " B"]
     """What the critic is trained towards."""
     log_prob: Float[Array, " B"]
-    """Of each action under the policy that sampled it."""
+    """Each action's log-probability under the policy that sampled it."""
     loss: Float[Array, " B"]
-    """Of each action under that policy."""
+    """The loss of each action under the policy that sampled it."""
     target: Float[Array, "B d k"] | tuple[()]
     """The weights of a cross-entropy under that policy; () where the ratio does not need them."""
 

@@ -1,1 +1,1 @@
-"""From results to numbers, tables and figures."""
+"""From results to numbers and figures: statistics over runs, a comparison of losses, and how plots are drawn."""

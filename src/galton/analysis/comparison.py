@@ -15,16 +15,16 @@ from galton.losses import LOSSES
 from galton.training.train import Result
 
 Results = Mapping[str, Result]
-"""What was trained, by loss."""
+"""The trained runs of each loss, by its name."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Row:
-    """One loss in the table."""
+    """What the table of a comparison says of one loss."""
 
     loss: str
     training_return: Interval
-    """Over the last 5% of training."""
+    """Mean return over the last 5% of training, with its interval over runs."""
     evaluation_return: Interval
     share_of_optimum: float | None
     """Of the evaluation return, on a scale where random actions are 0 and the optimum is 1."""
@@ -34,7 +34,7 @@ class Row:
     runs: int
 
     def record(self) -> dict[str, object]:
-        """For JSON, with null for what is not known."""
+        """The row for JSON, with null for what is not known."""
 
         def plain(value: object) -> object:
             if isinstance(value, Interval):

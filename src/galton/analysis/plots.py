@@ -29,7 +29,7 @@ RUN = "run:"
 """How the gid of a single run's line begins; the name of its series follows."""
 
 _LEGEND_ENTRY = 1.9
-"""Inches that the longest name takes."""
+"""How many inches the longest name takes in the legend."""
 _STYLE: Any = {
     "axes.spines.top": False,
     "axes.spines.right": False,
@@ -93,7 +93,7 @@ def draw_marks(axes: Axes, intervals: Sequence[Interval], name: str, color: Colo
 
 
 def draw_level(axes: Axes, value: float, name: str, linestyle: str) -> None:
-    """A line all along."""
+    """Draw a level as a line all along the x axis."""
     axes.axhline(value, color="#777777", linestyle=linestyle, linewidth=1, label=name, gid=name)
 
 
@@ -140,13 +140,13 @@ def fit(axes: Axes, means: Sequence[np.ndarray | np.float64]) -> None:
 
 
 def save(figure: Figure, stem: Path) -> None:
-    """As stem.png and stem.svg."""
+    """Write the figure as stem.png and stem.svg."""
     for suffix, image in images(figure).items():
         stem.with_suffix(suffix).write_bytes(image)
 
 
 def images(figure: Figure) -> dict[str, bytes]:
-    """By file suffix, without the single runs; the same bytes for the same figure."""
+    """The figure's images by file suffix, without the single runs; the same bytes for the same figure."""
     files = {".png": io.BytesIO(), ".svg": io.BytesIO()}
     hidden = [line for line in figure.findobj() if str(line.get_gid()).startswith(RUN) and line.get_visible()]
     for line in hidden:

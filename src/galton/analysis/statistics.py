@@ -80,7 +80,7 @@ def stratified_bootstrap(scores: Scores, statistic: Statistic, n_resamples: int 
     rng = np.random.default_rng(seed)
     resamples = ([task[rng.integers(len(task), size=len(task))] for task in tasks] for _ in range(n_resamples))
     estimates = np.array([statistic(resample) for resample in resamples])
-    # Any method that interpolates makes NaN of two neighbours that are −∞.
+    # Every method that interpolates makes NaN of two neighbours that are −∞.
     low, high = np.quantile(estimates, (0.025, 0.975), axis=0, method="inverted_cdf")
     return Interval(estimate, low, high)
 
@@ -116,7 +116,7 @@ def fill_until(
 
 
 def _tasks(scores: Scores) -> Tasks:
-    """The scores task by task, checked."""
+    """The scores as a list, task by task, once they are checked."""
     tasks = list(scores.T if isinstance(scores, np.ndarray) else scores)
     require(len(tasks) > 0, "scores has no tasks; give an array of scores for each")
     for i, task in enumerate(tasks):
@@ -126,5 +126,5 @@ def _tasks(scores: Scores) -> Tasks:
 
 
 def _ranked(scores: Float[np.ndarray, " R"]) -> Float[np.ndarray, " R"]:
-    """Diverged runs below every score."""
+    """The scores with diverged runs below every other."""
     return np.where(np.isnan(scores), -np.inf, scores)

@@ -1,1 +1,4 @@
-"""The command line: a module for each command. What begins with an underscore is no command but helps several."""
+"""The command line: `main`, and beside it a module for each command that it knows, or a folder (sweep).
+
+What begins with an underscore is no command but helps several.
+"""

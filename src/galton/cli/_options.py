@@ -118,12 +118,12 @@ def short_name(env: str) -> str:
 
 
 def folder_name(env: str, algorithm: str) -> str:
-    """The environment's, with the algorithm's where it is not the paper's."""
+    """The name of a run's folder: the environment's, with the algorithm's where that is not the paper's."""
     return short_name(env) if algorithm == "a2c" else f"{short_name(env)}-{algorithm}"
 
 
 def command_line() -> str:
-    """The command as it was typed."""
+    """The command line as it was typed, for the record of a run."""
     return shlex.join(["galton", *sys.argv[1:]])
 
 

@@ -27,7 +27,7 @@ class Options:
 
 
 def main(arguments: Sequence[str]) -> None:
-    """Read, draw, write.
+    """Read what was trained, draw the figures and write the page.
 
     Raises:
         UsageError: a folder without data.

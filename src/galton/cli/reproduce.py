@@ -46,7 +46,7 @@ class Options:
 
 
 def main(arguments: Sequence[str]) -> None:
-    """Train, then report."""
+    """Train and measure what the words ask for, then draw the figures and write the page."""
     options = tyro.cli(Options, prog="galton reproduce", args=list(arguments), config=(tyro.conf.OmitArgPrefixes,))
     import_all(options.imports)
     reproduce(options.what, options.budget, options.out, options.workers)

@@ -66,7 +66,7 @@ def main(arguments: Sequence[str]) -> None:
     print(f"return {told} in {len(frames)} frames\nvideo: {out}")
 
 
-def _environment(options: Options, file: Path) -> tuple[str, dict[str, Any]]:
+def _environment(options: Options, file: Path) -> tuple[str, dict[str, object]]:
     """The id and the keyword arguments: those given, or else those of the run."""
     beside, known = file.with_name(CONFIG), read_settings(file.parent)
     name = known.get("env") if options.env is None else options.env

@@ -1,6 +1,7 @@
-"""Environments: the contract in pure JAX, the paper's four analytic tasks, names for all, and host/ for the rest.
+"""Environments: the contract in pure JAX (base), the paper's four analytic tasks, and host/ for all that is not JAX.
 
-A new task in pure JAX is a file here and an entry in registry.ENVS.
+`find` makes a task of whatever a user gives: a name in registry.ENVS, a Gymnasium id, an environment, a record.
+`as_gymnasium` shows our own tasks to Gymnasium. A new task in pure JAX is a file here and an entry in registry.ENVS.
 """
 
 import lazy_loader

@@ -34,7 +34,7 @@ class Acrobot:
         return jax.random.uniform(key, (4,), minval=-0.1, maxval=0.1)
 
     def noise(self, key: Key[Array, ""]) -> tuple[()]:
-        """None: the dynamics are deterministic."""
+        """No noise, (), since the dynamics are deterministic."""
         del key
         return ()
 
@@ -67,7 +67,7 @@ class Acrobot:
 
 
 def _wrap(angle: Float[Array, ""]) -> Float[Array, ""]:
-    """Into [−π, π], by whole turns."""
+    """The angle moved into [−π, π] by whole turns."""
     return angle - 2 * jnp.pi * jnp.round(angle / (2 * jnp.pi))
 
 

@@ -1,6 +1,4 @@
-"""Our environments behind Gymnasium's interface."""
-
-from typing import Any
+"""Our own environments, in pure JAX, behind Gymnasium's interface."""
 
 import gymnasium
 import jax
@@ -20,7 +18,7 @@ class GymnasiumEnv(gymnasium.Env[np.ndarray, np.ndarray]):
 
     metadata = {"render_modes": []}  # noqa: RUF012
 
-    def __init__(self, task: str, render_mode: str | None = None, **constants: Any) -> None:
+    def __init__(self, task: str, render_mode: str | None = None, **constants: object) -> None:
         self.render_mode = render_mode
         self.record = make(task, **constants)
         self.observation_space = Box(self.record.observation_low, self.record.observation_high)
@@ -35,14 +33,14 @@ class GymnasiumEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         self._step = jax.jit(step)
 
     def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[np.ndarray, dict[str, Any]]:
+        self, *, seed: int | None = None, options: dict[str, object] | None = None
+    ) -> tuple[np.ndarray, dict[str, object]]:
         """A first observation; the record knows no options."""
         super().reset(seed=seed, options=options)
         self._state = self._reset(self._key())
         return np.asarray(self._observe(self._state)), {}
 
-    def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
+    def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, object]]:
         """One step; the time limit is Gymnasium's TimeLimit wrapper's."""
         self._state, reward, terminated = self._step(self._state, action, self._key())
         return np.asarray(self._observe(self._state)), float(reward), bool(terminated), False, {}

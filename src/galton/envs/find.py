@@ -1,6 +1,6 @@
-"""What a user calls an environment, found."""
+"""The task that a user means: by a name, an id, a function, or an environment that is already there."""
 
-from typing import Any
+from collections.abc import Mapping
 
 import gymnasium
 
@@ -13,7 +13,7 @@ from galton.envs.host.vector import VectorTask, is_sb3
 from galton.errors import UsageError, require
 
 
-def find(env: object, **kwargs: Any) -> Environment | HostTask:
+def find(env: object, **kwargs: object) -> Environment | HostTask:
     """One of our records, or a task outside JAX.
 
     Args:
@@ -44,7 +44,7 @@ def find(env: object, **kwargs: Any) -> Environment | HostTask:
     )
 
 
-def _find_by_name(name: str, kwargs: dict[str, Any]) -> Environment | HostTask:
+def _find_by_name(name: str, kwargs: Mapping[str, object]) -> Environment | HostTask:
     if registry.is_known(name):
         return registry.make(name, **kwargs)
     try:
@@ -56,7 +56,7 @@ def _find_by_name(name: str, kwargs: dict[str, Any]) -> Environment | HostTask:
         raise
 
 
-def _find_mujoco(name: str, kwargs: dict[str, Any]) -> HostTask | None:
+def _find_mujoco(name: str, kwargs: Mapping[str, object]) -> HostTask | None:
     """The batched task of that id, if there is one."""
     spec = gymnasium.registry.get(name)
     if spec is None or not str(spec.entry_point).startswith("gymnasium.envs.mujoco."):

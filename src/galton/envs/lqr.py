@@ -109,7 +109,7 @@ class LQR:
 
     @property
     def random_return(self) -> float:
-        """The same under u ~ U(−1, 1)^m: uncorrelated with x, so second moments S of x are all it takes."""
+        """E −Σ_t cost under u ~ U(−1, 1)^m: uncorrelated with x, so second moments S of x are all it takes."""
         A, B, Q, R = (np.array(matrix) for matrix in (self.A, self.B, self.Q, self.R))  # noqa: N806
         second_moment, total = np.eye(len(A)) / 3, 0.0
         for _ in range(self.max_episode_steps):

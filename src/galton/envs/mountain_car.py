@@ -33,7 +33,7 @@ class MountainCar:
         return jnp.stack([jax.random.uniform(key, minval=-0.6, maxval=-0.4), jnp.zeros(())])
 
     def noise(self, key: Key[Array, ""]) -> tuple[()]:
-        """None: the car is deterministic."""
+        """No noise, (), since the car is deterministic."""
         del key
         return ()
 

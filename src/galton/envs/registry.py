@@ -3,7 +3,7 @@
 import dataclasses
 import importlib
 import json
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import gymnasium
 
@@ -46,7 +46,7 @@ def is_known(name: str) -> bool:
     return any(name in (key, task.gymnasium_id) for key, task in ENVS.items())
 
 
-def make(name: str, **constants: Any) -> "Environment":
+def make(name: str, **constants: object) -> "Environment":
     """The environment of that name, with other constants than its defaults where given.
 
     Raises:
@@ -68,7 +68,7 @@ def make(name: str, **constants: Any) -> "Environment":
     return env
 
 
-def read_constants(text: str) -> dict[str, Any]:
+def read_constants(text: str) -> dict[str, object]:
     """An environment's keyword arguments from JSON; lists become tuples, as hashable records want them.
 
     Raises:
@@ -83,7 +83,7 @@ def read_constants(text: str) -> dict[str, Any]:
     return {name: _tuples(value) for name, value in constants.items()}
 
 
-def _tuples(value: Any) -> Any:
+def _tuples(value: object) -> object:
     return tuple(map(_tuples, value)) if isinstance(value, list) else value
 
 

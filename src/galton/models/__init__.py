@@ -1,6 +1,7 @@
-"""What users hold: a run on one environment, with the habits of Stable-Baselines3."""
+"""What users hold: A2C and PPO, each one run on one environment, with the habits of Stable-Baselines3."""
 
-from typing import Any, Unpack
+from collections.abc import Mapping
+from typing import Unpack
 
 from galton.algorithms import ALGORITHMS
 from galton.models.file import InexactResume
@@ -18,12 +19,12 @@ class A2C(Model):
 
     def __init__(
         self,
-        env: Any,
+        env: object,
         loss: str = "hl-gauss",
         *,
         n_envs: int | None = None,
         seed: int = 0,
-        env_kwargs: dict[str, Any] | None = None,
+        env_kwargs: Mapping[str, object] | None = None,
         **settings: Unpack[Settings],
     ) -> None:
         super().__init__(env, loss, algorithm="a2c", n_envs=n_envs, seed=seed, env_kwargs=env_kwargs, **settings)
@@ -37,12 +38,12 @@ class PPO(Model):
 
     def __init__(
         self,
-        env: Any,
+        env: object,
         loss: str = "hl-gauss",
         *,
         n_envs: int | None = None,
         seed: int = 0,
-        env_kwargs: dict[str, Any] | None = None,
+        env_kwargs: Mapping[str, object] | None = None,
         **settings: Unpack[Settings],
     ) -> None:
         super().__init__(env, loss, algorithm="ppo", n_envs=n_envs, seed=seed, env_kwargs=env_kwargs, **settings)

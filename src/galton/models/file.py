@@ -1,7 +1,7 @@
-"""A model as one file, and back."""
+"""How a model is written to one file and read from it again."""
 
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -42,7 +42,7 @@ class ModelFile(NamedTuple):
 
     @property
     def label(self) -> str:
-        """Of its algorithm, which is the name of the class that loads it."""
+        """The label of its algorithm, which is the name of the class that loads it."""
         return find_algorithm(self.config.algorithm).label
 
 
@@ -53,7 +53,7 @@ def existing(path: Path) -> Path:
 
 
 def save(path: Path, model: ModelFile, snapshot: Snapshot) -> Path:
-    """Write the model, and return the file's path."""
+    """Write the model and its snapshot to one file, and return the file's path."""
     settings = {
         "class": model.label,
         "env": model.env,
@@ -72,7 +72,7 @@ def save(path: Path, model: ModelFile, snapshot: Snapshot) -> Path:
 
 
 def read(path: Path) -> tuple[ModelFile, dict[str, np.ndarray]]:
-    """The model and the arrays of a file.
+    """What a file says of its model, and the arrays beside it.
 
     Raises:
         UsageError: no such file; NewerVersionError: a newer version of Galton wrote it.
@@ -116,8 +116,8 @@ def learner_of(path: Path, agent: Agent, model: ModelFile, arrays: dict[str, np.
 
 
 def resume(path: Path, population: Population, arrays: dict[str, np.ndarray]) -> str:
-    """Put a population where the file's was; why not exactly, if so, or nothing."""
-    like: dict[str, Any] = population.snapshot()
+    """Put a population where the file's was; the text returned says why not exactly, and is empty if exactly."""
+    like = population.snapshot()
     cause = ""
     try:
         snapshot = checkpoint.unflatten(_grown(arrays, like["run"].tally), {"run": like["run"]})

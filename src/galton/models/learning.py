@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 from typing import Any, Protocol, runtime_checkable
 
 from galton import sb3
+from galton.callbacks import Callback
 from galton.errors import DivergenceError, require
 from galton.training.log import Log
 from galton.training.population import Population
@@ -14,27 +15,27 @@ from galton.types import Config
 
 @runtime_checkable
 class Learning(Protocol):
-    """What the loop needs of a model."""
+    """What the training loop needs of a model."""
 
     config: Config
 
     @property
     def num_timesteps(self) -> int:
-        """Environment steps so far."""
+        """How many environment steps the run has taken, all copies together."""
 
     @property
     def updates_per_log(self) -> int:
-        """Updates between log points."""
+        """How many updates lie between two log points."""
 
     @property
     def population(self) -> Population:
         """The one run, as training sees it."""
 
     def advance(self, n_updates: int) -> None:
-        """Train for some updates."""
+        """Train for so many updates, without callbacks or a log."""
 
 
-def learn(model: Learning, n_updates: int, callback: Any, progress_bar: bool) -> None:
+def learn(model: Learning, n_updates: int, callback: object, progress_bar: bool) -> None:
     """Train for so many updates, with a log point every `model.updates_per_log`.
 
     Callbacks of SB3's are called after each update, ours at log points, until one says to stop.
@@ -83,10 +84,8 @@ def named(log: Log, step: int, seconds: float, first: int) -> dict[str, float]:
     } | {f"train/{name}": value for name, value in columns.items() if name != "evaluation_return"}
 
 
-def _sorted_out(
-    model: Learning, callback: Any, total_timesteps: int
-) -> tuple[sb3.Callbacks, list[Callable[[Any, dict[str, float]], bool | None]]]:
-    """SB3's callbacks and ours."""
+def _sorted_out(model: Learning, callback: object, total_timesteps: int) -> tuple[sb3.Callbacks, list[Callback]]:
+    """The callbacks that `learn` was given, SB3's and ours apart; UsageError for what can't be called."""
     given: list[Any] = [] if callback is None else [callback] if not isinstance(callback, list | tuple) else [*callback]
     ours = [one for one in given if not sb3.is_callback(one)]
     for one in ours:

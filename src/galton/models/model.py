@@ -2,7 +2,7 @@
 
 import math
 import warnings
-from collections.abc import Iterable
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, TypeVar, Unpack
 
@@ -13,11 +13,10 @@ import numpy as np
 from jaxtyping import Float
 
 from galton.algorithms import Agent, find_algorithm, resolve
-from galton.callbacks import Callback
 from galton.envs.base import Environment
 from galton.envs.find import find
 from galton.envs.host.action_box import ActionBox
-from galton.envs.host.base import HostTask
+from galton.envs.host.base import HostTask, Space
 from galton.envs.host.observations import Observations
 from galton.errors import require, require_integer
 from galton.models import file
@@ -54,13 +53,13 @@ class Model:
 
     def __init__(
         self,
-        env: Any,
+        env: object,
         loss: str = "hl-gauss",
         *,
         algorithm: str = "a2c",
         n_envs: int | None = None,
         seed: int = 0,
-        env_kwargs: dict[str, Any] | None = None,
+        env_kwargs: Mapping[str, object] | None = None,
         **settings: Unpack[Settings],
     ) -> None:
         task = find(env, **(env_kwargs or {}))
@@ -68,7 +67,7 @@ class Model:
         self._begin(task, *split(find_algorithm(algorithm), loss, n_copies, dict(settings)), seed)
 
     @classmethod
-    def of(cls: type[ModelT], env: Any, config: Config, hypers: Hypers, seed: int = 0) -> ModelT:
+    def of(cls: type[ModelT], env: object, config: Config, hypers: Hypers, seed: int = 0) -> ModelT:
         """A model with these records in the place of keyword arguments; it raises what the constructor does."""
         model = cls.__new__(cls)
         model._begin(find(env), config, hypers, seed)
@@ -95,7 +94,7 @@ class Model:
         self._interval, self._steps_at_load = self.agent.algorithm.log_interval, 0
 
     def _connect(self, task: Environment | HostTask) -> None:
-        """Begin a run on an environment."""
+        """Begin a run of this model on an environment."""
         self._env = task
         hypers = Hypers._make(np.full(1, value, np.float32) for value in self.hypers)
         self._population = populate(task, self.config, hypers, [self.seed])
@@ -116,23 +115,23 @@ class Model:
         return self.actions.space
 
     @property
-    def observation_space(self) -> gymnasium.Space[Any]:
+    def observation_space(self) -> Space:
         """The observations as Gymnasium describes them."""
         return self.observations.space
 
     @property
     def num_timesteps(self) -> int:
-        """Environment steps so far, of all copies together."""
+        """How many environment steps the run has taken, all copies together."""
         return self._population.step if self._population else self._steps_at_load
 
     @property
     def log_interval(self) -> int:
-        """Environment steps between log points."""
+        """How many environment steps lie between two log points, all copies together."""
         return self.updates_per_log * self.config.n_steps * self.config.n_envs
 
     @property
     def updates_per_log(self) -> int:
-        """Updates between log points, as `learn` was last told."""
+        """How many updates lie between two log points, as `learn` was last told."""
         return self._interval
 
     @property
@@ -155,7 +154,7 @@ class Model:
     def learn(
         self: ModelT,
         total_timesteps: int,
-        callback: Callback | Any | Iterable[Callback | Any] | None = None,
+        callback: object = None,
         progress_bar: bool = True,
         log_interval: int | None = None,
     ) -> ModelT:
@@ -168,7 +167,7 @@ class Model:
             total_timesteps: steps of the environment, all copies together.
             callback: from `galton.callbacks`, a function `(model, log) -> bool | None` of your own (False stops), an
                 SB3 callback, or several of them.
-            progress_bar: show one.
+            progress_bar: show how far training is.
             log_interval: updates between log points, by default 100 for A2C and 1 for PPO, as in SB3; a run that is
                 resumed keeps the logs only if it stays the same.
 
@@ -188,7 +187,7 @@ class Model:
         return self
 
     def advance(self, n_updates: int) -> None:
-        """Train for some updates; no callback is called and nothing is logged.
+        """Train for so many updates; no callback is called and nothing is logged.
 
         Raises:
             BrokenEnvironmentError, DivergenceError: as `learn`.
@@ -198,11 +197,7 @@ class Model:
         check_divergence(self.population)
 
     def predict(
-        self,
-        observation: Any,
-        state: Any = None,
-        episode_start: Any = None,
-        deterministic: bool = False,
+        self, observation: object, state: object = None, episode_start: object = None, deterministic: bool = False
     ) -> tuple[np.ndarray, Any]:
         """The action for one observation, or the actions for a batch of them, within the bounds of the action space.
 
@@ -221,7 +216,7 @@ class Model:
         actions = self.actions.to_env(action)
         return (actions[0, ...] if single else actions), state
 
-    def evaluate(self, n_episodes: int = 10, env: Any = None) -> Float[np.ndarray, " n_episodes"]:
+    def evaluate(self, n_episodes: int = 10, env: object = None) -> Float[np.ndarray, " n_episodes"]:
         """Undiscounted returns of whole episodes without exploration; training is not touched by it.
 
         Args:
@@ -257,7 +252,9 @@ class Model:
         return file.save(Path(path), model, self.population.snapshot())
 
     @classmethod
-    def load(cls: type[ModelT], path: str | Path, env: Any = None, env_kwargs: dict[str, Any] | None = None) -> ModelT:
+    def load(
+        cls: type[ModelT], path: str | Path, env: object = None, env_kwargs: Mapping[str, object] | None = None
+    ) -> ModelT:
         """The model of a file. Without an environment it predicts; with the one that it was trained on it goes on.
 
         Raises:

@@ -1,18 +1,18 @@
-"""What a model can be told: the fields of Config and Hypers, as keyword arguments."""
+"""What a model's constructor can be told: the fields of Config and Hypers as keyword arguments."""
 
 import inspect
 from collections.abc import Iterable
-from typing import Any, Literal, TypedDict
+from typing import Literal, TypedDict
 
 import numpy as np
 
 from galton.algorithms import ALGORITHMS, Algorithm
 from galton.errors import require
-from galton.records import defaults
+from galton.records import Fields, defaults
 from galton.types import Config, Hypers, check_hypers
 
 _ARGUMENTS = ("loss", "n_envs", "algorithm")
-"""Fields of Config that are arguments of their own."""
+"""The fields of Config that the constructor takes as arguments of their own, and not as settings."""
 
 
 class Settings(TypedDict, total=False):
@@ -47,7 +47,7 @@ class Settings(TypedDict, total=False):
     deterministic_action: Literal["mode", "mean", "median"]
 
 
-def usual(algorithm: Algorithm) -> dict[str, Any]:
+def usual(algorithm: Algorithm) -> Fields:
     """The settings that an algorithm knows, in the order of Settings, with its defaults."""
     values = defaults(Config) | defaults(Hypers) | dict(algorithm.defaults)
     others = {field for other in ALGORITHMS.values() if other is not algorithm for field in other.own}
@@ -55,11 +55,11 @@ def usual(algorithm: Algorithm) -> dict[str, Any]:
     return {name: values[name] for name in known}
 
 
-def split(algorithm: Algorithm, loss: str, n_envs: int, settings: dict[str, Any]) -> tuple[Config, Hypers]:
+def split(algorithm: Algorithm, loss: str, n_envs: int, settings: Fields) -> tuple[Config, Hypers]:
     """The settings as the records that training takes.
 
     Raises:
-        TypeError: a name that is none.
+        TypeError: a name that is no setting of this algorithm.
         UsageError: a value out of range.
     """
     known = usual(algorithm)

@@ -6,7 +6,7 @@ The numbers behind its series go along as JSON, for tooltips and the download.
 import math
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple, TypeGuard
+from typing import NamedTuple, TypeGuard
 
 import numpy as np
 from jinja2.utils import htmlsafe_json_dumps
@@ -29,27 +29,27 @@ from galton.page import svg
 from galton.page.svg import Box
 
 _SCALE = (1.1, 1.25)
-"""CSS pixels per point, at least and at most."""
+"""How many CSS pixels a point has, at least and at most."""
 _WIDTH = 1180
 """CSS pixels for panels side by side: what page.css leaves between the page's margins, and a little less."""
 _MARGIN = 4.0
-"""Points around a panel."""
+"""How many points are left free around a panel."""
 Curve = Line2D | PathCollection | StepPatch
 
 
 class Drawing(NamedTuple):
-    """A figure as the template takes it."""
+    """A figure as page.html.jinja takes it."""
 
     title: str
     panels: list[Markup]
-    """SVG, each with one of the axes; or one with the whole figure."""
+    """The SVGs of the panels, or one SVG with the whole figure where it can't be divided."""
     width: int | None
-    """CSS pixels of the panels side by side; None where the figure can't be divided."""
+    """How many CSS pixels the panels take side by side; None where the figure can't be divided."""
     legend: list[tuple[str, Markup]]
-    """Name and SVG of each series."""
+    """The name of each series, and an SVG of how it looks."""
     has_runs: bool
     data: Markup
-    """What page.js reads, as JSON."""
+    """The names and numbers of all series, as the JSON that page.js reads."""
 
 
 def draw(name: str, figure: Figure) -> Drawing:
@@ -89,7 +89,7 @@ def draw(name: str, figure: Figure) -> Drawing:
 
 
 def _named(axes: Axes) -> list[Artist]:
-    """What belongs to a series."""
+    """The visible artists of these axes that belong to a series, which their gid names."""
     return [artist for artist in axes.get_children() if artist.get_gid() is not None and artist.get_visible()]
 
 
@@ -135,11 +135,11 @@ def _panel(axes: Axes, names: Sequence[str], swatches: Mapping[Artist, ET.Elemen
 
 
 def _values(artist: Curve, axes: Axes) -> tuple[list[float], list[float]]:
-    """Its x and y; no x where it is a level, the same all along the axis."""
+    """The x and y of a curve; no x where it is a level, the same all along the axis."""
     if isinstance(artist, StepPatch):
         heights, edges, _ = artist.get_data()
         return ((edges[1:] + edges[:-1]) / 2).tolist(), heights.astype(float).tolist()
-    points: Any = artist.get_xydata() if isinstance(artist, Line2D) else artist.get_offsets()
+    points = np.asanyarray(artist.get_xydata() if isinstance(artist, Line2D) else artist.get_offsets())
     if artist.get_transform().contains_branch_seperately(axes.transData) == (False, True):
         return [], [float(points[0, 1])]
     x, y = np.ma.filled(points, np.nan)[np.isfinite(points[:, 0])].T.tolist()
@@ -163,14 +163,14 @@ def _band(
 
 
 def _short(values: Sequence[float]) -> list[int | float | None]:
-    """To five digits, whole numbers in full; None where it is not finite, since JSON knows no NaN."""
+    """The values to five digits, whole numbers in full; None where one is not finite, since JSON knows no NaN."""
     return [
         None if not math.isfinite(x) else int(x) if x == int(x) and abs(x) < 1e15 else float(f"{x:.5g}") for x in values
     ]
 
 
 def _ticks(axes: Axes) -> list[tuple[float, str]]:
-    """Where the x axis has words for numbers: those."""
+    """The words that the x axis has in the place of numbers, and where; none if it has numbers."""
     if not isinstance(axes.xaxis.get_major_formatter(), FixedFormatter | FuncFormatter | StrCategoryFormatter):
         return []
     return [(float(x), label.get_text()) for x, label in zip(axes.get_xticks(), axes.get_xticklabels(), strict=True)]
@@ -208,7 +208,7 @@ def _has_labels(axis: Axis) -> bool:
 
 
 def _swatch(group: ET.Element, artist: Artist) -> ET.Element:
-    """How a series looks, for the legend."""
+    """A small SVG of how a series looks, for the legend."""
     swatch = ET.Element("svg", {"class": "swatch", "viewBox": "0 0 28 12", "aria-hidden": "true"})
     path, marker = group.find("path"), group.find("g/use")
     if _is_curve(artist):

@@ -22,18 +22,18 @@ class Claim:
     """A sentence of the paper, and what became of it."""
 
     source: str
-    """Where it stands: "§5.2, Figure 3"."""
+    """Where the paper says it, such as "§5.2, Figure 3"."""
     words: str
     test: str
     """What was compared with what."""
     number: str
-    """It may have lines."""
+    """What was found, as text that may have several lines."""
     verdict: str
-    """What became of it: one of VERDICTS."""
+    """What became of the claim: one of VERDICTS."""
     why: str
-    """It may have lines."""
+    """What the verdict rests on, as text that may have several lines."""
     section: str | None = None
-    """The name of the section it rests on."""
+    """The name of the section whose figure it rests on."""
 
     def __post_init__(self) -> None:
         require(self.verdict in VERDICTS, f"verdict is {self.verdict!r}; it must be one of {', '.join(VERDICTS)}")
@@ -41,7 +41,7 @@ class Claim:
 
 @dataclasses.dataclass(frozen=True)
 class Table:
-    """Cells as they are shown."""
+    """A table of texts, each cell as it is shown."""
 
     headings: Sequence[str]
     rows: Sequence[Sequence[str]]
@@ -63,7 +63,7 @@ class Section:
     """A figure and all that belongs to it; everything but name and title may be left out."""
 
     name: str
-    """The anchor: lower-case letters, digits and hyphens, a letter first."""
+    """The section's anchor: lower-case letters, digits and hyphens, a letter first."""
     title: str
     caption: str = ""
     figure: Figure | None = None

@@ -27,7 +27,7 @@ _INKS = {
 _LUMINANCE = 0.16, 0.29
 """The least at night and the most by day: contrasts of 3.6 and 3.1 with page.css's paper."""
 Box = Float[np.ndarray, " 4"]
-"""Left, top, right and bottom in points."""
+"""A rectangle: its left, top, right and bottom in points."""
 
 
 def svg(figure: Figure, name: str, tags: Mapping[Artist, str], hidden: Sequence[Artist]) -> ET.Element:
@@ -52,7 +52,7 @@ def svg(figure: Figure, name: str, tags: Mapping[Artist, str], hidden: Sequence[
 
 
 def _tidy(root: ET.Element, name: str, tags: Iterable[str]) -> None:
-    """Attributes for styles, inks that follow the theme, short numbers, ids that no other figure has."""
+    """Give the SVG attributes for styles, inks that follow the theme, short numbers, ids that no other figure has."""
     ids = defaultdict(map(f"{name}.{{}}".format, itertools.count()).__next__, {tag: tag for tag in tags})
     for element in root.iter():
         element.tag = element.tag.rpartition("}")[2]
@@ -148,18 +148,18 @@ def _flow(text: ET.Element, anchor: str) -> None:
 
 
 def look(element: ET.Element) -> dict[str, str]:
-    """How it is painted."""
+    """The attributes that say how an element is painted."""
     return {key: value for key, value in element.attrib.items() if re.match("fill|stroke|opacity", key)}
 
 
 def color(swatch: ET.Element) -> str:
-    """The first that it is painted with."""
+    """The first colour that a swatch is painted with."""
     looks = [value for element in swatch for key, value in element.attrib.items() if key in ("fill", "stroke")]
     return next((value for value in looks if value != "none"), "currentColor")
 
 
 def bounds(box: Box) -> list[float]:
-    """Left, top, width, height."""
+    """The left, top, width and height of a box, for an SVG's viewBox."""
     return [round(float(x), 2) for x in (*box[:2], *(box[2:] - box[:2]))]
 
 
@@ -173,5 +173,5 @@ def canvas(box: Box, content: Sequence[ET.Element], scale: float) -> ET.Element:
 
 
 def markup(element: ET.Element) -> Markup:
-    """As HTML takes it."""
+    """The element as text that needs no escaping in HTML."""
     return Markup(ET.tostring(element, encoding="unicode"))

@@ -1,4 +1,8 @@
-"""The paper, whole: what is trained, every figure, the claims, and the page that says what holds."""
+"""The paper, whole: what is trained for it, every figure, its claims, and the page that says what holds.
+
+A figure with its sweeps, table and claims is one record (figure.FigureStudy), in a file here and a line in
+registry.FIGURES; reproduce trains and measures what figures need, and report makes the page of it.
+"""
 
 import lazy_loader
 

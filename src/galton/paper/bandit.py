@@ -27,7 +27,7 @@ _BANDIT, _BANDIT_AGAIN = MAIN["bandit"], AGAIN["bandit"]
 
 
 def _with(name: str, constant: str, value: float | int) -> Sweep:
-    """The bandit's winners on another bandit, on fresh seeds."""
+    """The sweep of the bandit's winners on a bandit with another constant, on fresh seeds."""
 
     def study(budget: Budget, done: Done) -> Study:
         main = done[_BANDIT.name]
@@ -45,13 +45,13 @@ DIMENSION = {float(d): _with("d", "d", d) for d in (1, 4, 8, 16)} | {2.0: _BANDI
 
 
 def across(trained: Trained, bandits: Mapping[float, Sweep]) -> dict[float, Summary]:
-    """Those of these bandits that are done, by their constant going up."""
+    """The bandits that are done, by their constant and in its order."""
     found = {value: trained.sweeps[sweep.name] for value, sweep in bandits.items() if sweep.name in trained.sweeps}
     return dict(sorted(found.items()))
 
 
 def losses_in(bandits: Mapping[float, Summary]) -> list[str]:
-    """The losses that were trained on all of them."""
+    """The losses that were trained on all of these bandits."""
     first, *others = bandits.values()
     return [loss for loss in first.best if all(loss in bandit.best for bandit in others)]
 
@@ -79,7 +79,7 @@ def draw(trained: Trained) -> Figure:
 
 
 def _draw_final(axes: Axes, bandits: dict[float, Summary]) -> None:
-    """Final return of each loss's setting against the bandit's constant."""
+    """Draw the final return of each loss's setting against the bandit's constant."""
     for loss in losses_in(bandits):
         finals = [bandit.best[loss].final_training_return.astype(np.float64) for bandit in bandits.values()]
         draw_series(axes, list(bandits), mean_interval(np.stack(finals, axis=1)), *look_of(loss), marker="o")

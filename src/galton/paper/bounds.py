@@ -12,11 +12,11 @@ from galton.paper.gradients import Sample
 
 Rows = dict[str, np.ndarray]
 Series = tuple[str, str, str]
-"""Task, loss and reading of the Gaussian's σ."""
+"""What samples are sorted by: task, loss and reading of the Gaussian's σ."""
 
 
 def read(table: pa.Table) -> Rows:
-    """Its columns in float64, |A|, and three that may be NaN: norm / bound, and each over |A| (l + ‖f‖)."""
+    """The columns in float64, |A|, and three that may be NaN: norm / bound, and each over |A| (l + ‖f‖)."""
     rows = {name: np.asarray(table.column(name).to_numpy()) for name in table.column_names}
     rows |= {name: rows[name].astype(np.float64) for name in Sample._fields}
     rows["|advantage|"] = np.abs(rows["advantage"])
@@ -31,7 +31,7 @@ def read(table: pa.Table) -> Rows:
 
 
 def parts(rows: Rows, *names: str) -> Iterator[tuple[tuple[Any, ...], Rows]]:
-    """Rows by what they have in these columns, in order of appearance."""
+    """The rows in parts, by what they have in these columns, in order of appearance."""
     found: dict[tuple[object, ...], list[int]] = {}
     for i, key in enumerate(zip(*(rows[name].tolist() for name in names), strict=True)):
         found.setdefault(key, []).append(i)
@@ -51,22 +51,25 @@ def of_the_paper(table: pa.Table) -> pa.Table:
 
 
 class Finding(NamedTuple):
-    """Of a loss in one reading on one task. An average over training gives each look the steps around it."""
+    """What the samples of a loss in one reading on one task say.
+
+    An average over training gives each look the steps around it.
+    """
 
     tightness: float
     """Median of norm / bound over all looks."""
     per_advantage: float
     """Mean bound / mean |A| over training: |A| is a factor of both propositions and differs with what was learnt."""
     last_per_advantage: float
-    """At the last look."""
+    """The same at the last look alone, at the end of training."""
     variation: float
-    """Of a run's mean bound / mean |A| over training: standard deviation / mean; mean over seeds."""
+    """Standard deviation / mean of a run's mean bound / mean |A| over training; mean over seeds."""
     exponent: float
     """The p in norm / |A| (l + ‖f‖) ∝ σ^p while the trained policies are made sharper; NaN where they were not."""
 
 
 def findings(table: pa.Table) -> dict[Series, Finding]:
-    """What the samples of each series say."""
+    """What the samples of each series say, all seeds together."""
     series = dict(parts(read(table), "task", "loss", "reading", "swept"))
     return {
         (task, loss, reading): Finding(
@@ -82,7 +85,7 @@ def findings(table: pa.Table) -> dict[Series, Finding]:
 
 
 def findings_by_seed(table: pa.Table) -> dict[Series, list[Finding]]:
-    """The same of each seed's samples alone."""
+    """What the samples of each series say, each seed's by themselves."""
     each = [findings(table.filter(pc.equal(table.column("seed"), seed))) for seed in np.unique(table.column("seed"))]
     return {series: [found[series] for found in each] for series in each[0]}
 

@@ -55,7 +55,7 @@ def _pair(trained: Trained, control: Control) -> tuple[Summary, Summary] | None:
 
 
 def _gains(trained: Trained, control: Control, score: Callable[[Summary, str], Scores]) -> dict[str, Interval]:
-    """What a control adds to a score, by loss."""
+    """What a control adds to a score, by the loss's label; nothing where it was not trained."""
     pair = _pair(trained, control)
     if pair is None:
         return {}

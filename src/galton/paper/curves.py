@@ -41,7 +41,7 @@ def draw_levels(axes: Axes, task: str) -> list[np.ndarray]:
 
 
 def best_curves(grids: Mapping[str, Summary], metric: str) -> Figure:
-    """A panel per task."""
+    """The learning curves of each loss's best setting, a panel per task."""
     figure, axes = panels(len(grids))
     for panel, (task, summary) in zip(axes, grids.items(), strict=True):
         draw_best(panel, dict.fromkeys(summary.best, summary), metric, task)

@@ -18,18 +18,18 @@ class FigureStudy:
     title: str
     caption: str
     draw: Callable[[Trained], Figure]
-    """From what was trained, which may lack some of its sweeps but not all; a figure without axes is left out."""
+    """Draws it from what was trained, which may lack some of its sweeps but not all; without axes it is left out."""
     sweeps: tuple[Sweep, ...] = ()
-    """What it needs; figures may share sweeps, which are then trained once."""
+    """The sweeps that it needs; figures may share sweeps, which are then trained once."""
     number: int | None = None
-    """In the paper; None for a figure that it does not have."""
+    """Its number in the paper; None for a figure that the paper does not have."""
     table: Callable[[Trained], Table] | None = None
-    """Numbers to stand below the figure, where it is drawn."""
+    """Makes the table of numbers below the figure, where that is drawn."""
     claims: Mapping[int, Callable[[Trained], Claim]] = dataclasses.field(default_factory=dict)
-    """What is said of it, by the place among all claims of the page: the paper's 25 are in its order. They are judged
-    from whatever there is."""
+    """What the paper says of it, by the place among all claims of the page: the paper's 25 are in its order. They are
+    judged from whatever there is."""
     measure: Callable[[Budget], pa.Table] | None = None
-    """What is measured besides; the figure finds it in `Trained.tables` under its name."""
+    """Measures what no sweep trains; the figure finds it in `Trained.tables` under its name."""
 
     def is_there(self, name: str, trained: Trained) -> bool:
         """Whether anything was trained or measured for it, or it needs nothing."""

@@ -25,16 +25,16 @@ from galton.types import Config, Hypers, Learner, Params, Transition
 READINGS = {"sigma^2": 2, "sigma": 1}
 """The power of σ that divides the Gaussian's squared error: its log-likelihood's, and the one that §4.3 prints."""
 ETAS = {"hl-gauss-centred": 2.0}
-"""Where it is not the default."""
+"""The η of losses that are not measured at the default one."""
 FACTORS = {
     "gaussian": (1.0, 0.3, 0.1, 0.03, 0.01, 0.003, 0.001),
     "hl-gauss": (0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0),
 }
-"""Of the trained policies that are made ever sharper: what σ is multiplied by, or the logits."""
+"""How trained policies are made ever sharper: what σ is multiplied by, or the logits."""
 
 
 class Effort(NamedTuple):
-    """How much is trained."""
+    """How much is trained and looked at for a budget."""
 
     tasks: tuple[str, ...]
     losses: tuple[str, ...]
@@ -53,17 +53,17 @@ EFFORTS: dict[Budget, Effort] = {
 
 
 class Sample(NamedTuple):
-    """One sampled action, or a column for each field."""
+    """What is measured of one sampled action, or a column of it for each field."""
 
     advantage: Float[Array, "*batch"]
     sigma: Float[Array, "*batch"]
-    """Of the policy in this state, mean over action dimensions."""
+    """The policy's standard deviation in this state, mean over action dimensions."""
     last_factor: Float[Array, "*batch"]
     """Σ|q − π| or |a − μ|, summed over action dimensions; of the centred loss Σ|q − Kᵀπ|."""
     lipschitz: Float[Array, "*batch"]
     feature_norm: Float[Array, "*batch"]
     norm: Float[Array, "*batch"]
-    """Of the gradient of advantage · loss in θ, by automatic differentiation."""
+    """The norm of the gradient of advantage · loss in θ, by automatic differentiation."""
     bound: Float[Array, "*batch"]
     """The right side of eq. 7 or 8, summed over action dimensions."""
 

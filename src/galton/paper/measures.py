@@ -30,7 +30,7 @@ def optimum(task: str) -> float | None:
 
 
 def final_return(summary: Summary, loss: str, metric: str = "training_return") -> Scores:
-    """Of each trial of the loss's best setting."""
+    """The final return of each trial of the loss's best setting."""
     finals = _filled(summary, summary.final(metric), metric)
     return np.asarray(finals[summary.rows(summary.best[loss].setting)])
 
@@ -42,7 +42,7 @@ def mean_return(summary: Summary, loss: str, metric: str = "training_return") ->
 
 
 def _filled(summary: Summary, returns: Float[np.ndarray, "*any"], metric: str) -> Float[np.ndarray, "*any"]:
-    """Where a run has diverged, the worst that any run of the paper's losses ever did in this sweep."""
+    """The returns; where a run has diverged, the worst that any run of the paper's losses did in this sweep."""
     if not np.isnan(returns).any():
         return returns
     curves = summary.curves(metric)[_of_the_paper(summary)]

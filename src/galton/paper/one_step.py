@@ -18,11 +18,11 @@ from galton.types import Hypers, Params
 BINS = Bins(-3.0, 3.0, 30)
 ACTIONS = BINS.centers[0, [7, 17, 23]]
 ADVANTAGES = np.array([-1.2, 0.4, 0.8], np.float32)
-"""Zero on average, as with a baseline that is right."""
+"""The advantages of the three actions: zero on average, as with a baseline that is right."""
 ETAS = {"hl-gauss": 0.75, "hl-gauss-centred": 2.0}
-"""Of the losses that have one: the widest of the paper's grid, and what the centred loss is trained with."""
+"""The η of the losses that have one: the widest of the paper's grid, and what the centred loss is trained with."""
 STEP_SIZES = {"gaussian": 0.6, "histogram": 6.0}
-"""Of the one step of gradient descent, by policy: large, to be seen."""
+"""The size of the one step of gradient descent, by policy: large, so that it can be seen."""
 
 CAPTION = (
     "One step of gradient descent on the same three sampled actions (arrows: their advantages), from the same policy, "
@@ -39,14 +39,14 @@ _FLOOR, _ARROW = -0.19, 0.13
 
 
 def start(loss: str) -> Params:
-    """The parameters of N(0, 1), or of its histogram."""
+    """The parameters before the step: of N(0, 1), or of its histogram for a loss on histograms."""
     if find_loss(loss).family == "density":
         return {"mean": jnp.zeros(1), "log_std": jnp.zeros(1)}
     return {"logits": init_gaussian_logits(BINS)}
 
 
 def policy(params: Params) -> Distribution:
-    """What the parameters say, in the only state there is."""
+    """The distribution of actions with these parameters, in the only state there is."""
     if "mean" in params:
         return Gaussian(params["mean"], params["log_std"], BINS.low, BINS.high)
     return Histogram(BINS, params["logits"])

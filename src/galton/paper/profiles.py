@@ -20,7 +20,7 @@ from galton.paper.verdicts import claim
 from galton.tasks import TASKS
 
 _HIGH = 0.9
-"""Of the way from the first log point to the best setting."""
+"""How much of the way from the first log point to the best setting counts as high."""
 
 
 def finals(summary: Summary, loss: str) -> np.ndarray:
@@ -30,7 +30,7 @@ def finals(summary: Summary, loss: str) -> np.ndarray:
 
 
 def draw(trained: Trained) -> Figure:
-    """A panel per task that is done."""
+    """The performance profile of each loss over its whole grid, a panel per task that is done."""
     figure, axes = panels(len(trained.grids))
     for panel, (task, summary) in zip(axes, trained.grids.items(), strict=True):
         everything = summary.final("training_return")

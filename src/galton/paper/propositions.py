@@ -31,9 +31,9 @@ from galton.paper.verdicts import NOT_TRAINED, UNKNOWN, claim
 from galton.tasks import TASKS
 
 NAME = "propositions"
-"""The figure's, under which `Trained.tables` has what it measures."""
+"""The figure's name, under which `Trained.tables` has what it measures."""
 PRINTED = ("gaussian", "sigma")
-"""Proposition 2 as the paper has it."""
+"""The loss and the reading of σ of Proposition 2 as the paper prints it."""
 PRINTED_LABEL = "Gaussian, loss as §4.3 prints it"
 _READINGS = {"sigma^2": "(σ²)", "sigma": "(σ)"}
 """What divides the Gaussian's squared error: the variance, as in the likelihood, or σ, as §4.3 prints it."""
@@ -108,7 +108,7 @@ def _draw_sides(axes: Axes, rows: Rows, by: str, x: str, sides: str, look: tuple
 
 
 def _over_steps(axes: Axes, last: int) -> None:
-    """Log points are as many early as late."""
+    """Set the x axis up for looks at ever longer distances: linear at first, then logarithmic."""
     axes.set_xscale("symlog", linthresh=20, linscale=0.5)
     axes.set_xticks([0, *(x for x in (100, 1_000, 10_000, 100_000) if x <= last)])
     axes.set_xlim(0, last)
@@ -116,7 +116,7 @@ def _over_steps(axes: Axes, last: int) -> None:
 
 
 def bounds(trained: Trained) -> Table:
-    """How tight they are, how they move over training and as σ → 0."""
+    """The table of how tight the bounds are, how they move over training and as σ → 0."""
     rows = []
     for (task, loss, reading), found in findings(trained.tables[NAME]).items():
         label = PRINTED_LABEL if (loss, reading) == PRINTED else LOSSES[loss].label
@@ -126,7 +126,7 @@ def bounds(trained: Trained) -> Table:
 
 
 def bounds_hold(trained: Trained) -> Claim:
-    """Propositions 1 and 2 themselves, sample by sample."""
+    """What §4.3 proves: no sample's gradient exceeds the bound of Proposition 1 or 2."""
     rows = of_the_paper(trained.tables[NAME]) if NAME in trained.tables else None
     above = 0 if rows is None else crossings(rows)
     return Claim(

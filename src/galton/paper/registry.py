@@ -1,4 +1,4 @@
-"""The figures of the page by name, and their sweeps."""
+"""The figures of the page by name, and the sweeps that they need."""
 
 from galton.errors import require
 from galton.paper import bandit, one_step, profiles, propositions, returns, sensitivity, why
@@ -18,12 +18,15 @@ FIGURES: dict[str, FigureStudy] = {
     propositions.NAME: propositions.FIGURE,
     "why": why.FIGURE,
 }
-"""In the order of the page. A study of your own is one more entry: its sweeps are trained, and its figure, table and
-claims stand on the page, as the others' are."""
+"""The figures by name, in the order of the page.
+
+A study of your own is one more entry: its sweeps are trained, and its figure, table and claims stand on the page, as
+the others' are.
+"""
 
 
 def all_sweeps() -> dict[str, Sweep]:
-    """By name: every sweep that a figure needs, and those whose winners these train.
+    """Every sweep, by name, that a figure needs, and those whose winners these train.
 
     Raises:
         UsageError: two of them, or one and what a figure measures, have one name, and so would have one file.

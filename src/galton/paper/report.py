@@ -33,11 +33,11 @@ BUDGETS = {
     "small": "A part of the grid, few trials.",
     "paper": "The paper's grid and trials.",
 }
-"""What to think of each."""
+"""What to think of the numbers of each budget."""
 
 
 def figures(trained: Trained) -> dict[str, Figure]:
-    """Every figure that suffices for something to be drawn."""
+    """Every figure, drawn, for which enough was trained to draw something."""
     drawn = {name: figure.draw(trained) for name, figure in FIGURES.items() if figure.is_there(name, trained)}
     drawn = {name: figure for name, figure in drawn.items() if figure.axes}
     for figure in drawn.values():
@@ -62,7 +62,7 @@ def claims(trained: Trained) -> list[Claim]:
 
 
 def budgets(trained: Trained) -> list[str]:
-    """A sentence for each budget that something was trained with."""
+    """A sentence for each budget that something was trained with: what, and what to think of it."""
     found: dict[str, list[str]] = {}
     for name, sweep in all_sweeps().items():
         if sweep.title and name in trained.sweeps:
@@ -99,7 +99,7 @@ def _facts(name: str, figure: FigureStudy, trained: Trained) -> list[tuple[str, 
 
 
 def _told(summary: Summary) -> str:
-    """How much was trained, and what was best."""
+    """A sentence on how much was trained, and which settings were best."""
     study, made = summary.study, summary.provenance
     minutes = (made["train_seconds"] + made["compile_seconds"]) / 60
     best = "; ".join(f"{LOSSES[loss].label} {best.setting.brief()}" for loss, best in summary.best.items())

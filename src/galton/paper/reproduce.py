@@ -18,11 +18,11 @@ from galton.sweep.shard import provenance
 from galton.sweep.store import Store
 
 DATA = "data"
-"""The folder of summaries, and of what figures measured."""
+"""The folder, inside that of a reproduction, of summaries and of what figures measured."""
 
 
 def load(out: str) -> Trained:
-    """What a folder holds.
+    """The summaries and tables that a folder of `galton reproduce` holds.
 
     Raises:
         UsageError: a file there is damaged, or something else.
@@ -50,10 +50,10 @@ def of_no_figure(out: str) -> list[str]:
 
 
 def refuse_other_budgets(sweeps: Iterable[Sweep], measured: Iterable[str], budget: Budget, out: str) -> None:
-    """So that nothing is trained for a folder that has some of it at another budget.
+    """Raise before anything is trained for a folder that has some of it at another budget.
 
     Raises:
-        UsageError: it has.
+        UsageError: it has some, with what to do about it.
     """
     there = load(out)
     made = {sweep.name: done.provenance["budget"] for sweep in needed(sweeps) if (done := there.of(sweep))}
@@ -67,7 +67,7 @@ def refuse_other_budgets(sweeps: Iterable[Sweep], measured: Iterable[str], budge
 
 
 def measure(figures: Mapping[str, FigureStudy], budget: Budget, out: str) -> None:
-    """What these figures measure besides sweeps, unless the folder has it."""
+    """Measure what these figures need besides sweeps, unless the folder has it, and write it there."""
     there = load(out).tables
     for name, figure in figures.items():
         if figure.measure is not None and name not in there:
@@ -76,14 +76,14 @@ def measure(figures: Mapping[str, FigureStudy], budget: Budget, out: str) -> Non
 
 
 def train(sweeps: Iterable[Sweep], budget: Budget, out: str, carry_out: CarryOut) -> None:
-    """Do what is not done yet.
+    """Train the sweeps that are not done yet, and write a summary of each.
 
     Args:
         sweeps: those whose winners they train come first.
         budget: how much of each.
         out: summaries go to its folder `data`, the runs to `sweeps`; a run needs no second training, and with its
             summary there a sweep needs no runs.
-        carry_out: what trains.
+        carry_out: trains what a plan lacks.
 
     Raises:
         UsageError: the folder holds a sweep that is not the one asked for, or is in use, or full.

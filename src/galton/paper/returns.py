@@ -31,11 +31,11 @@ from galton.tasks import TASKS
 _ONE_HOT = 0.1
 """η up to which HL-Gauss is HL-1-Hot: the own bin has 0.999999 of the mass or more."""
 _IN_THE_APPENDIX = ("lqr", "acrobot")
-"""The tasks of Figure 9."""
+"""The tasks of Figure 9, which the paper shows in its appendix."""
 
 
 def winners(trained: Trained) -> Table:
-    """Each loss's best setting on each task, as it won and on fresh seeds."""
+    """The table of each loss's best setting on each task, with its returns as it won and on fresh seeds."""
     headings = ["task", "loss", "best setting", "as it won", "on fresh seeds", "evaluation", "over training"]
     headings += ["noise costs", "doing nothing", "optimum"]
     rows = []
@@ -61,17 +61,17 @@ def _shown(value: Interval | float) -> str:
 
 
 def _of_most(trained: Trained) -> dict[str, Judged]:
-    """All tasks but the paper's exception."""
+    """The tasks that are done, but for Acrobot, the paper's exception."""
     return {name: task for name, task in trained.judged.items() if name != "acrobot"}
 
 
 def _against_regression(tasks: Mapping[str, Judged], score: Callable[..., Scores]) -> dict[str, Interval]:
-    """By title: what the better classification loss gains over the Gaussian."""
+    """What the better classification loss gains over the Gaussian, by the task's title."""
     return {TASKS[name].title: over_regression(task, score) for name, task in tasks.items()}
 
 
 def _idle(tasks: Mapping[str, Judged]) -> str:
-    """Which of the paper's losses do not clearly learn to do better than nothing."""
+    """A sentence on which of the paper's losses do not clearly learn to do better than nothing."""
     found = []
     for name, task in tasks.items():
         rest = TASKS[name].at_rest
@@ -83,13 +83,13 @@ def _idle(tasks: Mapping[str, Judged]) -> str:
 
 
 def _without_noise(tasks: Mapping[str, Judged], score: Callable[..., Scores]) -> str:
-    """The same of the deterministic policy, which does not pay for exploration."""
+    """A sentence with the same verdicts for the deterministic policy, which does not pay for exploration."""
     gaps = _against_regression(tasks, functools.partial(score, metric="evaluation_return"))
     return f"By the deterministic policy's return (Figure 8), {named(gaps)}." if gaps else ""
 
 
 def _entropies(tasks: Mapping[str, Judged], gaps: Mapping[str, Interval]) -> str:
-    """How much the better softmax still explores in the end, where it is the worse policy."""
+    """A sentence on how much the better softmax still explores in the end, where it is the worse policy."""
     ends = []
     for name, task in tasks.items():
         if gaps[TASKS[name].title].high < 0:

@@ -18,26 +18,26 @@ from galton.sweep.study import Setting, Study
 from galton.training.train import final
 
 _KEYS = ("setting", "trial", "seed", "final_training_return", "final_evaluation_return", "diverged_at", "steps")
-"""The columns of a sweep's results that are no curves."""
+"""The columns of a sweep's results that are not curves of a metric."""
 CURVES = ("training_return", "evaluation_return", "entropy")
-"""What is kept of each log point; of the others their final mean only."""
+"""The metrics that are kept of each log point; of the others only their final means are."""
 
 
 Provenance = Mapping[str, Any]
+"""How a sweep was made: budget, versions, machines, seconds of training."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Summary:
-    """R runs of a study, L log points each."""
+    """What is kept of a sweep: R runs of a study with L log points each."""
 
     study: Study
     provenance: Provenance
-    """How it was made: budget, versions, machines, seconds of training."""
     table: pa.Table
 
     @classmethod
     def of_results(cls, study: Study, results: pa.Table, provenance: Provenance) -> "Summary":
-        """Of what `sweep.results.collect` gathered."""
+        """The summary of the table of all runs that `sweep.results.collect` gathered."""
         diverged_at = results.column("diverged_at").to_numpy()
         columns = {name: results.column(name) for name in ("setting", "trial", "diverged_at")}
         metrics = [name for name in results.column_names if name not in _KEYS and not name.startswith("setting.")]
@@ -62,7 +62,7 @@ class Summary:
 
     @classmethod
     def load(cls, store: Store, name: str) -> "Summary":
-        """What `save` wrote.
+        """The summary that `save` wrote to a file.
 
         Raises:
             FileNotFoundError: no such file.
@@ -81,21 +81,21 @@ class Summary:
 
     @functools.cached_property
     def best(self) -> dict[str, Best]:
-        """Each loss's best setting (App. C.2)."""
+        """Each loss's best setting, by its mean final training return (App. C.2)."""
         return best_settings(self.study, self.table)
 
     @property
     def steps(self) -> Int[np.ndarray, " L"]:
-        """Environment steps at each log point."""
+        """How many environment steps were taken at each log point."""
         return np.asarray(_matrix(self.table.slice(0, 1), "steps")[0])
 
     @functools.cached_property
     def setting(self) -> Int[np.ndarray, " R"]:
-        """Of each run, into the study's settings."""
+        """Each run's setting, as an index into the study's settings."""
         return np.asarray(self.table.column("setting").to_numpy())
 
     def rows(self, *settings: Setting) -> Bool[np.ndarray, " R"]:
-        """The runs of these settings."""
+        """Which rows are runs of these settings."""
         return np.isin(self.setting, [self.study.settings.index(setting) for setting in settings])
 
     def final(self, metric: str) -> Float[np.ndarray, " R"]:

@@ -11,21 +11,21 @@ from galton.tasks import TASKS
 
 Budget = Literal["smoke", "small", "paper"]
 Done = Mapping[str, Summary]
-"""The sweeps that are done, by name."""
+"""The summaries of the sweeps that are done, by name."""
 FRESH = 1
-"""Seed of the studies that judge what others, of seed 0, have chosen."""
+"""The seed of the studies that judge what others, of seed 0, have chosen."""
 CENTRED_ETAS = [0.75, 1.0, 2.0, 4.0]
-"""Of centred HL-Gauss, which the paper does not have: η wider than its grid."""
+"""The η of centred HL-Gauss, which the paper does not have: wider than those of its grid."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Sweep:
-    """One folder of runs, and one file of results."""
+    """What is trained together for figures: one folder of runs, and one file of results."""
 
     name: str
-    """The file's, without its suffix, and the folder's."""
+    """The name of its file, without the suffix, and of its folder."""
     study: Callable[[Budget, Done], Study]
-    """What is trained, by the budget and what was trained before."""
+    """Makes the study to train, from the budget and from what was trained before."""
     title: str = ""
     """What the page calls it where it says with which budget it was trained; without one it is not mentioned there."""
     winners_of: "Sweep | None" = None
@@ -48,7 +48,7 @@ def again(sweep: Sweep, winners: Callable[[Summary], tuple[Setting, ...]] = best
 
 
 def needed(sweeps: Iterable[Sweep]) -> list[Sweep]:
-    """These sweeps, each after the one whose winners it trains."""
+    """These sweeps and those whose winners they train, which come before them."""
     found: dict[Sweep, None] = {}
     for sweep in sweeps:
         before = [] if sweep.winners_of is None else needed([sweep.winners_of])
@@ -93,6 +93,6 @@ def _main(task: str) -> Sweep:
 
 
 MAIN = {task: _main(task) for task in TASKS}
-"""By task: the grid of App. C.2, and centred HL-Gauss."""
+"""The main sweep of each task: the grid of App. C.2, and centred HL-Gauss."""
 AGAIN = {task: again(MAIN[task]) for task in TASKS}
-"""By task: each loss's best setting of the grid on fresh seeds."""
+"""The sweep of each task that trains each loss's best setting of the grid on fresh seeds."""

@@ -23,25 +23,25 @@ class Judged(NamedTuple):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Trained:
-    """All that a folder holds of what figures are drawn from."""
+    """All that a folder of `galton reproduce` holds and figures are drawn from."""
 
     sweeps: Mapping[str, Summary]
-    """By their names; those that are not done are not in it."""
+    """The summaries of the sweeps that are done, by name."""
     tables: Mapping[str, pa.Table] = dataclasses.field(default_factory=dict)
-    """What figures measured besides, by the figure's name."""
+    """The tables that figures measured besides sweeps, by the figure's name."""
 
     def of(self, sweep: Sweep) -> Summary | None:
-        """A sweep's results, where it is done."""
+        """The summary of a sweep, or None where it is not done."""
         return self.sweeps.get(sweep.name)
 
     @functools.cached_property
     def grids(self) -> dict[str, Summary]:
-        """By task: the main sweeps that are done."""
+        """The main sweeps that are done, by task."""
         return {task: self.sweeps[MAIN[task].name] for task in TASKS if MAIN[task].name in self.sweeps}
 
     @functools.cached_property
     def judged(self) -> dict[str, Judged]:
-        """By task: the main sweep and its winners on fresh seeds, where both are done."""
+        """The main sweep and its winners on fresh seeds, by task, where both are done."""
         return {task: Judged(chosen, again) for task, chosen in self.grids.items() if (again := self.of(AGAIN[task]))}
 
     @functools.cached_property

@@ -1,4 +1,4 @@
-"""From differences to verdicts and words."""
+"""How differences become verdicts on the paper's claims, and words for them."""
 
 from collections.abc import Iterable, Mapping
 
@@ -10,7 +10,7 @@ from galton.page.page import Claim
 UNKNOWN = "not decidable here"
 NOT_TRAINED = "What it needs was not trained."
 A_TENTH = 0.1
-"""Of what training gains: what is less is little."""
+"""The share of what training gains below which a difference is called little."""
 
 
 def claim(source: str, words: str, test: str, gaps: Mapping[str, Interval], *notes: str) -> Claim:
@@ -27,12 +27,12 @@ def claim(source: str, words: str, test: str, gaps: Mapping[str, Interval], *not
 
 
 def decided(gaps: Mapping[str, Interval]) -> dict[str, Interval]:
-    """Those with an interval; too few trials give none."""
+    """The differences that have an interval, which too few trials do not give."""
     return {name: gap for name, gap in gaps.items() if not np.isnan(gap.low)}
 
 
 def verdict(gaps: Iterable[Interval]) -> str:
-    """Of differences that the paper says are positive.
+    """The verdict on differences that the paper says are positive.
 
     It holds if all clearly are, and does not if more are clearly negative than positive. One without an interval, for
     too few trials, does not count; where none is clearly either, nothing is decided.
@@ -45,7 +45,7 @@ def verdict(gaps: Iterable[Interval]) -> str:
 
 
 def listed(gaps: Mapping[str, Interval], spec: str = "+.2f") -> str:
-    """Each by its name, on a line of its own."""
+    """The differences as text, each with its name on a line of its own."""
     return "\n".join(f"{name} {gap:{spec}}" for name, gap in gaps.items())
 
 
@@ -56,7 +56,7 @@ def sorted_out(gaps: Mapping[str, Interval], *notes: str) -> str:
 
 
 def named(gaps: Mapping[str, Interval]) -> str:
-    """Their names by what is clear of them."""
+    """The names of the differences as text, sorted by what is clear of them."""
     known = decided(gaps)
     words = {
         "as the paper says": [name for name, gap in known.items() if gap.low > 0],

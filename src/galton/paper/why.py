@@ -47,11 +47,11 @@ CHANGES: dict[str, dict[str, float | bool]] = {
 """What the study of causes changes, one thing at a time and then together."""
 WHY_TASKS = ("lqr", "mountain-car", "acrobot")
 WHY_RATES = [3e-4, 1e-3, 3e-3]
-"""Learning rates there; the last is beyond the paper's grid."""
+"""The learning rates of the study of causes; the last is beyond the paper's grid."""
 
 
 def _sweep(task: str) -> Sweep:
-    """All losses with each of CHANGES."""
+    """The sweep of all losses with each of CHANGES on a task."""
 
     def study(budget: Budget, _: Done) -> Study:
         smoke = budget == "smoke"
@@ -87,9 +87,9 @@ def best_of_each(summary: Summary) -> tuple[Setting, ...]:
 
 
 SWEEPS = {task: _sweep(task) for task in WHY_TASKS}
-"""By task: all losses under each change."""
+"""The sweep of each task: all losses under each change."""
 AGAIN = {task: again(SWEEPS[task], best_of_each) for task in WHY_TASKS}
-"""By task: each loss's best setting under each change on fresh seeds."""
+"""The sweep of each task that trains each loss's best setting under each change on fresh seeds."""
 
 
 METRICS = {
@@ -103,11 +103,11 @@ METRICS = {
 
 
 class Outcome(NamedTuple):
-    """Of a loss under a change, with the better of its learning rates and η, on fresh seeds."""
+    """How a loss ends under a change, with the best of its learning rates and η, on fresh seeds."""
 
     setting: Setting
     finals: dict[str, Float[np.ndarray, " trials"]]
-    """By METRICS; NaN for a run that diverged."""
+    """The final mean of each of METRICS, by trial; NaN for a run that diverged."""
 
 
 def retrained(trained: Trained) -> dict[str, Summary]:
@@ -116,7 +116,7 @@ def retrained(trained: Trained) -> dict[str, Summary]:
 
 
 def outcomes(summary: Summary) -> dict[tuple[str, str], Outcome]:
-    """The winners on fresh seeds, by change and loss."""
+    """How each loss ends under each change: the winners on fresh seeds, by change and loss."""
     metrics = {metric: summary.final(metric) for metric in METRICS}
     base = task_defaults(summary.study.env)
     return {
@@ -128,7 +128,7 @@ def outcomes(summary: Summary) -> dict[tuple[str, str], Outcome]:
 
 
 def change_of(setting: Setting, base: dict[str, object]) -> str:
-    """Which of CHANGES it has."""
+    """The name in CHANGES of what a setting has changed."""
     record = setting.record()
     fields = {field for change in CHANGES.values() for field in change}
     plain = Setting.of_record(base).record()

@@ -1,4 +1,7 @@
-"""Policies by name: distributions over a box of actions. A new one is a class in a file and a line in POLICIES."""
+"""Policies by name: how network outputs become distributions over a box of actions.
+
+A new one is a class in a file and a line in POLICIES.
+"""
 
 from galton.policies.base import Distribution, Family, Policy
 from galton.policies.gaussian import Gaussian, GaussianPolicy

@@ -13,7 +13,7 @@ Family = Literal["density", "histogram"]
 
 @runtime_checkable
 class Distribution(Protocol):
-    """Of actions in one state, or in a batch of states."""
+    """A distribution of actions in one state, or in each of a batch of states."""
 
     def sample(self, noise: PyTree[Array]) -> Float[Array, "*batch d"]:
         """An action, from noise that `Policy.noise` drew."""
@@ -25,7 +25,7 @@ class Distribution(Protocol):
         """The action taken without exploration."""
 
     def entropy(self) -> Float[Array, "*batch"]:
-        """In nats, summed over the d independent dimensions."""
+        """The entropy in nats, summed over the d independent dimensions."""
 
     def std(self) -> Float[Array, "*batch d"]:
         """The standard deviation of the action."""

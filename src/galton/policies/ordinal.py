@@ -41,7 +41,7 @@ class OrdinalPolicy:
         return jnp.diff(self._by_dimension(logits), axis=-1, prepend=0.0).ravel(), params
 
     def noise(self, key: Key[Array, ""], shape: tuple[int, ...]) -> Float[Array, "*batch n"]:
-        """The softmax policy's noise."""
+        """What the softmax policy draws, since sampling is the same."""
         return self.histogram.noise(key, shape)
 
     def distribution(self, outputs: Float[Array, "*batch dk"], params: Params, hypers: Hypers) -> Histogram:

@@ -30,15 +30,15 @@ class Jobs(NamedTuple):
 
     n: int
     walltime: str
-    """Hours, minutes and seconds, as in 12:00:00."""
+    """How long each job may run, in hours, minutes and seconds, as in 12:00:00."""
     memory: str
-    """How much each gets, such as 2GB."""
+    """How much memory each job gets, such as 2GB."""
     directives: tuple[str, ...] = ()
     """Further lines for the batch system: its account, its queue."""
 
 
 class Carrier(NamedTuple):
-    """An executor, and how many shards it can work on now."""
+    """An executor, and a function that says how many shards it can work on now."""
 
     executor: Executor
     width: Callable[[], int]

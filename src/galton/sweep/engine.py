@@ -19,14 +19,14 @@ from galton.sweep.study import Study
 from galton.types import Config
 
 CarryOut = Callable[[Store, Plan], None]
-"""Trains what a plan lacks."""
+"""A function of a store and its plan that trains what the plan lacks."""
 TICK = 0.2
 """Seconds between two looks at who is there to work."""
 
 
 @runtime_checkable
 class Watcher(Protocol):
-    """Who looks on while a sweep runs."""
+    """Who is told of finished shards while a sweep runs."""
 
     def resumed(self, reports: list[Report]) -> None:
         """Take note of the shards that were done before."""
@@ -112,7 +112,7 @@ def run(
     watcher: Watcher,
     lost: tuple[type[BaseException], ...] = (),
 ) -> None:
-    """Do what is not done yet. The lock must be held.
+    """Train the shards that are not done yet. The lock must be held.
 
     Args:
         store: where the plan is; the executor must reach the same place under the same name.
@@ -147,7 +147,7 @@ def run(
 
 
 def _left(store: Store, plan: Plan, watcher: Watcher) -> "_Pending":
-    """What is not done yet; the watcher is told of what is."""
+    """The shards that are not done yet; the watcher is told of those that are."""
     reports = verified(store, plan)
     watcher.resumed(reports)
     done = {report.index for report in reports}
@@ -155,7 +155,7 @@ def _left(store: Store, plan: Plan, watcher: Watcher) -> "_Pending":
 
 
 def _ended(running: Collection[Future[Report]]) -> set[Future[Report]]:
-    """Those that have ended, after a TICK at most."""
+    """The futures that have ended, after a wait of a TICK at most."""
     if not running:
         time.sleep(TICK)  # nobody is there to work yet
     return concurrent.futures.wait(running, timeout=TICK, return_when=concurrent.futures.FIRST_COMPLETED).done
@@ -207,7 +207,7 @@ class _Pending:
 
 
 class Silent:
-    """A watcher that does nothing."""
+    """A watcher for sweeps that nobody looks at: it does nothing."""
 
     def resumed(self, reports: list[Report]) -> None:
         """Take no notice of shards that were done before."""

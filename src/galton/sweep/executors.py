@@ -26,10 +26,10 @@ ATTEMPTS = 20
 
 
 class Place(NamedTuple):
-    """Where a worker lives."""
+    """Where a worker lives: its cores, and what its environment has besides."""
 
     cores: tuple[int, ...] = ()
-    """It is kept on these, where the operating system can; () leaves it free."""
+    """The cores that it is kept on, where the operating system can; () leaves it free."""
     environment: tuple[tuple[str, str], ...] = ()
     """Variables of the environment that it sees, besides those of this process."""
 
@@ -156,7 +156,7 @@ class Processes(Executor):
 
 @contextlib.contextmanager
 def processes(places: Sequence[Place]) -> Iterator[Processes]:
-    """A process for each place, killed in the end."""
+    """An executor with a process for each place; what still works when the block ends is killed."""
     executor = Processes(places)
     try:
         yield executor

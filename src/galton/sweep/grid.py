@@ -15,7 +15,7 @@ from galton.sweep.study import Setting
 from galton.tasks import task_of
 
 
-def expand(blocks: Iterable[Mapping[str, Any]], base: Mapping[str, Any]) -> tuple[Setting, ...]:
+def expand(blocks: Iterable[Mapping[str, object]], base: Mapping[str, object]) -> tuple[Setting, ...]:
     """Each block's product: a list is an axis (net_arch's, a list of lists), anything else is fixed.
 
     Args:
@@ -30,21 +30,22 @@ def expand(blocks: Iterable[Mapping[str, Any]], base: Mapping[str, Any]) -> tupl
     return tuple(found)
 
 
-def _axis(name: str, value: Any) -> Sequence[Any]:
-    is_list = isinstance(value, (list, tuple))
+def _axis(name: str, value: object) -> Sequence[object]:
+    if not isinstance(value, list | tuple):
+        return [value]
     if name == "net_arch":
-        return value if is_list and value and isinstance(value[0], (list, tuple)) else [value]
-    require(not is_list or len(value) > 0, f"{name} is an empty list; give at least one value")
-    return value if is_list else [value]
+        return value if value and isinstance(value[0], list | tuple) else [value]
+    require(len(value) > 0, f"{name} is an empty list; give at least one value")
+    return value
 
 
-def task_defaults(env: str) -> dict[str, Any]:
+def task_defaults(env: str) -> dict[str, object]:
     """The settings of App. C.2 for a task, to put a grid upon."""
     task = task_of(env)
     return {"learning_rate": task.learning_rate, **task.config}
 
 
-def paper_blocks(rates: Sequence[float], bins: Sequence[int], etas: Sequence[float]) -> list[dict[str, Any]]:
+def paper_blocks(rates: Sequence[float], bins: Sequence[int], etas: Sequence[float]) -> list[dict[str, object]]:
     """App. C.2's grid with these values: rates for all three losses, bins for both classifications, η for HL-Gauss."""
     return [
         {"loss": "gaussian", "learning_rate": rates},
@@ -53,7 +54,7 @@ def paper_blocks(rates: Sequence[float], bins: Sequence[int], etas: Sequence[flo
     ]
 
 
-def paper_grid(env: str, base: Mapping[str, Any]) -> tuple[Setting, ...]:
+def paper_grid(env: str, base: Mapping[str, object]) -> tuple[Setting, ...]:
     """The grid of App. C.2: 88 settings, 76 on the bandit."""
     task = task_of(env)
     return expand(paper_blocks(task.learning_rates, [50, 100, 200], task.etas), base)
@@ -66,7 +67,7 @@ def random_grid(base: Mapping[str, Any], n: int = 16, seed: int = 0) -> tuple[Se
     longer draw begins with a shorter one.
     """
     require_integer("n_settings", n, 1)
-    found: list[dict[str, Any]] = []
+    found: list[dict[str, object]] = []
     for name, loss in LOSSES.items():
         draw = np.random.default_rng((seed, *name.encode()))
         for _ in range(n):
@@ -80,7 +81,7 @@ def random_grid(base: Mapping[str, Any], n: int = 16, seed: int = 0) -> tuple[Se
     return expand(found, base)
 
 
-def read_grid(path: Path, base: Mapping[str, Any]) -> tuple[Setting, ...]:
+def read_grid(path: Path, base: Mapping[str, object]) -> tuple[Setting, ...]:
     """The settings of a TOML file: `[[grid]]` tables as for `expand`.
 
     Raises:
@@ -99,7 +100,7 @@ def read_grid(path: Path, base: Mapping[str, Any]) -> tuple[Setting, ...]:
         raise UsageError(f"grid is {str(path)!r}: {error}") from None
 
 
-GRIDS: dict[str, Callable[[str, Mapping[str, Any], int], tuple[Setting, ...]]] = {
+GRIDS: dict[str, Callable[[str, Mapping[str, object], int], tuple[Setting, ...]]] = {
     "paper": lambda env, base, _: paper_grid(env, base),
     "random": lambda _, base, n: random_grid(base, n),
 }
@@ -107,7 +108,7 @@ GRIDS: dict[str, Callable[[str, Mapping[str, Any], int], tuple[Setting, ...]]] =
 where the grid leaves that open) → settings."""
 
 
-def find_grid(name: str, env: str, base: Mapping[str, Any] | None = None, n: int = 16) -> tuple[Setting, ...]:
+def find_grid(name: str, env: str, base: Mapping[str, object] | None = None, n: int = 16) -> tuple[Setting, ...]:
     """A name in GRIDS, or a TOML file; the base is by default the task's."""
     base = task_defaults(env) if base is None else base
     return GRIDS[name](env, base, n) if name in GRIDS else read_grid(Path(name), base)

@@ -5,7 +5,6 @@ import dataclasses
 import functools
 import hashlib
 import itertools
-from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -27,16 +26,16 @@ class Shard:
 
     index: int
     n_runs: int
-    """Without the repeated ones."""
+    """How many runs it has, without the repeats of the last one that fill it up."""
     config: Config
     hypers: Hypers
-    """Each field `[W]`."""
+    """The numbers of every run, each field `[W]`."""
     setting: Int[np.ndarray, " W"]
-    """Into the plan's settings."""
+    """Each run's setting, as an index into the plan's settings."""
     trial: Int[np.ndarray, " W"]
     seeds: UInt[np.ndarray, " W"]
     name: str
-    """Of all that determines its results."""
+    """A hash of all that determines its results."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -44,12 +43,12 @@ class Plan:
     """R runs in S shards. Nothing in it ever changes but that new shards are added behind the last one."""
 
     study: Study
-    """With all settings, in the order in which they were added."""
+    """The study with all of its settings, in the order in which they were added."""
     shard_width: int
     shard: Int[np.ndarray, " R"]
-    """Going up."""
+    """Each run's shard; the numbers never go down."""
     setting: Int[np.ndarray, " R"]
-    """Into the study's settings."""
+    """Each run's setting, as an index into the study's settings."""
     trial: Int[np.ndarray, " R"]
     seed: UInt[np.ndarray, " R"]
 
@@ -104,12 +103,12 @@ class Plan:
 
     @property
     def n_runs(self) -> int:
-        """R."""
+        """How many runs the plan has, R."""
         return len(self.shard)
 
     @property
     def n_shards(self) -> int:
-        """S."""
+        """How many shards the plan has, S."""
         return int(self.shard[-1]) + 1 if len(self.shard) else 0
 
     @functools.cached_property
@@ -119,13 +118,13 @@ class Plan:
 
     @functools.cached_property
     def configs(self) -> list[Config]:
-        """Of each shard."""
+        """The Config of each shard."""
         settings = self.study.settings
         return [settings[i].config for i in self.setting[self.bounds[:-1]].tolist()]
 
     @functools.cached_property
     def names(self) -> list[str]:
-        """Of each shard, by all that determines its results."""
+        """The name of each shard: a hash of all that determines its results."""
         common = canonical([self.study.constants(), self.shard_width]).encode()
         settings = np.array([setting.name.encode() for setting in self.study.settings])[self.setting]
         columns = [np.ascontiguousarray(column) for column in (settings, self.trial, self.seed)]
@@ -136,7 +135,7 @@ class Plan:
         ]
 
     def get(self, index: int) -> Shard:
-        """One shard.
+        """The shard of that number, with the runs to train.
 
         Raises:
             UsageError: there is none of that number.
@@ -147,11 +146,12 @@ class Plan:
         runs = np.minimum(np.arange(start, start + self.shard_width), stop - 1)
         setting, trial, seeds = self.setting[runs], self.trial[runs], self.seed[runs]
         settings = [self.study.settings[i] for i in setting.tolist()]
-        hypers: Any = (np.array(column, np.float32) for column in zip(*(s.hypers for s in settings), strict=True))
-        return Shard(index, stop - start, settings[0].config, Hypers(*hypers), setting, trial, seeds, self.names[index])
+        columns = (np.array(column, np.float32) for column in zip(*(s.hypers for s in settings), strict=True))
+        hypers = Hypers._make(columns)
+        return Shard(index, stop - start, settings[0].config, hypers, setting, trial, seeds, self.names[index])
 
     def save(self, store: Store) -> None:
-        """Write it down, in place of an earlier and shorter one."""
+        """Write the plan into its folder, in place of an earlier and shorter one."""
         columns = {"shard": self.shard, "setting": self.setting, "trial": self.trial, "seed": self.seed}
         record = self.study.record() | {"shard_width": self.shard_width}
         table = pa.table(columns)
@@ -163,7 +163,7 @@ class Plan:
         """The plan that a folder holds.
 
         Raises:
-            UsageError: none, or one that was damaged.
+            UsageError: it holds no plan, or one that was damaged.
         """
         try:
             data = store.read(FILE)
@@ -194,7 +194,7 @@ def _parse(url: str, data: bytes) -> Plan:
     return Plan(study, record["shard_width"], *columns)
 
 
-def _digest(record: dict[str, Any], table: pa.Table) -> str:
+def _digest(record: dict[str, object], table: pa.Table) -> str:
     columns = b"".join(np.ascontiguousarray(column.to_numpy()).tobytes() for column in table.columns)
     return checksum(canonical(record).encode() + columns)
 

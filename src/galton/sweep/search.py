@@ -25,7 +25,7 @@ def search(
     batch: int,
     seed: int = 0,
 ) -> None:
-    """Ask, train and tell until every loss has had n settings.
+    """Ask Optuna for settings, train them and tell it their returns, until every loss has had n of them.
 
     Optuna's TPE sampler is seeded, and what it is told comes from the sweep. So, run again, it proposes what it
     proposed, the sweep knows the results, and the search goes on where it stopped.

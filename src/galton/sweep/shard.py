@@ -44,9 +44,9 @@ class Report:
     setting: list[int]
     trial: list[int]
     final_training_return: list[float]
-    """NaN for a diverged run."""
+    """The final return of each run; NaN for one that diverged."""
     steps: int
-    """Environment steps, all runs together."""
+    """How many environment steps were trained, all runs together."""
     compile_seconds: float
     train_seconds: float
 

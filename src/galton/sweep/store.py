@@ -16,7 +16,7 @@ from galton.saving import files
 
 
 class Store:
-    """Files by name under one place.
+    """The files of one place, read and written whole by their names.
 
     Args:
         url: a path, or whatever fsspec opens (`s3://bucket/sweep` with s3fs installed).

@@ -10,20 +10,20 @@ from typing import Any, NamedTuple
 from galton.algorithms import find_algorithm
 from galton.errors import UsageError, require, require_integer
 from galton.losses import find_loss
-from galton.records import FIRST_FIELDS, defaults, filled, refuse_unknown, written
+from galton.records import FIRST_FIELDS, Fields, defaults, filled, refuse_unknown, written
 from galton.training.train import log_points
 from galton.types import Config, Hypers, check_hypers
 
 
 class Setting(NamedTuple):
-    """One point of a grid."""
+    """One point of a grid: a Config and Hypers."""
 
     config: Config
     hypers: Hypers
-    """Plain numbers."""
+    """The hyperparameters, as plain numbers."""
 
-    def record(self) -> dict[str, Any]:
-        """What it is known by, flat: later fields that have their defaults are left out (see `galton.records`)."""
+    def record(self) -> Fields:
+        """The fields that it is known by: later ones that have their defaults are left out (see `galton.records`)."""
         return written(self.config) | written(self.hypers)
 
     @classmethod
@@ -73,28 +73,28 @@ def make_config(record: Mapping[str, Any]) -> Config:
 
 
 DEFAULTS = defaults(Config) | defaults(Hypers)
-"""All fields of a setting."""
+"""All fields of a setting, with their defaults."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Study:
-    """What a sweep is about."""
+    """What a sweep trains: settings on one environment, with several runs of each."""
 
     env: str
-    """One of ENVS or a Gymnasium id (`module:Id` imports the module first)."""
+    """A name in ENVS or a Gymnasium id (`module:Id` imports the module first)."""
     settings: tuple[Setting, ...]
     trials: int
     """Runs of each setting, each with a seed of its own."""
     steps: int
     """Environment steps per run."""
     logs: int = 100
-    """Points of a learning curve."""
+    """How many points each learning curve has."""
     eval_episodes: int = 10
     """Episodes of the deterministic policy at each of them."""
     env_kwargs: str = "{}"
-    """JSON."""
+    """The environment's keyword arguments, as JSON."""
     seed: int = 0
-    """Of the study: another one gives every run a fresh seed."""
+    """The study's seed: another one gives every run a fresh seed."""
     imports: tuple[str, ...] = ()
     """Modules that every worker imports first: where losses, policies and environments of your own are registered."""
 
@@ -117,13 +117,13 @@ class Study:
             f"logs is {self.logs}, which makes {shown}; choose steps and logs so that every setting has as many",
         )
 
-    def constants(self) -> dict[str, Any]:
+    def constants(self) -> dict[str, object]:
         """What every run shares, for JSON."""
         record = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
         return {name: value for name, value in record.items() if name not in ("settings", "trials")}
 
-    def record(self) -> dict[str, Any]:
-        """All of it, for JSON."""
+    def record(self) -> dict[str, object]:
+        """The whole study, for JSON."""
         settings = _by_field([setting.record() for setting in self.settings])
         return {"constants": self.constants(), "trials": self.trials, "settings": settings}
 
@@ -143,10 +143,10 @@ class Study:
 
 
 def import_all(modules: Iterable[str]) -> None:
-    """A study's imports.
+    """Import the modules that a study names, which register its losses and environments.
 
     Raises:
-        UsageError: one that can't be imported.
+        UsageError: a module that can't be imported.
     """
     for module in modules:
         try:
@@ -155,12 +155,12 @@ def import_all(modules: Iterable[str]) -> None:
             raise UsageError(f"imports names {module!r}, which can't be imported: {error}") from None
 
 
-def canonical(record: Any) -> str:
+def canonical(record: object) -> str:
     """JSON that is the same for equal records."""
     return json.dumps(record, sort_keys=True, separators=(",", ":"))
 
 
-def _by_field(records: list[dict[str, Any]]) -> dict[str, dict[str, Any]]:
+def _by_field(records: list[Fields]) -> dict[str, dict[str, object]]:
     """Fields with one value for all settings, and the lists of values of the others."""
     rows = filled(records, DEFAULTS)
     lists = {name: [row[name] for row in rows] for name in rows[0]}
@@ -168,7 +168,7 @@ def _by_field(records: list[dict[str, Any]]) -> dict[str, dict[str, Any]]:
     return {"same": same, "different": {name: values for name, values in lists.items() if name not in same}}
 
 
-def _settings(same: dict[str, Any], different: dict[str, list[Any]]) -> Iterator[Setting]:
+def _settings(same: Fields, different: dict[str, list[object]]) -> Iterator[Setting]:
     """The settings that `_by_field` took apart."""
     configs: dict[str, Config] = {}
     for values in zip(*different.values(), strict=True) if different else [()]:

@@ -18,7 +18,7 @@ _MOST = 256
 
 
 def diagnose(agent: Agent, learner: Learner, batch: Transition, hypers: Hypers) -> Scalars:
-    """Of the learner's parameters as they are, on a rollout `[T, N]` that it has just been trained on.
+    """What the log says of the learner's parameters, on the rollout `[T, N]` that they were just trained on.
 
     - actor_grad_norm: of the policy loss mean(A · loss) in the parameters θ of Propositions 1 and 2, all of the
       actor's but its last bias; and grad_bound, the mean of the propositions' bound, which the norm never exceeds.

@@ -1,4 +1,4 @@
-"""The return of the policy that does not explore."""
+"""Evaluation: whole episodes of the policy that does not explore, and what they return."""
 
 from collections.abc import Callable
 
@@ -19,7 +19,7 @@ MAX_STEPS = 100_000
 """An episode outside JAX that is longer is taken for one that never ends."""
 
 Carry = tuple[PyTree[Array], Array, Array, Array]
-"""States, returns so far, which episodes still run, and the step."""
+"""What evaluation carries from step to step: states, returns so far, which episodes still run, and the step."""
 
 
 def deterministic_action(

@@ -18,15 +18,15 @@ from galton.types import Hypers, Learner, Params, Transition
 
 
 class Group:
-    """P runs with N copies of the task each.
+    """P runs with N copies of the task each, stepped and trained together.
 
     Args:
         task: what to train on.
         agent: what all runs have in common.
         hypers: each field `[P]`.
-        seeds: of the runs.
+        seeds: one for each run.
         device: what to compute on.
-        n_threads: what the environments may be stepped on.
+        n_threads: how many threads the environments may be stepped on.
     """
 
     def __init__(
@@ -52,7 +52,7 @@ class Group:
         self._envs = task.make(len(seeds) * agent.config.n_envs, n_threads)
 
     def set_hypers(self, hypers: Hypers) -> None:
-        """Go on with these numbers, each `[P]`."""
+        """Go on with these numbers in the place of those so far, each `[P]`."""
         self._hypers = self._place(hypers)
 
     def begin(self) -> None:
@@ -65,7 +65,7 @@ class Group:
         self._warm_up()
 
     def reset(self) -> None:
-        """Begin episodes."""
+        """Begin the first episodes of training, whose observations the statistics count."""
         self._start(self._envs.reset(self._environment_seeds(0)))
         self.runs = self._programs.observe(self.runs, self._observation)
 
@@ -101,7 +101,7 @@ class Group:
         return batch, finished
 
     def _count(self, finished: Finished, t: int, steps: Steps) -> np.ndarray:
-        """Lengths and returns of the episodes, and which have ended `[P, N]`."""
+        """Write lengths and returns of the episodes after step t, and return which have ended `[P, N]`."""
         done = np.asarray(steps.terminated | steps.truncated)
         self._length += 1
         self._return += steps.reward
@@ -122,12 +122,12 @@ class Group:
         return learner._replace(normalizer=normalizer), np.asarray(reward), np.asarray(final)
 
     def log(self) -> Log:
-        """Of the updates since the last log."""
+        """What is recorded of the updates since the last log, each number `[P]`."""
         self.runs, log = self._programs.log(self.runs, self._batch, self._hypers)
         return log
 
     def make_evaluator(self, n_episodes: int) -> None:
-        """Copies of the task for evaluation, kept from one to the next."""
+        """Make the copies of the task that evaluation plays on; they are kept from one evaluation to the next."""
         if self._evaluator is None or self._evaluator_episodes != n_episodes:
             if self._evaluator:
                 self._evaluator.close()
@@ -135,7 +135,7 @@ class Group:
             self._evaluator_episodes = n_episodes
 
     def evaluate(self, n_episodes: int) -> Float[np.ndarray, "P n_episodes"]:
-        """Whole episodes of the deterministic policy."""
+        """Undiscounted returns of whole episodes of the deterministic policy, on the copies made for them."""
         assert self._evaluator
         learner = self.runs.learner
 
@@ -147,14 +147,14 @@ class Group:
         return self._split(play(self._task.name, self._evaluator, seeds, act))
 
     def snapshot(self) -> Snapshot:
-        """Everything that goes on; `environments` is None where they can't tell their states."""
+        """What `restore` goes on from; `environments` is None where they can't tell their states."""
         own = {"observation": self._observation, "length": self._length, "return": self._return}
         state = None if self._interrupted else self._envs.get_state()
         environments = None if state is None else own | {key: self._split(value) for key, value in state.items()}
         return {"run": jax.tree.map(np.asarray, without_keys(self.runs)), "environments": environments}
 
     def restore(self, snapshot: Snapshot) -> None:
-        """Go back; from the start of new episodes, with the normaliser as it was, if there are no states."""
+        """Go back to a snapshot; without states, to the start of new episodes with the normaliser as it was."""
         self.runs = self._place(with_keys(snapshot["run"]))
         if "environments" not in snapshot:
             self._start_anew()
@@ -167,13 +167,13 @@ class Group:
         self._envs.set_state({key: value.reshape(-1, *value.shape[2:]) for key, value in state.items()})
 
     def close(self) -> None:
-        """Let go of the environments."""
+        """Let go of the environments, those of evaluation too."""
         self._envs.close()
         if self._evaluator:
             self._evaluator.close()
 
     def _start_anew(self) -> None:
-        """New episodes in the middle of a run."""
+        """Begin new episodes in the middle of a run, with seeds that its step decides."""
         self._start(self._envs.reset(self._environment_seeds(2, int(self.runs.step[0]))))
         self._interrupted = False
 
@@ -183,7 +183,7 @@ class Group:
         self._return = np.zeros(self._shape)
 
     def _environment_seeds(self, *purpose: int, n: int | None = None) -> np.ndarray:
-        """Of n copies for each run, by default N; 0 is for training, 1 for evaluation, 2 for starting anew."""
+        """Seeds for n copies of each run, by default N; purpose 0 is training, 1 evaluation, 2 starting anew."""
         n = self._shape[1] if n is None else n
         sequences = [np.random.SeedSequence((int(seed), *purpose)) for seed in self._seeds]
         return np.concatenate([sequence.generate_state(n) for sequence in sequences])
@@ -205,21 +205,21 @@ class Group:
         return placed
 
     def _split(self, rows: np.ndarray) -> np.ndarray:
-        """From one row per copy to `[P, copies of a run, ...]`."""
+        """One row per copy as an array `[P, copies of a run, ...]`."""
         return rows.reshape(self._shape[0], -1, *rows.shape[1:])
 
-    def _empty_batch(self) -> Any:
+    def _empty_batch(self) -> Transition:
         o, d = self._sizes
         empty = self._empty
         return Transition(empty(o), empty(d), empty(), empty(o), empty(dtype=bool), empty(dtype=bool))
 
-    def _empty_finished(self) -> Any:
+    def _empty_finished(self) -> Finished:
         return Finished(self._empty(dtype=bool), self._empty(), self._empty(dtype=np.int32))
 
-    def _empty(self, *entries: int, dtype: Any = np.float32) -> Any:
+    def _empty(self, *entries: int, dtype: type = np.float32) -> Any:
         return np.zeros((self._shape[0], self._config.n_steps, self._shape[1], *entries), dtype)
 
 
 def _acting(params: Params) -> Params:
-    """What acting needs: each array that a program is given costs time, and the critic is not asked."""
+    """The parameters that acting needs: each array given to a program costs time, and the critic is not asked."""
     return {name: value for name, value in params.items() if name != "critic"}

@@ -2,10 +2,10 @@
 
 import functools
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
-from jaxtyping import Array
+from jaxtyping import Array, PyTree
 
 from galton import normalization
 from galton.algorithms import Agent, actor_critic
@@ -17,18 +17,18 @@ from galton.types import Hypers, Params
 
 
 class HostPrograms(NamedTuple):
-    """Compiled at their first call on each device; all but the first are mapped over the runs of a group."""
+    """A group's programs, compiled at their first call on each device; all but `begin` are mapped over its runs."""
 
     begin: Callable[..., RunState]
     """(observation size, seeds, hypers) → runs."""
     observe: Callable[..., RunState]
     """(runs, first observations `[P, N, o]`) → runs."""
-    prepare: Callable[..., Any]
+    prepare: Callable[..., PyTree[Array]]
     """Runs → the noise of their next rollout, each leaf `[P, T, N, ...]`."""
     act: Callable[..., tuple[Array, Array | None]]
     """(params, normalizers, observations `[P, N, o]`, noise, t, hypers) → actions and, if it is on, normalised
     observations."""
-    receive: Callable[..., Any]
+    receive: Callable[..., tuple[Normalizer, Array, Array]]
     """(normalizers, rewards, dones, final and following observations, hypers) → as normalization.receive."""
     learn: Callable[..., RunState]
     """(runs, batch `[P, T, N]`, finished, hypers) → runs."""
@@ -40,7 +40,7 @@ class HostPrograms(NamedTuple):
 
 @functools.lru_cache(maxsize=64)
 def host_programs(agent: Agent) -> HostPrograms:
-    """Of an agent, once."""
+    """The programs that train this agent, made once for each agent."""
     config = agent.config
 
     def begin_all(size: int, seeds: Array, hypers: Hypers) -> RunState:
@@ -50,11 +50,11 @@ def host_programs(agent: Agent) -> HostPrograms:
         learner = run.learner._replace(normalizer=normalization.observe(run.learner.normalizer, observation))
         return run._replace(learner=learner)
 
-    def prepare(run: RunState) -> Any:
+    def prepare(run: RunState) -> PyTree[Array]:
         return agent.policy.noise(rollout_key(run), (config.n_steps, config.n_envs))
 
     def act(
-        params: Params, normalizer: Normalizer, observation: Array, noise: Any, t: Array, hypers: Hypers
+        params: Params, normalizer: Normalizer, observation: Array, noise: PyTree[Array], t: Array, hypers: Hypers
     ) -> tuple[Array, Array | None]:
         normalised = normalization.observation(normalizer, observation)
         now = jax.tree.map(lambda x: jax.lax.dynamic_index_in_dim(x, t, keepdims=False), noise)

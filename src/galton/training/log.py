@@ -12,24 +12,24 @@ from galton.algorithms import Scalars
 
 
 class Finished(NamedTuple):
-    """The episodes that ended in a rollout."""
+    """After each step of a rollout: which episodes ended with it, and what they are up to there."""
 
     done: Bool[Array, "T N"]
     undiscounted_return: Float[Array, "T N"]
-    """Of the episode so far; whole where done."""
+    """Reward collected in the episode so far, which is all of it where done."""
     length: Int[Array, "T N"]
-    """Steps of the episode so far; whole where done."""
+    """Steps of the episode so far, which is all of it where done."""
 
 
 class Tally(NamedTuple):
-    """Sums since the last log point."""
+    """Sums over the updates and episodes since the last log point."""
 
     n_updates: Float[Array, ""]
     n_episodes: Float[Array, ""]
     undiscounted_return: Float[Array, ""]
     length: Float[Array, ""]
     diagnostics: Scalars
-    """What the updates told of themselves, by name."""
+    """What the updates told of themselves, summed over them, by name."""
 
 
 class Log(NamedTuple):
@@ -38,9 +38,9 @@ class Log(NamedTuple):
     training_return: Float[Array, "*batch"]
     """Mean undiscounted return of the episodes that ended since the last log point; NaN where none did."""
     episode_length: Float[Array, "*batch"]
-    """Their mean length."""
+    """Mean length, in steps, of the episodes that ended since the last log point."""
     n_episodes: Float[Array, "*batch"]
-    """How many those were."""
+    """How many episodes ended since the last log point."""
     evaluation_return: Float[Array, "*batch"]
     """Mean undiscounted return of the deterministic policy; NaN where evaluation is off."""
     scalars: Mapping[str, Float[Array, "*batch"]]
@@ -48,7 +48,7 @@ class Log(NamedTuple):
     rollout."""
 
     def columns(self) -> dict[str, Float[Array | np.ndarray, "*batch"]]:
-        """Everything by name: the four numbers above and the scalars."""
+        """All that is recorded, by name: the four numbers of every log, then the algorithm's scalars."""
         return {name: getattr(self, name) for name in self._fields if name != "scalars"} | dict(self.scalars)
 
 
@@ -59,7 +59,7 @@ def nothing(names: tuple[str, ...]) -> Tally:
 
 
 def tally(finished: Finished, told: Scalars) -> Tally:
-    """Of one update."""
+    """The tally of one update, from the episodes of its rollout and the scalars it told."""
     return Tally(
         jnp.float32(1),
         finished.done.sum(dtype=jnp.float32),

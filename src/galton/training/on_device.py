@@ -4,13 +4,13 @@ import functools
 import math
 import time
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
-from jaxtyping import Array, Float, Int, PyTree, UInt
+from jaxtyping import Array, Float, Int, UInt
 
 from galton import normalization
 from galton.algorithms import Agent
@@ -23,7 +23,7 @@ from galton.types import Hypers, Learner, Transition
 
 
 class DeviceState(NamedTuple):
-    """One run and its environments."""
+    """One run and its environments; with a leading axis R in every leaf, R of them."""
 
     run: RunState
     episodes: EpisodeState
@@ -32,7 +32,7 @@ class DeviceState(NamedTuple):
 def iteration(
     env: Environment, agent: Agent, state: DeviceState, noise: Noise, hypers: Hypers
 ) -> tuple[DeviceState, Transition]:
-    """The training loop's body: act for n_steps steps, then learn from them. Also the rollout."""
+    """One round of the training loop: act for n_steps steps, then learn from them. The rollout is returned too."""
     episodes, learner, batch, finished = rollout(env, agent, state.run.learner, state.episodes, noise, hypers)
     run = learn(agent, state.run._replace(learner=learner), batch, finished, hypers)
     return DeviceState(run, episodes), batch
@@ -41,7 +41,7 @@ def iteration(
 def iterate(
     env: Environment, agent: Agent, state: DeviceState, hypers: Hypers, n_updates: Int[Array, ""]
 ) -> tuple[DeviceState, Transition]:
-    """The training loop of one run; also its last rollout, which the log looks at.
+    """Train one run for n_updates; its last rollout, which the log looks at, is returned too.
 
     Noise is drawn for a block of rollouts at once, since a call of the generator costs as much for several short ones
     as for one. Each rollout has its own key, so nothing depends on the blocks.
@@ -73,7 +73,7 @@ _STEPS_DRAWN = 2048
 
 
 def begin_on_device(env: Environment, agent: Agent, seed: UInt[Array, ""], hypers: Hypers) -> DeviceState:
-    """A new run at the start of its first episodes."""
+    """A new run at the start of its first episodes; the statistics have counted their observations."""
     run, episodes_key = begin(agent, len(env.observation_low), seed, hypers)
     episodes = start_episodes(episodes_key, env, agent.config.n_envs)
     first = jax.vmap(env.observe)(episodes.env)
@@ -109,7 +109,7 @@ class DevicePopulation:
 
     @property
     def step(self) -> int:
-        """Environment steps of each run so far."""
+        """How many environment steps each run has taken."""
         return int(self._state.run.step[0])
 
     @property
@@ -123,15 +123,15 @@ class DevicePopulation:
         return np.asarray(self._fetch(self._state.run.diverged_at))
 
     def set_hypers(self, hypers: Hypers) -> None:
-        """Go on with other numbers."""
+        """Go on with these numbers in the place of those so far, each `[R]`."""
         self._hypers = self._place(jax.tree.map(lambda h: np.asarray(h, np.float32)[self._padded], hypers))
 
     def advance(self, n_updates: int) -> None:
-        """Train all runs."""
+        """Train all runs for so many updates each."""
         self._state, self._batch = self._programs.advance(self._state, self._hypers, np.int32(n_updates))
 
     def log(self) -> Log:
-        """Of the updates since the last log; without evaluation."""
+        """What is recorded of the updates since the last log, each number `[R]`, without evaluation."""
         run, log = self._programs.log(self._state.run, self._batch, self._hypers)
         self._state = self._state._replace(run=run)
         return self._fetch(log)
@@ -144,7 +144,7 @@ class DevicePopulation:
         return np.asarray(self._fetch(program(run.evaluation_key, run.step, run.learner, self._hypers)))
 
     def snapshot(self) -> Snapshot:
-        """Everything that goes on."""
+        """Runs and environments, from which `restore` goes on exactly."""
         run, episodes = self._fetch(self._state._replace(run=without_keys(self._state.run)))
         return {"run": run, "environments": episodes}
 
@@ -155,7 +155,7 @@ class DevicePopulation:
         self._state = self._place(padded._replace(run=with_keys(padded.run)))
 
     def close(self) -> None:
-        """Nothing to let go of."""
+        """Do nothing, since environments in JAX hold nothing open."""
 
     def _place(self, tree: Tree) -> Tree:
         placed: Tree = jax.device_put(tree, self._on_runs)
@@ -197,7 +197,7 @@ def _compile(env: Environment, agent: Agent, n_runs: int, on_runs: NamedSharding
 def _compile_evaluation(
     env: Environment, agent: Agent, n_episodes: int, n_runs: int, on_runs: NamedSharding
 ) -> tuple[Callable[..., Array], Callable[[], float]]:
-    """The program, and the seconds that compiling it took, told once."""
+    """The compiled evaluation, and a function that tells the seconds it took to compile at its first call only."""
     start = time.perf_counter()
 
     def program(key: Array, step: Array, learner: Learner, hypers: Hypers) -> Array:
@@ -215,24 +215,28 @@ def _compile_evaluation(
     return compiled, lambda: seconds.pop() if seconds else 0.0
 
 
-def _begin_shapes(n_runs: int) -> tuple[Any, Any]:
-    """Of the seeds and numbers of so many runs."""
+def _begin_shapes(n_runs: int) -> tuple[jax.ShapeDtypeStruct, Hypers]:
+    """The shapes of the seeds and the hyperparameters of so many runs."""
     numbers = jax.tree.map(lambda _: jax.ShapeDtypeStruct((n_runs,), jnp.float32), Hypers())
     return jax.ShapeDtypeStruct((n_runs,), jnp.uint32), numbers
 
 
 def _one_after_the_other(f: Callable[[Array, Hypers], Tree]) -> Callable[[Array, Hypers], Tree]:
-    """Over runs, without a batch axis (see `init_mlp`)."""
+    """Map over runs one after the other, without a batch axis (see `init_mlp`)."""
     return lambda seeds, hypers: jax.lax.map(lambda run: f(*run), (seeds, hypers))
 
 
-def _on_all_devices(f: Callable[..., Any], on_runs: NamedSharding, in_axes: tuple[int | None, ...]) -> Any:
-    """Over runs: side by side on a device, and split over devices. An argument without an axis is shared."""
+def _on_all_devices(
+    f: Callable[..., Tree], on_runs: NamedSharding, in_axes: tuple[int | None, ...]
+) -> Callable[..., Tree]:
+    """Map over runs, side by side on a device and split over devices. An argument without an axis is shared."""
     specs = tuple(PartitionSpec() if axis is None else on_runs.spec for axis in in_axes)
     return jax.shard_map(
         jax.vmap(f, in_axes), mesh=on_runs.mesh, in_specs=specs, out_specs=on_runs.spec, check_vma=False
     )
 
 
-def _placed(tree: PyTree[Any], on_runs: NamedSharding) -> Any:
-    return jax.tree.map(lambda x: jax.ShapeDtypeStruct(x.shape, x.dtype, sharding=on_runs), tree)
+def _placed(shapes: Tree, on_runs: NamedSharding) -> Tree:
+    """The same shapes, each split over devices along its first axis."""
+    placed: Tree = jax.tree.map(lambda x: jax.ShapeDtypeStruct(x.shape, x.dtype, sharding=on_runs), shapes)
+    return placed

@@ -24,7 +24,7 @@ Answer = TypeVar("Answer")
 
 
 class HostPopulation:
-    """R runs with N copies of a HostTask each.
+    """R runs with N copies of a HostTask each, dealt to groups that train without waiting for each other.
 
     Args:
         task: what to train on.
@@ -60,7 +60,7 @@ class HostPopulation:
 
     @property
     def step(self) -> int:
-        """Environment steps of each run so far."""
+        """How many environment steps each run has taken."""
         return int(self._groups[0].runs.step[0])
 
     @property
@@ -74,26 +74,26 @@ class HostPopulation:
         return np.concatenate([np.asarray(group.runs.diverged_at) for group in self._groups])
 
     def set_hypers(self, hypers: Hypers) -> None:
-        """Go on with other numbers."""
+        """Go on with these numbers in the place of those so far, each `[R]`."""
         for group, part in zip(self._groups, self._slices, strict=True):
             group.set_hypers(jax.tree.map(lambda h, part=part: np.asarray(h, np.float32)[part], hypers))
 
     def advance(self, n_updates: int) -> None:
-        """Train all runs."""
+        """Train all runs for so many updates each, every group in its thread."""
         self._each(Group.advance, n_updates)
 
     def log(self) -> Log:
-        """Of the updates since the last log; without evaluation."""
+        """What is recorded of the updates since the last log, each number `[R]`, without evaluation."""
         return self._join(self._each(Group.log))
 
     def evaluate(self, n_episodes: int) -> Float[np.ndarray, "R n_episodes"]:
-        """Undiscounted returns of whole episodes without exploration, on copies of their own."""
+        """Undiscounted returns of whole episodes without exploration, on copies made for evaluation."""
         for group in self._groups:
             group.make_evaluator(n_episodes)
         return np.concatenate(self._each(Group.evaluate, n_episodes))
 
     def snapshot(self) -> Snapshot:
-        """Everything that goes on."""
+        """Runs and, where they can tell their states, environments, from which `restore` goes on."""
         parts = [group.snapshot() for group in self._groups]
         if any(part["environments"] is None for part in parts):
             for part in parts:

@@ -1,7 +1,7 @@
 """R runs that are trained side by side, wherever their environments live."""
 
 from collections.abc import Sequence
-from typing import Any, Protocol, runtime_checkable
+from typing import Protocol, runtime_checkable
 
 import jax
 import numpy as np
@@ -27,28 +27,28 @@ class Population(Protocol):
 
     @property
     def step(self) -> int:
-        """Environment steps of each run so far."""
+        """How many environment steps each run has taken."""
 
     @property
     def learner(self) -> Learner:
-        """What the runs have learnt."""
+        """What the runs have learnt, each leaf `[R, ...]`."""
 
     @property
     def diverged_at(self) -> Int[np.ndarray, " R"]:
         """The step where a run's gradient was not finite, −1 while there is none."""
 
     def set_hypers(self, hypers: Hypers) -> None:
-        """Go on with other numbers."""
+        """Go on with these numbers in the place of those so far, each `[R]`."""
 
     def advance(self, n_updates: int) -> None:
-        """Train all runs. The results do not depend on how training is cut into calls.
+        """Train all runs for so many updates each. The results do not depend on how training is cut into calls.
 
         Raises:
-            BrokenEnvironmentError: by its name; the learner stays what the last update made it.
+            BrokenEnvironmentError: an environment broke; the learner stays what the last update made it.
         """
 
     def log(self) -> Log:
-        """Of the updates since the last log; without evaluation."""
+        """What is recorded of the updates since the last log, each number `[R]`, without evaluation."""
 
     def evaluate(self, n_episodes: int) -> Float[np.ndarray, "R n_episodes"]:
         """Undiscounted returns of whole episodes without exploration; training is not touched by it."""
@@ -68,7 +68,7 @@ class Population(Protocol):
 
 
 def populate(
-    env: Any, config: Config, hypers: Hypers, seeds: Sequence[int], devices: Sequence[jax.Device] | None = None
+    env: object, config: Config, hypers: Hypers, seeds: Sequence[int], devices: Sequence[jax.Device] | None = None
 ) -> Population:
     """R new runs, one per seed, with hypers `[R]` each.
 
@@ -91,7 +91,7 @@ def populate(
 
 
 def action_box(env: Environment | HostTask) -> tuple[Float[np.ndarray, " d"], Float[np.ndarray, " d"]]:
-    """The bounds of its actions; UsageError if they are not finite."""
+    """The lower and upper bounds of an environment's actions; UsageError if they are not finite."""
     if isinstance(env, Environment):
         return env.action_low, env.action_high
     box = ActionBox(env.name, env.action_space)

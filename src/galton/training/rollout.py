@@ -19,9 +19,9 @@ class EpisodeState(NamedTuple):
     env: PyTree[Array]
     """The environments' own states, each leaf `[N, ...]`."""
     length: Int[Array, " N"]
-    """Steps taken in this episode."""
+    """Steps taken so far in this episode."""
     undiscounted_return: Float[Array, " N"]
-    """Reward collected in this episode."""
+    """Reward collected so far in this episode."""
 
 
 def start_episodes(key: Key[Array, ""], env: Environment, n_envs: int) -> EpisodeState:
@@ -42,7 +42,7 @@ class Noise(NamedTuple):
 
 
 def draw_noise(key: Key[Array, ""], env: Environment, agent: Agent) -> Noise:
-    """For one rollout of T = n_steps steps of N = n_envs environments."""
+    """Draw the noise of one rollout: T = n_steps steps of N = n_envs environments."""
     batch = (agent.config.n_steps, agent.config.n_envs)
     action_key, step_key, reset_key = jax.random.split(key, 3)
     return Noise(

@@ -26,15 +26,15 @@ Snapshot = dict[str, Any]
 
 
 class RunState(NamedTuple):
-    """One run."""
+    """One run between two updates: what it has learnt, where it is, and what it has to log."""
 
     learner: Learner
     key: Key[Array, ""]
-    """Of everything random in training; the step, folded in, gives each rollout its own."""
+    """The key of everything random in training; with the step folded in, each rollout has its own."""
     evaluation_key: Key[Array, ""]
-    """Of the evaluations, so that they never touch training."""
+    """The key of the evaluations, which are drawn apart so that they never touch training."""
     step: Int[Array, ""]
-    """Environment steps so far."""
+    """How many environment steps the run has taken."""
     diverged_at: Int[Array, ""]
     """The step of the first update whose gradient was not finite, −1 while there is none. From there on nothing
     is learnt: the parameters stay what they were before it."""
@@ -50,12 +50,12 @@ def begin(agent: Agent, observation_size: int, seed: UInt[Array, ""], hypers: Hy
 
 
 def rollout_key(run: RunState, ahead: Int[Array, ""] | int = 0) -> Key[Array, ""]:
-    """Of the rollout that begins `ahead` steps from here: the same however training is cut into calls."""
+    """The key of the rollout that begins `ahead` steps from here: the same however training is cut into calls."""
     return jax.random.fold_in(run.key, run.step + ahead)
 
 
 def learn(agent: Agent, run: RunState, batch: Transition, finished: Finished, hypers: Hypers) -> RunState:
-    """One update on a rollout `[T, N]`, and the books."""
+    """The run after one update on a rollout `[T, N]`, with its step, its tally and a first divergence noted."""
     frozen = run.diverged_at >= 0
     step = run.step + agent.config.n_steps * agent.config.n_envs
     rate = hypers.learning_rate * remaining(step, hypers)
@@ -88,11 +88,11 @@ def read_log(agent: Agent, run: RunState, batch: Transition, hypers: Hypers) -> 
 
 
 def without_keys(run: RunState) -> RunState:
-    """Keys as plain numbers, which a file can hold."""
+    """The run with its keys as plain numbers, which a file can hold."""
     return run._replace(key=jax.random.key_data(run.key), evaluation_key=jax.random.key_data(run.evaluation_key))
 
 
 def with_keys(run: RunState) -> RunState:
-    """Plain numbers as keys again."""
+    """The run with its keys made of plain numbers again."""
     key, evaluation_key = (jax.random.wrap_key_data(jnp.asarray(k)) for k in (run.key, run.evaluation_key))
     return run._replace(key=key, evaluation_key=evaluation_key)

@@ -18,20 +18,20 @@ from galton.types import Config, Hypers, Learner, check_hypers
 
 @dataclasses.dataclass(frozen=True)
 class Result:
-    """R trained runs, L log points each."""
+    """What `train` returns: R trained runs with L log points each."""
 
     config: Config
     hypers: Hypers
-    """Each field `[R]`."""
+    """The numbers of every run, each field `[R]`."""
     seeds: Int[np.ndarray, " R"]
     steps: Int[np.ndarray, " L"]
     """Environment steps taken at each log point."""
     log: Log
-    """numpy arrays `[R, L]`."""
+    """What was recorded at each log point, numpy arrays `[R, L]`."""
     diverged_at: Int[np.ndarray, " R"]
-    """−1 for a run that did not."""
+    """The step at which a run diverged, −1 for a run that did not."""
     learner: Learner
-    """Each leaf numpy, `[R, ...]`."""
+    """What each run has learnt, each leaf a numpy array `[R, ...]`."""
     compile_seconds: float
     train_seconds: float
 
@@ -52,7 +52,7 @@ class Result:
 def final(
     curves: Float[np.ndarray, "R L"], diverged_at: Int[np.ndarray, " R"], fraction: float = 0.05
 ) -> Float[np.ndarray, " R"]:
-    """What `Result.final` says, of curves."""
+    """The mean of each curve over its last part, as `Result.final` describes it."""
     last = curves[:, -max(1, round(fraction * curves.shape[1])) :]
     known = ~np.isnan(last)
     mean = np.where(known, last, 0).sum(1) / np.maximum(known.sum(1), 1)
@@ -62,7 +62,7 @@ def final(
 
 
 def train(
-    env: Any,
+    env: object,
     config: Config,
     hypers: Hypers,
     seeds: Sequence[int],
@@ -110,7 +110,7 @@ def _train(
     n_eval_episodes: int,
     on_log: Callable[[int, Log], None] | None,
 ) -> tuple[Log, Int[np.ndarray, " R"], Learner, float, float]:
-    """From log point to log point: what a Result has of it, from the log to the seconds of compiling and training."""
+    """Train from log point to log point: log, divergences, learner, and the seconds of compiling and of training."""
     compiled, start, logs = population.compile_seconds, time.perf_counter(), []
     for step in steps:
         population.advance(updates_per_log)

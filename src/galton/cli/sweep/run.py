@@ -56,17 +56,17 @@ class Options:
 
     @property
     def base(self) -> Setting:
-        """What the grid varies."""
+        """The setting that the grid varies."""
         return Setting(self.training.config, self.training.hypers)
 
     @property
     def folder(self) -> str:
-        """Where plan and results are."""
+        """The folder or address of plan and results, by default one named after the sweep."""
         name = f"sweep-{folder_name(self.env, self.algorithm)}" + ("-optuna" if self.grid == "optuna" else "")
         return self.out or str(Path("runs", name))
 
     def study(self, settings: tuple[Setting, ...]) -> Study:
-        """What is trained, of these settings."""
+        """The study that trains these settings as the options say."""
         training = self.training
         return Study(
             self.env,
@@ -82,7 +82,7 @@ class Options:
 
 
 def main(arguments: Sequence[str]) -> None:
-    """Plan, train, and keep the results."""
+    """Plan the sweep, train what is not done yet, and write and show the results."""
     options = parse(Options, "sweep", arguments, lambda options: import_all(options.imports))
     options.training.find(options.env)
     store = Store(options.folder)

@@ -8,7 +8,7 @@ from gymnasium.spaces import Box
 from jaxtyping import Bool, Float, Integer
 
 Space = gymnasium.Space[Any]
-"""Any Gymnasium space."""
+"""A Gymnasium space, whatever is in it."""
 
 
 class Steps(NamedTuple):

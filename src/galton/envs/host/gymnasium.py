@@ -1,4 +1,4 @@
-"""Any Gymnasium environment: copies of it, stepped one after the other, every answer checked."""
+"""A Gymnasium environment: copies of it, stepped one after the other, every answer checked."""
 
 import contextlib
 import functools
@@ -142,7 +142,7 @@ class GymnasiumEnvs:
         return {key: np.stack([state[key] for state in states]) for key in states[0]}
 
     def set_state(self, state: dict[str, np.ndarray]) -> None:
-        """Go on from what `get_state` told."""
+        """Put every copy into the state that `get_state` told of it."""
         for i, env in enumerate(self._envs):
             self._reset(i, None)  # wrappers want one before the first step
             set_state(env, {key: rows[i] for key, rows in state.items()}, self._where(i))
@@ -154,7 +154,7 @@ class GymnasiumEnvs:
                 with contextlib.suppress(Exception):  # nothing is wanted of it any more
                     env.close()
 
-    def _step(self, i: int, action: np.ndarray, where: str) -> tuple[Any, ...]:
+    def _step(self, i: int, action: np.ndarray, where: str) -> tuple[object, ...]:
         try:  # `blame` does the same, more slowly
             answer = self._envs[i].step(action)
         except Exception as error:

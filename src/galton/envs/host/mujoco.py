@@ -108,7 +108,7 @@ class MujocoEnvs:
         }
 
     def set_state(self, state: dict[str, np.ndarray]) -> None:
-        """Go on from what `get_state` told."""
+        """Put simulations, clocks and generators into what `get_state` told."""
         fields = {name.removeprefix("field/"): value for name, value in state.items() if name.startswith("field/")}
         self._simulations.set_state(state["physics"], fields)
         self._elapsed = np.array(state["elapsed_steps"])

@@ -30,10 +30,10 @@ class Simulations(Protocol):
         """Take that many substeps under constant controls."""
 
     def reset(self, ids: Int[np.ndarray, " n"], qpos: Float[np.ndarray, "n q"], qvel: Float[np.ndarray, "n v"]) -> None:
-        """Start these simulations again, from there."""
+        """Start these simulations again from the given positions and velocities."""
 
     def get_state(self) -> Float[np.ndarray, "N state"]:
-        """What integration goes on from."""
+        """The state of each simulation that integration goes on from."""
 
     def set_state(self, physics: Float[np.ndarray, "N state"], fields: dict[str, np.ndarray]) -> None:
         """Go on from a state, with the fields that were computed on the way to it."""
@@ -62,14 +62,14 @@ class Batched:
         self.was_reset = self._batch.warning[:, UNSTABLE, 1].any(1)
 
     def reset(self, ids: Int[np.ndarray, " n"], qpos: Float[np.ndarray, "n q"], qvel: Float[np.ndarray, "n v"]) -> None:
-        """Start these simulations again, from there."""
+        """Start these simulations again from the given positions and velocities."""
         self._batch.reset(ids, stage=mujoco.mjtStage.mjSTAGE_NONE.value)
         self._batch.bind("qpos")[ids], self._batch.bind("qvel")[ids] = qpos, qvel
         self._batch.forward(ids)
         self._refresh()
 
     def get_state(self) -> Float[np.ndarray, "N state"]:
-        """What integration goes on from."""
+        """The state of each simulation that integration goes on from."""
         return np.array(self._batch.state)
 
     def set_state(self, physics: Float[np.ndarray, "N state"], fields: dict[str, np.ndarray]) -> None:
@@ -79,7 +79,7 @@ class Batched:
             self.fields[name][:] = fields[name]
 
     def close(self) -> None:
-        """Nothing that outlives the batch."""
+        """Do nothing: no thread outlives the batch."""
 
     def _refresh(self) -> None:
         for name in self._derived:
@@ -112,7 +112,7 @@ class Looped:
         list(self._pool.map(work, self._parts)) if self._pool else work(self._parts[0])
 
     def reset(self, ids: Int[np.ndarray, " n"], qpos: Float[np.ndarray, "n q"], qvel: Float[np.ndarray, "n v"]) -> None:
-        """Start these simulations again, from there."""
+        """Start these simulations again from the given positions and velocities."""
         for i, q, v in zip(ids.tolist(), qpos, qvel, strict=True):
             data = self._data[i]
             mujoco.mj_resetData(self._model, data)
@@ -121,7 +121,7 @@ class Looped:
             self._read(i)
 
     def get_state(self) -> Float[np.ndarray, "N state"]:
-        """What integration goes on from."""
+        """The state of each simulation that integration goes on from."""
         rows = np.empty((len(self._data), mujoco.mj_stateSize(self._model, STATE)))
         for row, data in zip(rows, self._data, strict=True):
             mujoco.mj_getState(self._model, data, row, STATE)

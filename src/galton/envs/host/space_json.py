@@ -9,7 +9,7 @@ from galton.envs.host.base import Space
 from galton.errors import UsageError
 
 
-def to_json(space: Space) -> dict[str, Any]:
+def to_json(space: Space) -> dict[str, object]:
     """A space in plain words, for a checkpoint."""
     if isinstance(space, Dict):
         return {"Dict": [[key, to_json(part)] for key, part in space.spaces.items()]}

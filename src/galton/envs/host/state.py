@@ -12,7 +12,7 @@ from galton.envs.host.answers import as_numbers, blame, shown
 from galton.errors import BrokenEnvironmentError
 
 Env = gymnasium.Env[Any, Any]
-"""Any Gymnasium environment."""
+"""A Gymnasium environment, whatever it observes and takes."""
 
 
 @runtime_checkable

@@ -55,12 +55,12 @@ class VectorEnvs:
     def close(self) -> None:
         """Nothing: the user made the environment and closes it."""
 
-    def call(self, method: str, *arguments: Any, **keywords: Any) -> Any:
+    def call(self, method: str, *arguments: object, **keywords: object) -> Any:
         """What a method of the vector environment returns."""
         with blame(f"{self._where()}: {method}"):
             return getattr(self._envs, method)(*arguments, **keywords)
 
-    def call_for(self, names: str, method: str, *arguments: Any, **keywords: Any) -> tuple[Any, ...]:
+    def call_for(self, names: str, method: str, *arguments: object, **keywords: object) -> tuple[Any, ...]:
         """The parts of the tuple that a method must return."""
         return parts(self.call(method, *arguments, **keywords), names, method, self._where())
 
