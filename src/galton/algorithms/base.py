@@ -36,6 +36,9 @@ class Algorithm:
     """Fields of Config and Hypers whose usual value is not that of the records."""
     log_interval: int = 100
     """Updates between two log points of `learn`, unless the caller says otherwise."""
+    side_by_side: bool = True
+    """Whether a processor core updates many runs at once. Where a single update has large matrix products of its own,
+    one run after the other is faster. Other devices always take all at once."""
     check: Callable[[Config], None] = lambda _: None
     """Raise UsageError for a configuration that it can't run."""
 

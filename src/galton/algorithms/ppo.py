@@ -173,5 +173,6 @@ ALGORITHM = Algorithm(
     own=("n_epochs", "batch_size", "ratio", "clip_range", "target_kl"),
     defaults={"learning_rate": 3e-4, "n_steps": 2048, "gae_lambda": 0.95, "normalize_advantage": True},
     log_interval=1,
+    side_by_side=False,
     check=check,
 )

@@ -12,7 +12,7 @@ from galton.algorithms import Agent, actor_critic
 from galton.normalization import Normalizer
 from galton.training.evaluate import deterministic_action
 from galton.training.log import Log
-from galton.training.run import RunState, begin, learn, read_log, rollout_key
+from galton.training.run import RunState, begin, learn, over_runs, read_log, rollout_key
 from galton.types import Hypers, Params
 
 
@@ -67,7 +67,7 @@ def host_programs(agent: Agent) -> HostPrograms:
         jax.jit(jax.vmap(prepare)),
         jax.jit(jax.vmap(act, (0, 0, 0, 0, None, 0))),
         jax.jit(jax.vmap(normalization.receive)),
-        jax.jit(jax.vmap(functools.partial(learn, agent)), donate_argnums=0),
+        jax.jit(over_runs(agent, functools.partial(learn, agent), (0, 0, 0, 0)), donate_argnums=0),
         jax.jit(jax.vmap(functools.partial(read_log, agent)), donate_argnums=0),
         jax.jit(jax.vmap(functools.partial(deterministic_action, agent))),
     )

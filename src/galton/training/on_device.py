@@ -18,7 +18,18 @@ from galton.envs.base import Environment
 from galton.training.evaluate import evaluate
 from galton.training.log import Log
 from galton.training.rollout import EpisodeState, Noise, draw_noise, rollout, start_episodes
-from galton.training.run import RunState, Snapshot, Tree, begin, learn, read_log, rollout_key, with_keys, without_keys
+from galton.training.run import (
+    RunState,
+    Snapshot,
+    Tree,
+    begin,
+    learn,
+    over_runs,
+    read_log,
+    rollout_key,
+    with_keys,
+    without_keys,
+)
 from galton.types import Hypers, Learner, Transition
 
 
@@ -178,8 +189,9 @@ class _Programs(NamedTuple):
 @functools.lru_cache(maxsize=64)
 def _compile(env: Environment, agent: Agent, n_runs: int, on_runs: NamedSharding) -> _Programs:
     begin_all = jax.jit(_one_after_the_other(functools.partial(begin_on_device, env, agent)))
-    advance = _on_all_devices(functools.partial(iterate, env, agent), on_runs, (0, 0, None))
-    log = _on_all_devices(functools.partial(read_log, agent), on_runs, (0, 0, 0))
+    axes = (0, 0, None)
+    advance = _on_all_devices(over_runs(agent, functools.partial(iterate, env, agent), axes), on_runs, axes)
+    log = _on_all_devices(jax.vmap(functools.partial(read_log, agent)), on_runs, (0, 0, 0))
 
     seeds, numbers = _begin_shapes(n_runs)
     state = _placed(jax.eval_shape(begin_all, seeds, numbers), on_runs)
@@ -207,7 +219,7 @@ def _compile_evaluation(
     run = _placed(jax.eval_shape(begin_all, *_begin_shapes(n_runs)).run, on_runs)
     hypers = _placed(_begin_shapes(n_runs)[1], on_runs)
     compiled = (
-        jax.jit(_on_all_devices(program, on_runs, (0, 0, 0, 0)))
+        jax.jit(_on_all_devices(jax.vmap(program), on_runs, (0, 0, 0, 0)))
         .lower(run.evaluation_key, run.step, run.learner, hypers)
         .compile()
     )
@@ -229,11 +241,9 @@ def _one_after_the_other(f: Callable[[Array, Hypers], Tree]) -> Callable[[Array,
 def _on_all_devices(
     f: Callable[..., Tree], on_runs: NamedSharding, in_axes: tuple[int | None, ...]
 ) -> Callable[..., Tree]:
-    """Map over runs, side by side on a device and split over devices. An argument without an axis is shared."""
+    """A function of the runs of a device, for those of all devices. An argument without an axis is shared."""
     specs = tuple(PartitionSpec() if axis is None else on_runs.spec for axis in in_axes)
-    return jax.shard_map(
-        jax.vmap(f, in_axes), mesh=on_runs.mesh, in_specs=specs, out_specs=on_runs.spec, check_vma=False
-    )
+    return jax.shard_map(f, mesh=on_runs.mesh, in_specs=specs, out_specs=on_runs.spec, check_vma=False)
 
 
 def _placed(shapes: Tree, on_runs: NamedSharding) -> Tree:

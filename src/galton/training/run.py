@@ -4,11 +4,12 @@ Unbatched: the populations, on the device and on the host, map these functions o
 too, and it is: act for n_steps steps (a rollout), then `learn` from them, again and again.
 """
 
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int, Key, UInt
+from jaxtyping import Array, Float, Int, Key, PyTree, UInt
 
 from galton.algorithms import Agent, actor_critic
 from galton.training.diagnosis import diagnose
@@ -85,6 +86,29 @@ def read_log(agent: Agent, run: RunState, batch: Transition, hypers: Hypers) -> 
     log = summarise(run.tally, names, diagnose(agent, run.learner, batch, hypers))
     log = jax.tree.map(lambda x: jnp.where(run.diverged_at < 0, x, jnp.nan), log)
     return run._replace(tally=nothing(names)), log
+
+
+def over_runs(agent: Agent, f: Callable[..., Tree], in_axes: Sequence[int | None]) -> Callable[..., Tree]:
+    """A function of one run as one of many on a device: side by side, or one after the other where that is faster.
+
+    Args:
+        agent: whose algorithm says which.
+        f: of one run.
+        in_axes: 0 for an argument that has the axis of runs, None for one that they share.
+    """
+    if agent.algorithm.side_by_side or jax.default_backend() != "cpu":
+        return jax.vmap(f, tuple(in_axes))
+
+    def one_after_the_other(*arguments: PyTree[Array]) -> Tree:
+        given = list(zip(arguments, in_axes, strict=True))
+
+        def one(own: list[PyTree[Array]]) -> Tree:
+            rest = iter(own)
+            return f(*(argument if axis is None else next(rest) for argument, axis in given))
+
+        return jax.lax.map(one, [argument for argument, axis in given if axis == 0])
+
+    return one_after_the_other
 
 
 def without_keys(run: RunState) -> RunState:
