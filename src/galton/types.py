@@ -121,6 +121,15 @@ class Hypers(NamedTuple):
     """PPO leaves off a rollout once its approximate KL divergence from the sampling policy exceeds 1.5 of this."""
 
 
+def without_units(hypers: Hypers) -> Hypers:
+    """Hypers `[R]` with None for box_units where no run uses them.
+
+    Their program then has no trace of them, and rounds as that of 0.1.0, which had no such units.
+    """
+    nothing: Any = None
+    return hypers if np.any(hypers.box_units) else hypers._replace(box_units=nothing)
+
+
 def check_hypers(hypers: Hypers) -> None:
     """Raise UsageError where a number is outside the range that means something."""
     for name, value in hypers._asdict().items():

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Key
 
 from galton.policies.base import Family
-from galton.types import Config, Hypers, Params
+from galton.types import Config, Hypers, Number, Params
 
 
 @dataclasses.dataclass(frozen=True)
@@ -88,8 +88,11 @@ class GaussianPolicy:
 
         c and h are 0 and 1 in the environment's units, the box's center and half-width in the box's.
         """
-        in_box = jnp.asarray(hypers.box_units) > 0
+        log_std = jnp.maximum(params["log_std"], hypers.log_std_min)
+        units: Number | None = hypers.box_units
+        if units is None:  # no run of this program uses them (see `types.without_units`)
+            return Gaussian(outputs, log_std, self.low, self.high)
+        in_box = jnp.asarray(units) > 0
         shift = jnp.where(in_box, (self.high + self.low) / 2, 0.0)
         scale = jnp.where(in_box, (self.high - self.low) / 2, 1.0)
-        log_std = jnp.maximum(params["log_std"], hypers.log_std_min) + jnp.log(scale)
-        return Gaussian(shift + scale * outputs, log_std, self.low, self.high)
+        return Gaussian(shift + scale * outputs, log_std + jnp.log(scale), self.low, self.high)

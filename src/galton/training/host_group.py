@@ -47,13 +47,9 @@ class Group:
         self._interrupted = False
         """Whether an exception left the environments in the middle of a rollout."""
         self._observation = np.zeros((*self._shape, self._sizes[0]), np.float32)
-        self.set_hypers(hypers)
+        self._hypers = self._place(hypers)
         self._batch = self._empty_batch()
         self._envs = task.make(len(seeds) * agent.config.n_envs, n_threads)
-
-    def set_hypers(self, hypers: Hypers) -> None:
-        """Go on with these numbers in the place of those so far, each `[P]`."""
-        self._hypers = self._place(hypers)
 
     def begin(self) -> None:
         """Make the runs and compile all programs but those of evaluation."""

@@ -110,11 +110,12 @@ class DevicePopulation:
         n_devices = min(len(devices), self._n_runs)
         self._padded = np.minimum(np.arange(math.ceil(self._n_runs / n_devices) * n_devices), self._n_runs - 1)
         self._on_runs = NamedSharding(Mesh(devices[:n_devices], "runs"), PartitionSpec("runs"))
-        start = time.perf_counter()
-        self._programs = _compile(env, agent, len(self._padded), self._on_runs)
-        self.compile_seconds = time.perf_counter() - start
-        self.set_hypers(hypers)
         padded = jax.tree.map(lambda h: np.asarray(h, np.float32)[self._padded], hypers)
+        self._shapes = jax.tree.map(lambda h: jax.ShapeDtypeStruct(h.shape, h.dtype), padded)
+        start = time.perf_counter()
+        self._programs = _compile(env, agent, self._shapes, self._on_runs)
+        self.compile_seconds = time.perf_counter() - start
+        self._hypers = self._place(padded)
         self._state = self._place(self._programs.begin(np.asarray(seeds, np.uint32)[self._padded], padded))
         self._batch: Transition | None = None
 
@@ -133,10 +134,6 @@ class DevicePopulation:
         """The step where a run's gradient was not finite, −1 while there is none."""
         return np.asarray(self._fetch(self._state.run.diverged_at))
 
-    def set_hypers(self, hypers: Hypers) -> None:
-        """Go on with these numbers in the place of those so far, each `[R]`."""
-        self._hypers = self._place(jax.tree.map(lambda h: np.asarray(h, np.float32)[self._padded], hypers))
-
     def advance(self, n_updates: int) -> None:
         """Train all runs for so many updates each."""
         self._state, self._batch = self._programs.advance(self._state, self._hypers, np.int32(n_updates))
@@ -150,7 +147,7 @@ class DevicePopulation:
     def evaluate(self, n_episodes: int) -> Float[np.ndarray, "R n_episodes"]:
         """Undiscounted returns of whole episodes without exploration."""
         run = self._state.run
-        program, seconds = _compile_evaluation(self._env, self._agent, n_episodes, len(self._padded), self._on_runs)
+        program, seconds = _compile_evaluation(self._env, self._agent, n_episodes, self._shapes, self._on_runs)
         self.compile_seconds += seconds()
         return np.asarray(self._fetch(program(run.evaluation_key, run.step, run.learner, self._hypers)))
 
@@ -187,13 +184,14 @@ class _Programs(NamedTuple):
 
 
 @functools.lru_cache(maxsize=64)
-def _compile(env: Environment, agent: Agent, n_runs: int, on_runs: NamedSharding) -> _Programs:
+def _compile(env: Environment, agent: Agent, hypers: Hypers, on_runs: NamedSharding) -> _Programs:
+    """The programs for hypers of these shapes."""
     begin_all = jax.jit(_one_after_the_other(functools.partial(begin_on_device, env, agent)))
     axes = (0, 0, None)
     advance = _on_all_devices(over_runs(agent, functools.partial(iterate, env, agent), axes), on_runs, axes)
     log = _on_all_devices(jax.vmap(functools.partial(read_log, agent)), on_runs, (0, 0, 0))
 
-    seeds, numbers = _begin_shapes(n_runs)
+    seeds, numbers = _seeds(hypers), hypers
     state = _placed(jax.eval_shape(begin_all, seeds, numbers), on_runs)
     hypers = _placed(numbers, on_runs)
     n = jax.ShapeDtypeStruct((), jnp.int32)
@@ -207,7 +205,7 @@ def _compile(env: Environment, agent: Agent, n_runs: int, on_runs: NamedSharding
 
 @functools.lru_cache(maxsize=64)
 def _compile_evaluation(
-    env: Environment, agent: Agent, n_episodes: int, n_runs: int, on_runs: NamedSharding
+    env: Environment, agent: Agent, n_episodes: int, hypers: Hypers, on_runs: NamedSharding
 ) -> tuple[Callable[..., Array], Callable[[], float]]:
     """The compiled evaluation, and a function that tells the seconds it took to compile at its first call only."""
     start = time.perf_counter()
@@ -216,21 +214,19 @@ def _compile_evaluation(
         return evaluate(jax.random.fold_in(key, step), env, agent, learner, hypers, n_episodes)
 
     begin_all = _one_after_the_other(functools.partial(begin_on_device, env, agent))
-    run = _placed(jax.eval_shape(begin_all, *_begin_shapes(n_runs)).run, on_runs)
-    hypers = _placed(_begin_shapes(n_runs)[1], on_runs)
+    run = _placed(jax.eval_shape(begin_all, _seeds(hypers), hypers).run, on_runs)
     compiled = (
         jax.jit(_on_all_devices(jax.vmap(program), on_runs, (0, 0, 0, 0)))
-        .lower(run.evaluation_key, run.step, run.learner, hypers)
+        .lower(run.evaluation_key, run.step, run.learner, _placed(hypers, on_runs))
         .compile()
     )
     seconds = [time.perf_counter() - start]
     return compiled, lambda: seconds.pop() if seconds else 0.0
 
 
-def _begin_shapes(n_runs: int) -> tuple[jax.ShapeDtypeStruct, Hypers]:
-    """The shapes of the seeds and the hyperparameters of so many runs."""
-    numbers = jax.tree.map(lambda _: jax.ShapeDtypeStruct((n_runs,), jnp.float32), Hypers())
-    return jax.ShapeDtypeStruct((n_runs,), jnp.uint32), numbers
+def _seeds(hypers: Hypers) -> jax.ShapeDtypeStruct:
+    """The shape of the seeds of as many runs."""
+    return jax.ShapeDtypeStruct(jax.tree.leaves(hypers)[0].shape, jnp.uint32)
 
 
 def _one_after_the_other(f: Callable[[Array, Hypers], Tree]) -> Callable[[Array, Hypers], Tree]:

@@ -73,11 +73,6 @@ class HostPopulation:
         """The step where a run's gradient was not finite, −1 while there is none."""
         return np.concatenate([np.asarray(group.runs.diverged_at) for group in self._groups])
 
-    def set_hypers(self, hypers: Hypers) -> None:
-        """Go on with these numbers in the place of those so far, each `[R]`."""
-        for group, part in zip(self._groups, self._slices, strict=True):
-            group.set_hypers(jax.tree.map(lambda h, part=part: np.asarray(h, np.float32)[part], hypers))
-
     def advance(self, n_updates: int) -> None:
         """Train all runs for so many updates each, every group in its thread."""
         self._each(Group.advance, n_updates)

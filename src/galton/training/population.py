@@ -16,7 +16,7 @@ from galton.training.log import Log
 from galton.training.on_device import DevicePopulation
 from galton.training.on_host import HostPopulation
 from galton.training.run import Snapshot
-from galton.types import Config, Hypers, Learner
+from galton.types import Config, Hypers, Learner, without_units
 
 
 @runtime_checkable
@@ -36,9 +36,6 @@ class Population(Protocol):
     @property
     def diverged_at(self) -> Int[np.ndarray, " R"]:
         """The step where a run's gradient was not finite, −1 while there is none."""
-
-    def set_hypers(self, hypers: Hypers) -> None:
-        """Go on with these numbers in the place of those so far, each `[R]`."""
 
     def advance(self, n_updates: int) -> None:
         """Train all runs for so many updates each. The results do not depend on how training is cut into calls.
@@ -83,7 +80,7 @@ def populate(
         UsageError: an environment that can't be used, or settings that don't fit together.
     """
     found, devices = find(env), devices or jax.devices()
-    agent = resolve(config, *action_box(found))
+    agent, hypers = resolve(config, *action_box(found)), without_units(hypers)
     refuse_others(agent.algorithm, hypers)
     if isinstance(found, Environment):
         return DevicePopulation(found, agent, hypers, seeds, devices)
