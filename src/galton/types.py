@@ -50,8 +50,9 @@ class Config:
     """How often PPO goes through a rollout."""
     batch_size: int = 64
     """Steps in each of PPO's minibatches; it divides n_steps · n_envs."""
-    ratio: Literal["smoothed", "true"] = "smoothed"
-    """What PPO clips: the ratio of what the loss measures, or the actions' own likelihood ratio."""
+    ratio: Literal["auto", "smoothed", "true"] = "auto"
+    """What PPO clips: the ratio of what the loss measures, or the actions' own likelihood ratio; auto is smoothed for a
+    loss with a bias, plain HL-Gauss, and true for all others."""
 
     def __post_init__(self) -> None:
         for field in dataclasses.fields(self):
@@ -81,7 +82,7 @@ _CHOICES = {
     "exploration": ("softmax", "gaussian"),
     "bin_sample": ("center", "uniform"),
     "deterministic_action": ("mode", "mean", "median"),
-    "ratio": ("smoothed", "true"),
+    "ratio": ("auto", "smoothed", "true"),
 }
 
 

@@ -135,3 +135,22 @@ def test_a_saved_run_goes_on_exactly(env, loss, tmp_path):
     assert len(logs[0]) == 1
     with pytest.raises(UsageError, match=r"which holds a model of PPO; load it with galton.PPO.load"):
         A2C.load(path)
+
+
+@pytest.mark.parametrize(
+    ("loss", "usual"),
+    [("gaussian", "true"), ("hl-one-hot", "true"), ("hl-gauss", "smoothed"), ("hl-gauss-centred", "true")],
+)
+def test_the_usual_ratio_is_smoothed_for_a_loss_with_a_bias_alone(loss, usual):
+    def told(ratio):
+        agent = agent_of("auto", loss, ratio=ratio)
+        learner = moved(agent)
+        rows = ppo.prepare(agent, learner, rollout_of(agent, learner), HYPERS)
+        orders = jnp.stack([jax.random.permutation(jax.random.key(i), T * N) for i in range(3)])
+        return jax.jit(lambda learner: ppo.fit(agent, learner, rows, orders, HYPERS))(learner)[1]
+
+    found = {
+        ratio: {name: float(value) for name, value in told(ratio).items()} for ratio in ("auto", "smoothed", "true")
+    }
+    assert found["auto"] == found[usual]
+    assert (found["smoothed"] == pytest.approx(found["true"], rel=1e-3)) == (loss in ("gaussian", "hl-one-hot"))

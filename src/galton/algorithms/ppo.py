@@ -8,10 +8,10 @@ mean(stop_gradient(A · r · [not clipped]) · loss). For a negative log-likelih
 to the letter. For a histogram target there are two ratios, `Config.ratio`:
 
 - "smoothed": r = exp(loss_old − loss), the ratio of what the loss measures, with targets from the policy that sampled.
-  Clipping then holds what the loss moves, neighbouring bins included; it is the default, since plain HL-Gauss runs
-  away without it (docs/ppo.md).
+  Clipping then holds what the loss moves, neighbouring bins included. A loss with a bias, plain HL-Gauss, runs away
+  without it (docs/ppo.md), so "auto" takes it there.
 - "true": r = π(a) / π_old(a), with targets from the policy in training. A constant added to the advantages then does
-  not move centred HL-Gauss's mean gradient in any epoch, while nothing is clipped.
+  not move centred HL-Gauss's mean gradient in any epoch, while nothing is clipped. "auto" takes it for the others.
 """
 
 from typing import Any, NamedTuple
@@ -70,7 +70,8 @@ def prepare(agent: Agent, learner: Learner, batch: Transition, hypers: Hypers) -
 
 
 def _is_smoothed(agent: Agent) -> bool:
-    return agent.config.ratio == "smoothed"
+    usual = "smoothed" if agent.loss.bias else "true"
+    return (usual if agent.config.ratio == "auto" else agent.config.ratio) == "smoothed"
 
 
 def _loss(

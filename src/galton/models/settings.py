@@ -24,7 +24,7 @@ class Settings(TypedDict, total=False):
     n_steps: int
     batch_size: int
     n_epochs: int
-    ratio: Literal["smoothed", "true"]
+    ratio: Literal["auto", "smoothed", "true"]
     gamma: float
     gae_lambda: float
     clip_range: float
