@@ -7,7 +7,7 @@ import json
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any, NamedTuple
 
-from galton.algorithms import find_algorithm
+from galton.algorithms import find_algorithm, refuse_others
 from galton.errors import UsageError, require, require_integer
 from galton.losses import find_loss
 from galton.records import FIRST_FIELDS, Fields, defaults, filled, refuse_unknown, written
@@ -46,6 +46,8 @@ class Setting(NamedTuple):
             require(known_number, f"{name} is {value!r}; it must be a number")
         setting = cls(config, Hypers(**{name: float(value) for name, value in numbers.items()}))
         check_hypers(setting.hypers)
+        for part in setting:
+            refuse_others(find_algorithm(config.algorithm), part)
         return setting
 
     def brief(self) -> str:
