@@ -94,11 +94,11 @@ class Hypers(NamedTuple):
     """Numbers that one compiled program takes as data: scalars, or arrays `[R]` for R runs."""
 
     learning_rate: Number = 7e-4
-    """Adam's step size."""
+    """The step size of Adam, at the start of training."""
     eta: Number = 0.25
     """HL-Gauss's width η = σ / bin width (§4.2)."""
     gamma: Number = 0.99
-    """Discount."""
+    """The discount of later rewards, γ."""
     gae_lambda: Number = 1.0
     """λ of GAE; 1 gives n-step returns."""
     vf_coef: Number = 0.5

@@ -1,59 +1,24 @@
 """Our updates against those of Stable-Baselines3's A2C (torch, Adam), from equal weights and recorded batches."""
 
-import gymnasium
 import jax
 import jax.numpy as jnp
-import numpy as np
 import pytest
 import stable_baselines3
-import torch
-from gymnasium.spaces import Box, MultiDiscrete
 
-from galton import Bins, Config, Hypers
+from galton import Config, Hypers
 from galton.algorithms import a2c, actor_critic, resolve
-from galton.types import Transition
 
-LOW, HIGH, K = np.array([-1.0, 0.0]), np.array([1.0, 3.0]), 12
-T, N, TIME_LIMIT = 10, 2, 7
+from .sb3_side import HIGH, LOW, K, Recorder, params_of, record_batch, relative_error, vector_of
+
+T, N = 10, 2
 HYPERS = Hypers(learning_rate=1e-3, gamma=0.97, gae_lambda=0.9, vf_coef=0.4, ent_coef=0.01, max_grad_norm=0.5)
-
-
-class Recorder(gymnasium.Env):
-    """Random observations; every other episode terminates, the rest meet the time limit. It writes down each step."""
-
-    def __init__(self, discrete):
-        self.observation_space = Box(-np.inf, np.inf, (3,))
-        self.action_space = MultiDiscrete([K, K]) if discrete else Box(LOW.astype("f4"), HIGH.astype("f4"))
-        self.bins = Bins(LOW, HIGH, K)
-        self.log = []
-        self.episode = 0
-
-    def reset(self, *, seed=None, options=None):
-        super().reset(seed=seed)
-        self.t = 0
-        self.episode += 1
-        self.observation = self.np_random.normal(size=3).astype(np.float32)
-        return self.observation, {}
-
-    def step(self, action):
-        if isinstance(self.action_space, MultiDiscrete):
-            action = self.bins.centers[np.arange(2), action]
-        self.t += 1
-        following = self.np_random.normal(size=3).astype(np.float32)
-        reward = float(np.float32(2 * action.sum() - self.observation.sum() + self.np_random.normal()))
-        terminated = self.t == 3 and self.episode % 2 == 0
-        truncated = self.t == TIME_LIMIT and not terminated
-        self.log.append((self.observation, reward, following, terminated, truncated))
-        self.observation = following
-        return following, reward, terminated, truncated, {}
 
 
 def sb3_model(discrete, normalize_advantage):
     envs = [Recorder(discrete) for _ in range(N)]
-    vector = stable_baselines3.common.vec_env.DummyVecEnv([lambda env=env: env for env in envs])
     model = stable_baselines3.A2C(
         "MlpPolicy",
-        vector,
+        vector_of(envs),
         learning_rate=HYPERS.learning_rate,
         n_steps=T,
         gamma=HYPERS.gamma,
@@ -68,47 +33,6 @@ def sb3_model(discrete, normalize_advantage):
     )
     model._setup_learn(10_000, None)
     return model, envs
-
-
-def params_of(model):
-    """SB3's weights in our structure."""
-    policy = model.policy
-
-    def layers(hidden, last):
-        linear = [layer for layer in hidden if isinstance(layer, torch.nn.Linear)] + [last]
-        return [
-            {"kernel": layer.weight.detach().numpy().T.copy(), "bias": layer.bias.detach().numpy().copy()}
-            for layer in linear
-        ]
-
-    extractor = policy.mlp_extractor
-    params = {
-        "actor": layers(extractor.policy_net, policy.action_net),
-        "critic": layers(extractor.value_net, policy.value_net),
-    }
-    if hasattr(policy, "log_std"):
-        params["log_std"] = policy.log_std.detach().numpy().copy()
-    return params
-
-
-def record_batch(model, envs, discrete):
-    """Let SB3 collect a rollout; return what happened as our Transition [T, N]."""
-    for env in envs:
-        env.log.clear()
-    model.collect_rollouts(model.env, model._init_callback(None), model.rollout_buffer, T)
-    actions = model.rollout_buffer.actions.reshape(T, N, 2)
-    if discrete:
-        actions = np.asarray(envs[0].bins.decode(jnp.asarray(actions.astype(int))))
-    columns = [np.stack([np.array([step[i] for step in env.log]) for env in envs], axis=1) for i in range(5)]
-    observation, reward, following, terminated, truncated = columns
-    batch = Transition(observation, actions, reward.astype(np.float32), following, terminated, truncated)
-    return jax.tree.map(jnp.asarray, batch)
-
-
-def relative_error(ours, theirs):
-    """The largest over parameter arrays of ‖ours − theirs‖ / ‖theirs‖."""
-    pairs = zip(jax.tree.leaves(ours), jax.tree.leaves(theirs), strict=True)
-    return max(float(np.linalg.norm(a - b) / np.linalg.norm(b)) for a, b in pairs)
 
 
 @pytest.mark.parametrize("normalize_advantage", [False, True])
