@@ -2,8 +2,10 @@
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 import pytest
 import stable_baselines3
+import torch
 
 from galton import Config, Hypers
 from galton.algorithms import a2c, actor_critic, resolve
