@@ -144,12 +144,15 @@ def gated(
 def _summarise(looked_at: Bool[Array, "epochs batches"], told: Told) -> Scalars:
     """Means over the minibatches that were looked at; the KL divergence of the last epoch that was, as SB3's."""
     last = looked_at & (jnp.arange(len(looked_at)) == looked_at.any(1).sum() - 1)[:, None]
-    share = looked_at / looked_at.sum()
-    means = {name: (values * share).sum() for name, values in told.items()}
+    means = {name: _mean(values, looked_at) for name, values in told.items()}
     return means | {
-        "approx_kl": (told["approx_kl"] * last).sum() / last.sum(),
+        "approx_kl": _mean(told["approx_kl"], last),
         "ratio_max": jnp.where(looked_at, told["ratio_max"], 0.0).max(),
     }
+
+
+def _mean(values: Float[Array, "epochs batches"], where: Bool[Array, "epochs batches"]) -> Float[Array, ""]:
+    return jnp.where(where, values, 0.0).sum() / where.sum()
 
 
 def check(config: Config) -> None:
