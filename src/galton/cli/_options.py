@@ -28,7 +28,6 @@ from galton.errors import UsageError, require
 from galton.losses import LOSSES
 from galton.records import written
 from galton.tasks import task_of
-from galton.training.log import Log
 from galton.training.train import Result, check_arguments, train
 from galton.types import Config, Hypers, Number
 
@@ -93,7 +92,7 @@ class Training:
         require(self.steps < 2**31, f"total_timesteps is {self.steps}; one run counts up to 2³¹ − 1 steps")
 
     def run(
-        self, env: Environment | HostTask, loss: str, seeds: Sequence[int], on_log: Callable[[int, Log], None]
+        self, env: Environment | HostTask, loss: str, seeds: Sequence[int], meanwhile: Callable[[int], None]
     ) -> Result:
         """Train a run of this loss for each seed."""
         return train(
@@ -104,7 +103,7 @@ class Training:
             self.steps,
             n_logs=self.logs,
             n_eval_episodes=self.eval_episodes,
-            on_log=on_log,
+            meanwhile=meanwhile,
         )
 
     def find(self, name: str) -> Environment | HostTask:

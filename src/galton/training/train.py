@@ -12,6 +12,7 @@ from jaxtyping import Float, Int
 
 from galton.errors import require, require_integer
 from galton.training.log import Log
+from galton.training.pieces import Pieces
 from galton.training.population import Population, populate
 from galton.types import Config, Hypers, Learner, check_hypers
 
@@ -71,6 +72,7 @@ def train(
     n_logs: int = 100,
     n_eval_episodes: int = 10,
     on_log: Callable[[int, Log], None] | None = None,
+    meanwhile: Callable[[int], None] | None = None,
     devices: Sequence[jax.Device] | None = None,
 ) -> Result:
     """Train R runs side by side, one per seed.
@@ -85,6 +87,7 @@ def train(
         n_logs: log points, at most one per update.
         n_eval_episodes: episodes of each evaluation at each log point; 0 turns evaluation off.
         on_log: called at each log point with the steps so far and the log's `[R]` arrays.
+        meanwhile: called about twice a second with the steps so far; what it raises ends training.
         devices: the JAX devices that the runs are split over; by default all of this process.
 
     Raises:
@@ -96,8 +99,9 @@ def train(
     require(steps[-1] < 2**31, f"total_timesteps is {total_timesteps}; one run counts up to 2³¹ − 1 steps")
     all_hypers = Hypers._make(np.broadcast_to(np.asarray(h, np.float32), len(seeds)) for h in hypers)
     population = populate(env, config, all_hypers, seeds, devices)
+    updates_per_log = int(steps[0]) // (config.n_steps * config.n_envs)
     try:
-        trained = _train(population, steps, int(steps[0]) // (config.n_steps * config.n_envs), n_eval_episodes, on_log)
+        trained = _train(population, steps, updates_per_log, n_eval_episodes, on_log, meanwhile)
     finally:
         population.close()
     return Result(config, all_hypers, np.asarray(seeds), steps, *trained)
@@ -109,11 +113,17 @@ def _train(
     updates_per_log: int,
     n_eval_episodes: int,
     on_log: Callable[[int, Log], None] | None,
+    meanwhile: Callable[[int], None] | None,
 ) -> tuple[Log, Int[np.ndarray, " R"], Learner, float, float]:
     """Train from log point to log point: log, divergences, learner, and the seconds of compiling and of training."""
     compiled, start, logs = population.compile_seconds, time.perf_counter(), []
+    pieces = Pieces(population.advance)
     for step in steps:
-        population.advance(updates_per_log)
+        to_go = updates_per_log
+        while to_go:
+            to_go -= pieces.train(to_go)
+            if meanwhile:
+                meanwhile(population.step)
         log = population.log()
         if n_eval_episodes:
             returns = population.evaluate(n_eval_episodes).mean(1)

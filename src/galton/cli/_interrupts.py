@@ -1,0 +1,81 @@
+"""What Ctrl-C and SIGTERM do.
+
+Python raises KeyboardInterrupt wherever the main thread is. Compiled code, such as that of JAX's compiler or of an
+import, crashes or swallows it, so here a thread of its own is told of interrupts.
+"""
+
+import contextlib
+import os
+import signal
+import socket
+import sys
+import threading
+from collections.abc import Callable, Iterator
+
+EXIT_CODE = 130
+"""What a shell shows for a command that Ctrl-C ended."""
+
+
+@contextlib.contextmanager
+def leaving_at_once(told: str) -> Iterator[None]:
+    """A time in which nothing can be lost: an interrupt ends the process with these words."""
+    with _watching(lambda _: _leave(told)):
+        yield
+
+
+@contextlib.contextmanager
+def deferred(told: str) -> Iterator[Callable[[], None]]:
+    """A function that raises KeyboardInterrupt if the user asked to stop since; the end of the block calls it too.
+
+    The first interrupt is answered with these words, the second ends the process at once.
+    """
+    asked = threading.Event()
+
+    def act(n: int) -> None:
+        if n > 1:
+            _leave("interrupted again")
+        asked.set()
+        _say(told)
+
+    def check() -> None:
+        if asked.is_set():
+            raise KeyboardInterrupt
+
+    with _watching(act):
+        yield check
+        check()
+
+
+@contextlib.contextmanager
+def _watching(act: Callable[[int], None]) -> Iterator[None]:
+    """A time in which a thread calls `act(n)` at the n-th interrupt, whatever the main thread is doing."""
+    reader, writer = socket.socketpair()
+    writer.setblocking(False)
+
+    def watch() -> None:
+        n = 0
+        while reader.recv(1):
+            n += 1
+            act(n)
+        reader.close()
+
+    threading.Thread(target=watch, daemon=True).start()
+    previous = {number: signal.signal(number, lambda *_: None) for number in (signal.SIGINT, signal.SIGTERM)}
+    outer = signal.set_wakeup_fd(writer.fileno(), warn_on_full_buffer=False)
+    try:
+        yield
+    finally:
+        signal.set_wakeup_fd(outer)
+        for number, handler in previous.items():
+            signal.signal(number, handler)
+        writer.close()
+
+
+def _leave(told: str) -> None:
+    _say(told)
+    os._exit(EXIT_CODE)
+
+
+def _say(told: str) -> None:
+    with contextlib.suppress(OSError, ValueError):  # standard error may be gone
+        print(f"galton: {told}", file=sys.stderr, flush=True)
