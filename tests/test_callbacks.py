@@ -15,7 +15,6 @@ from galton.callbacks import (
     StopOnReward,
     TensorBoard,
     WeightsAndBiases,
-    is_due,
 )
 
 SB3_NAMES = {
@@ -47,7 +46,7 @@ class Fake:
     """A model whose evaluations are given."""
 
     def __init__(self, *means):
-        self.num_timesteps, self.log_interval, self.means, self.saved = 0, 20, list(means), []
+        self.num_timesteps, self.means, self.saved = 0, list(means), []
 
     def evaluate(self, n_episodes, env=None):
         assert (n_episodes, env) == (2, "other")
@@ -59,7 +58,7 @@ class Fake:
 
     def log_points(self, callback, n):
         for _ in range(n):
-            self.num_timesteps += self.log_interval
+            self.num_timesteps += 20
             log = {}
             assert callback(self, log) is not False
             yield log
@@ -78,11 +77,118 @@ def test_the_log_comes_at_every_interval_under_the_names_of_sb3(model):
     assert all(log["time/fps"] > 0 for log in logs)
 
 
-def test_log_points_do_not_depend_on_how_training_is_cut(model):
-    steps, first = [], model.num_timesteps
-    for updates in (1, 2, 2, 5):
-        model.learn(updates * 10, lambda model, log: steps.append(model.num_timesteps - first), False, 2)
-    assert steps == [20, 40, 60, 80, 100]
+def test_log_points_do_not_depend_on_how_training_is_cut_but_for_the_ends():
+    def numbers(cuts):
+        run, logs = A2C("lqr", n_bins=10, net_arch=(8,), n_steps=10), {}
+        for updates in cuts:
+            run.learn(updates * 10, lambda model, log: logs.update({model.num_timesteps: log}), False, 2)
+        return {step: {name: log[name] for name in log if name.split("/")[0] != "time"} for step, log in logs.items()}
+
+    whole, cut = numbers([10]), numbers([1, 2, 2, 5])
+    assert [*whole] == [20, 40, 60, 80, 100]
+    assert [*cut] == [10, 20, 30, 40, 50, 60, 80, 100]
+    for step, log in whole.items():
+        np.testing.assert_equal(cut[step], log)
+
+
+def test_the_end_of_learn_is_a_log_point_of_the_updates_since_the_last(model):
+    logs, first = [], model.num_timesteps
+    model.learn(50, lambda model, log: logs.append(log), progress_bar=False, log_interval=100)
+    assert [log["time/total_timesteps"] for log in logs] == [first + 50]
+    assert math.isfinite(logs[0]["train/policy_loss"])
+    model.learn(50, None, progress_bar=False, log_interval=100)  # to where the log intervals of the others begin
+
+
+class Timed:
+    """A callback that names steps; it may add to the log, or stop."""
+
+    def __init__(self, every, adds=None, stops=False):
+        self.every, self.adds, self.stops, self.steps = every, adds, stops, []
+
+    def __call__(self, model, log):
+        self.steps.append(model.num_timesteps)
+        log |= self.adds or {}
+        return not self.stops
+
+
+@pytest.mark.parametrize(
+    ("every", "steps"),
+    [(1, [*range(10, 101, 10)]), (15, [20, 30, 50, 60, 80, 90]), (40, [40, 80]), (70, [70]), (95, [100]), (100, [100])],
+)
+@pytest.mark.parametrize("log_interval", [1, 3, 1000])
+def test_what_names_steps_is_called_at_them_whatever_the_log_interval(every, steps, log_interval):
+    run, timed, more = A2C("lqr", n_bins=10, net_arch=(8,), n_steps=10), Timed(every), Timed(30)
+    run.learn(100, [timed, more], progress_bar=False, log_interval=log_interval)
+    assert timed.steps == steps
+    assert more.steps == [30, 60, 90]
+
+
+def test_what_names_steps_counts_them_from_the_start_of_the_run_through_every_learn():
+    run, timed = A2C("lqr", n_bins=10, net_arch=(8,), n_steps=10), Timed(30)
+    run.learn(20, progress_bar=False)
+    for _ in range(2):
+        run.learn(40, timed, progress_bar=False)
+    assert timed.steps == [30, 60, 90]
+
+
+def test_one_that_adds_to_the_log_makes_a_log_point_for_those_behind_it_alone():
+    run, seen = A2C("lqr", n_bins=10, net_arch=(8,), n_steps=10), {"before": [], "behind": []}
+    callbacks = [
+        lambda model, log: seen["before"].append((model.num_timesteps, log.get("a"))),
+        Timed(20),
+        Timed(30, {"a": 1.0}),
+        lambda model, log: seen["behind"].append((model.num_timesteps, log.get("a"))),
+    ]
+    run.learn(60, callbacks, progress_bar=False, log_interval=4)
+    assert seen["before"] == [(40, None), (60, None)]
+    assert seen["behind"] == [(30, 1.0), (40, None), (60, 1.0)]
+
+
+def test_one_that_names_steps_may_stop_and_those_behind_it_still_log_the_end():
+    run, steps = A2C("lqr", n_bins=10, net_arch=(8,), n_steps=10), []
+    callbacks = [Timed(30, stops=True), lambda model, log: steps.append(model.num_timesteps)]
+    run.learn(100, callbacks, progress_bar=False, log_interval=1000)
+    assert steps == [30] == [run.num_timesteps]
+
+
+@pytest.mark.parametrize("log_interval", [1, 7, 1000])
+def test_training_does_not_depend_on_who_looks_at_it(log_interval):
+    def params(callback):
+        run = A2C("lqr", n_bins=10, net_arch=(8,), n_steps=10).learn(100, callback, False, log_interval)
+        return np.asarray(run.learner.params["actor"][0]["kernel"])
+
+    np.testing.assert_array_equal(params([Timed(10), Timed(37), Evaluate(20, 1)]), params(None))
+
+
+@pytest.mark.parametrize(
+    "callback",
+    [Evaluate(101), Checkpoint("never"), Timed(1000), Timed(0), Timed(2.5), Timed("often"), Timed(True)],
+    ids=lambda callback: f"{type(callback).__name__} {callback.every!r}",
+)
+def test_what_can_not_be_called_at_its_steps_is_refused_before_training(callback):
+    run = A2C("lqr", n_bins=10, net_arch=(8,), n_steps=10)
+    with pytest.raises(UsageError, match=f"every of {type(callback).__name__} is"):
+        run.learn(100, callback, progress_bar=False)
+    assert run.num_timesteps == 0
+
+
+@pytest.mark.parametrize(
+    ("callback", "message"),
+    [
+        (lambda: None, "can't be called as callback"),
+        (lambda model: None, "can't be called as callback"),
+        (lambda model, log, more: None, "can't be called as callback"),
+        (lambda locals_, globals_: None, "take the model and the log"),
+        (lambda _locals, _globals: None, "take the model and the log"),
+        (3, "must be callable"),
+        (["evaluate"], "must be callable"),
+    ],
+)
+def test_what_is_no_callback_is_refused_before_training(model, callback, message):
+    first = model.num_timesteps
+    with pytest.raises(UsageError, match=message):
+        model.learn(100, callback, progress_bar=False)
+    assert model.num_timesteps == first
 
 
 def test_callbacks_are_called_in_order_and_share_the_log(model):
@@ -103,22 +209,11 @@ def test_false_stops_at_that_log_point_after_the_others_and_none_and_true_do_not
 
 def test_evaluate_keeps_the_best_model_exactly_when_the_mean_improves():
     fake = Fake(-5.0, -7.0, -5.0, -4.0, float("nan"))
-    logs = list(fake.log_points(Evaluate(40, 2, "other", "best"), 10))
-    assert fake.saved == [("best", 40), ("best", 160)]
-    means = [log.get("eval/mean_reward") for log in logs]
-    assert means[:9] == [None, -5.0, None, -7.0, None, -5.0, None, -4.0, None]
-    assert [log["eval/best_mean_reward"] for log in logs[1::2]] == [-5.0, -5.0, -5.0, -4.0, -4.0]
-    assert logs[1]["eval/std_reward"] == 1.0
-    assert logs[0] == {}
-
-
-@pytest.mark.parametrize(("every", "steps"), [(1, [20, 40, 60, 80]), (30, [40, 60]), (40, [40, 80]), (70, [80])])
-def test_every_is_rounded_up_to_log_points(every, steps):
-    fake, due = Fake(), []
-    for _ in range(4):
-        fake.num_timesteps += 20
-        due += [fake.num_timesteps] * is_due(fake, every)
-    assert due == steps
+    logs = list(fake.log_points(Evaluate(40, 2, "other", "best"), 5))
+    assert fake.saved == [("best", 20), ("best", 80)]
+    assert [log["eval/mean_reward"] for log in logs[:4]] == [-5.0, -7.0, -5.0, -4.0]
+    assert [log["eval/best_mean_reward"] for log in logs] == [-5.0, -5.0, -5.0, -4.0, -4.0]
+    assert logs[0]["eval/std_reward"] == 1.0
 
 
 def test_evaluation_on_a_model_agrees_with_the_file_of_the_best(model, tmp_path):
@@ -155,7 +250,8 @@ def test_stop_after_counts_from_the_beginning_of_each_learn(model):
     stop = StopAfter(10.0)
     for elapsed in (1.0, 9.9, 10.0, 1.0):
         assert stop(Fake(), {"time/time_elapsed": elapsed}) is (elapsed < 10)
-    assert learn(model, StopAfter(1e-9)) == 20
+    assert learn(model, StopAfter(1e-9), log_interval=1) == 10  # after the first update
+    model.learn(10, progress_bar=False)
     assert learn(model, StopAfter(1e9)) == 100
 
 

@@ -8,8 +8,9 @@ import pytest
 ROOT = Path(__file__).parents[1]
 
 
-def run(code):
-    return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=300, check=True).stdout
+def run(code, folder):
+    command = [sys.executable, "-c", code]
+    return subprocess.run(command, capture_output=True, text=True, timeout=300, check=True, cwd=folder).stdout
 
 
 LONG = ("quickstart",)
@@ -26,8 +27,23 @@ def test_an_example_runs(path, tmp_path):
     assert re.search(r"\d", done.stdout)
 
 
-def test_the_readmes_python_runs():
-    blocks = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.S)
-    assert blocks
-    for block in blocks:
-        assert re.search(r"\d", run(block))
+BLOCKS = [
+    pytest.param(block, id=f"{path.stem}-{i}")
+    for path in [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+    for i, block in enumerate(re.findall(r"```python\n(.*?)```", path.read_text(), re.S))
+]
+
+
+@pytest.mark.parametrize("block", BLOCKS)
+def test_python_in_a_document_runs_prints_its_numbers_and_leaves_the_files_it_names(block, tmp_path):
+    if "mujoco" in block or "HalfCheetah" in block:
+        pytest.importorskip("mujoco")
+    printed = run(block.replace("learn(1_000_000", "learn(4_096"), tmp_path)
+    assert re.search(r"\d", printed) or "print" not in block
+    for name in re.findall(r'(?:best_model=|save\()"([^"]+)"', block):
+        assert (tmp_path / f"{name}.safetensors").exists()
+
+
+def test_the_documents_have_python():
+    assert len(BLOCKS) >= 4
+    assert any("best_model=" in block.values[0] for block in BLOCKS)

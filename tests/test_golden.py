@@ -44,8 +44,12 @@ def go_on(name):
     with warnings.catch_warnings():
         warnings.simplefilter("error", InexactResume)
         model = A2C.load(path_of(name), environment(known["env"]))
-    interval = known["log_interval"]
-    model.learn(known["more"], lambda _, log: logs.append(log), progress_bar=False, log_interval=interval)
+
+    def note(model, log):
+        if model.num_timesteps % model.log_interval == 0:  # the end of `learn` was no log point then
+            logs.append(log)
+
+    model.learn(known["more"], note, progress_bar=False, log_interval=known["log_interval"])
     assert model.num_timesteps == known["step"] + known["more"]
     model.close()
     return {key: np.array([log[key] for log in logs]) for key in logs[0]}, by_path(model.learner.params)

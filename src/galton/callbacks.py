@@ -1,6 +1,9 @@
-"""What can happen at the log points of `A2C.learn`: functions of the model and its log; False stops training.
+"""What can happen while `learn` trains: functions of the model and its log; False stops training.
 
-They are called in order and may add to the log, so an evaluation goes before what writes the log down.
+- One that has an attribute `every` is called whenever a multiple of that many steps of the run has been passed.
+- Any other is called at log points: every `log_interval` updates, at the end of `learn`, and where a callback before
+  it in the list has added to the log. So an evaluation goes before what writes the log down.
+- One that has a method `meanwhile(model, seconds)`, seconds since `learn` began, is also asked about twice a second.
 """
 
 import dataclasses
@@ -25,10 +28,6 @@ class Model(Protocol):
     def num_timesteps(self) -> int:
         """Environment steps so far."""
 
-    @property
-    def log_interval(self) -> int:
-        """Environment steps between log points."""
-
     def evaluate(self, n_episodes: int, env: object = None) -> np.ndarray:
         """Undiscounted returns of whole episodes without exploration."""
 
@@ -40,11 +39,6 @@ Callback = Callable[[Any, Log], bool | None]
 """(model, log) → whether to go on; None is yes."""
 
 
-def is_due(model: Model, every: int) -> bool:
-    """Whether a multiple of `every` steps lies between the last log point and this one, itself included."""
-    return model.num_timesteps // every > (model.num_timesteps - model.log_interval) // every
-
-
 @dataclasses.dataclass
 class Evaluate:
     """Play whole episodes without exploration; keep the best model.
@@ -53,7 +47,7 @@ class Evaluate:
     """
 
     every: int = 10_000
-    """Environment steps between evaluations, rounded up to log points."""
+    """Environment steps between evaluations, each rounded up to a whole update."""
     n_episodes: int = 10
     env: object = None
     """What to play on; None for copies of the environment that the model is trained on."""
@@ -66,9 +60,7 @@ class Evaluate:
         self.best = -math.inf
 
     def __call__(self, model: Model, log: Log) -> None:
-        """Evaluate if a multiple of `every` steps has been passed since the last log point."""
-        if not is_due(model, self.every):
-            return
+        """Evaluate, and save the model if its mean return is the best so far."""
         returns = model.evaluate(self.n_episodes, self.env)
         mean = float(returns.mean())
         if mean > self.best:
@@ -89,16 +81,15 @@ class Checkpoint:
     path: str | Path
     """A file, written over each time; `{step}` in its name keeps them all."""
     every: int = 100_000
-    """Environment steps between saves, rounded up to log points."""
+    """Environment steps between saves, each rounded up to a whole update."""
 
     def __post_init__(self) -> None:
         require_integer("every", self.every, 1)
 
     def __call__(self, model: Model, log: Log) -> None:
-        """Save if a multiple of `every` steps has been passed since the last log point."""
+        """Save the model."""
         del log
-        if is_due(model, self.every):
-            model.save(str(self.path).replace("{step}", str(model.num_timesteps)))
+        model.save(str(self.path).replace("{step}", str(model.num_timesteps)))
 
 
 @dataclasses.dataclass
@@ -117,7 +108,7 @@ class StopOnReward:
 
 @dataclasses.dataclass
 class StopAfter:
-    """Stop after some time, at the next log point."""
+    """Stop after some time, counted from the beginning of `learn`, at the next whole update."""
 
     seconds: float
 
@@ -125,9 +116,26 @@ class StopAfter:
         require(self.seconds > 0, f"seconds is {self.seconds}; it must be greater than 0")
 
     def __call__(self, model: Model, log: Log) -> bool:
-        """Go on while there is time, counted from the beginning of `learn`."""
+        """Go on while there is time."""
+        return self.meanwhile(model, log["time/time_elapsed"])
+
+    def meanwhile(self, model: Model, seconds: float) -> bool:
+        """Go on while there is time, after so many seconds."""
         del model
-        return log["time/time_elapsed"] < self.seconds
+        return seconds < self.seconds
+
+
+class Print:
+    """Prints a line of numbers at each log point."""
+
+    SHOWN = ("rollout/ep_rew_mean", "rollout/ep_len_mean", "eval/mean_reward", "train/entropy", "time/fps")
+
+    def __call__(self, model: Model, log: Log) -> None:
+        """Print those of SHOWN that are known."""
+        known = [
+            f"{name.split('/')[1]} {log[name]:,.6g}" for name in self.SHOWN if math.isfinite(log.get(name, math.nan))
+        ]
+        print(f"step {model.num_timesteps:,}:", ", ".join(known), flush=True)
 
 
 class JSONLines:

@@ -89,7 +89,13 @@ def test_an_unknown_algorithm_is_refused():
 
 
 def tell(logs):
-    return lambda model, log: logs.append({k: v for k, v in log.items() if not k.startswith("time/time")})
+    """Keep the log points that come at every interval, and not those of the ends of `learn`."""
+
+    def note(model, log):
+        if model.num_timesteps % model.log_interval == 0:
+            logs.append({k: v for k, v in log.items() if not k.startswith("time/time")})
+
+    return note
 
 
 def test_the_run_is_the_same_however_it_is_cut_into_calls(tmp_path):

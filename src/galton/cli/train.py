@@ -12,7 +12,7 @@ from rich.console import Console
 
 from galton import callbacks
 from galton.cli._options import AlgorithmName, EnvName, LossName, Training, command_line, folder_name, parse
-from galton.cli._progress import OnLog, live_progress
+from galton.cli._progress import Show, live_progress
 from galton.devices import use_all_cores
 from galton.envs.base import Environment
 from galton.envs.host.base import HostTask
@@ -109,13 +109,15 @@ def _resumed(options: Options, env: Environment | HostTask) -> Model:
     return model
 
 
-def _learn(model: Model, options: Options, progress: OnLog) -> None:
+def _learn(model: Model, options: Options, show: Show) -> None:
     """Train what is missing. However it ends, a model that has learnt something is kept."""
-    record = _Record(options, model.num_timesteps)
-    calls: list[callbacks.Callback] = [record, lambda model, _: progress(model.num_timesteps, None)]
-    remaining = options.training.steps - model.num_timesteps
+    first, last = model.num_timesteps, options.training.steps
+    record = _Record(options, first)
+    calls: list[callbacks.Callback] = [record, _Watching(show)]
+    if last // options.save_every > first // options.save_every:
+        calls.append(_Saving(record, options.save_every))
     try:
-        model.learn(remaining, calls, progress_bar=False, log_interval=_interval(options.training, model))
+        model.learn(last - first, calls, progress_bar=False, log_interval=_interval(options.training, model))
     except DivergenceError as error:
         raise UsageError(str(error)) from None
     except KeyboardInterrupt:
@@ -172,7 +174,30 @@ class _Record:
         self._calls.append(callbacks.JSONLines(out / METRICS))
         if options.tensorboard:
             self._calls.append(callbacks.TensorBoard(out / "tensorboard"))
-        self._calls.append(callbacks.Checkpoint(out / MODEL, options.save_every))
+
+
+@dataclasses.dataclass(frozen=True)
+class _Saving:
+    """Saves the model into the run folder as often as the user wants it."""
+
+    record: _Record
+    every: int
+
+    def __call__(self, model: Model, _: callbacks.Log) -> None:
+        self.record.save(model)
+
+
+@dataclasses.dataclass(frozen=True)
+class _Watching:
+    """Shows how far training is, and raises what Ctrl-C asked for."""
+
+    show: Show
+
+    def __call__(self, model: Model, _: callbacks.Log) -> None:
+        self.show(model.num_timesteps)
+
+    def meanwhile(self, model: Model, _: float) -> None:
+        self.show(model.num_timesteps)
 
 
 def _forget_after(step: int, path: Path) -> None:

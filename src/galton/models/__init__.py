@@ -25,9 +25,12 @@ class A2C(Model):
         n_envs: int | None = None,
         seed: int = 0,
         env_kwargs: Mapping[str, object] | None = None,
+        verbose: int = 0,
         **settings: Unpack[Settings],
     ) -> None:
-        super().__init__(env, loss, algorithm="a2c", n_envs=n_envs, seed=seed, env_kwargs=env_kwargs, **settings)
+        super().__init__(
+            env, loss, algorithm="a2c", n_envs=n_envs, seed=seed, env_kwargs=env_kwargs, verbose=verbose, **settings
+        )
 
 
 class PPO(Model):
@@ -44,9 +47,12 @@ class PPO(Model):
         n_envs: int | None = None,
         seed: int = 0,
         env_kwargs: Mapping[str, object] | None = None,
+        verbose: int = 0,
         **settings: Unpack[Settings],
     ) -> None:
-        super().__init__(env, loss, algorithm="ppo", n_envs=n_envs, seed=seed, env_kwargs=env_kwargs, **settings)
+        super().__init__(
+            env, loss, algorithm="ppo", n_envs=n_envs, seed=seed, env_kwargs=env_kwargs, verbose=verbose, **settings
+        )
 
 
 setattr(A2C, "__signature__", signature(ALGORITHMS["a2c"]))  # noqa: B010

@@ -1,7 +1,7 @@
 """How a model is written to one file and read from it again."""
 
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, Protocol, runtime_checkable
 
 import jax
 import jax.numpy as jnp
@@ -18,7 +18,6 @@ from galton.saving import checkpoint
 from galton.saving import model_file as saved
 from galton.training.log import Tally
 from galton.training.population import Population
-from galton.training.run import Snapshot
 from galton.training.train import check_seed
 from galton.types import Config, Hypers, Learner
 
@@ -27,15 +26,40 @@ class InexactResume(UserWarning):
     """A loaded run goes on from the start of new episodes, because its environments can't tell their states."""
 
 
-class ModelFile(NamedTuple):
-    """What a file says of a model, beside its arrays."""
+@runtime_checkable
+class Described(Protocol):
+    """What is written of a model, beside its arrays."""
 
-    env: str
     config: Config
     hypers: Hypers
     seed: int
-    step: int
-    log_interval: int
+    n_predictions: int
+    """How many batches of sampled actions it was asked for."""
+    actions: ActionBox
+    observations: Observations
+
+    @property
+    def env_name(self) -> str:
+        """What its environment is called."""
+
+    @property
+    def num_timesteps(self) -> int:
+        """How many environment steps its run has taken."""
+
+    @property
+    def log_interval(self) -> int:
+        """How many environment steps lie between two log points."""
+
+
+class ModelFile(NamedTuple):
+    """What a file says of a model, beside its arrays."""
+
+    env_name: str
+    config: Config
+    hypers: Hypers
+    seed: int
+    num_timesteps: int
+    updates_per_log: int
     n_predictions: int
     actions: ActionBox
     observations: Observations
@@ -52,22 +76,22 @@ def existing(path: Path) -> Path:
     return with_suffix if not path.exists() and with_suffix.exists() else path
 
 
-def save(path: Path, model: ModelFile, snapshot: Snapshot) -> Path:
-    """Write the model and its snapshot to one file, and return the file's path."""
+def save(path: Path, model: Described, arrays: dict[str, np.ndarray]) -> Path:
+    """Write the model and its arrays to one file, and return the file's path."""
     settings = {
-        "class": model.label,
-        "env": model.env,
+        "class": find_algorithm(model.config.algorithm).label,
+        "env": model.env_name,
         "config": written(model.config) | {"net_arch": [int(units) for units in model.config.net_arch]},
         "hypers": {name: float(value) for name, value in written(model.hypers).items()},
         "seed": int(model.seed),
-        "step": model.step,
-        "log_interval": model.log_interval,
+        "step": model.num_timesteps,
+        "log_interval": model.log_interval // (model.config.n_steps * model.config.n_envs),
         "n_predictions": model.n_predictions,
         "action_space": to_json(model.actions.space),
         "observation_space": to_json(model.observations.space),
     }
     path = path if path.suffix else path.with_suffix(".safetensors")
-    checkpoint.write(path, settings, checkpoint.flatten(snapshot))
+    checkpoint.write(path, settings, arrays)
     return path
 
 

@@ -5,10 +5,14 @@ import time
 from collections.abc import Callable, Iterator
 from typing import Any, Protocol, runtime_checkable
 
+import numpy as np
+
 from galton import sb3
-from galton.callbacks import Callback
-from galton.errors import DivergenceError, require
+from galton.callbacks import Print
+from galton.errors import DivergenceError, require, require_integer
+from galton.models.calls import Calls, next_call
 from galton.training.log import Log
+from galton.training.pieces import Pieces
 from galton.training.population import Population
 from galton.types import Config
 
@@ -24,8 +28,8 @@ class Learning(Protocol):
         """How many environment steps the run has taken, all copies together."""
 
     @property
-    def updates_per_log(self) -> int:
-        """How many updates lie between two log points."""
+    def log_interval(self) -> int:
+        """How many environment steps lie between two log points."""
 
     @property
     def population(self) -> Population:
@@ -35,29 +39,42 @@ class Learning(Protocol):
         """Train for so many updates, without callbacks or a log."""
 
 
-def learn(model: Learning, n_updates: int, callback: object, progress_bar: bool) -> None:
-    """Train for so many updates, with a log point every `model.updates_per_log`.
+def updates_for(total_timesteps: object, config: Config, step: int) -> int:
+    """The whole updates in which so many steps are taken; UsageError unless one run can, from this step on."""
+    if isinstance(total_timesteps, float | np.floating) and total_timesteps.is_integer():
+        total_timesteps = int(total_timesteps)
+    require_integer("total_timesteps", total_timesteps, 1)
+    assert isinstance(total_timesteps, int | np.integer)
+    size = config.n_steps * config.n_envs
+    n_updates = -(-int(total_timesteps) // size)
+    require(step + n_updates * size < 2**31, f"total_timesteps is {total_timesteps}; one run counts to 2³¹ − 1")
+    return n_updates
 
-    Callbacks of SB3's are called after each update, ours at log points, until one says to stop.
+
+def learn(model: Learning, n_updates: int, callback: object, progress_bar: bool, printed: bool = False) -> None:
+    """Train for so many updates, with a log point every `model.log_interval` steps and at the end.
+
+    Callbacks of SB3's are called after each update, ours as `galton.callbacks` says, until one says to stop.
+
+    Raises:
+        UsageError: a callback that can't be called, or would not be before the end.
     """
-    first, interval = model.num_timesteps, model.updates_per_log
-    size = model.config.n_steps * model.config.n_envs
-    last, done = first + n_updates * size, first // size
-    theirs, ours = _sorted_out(model, callback, n_updates * size)
-    start = time.perf_counter()
-    with _progress(progress_bar, model.config.loss, n_updates * size) as show:
-        going = theirs.start()
-        while going and model.num_timesteps < last:
-            to_log = interval - done % interval
-            n = min(to_log, (last - model.num_timesteps) // size, 1 if theirs else to_log)
-            model.advance(n)
-            done += n
-            going = theirs.after_update()
-            if n == to_log:
-                log = named(model.population.log(), model.num_timesteps, time.perf_counter() - start, first)
-                verdicts = [one(model, log) for one in ours]
-                going = going and all(verdict is not False for verdict in verdicts)
-            show(model.num_timesteps - first)
+    first, size, start = model.num_timesteps, model.config.n_steps * model.config.n_envs, time.perf_counter()
+    last, log_interval = first + n_updates * size, model.log_interval
+    theirs, ours = _sorted_out(model, callback, printed, first, last)
+    pieces = Pieces(model.advance)
+    with _progress(progress_bar, model.config.loss, last - first) as show:
+        going, step = theirs.start(), first
+        while going and step < last:
+            stop = min(last, *(next_call(step, every, size) for every in (log_interval, *ours.intervals)))
+            pieces.train(1 if theirs else (stop - step) // size)
+            step, seconds = model.num_timesteps, time.perf_counter() - start
+            going = theirs.after_update() and ours.meanwhile(seconds)
+            if step == stop or not going:
+                is_log_point = step % log_interval == 0
+                log = named(model.population.log(begin_next=is_log_point), step, seconds, first)
+                going = ours.after(step, size, log, is_log_point or step == last or not going) and going
+            show(step - first)
         theirs.end()
 
 
@@ -84,13 +101,13 @@ def named(log: Log, step: int, seconds: float, first: int) -> dict[str, float]:
     } | {f"train/{name}": value for name, value in columns.items() if name != "evaluation_return"}
 
 
-def _sorted_out(model: Learning, callback: object, total_timesteps: int) -> tuple[sb3.Callbacks, list[Callback]]:
+def _sorted_out(model: Learning, callback: object, printed: bool, first: int, last: int) -> tuple[sb3.Callbacks, Calls]:
     """The callbacks that `learn` was given, SB3's and ours apart; UsageError for what can't be called."""
     given: list[Any] = [] if callback is None else [callback] if not isinstance(callback, list | tuple) else [*callback]
+    given += [Print()] if printed else []
+    theirs = [one for one in given if sb3.is_callback(one)]
     ours = [one for one in given if not sb3.is_callback(one)]
-    for one in ours:
-        require(callable(one), f"callback is {one!r}; it must be callable as callback(model, log)")
-    return sb3.Callbacks(model, [one for one in given if sb3.is_callback(one)], total_timesteps), ours
+    return sb3.Callbacks(model, theirs, last - first), Calls(model, ours, first, last)
 
 
 @contextlib.contextmanager

@@ -1,14 +1,11 @@
 """One run with the habits of Stable-Baselines3: learn, predict, evaluate, save, load."""
 
-import math
 import warnings
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, TypeVar, Unpack
 
 import gymnasium
-import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
@@ -22,19 +19,19 @@ from galton.errors import require, require_integer
 from galton.models import file
 from galton.models.acting import exploit, explore, returns_on
 from galton.models.environment import check_copies, check_same_spaces, spaces_of, usual_copies
-from galton.models.learning import check_divergence, learn
-from galton.models.settings import Settings, check_one_run, split
-from galton.training.population import Population, populate
+from galton.models.hints import POLICIES, unexpected
+from galton.models.learning import check_divergence, learn, updates_for
+from galton.models.settings import Settings, check_one_run, split, unusual
+from galton.models.state import Arrays, Loaded, Run, copied
+from galton.training.population import Population
 from galton.training.train import check_seed
-from galton.types import Config, Hypers, Learner
+from galton.types import Config, Hypers, Learner, Params
 
 ModelT = TypeVar("ModelT", bound="Model")
 
 
 class Model:
     """An actor-critic on one environment; A2C and PPO are this class with their algorithm.
-
-    What trains here is the same code that trains populations.
 
     Args:
         env: a Gymnasium id (`module:Id` imports the module first), a Gymnasium `Env` or `VectorEnv`, an SB3 `VecEnv`,
@@ -44,6 +41,7 @@ class Model:
         n_envs: copies of the environment; None for one, or for as many as a vector environment has.
         seed: of everything random; the same seed gives the same run.
         env_kwargs: keyword arguments for an id or a name.
+        verbose: 1 to print a line at each log point of `learn`.
         settings: the other fields of `Config` and `Hypers`, which describe them.
 
     Raises:
@@ -60,11 +58,15 @@ class Model:
         n_envs: int | None = None,
         seed: int = 0,
         env_kwargs: Mapping[str, object] | None = None,
+        verbose: int = 0,
         **settings: Unpack[Settings],
     ) -> None:
+        name = type(self).__name__
+        require(env not in POLICIES, f"env is {env!r}; {name} takes no such policy: {name}({loss!r}, ...) is enough")
         task = find(env, **(env_kwargs or {}))
         n_copies = usual_copies(task) if n_envs is None else n_envs
         self._begin(task, *split(find_algorithm(algorithm), loss, n_copies, dict(settings)), seed)
+        self.verbose = verbose
 
     @classmethod
     def of(cls: type[ModelT], env: object, config: Config, hypers: Hypers, seed: int = 0) -> ModelT:
@@ -76,38 +78,36 @@ class Model:
     def _begin(self, task: Environment | HostTask, config: Config, hypers: Hypers, seed: int) -> None:
         check_copies(task, config.n_envs)
         self._describe(config, hypers, seed, *spaces_of(task))
-        self._connect(task)
+        self._run: Run | Loaded = Run(task, config, hypers, seed)
 
     def _describe(
         self, config: Config, hypers: Hypers, seed: int, actions: ActionBox, observations: Observations
     ) -> None:
-        """Become the model of these settings, without an environment yet."""
+        """Become the model of these settings, without a run yet."""
         check_seed(seed)
         check_one_run(hypers)
         self.config, self.hypers, self.seed = config, hypers, seed
         self.agent: Agent = resolve(config, actions.low, actions.high)
         self.actions, self.observations = actions, observations
-        self._n_predictions = 0  # each batch of sampled actions has a key of its own
-        self._population: Population | None = None
-        self._env: Environment | HostTask | None = None
-        self._learner: Learner | None = None
-        self._interval, self._steps_at_load = self.agent.algorithm.log_interval, 0
+        self.n_predictions = 0  # each batch of sampled actions has a key of its own
+        self._interval, self.verbose = self.agent.algorithm.log_interval, 0
 
-    def _connect(self, task: Environment | HostTask) -> None:
-        """Begin a run of this model on an environment."""
-        self._env = task
-        hypers = Hypers._make(np.full(1, value, np.float32) for value in self.hypers)
-        self._population = populate(task, self.config, hypers, [self.seed])
+    def __repr__(self) -> str:
+        what, settings = (
+            f"{self.config.loss} on {self.env_name}",
+            unusual(self.agent.algorithm, self.config, self.hypers),
+        )
+        return f"<galton.{type(self).__name__}: {what}, {settings}, seed={self.seed}, {self.num_timesteps:,} steps>"
 
     @property
     def env(self) -> Environment | HostTask | None:
         """The environment; None for a model that was loaded without one."""
-        return self._env
+        return self._run.task
 
     @property
     def env_name(self) -> str:
         """What messages and files call the environment."""
-        return str(getattr(self._env, "name", None) or type(self._env).__name__)
+        return self._run.env_name
 
     @property
     def action_space(self) -> gymnasium.spaces.Box:
@@ -122,68 +122,59 @@ class Model:
     @property
     def num_timesteps(self) -> int:
         """How many environment steps the run has taken, all copies together."""
-        return self._population.step if self._population else self._steps_at_load
+        return self._run.step
 
     @property
     def log_interval(self) -> int:
-        """How many environment steps lie between two log points, all copies together."""
-        return self.updates_per_log * self.config.n_steps * self.config.n_envs
-
-    @property
-    def updates_per_log(self) -> int:
-        """How many updates lie between two log points, as `learn` was last told."""
-        return self._interval
+        """How many environment steps lie between two log points, all copies together, as `learn` was last told."""
+        return self._interval * self.config.n_steps * self.config.n_envs
 
     @property
     def learner(self) -> Learner:
         """What was learnt: parameters, Adam's moments and the statistics that normalise."""
-        if self._learner is None:
-            self._learner = jax.tree.map(lambda x: jnp.asarray(x[0]), self.population.learner)
-        return self._learner
+        return self._run.learner
 
     @property
     def population(self) -> Population:
         """The one run, as training sees it; UsageError for a model without an environment."""
-        require(
-            self._population is not None,
-            f"the model was loaded without an environment; give it one: {type(self).__name__}.load(path, env=...)",
-        )
-        assert self._population
-        return self._population
+        return self._run.population
 
     def learn(
         self: ModelT,
-        total_timesteps: int,
+        total_timesteps: int | float,
         callback: object = None,
         progress_bar: bool = True,
         log_interval: int | None = None,
+        **others: object,
     ) -> ModelT:
         """Train for that many more steps, rounded up to whole updates.
 
-        Every `log_interval` updates, counted from the start of the run, the callbacks are called with the model and
-        the log. The logs do not depend on how training is cut into calls of `learn`.
+        There is a log point every `log_interval` updates, counted from the start of the run, and one at the end.
+        `galton.callbacks` says which callbacks are called when. The log points before the end do not depend on how
+        training is cut into calls of `learn`.
 
         Args:
-            total_timesteps: steps of the environment, all copies together.
+            total_timesteps: steps of the environment, all copies together; a whole number such as 1e6 may be a float.
             callback: from `galton.callbacks`, a function `(model, log) -> bool | None` of your own (False stops), an
                 SB3 callback, or several of them.
             progress_bar: show how far training is.
             log_interval: updates between log points, by default 100 for A2C and 1 for PPO, as in SB3; a run that is
                 resumed keeps the logs only if it stays the same.
+            others: refused, with a hint for SB3's.
 
         Raises:
-            UsageError: a number out of range, or a model without an environment.
+            UsageError: a number out of range, a model without an environment, or a callback that can't be called or
+                would not be before the end.
             BrokenEnvironmentError: an environment broke; the model keeps what it learnt up to the last update.
             DivergenceError: a gradient was not finite; the model keeps the parameters before it.
         """
+        for name in others:
+            raise unexpected("learn", name)
         log_interval = self.agent.algorithm.log_interval if log_interval is None else log_interval
-        require_integer("total_timesteps", total_timesteps, 1)
         require_integer("log_interval", log_interval, 1)
-        n_updates = math.ceil(total_timesteps / (size := self.config.n_steps * self.config.n_envs))
-        first = self.population.step
-        require(first + n_updates * size < 2**31, f"total_timesteps is {total_timesteps}; one run counts to 2³¹ − 1")
+        n_updates = updates_for(total_timesteps, self.config, self.population.step)
         self._interval = log_interval
-        learn(self, n_updates, callback, progress_bar)
+        learn(self, n_updates, callback, progress_bar, self.verbose > 0)
         return self
 
     def advance(self, n_updates: int) -> None:
@@ -192,8 +183,7 @@ class Model:
         Raises:
             BrokenEnvironmentError, DivergenceError: as `learn`.
         """
-        self._learner = None
-        self.population.advance(n_updates)
+        self._run.advance(n_updates)
         check_divergence(self.population)
 
     def predict(
@@ -211,8 +201,8 @@ class Model:
         if deterministic:
             action = exploit(self.agent, self.learner, self.hypers, rows)
         else:
-            action = explore(self.agent, self.learner, self.hypers, rows, self.seed, self._n_predictions)
-            self._n_predictions += 1
+            action = explore(self.agent, self.learner, self.hypers, rows, self.seed, self.n_predictions)
+            self.n_predictions += 1
         actions = self.actions.to_env(action)
         return (actions[0, ...] if single else actions), state
 
@@ -238,18 +228,7 @@ class Model:
 
         It holds all that `load` needs to go on exactly. Loading it runs no code.
         """
-        model = file.ModelFile(
-            self.env_name,
-            self.config,
-            self.hypers,
-            self.seed,
-            self.num_timesteps,
-            self.updates_per_log,
-            self._n_predictions,
-            self.actions,
-            self.observations,
-        )
-        return file.save(Path(path), model, self.population.snapshot())
+        return file.save(Path(path), self, self._run.arrays)
 
     @classmethod
     def load(
@@ -270,27 +249,54 @@ class Model:
         require(fits, f"path is {path}, which holds a model of {found.label}; load it with galton.{found.label}.load")
         model = cls.__new__(cls)
         model._describe(found.config, found.hypers, found.seed, found.actions, found.observations)
-        model._learner = file.learner_of(path, model.agent, found, arrays)
-        model._steps_at_load, model._interval = found.step, found.log_interval
-        model._n_predictions = found.n_predictions
+        model._interval, model.n_predictions = found.updates_per_log, found.n_predictions
+        learner = file.learner_of(path, model.agent, found, arrays)
+        model._run = Loaded(found.env_name, found.num_timesteps, learner, arrays)
         if env is None:
             require(not env_kwargs, f"env_kwargs is {env_kwargs}; give env with it")
-            return model
-        task = find(env, **(env_kwargs or {}))
-        check_same_spaces(task, model.actions, model.observations)
-        model._connect(task)
-        try:
-            cause = file.resume(path, model.population, arrays)
-        except BaseException:
-            model.close()
-            raise
-        model._learner = None
-        if cause:
+        elif cause := model._go_on(find(env, **(env_kwargs or {})), path, arrays):
             message = f"{model.env_name} goes on from the start of new episodes: {cause}"
             warnings.warn(message, file.InexactResume, stacklevel=2)
         return model
 
+    def _go_on(self, task: Environment | HostTask, path: Path, arrays: Arrays) -> str:
+        """Go on with a run on this environment where the arrays of a file are; why not exactly, or nothing."""
+        check_same_spaces(task, self.actions, self.observations)
+        run = Run(task, self.config, self.hypers, self.seed)
+        cause = run.resume(path, arrays)
+        self._run.close()
+        self._run = run
+        return cause
+
+    def set_env(self, env: object, env_kwargs: Mapping[str, object] | None = None) -> None:
+        """Go on with what was learnt on another environment of the same spaces, from the start of new episodes.
+
+        Raises:
+            UsageError: an environment with other spaces, or of which another number of copies was given than n_envs.
+        """
+        task = find(env, **(env_kwargs or {}))
+        check_copies(task, self.config.n_envs)
+        arrays = {name: array for name, array in self._run.arrays.items() if not name.startswith("environments/")}
+        self._go_on(task, Path("set_env"), arrays)
+
+    def set_random_seed(self, seed: int) -> None:
+        """Draw all that is random from here on from another seed; episodes that have begun go on as they are."""
+        check_seed(seed)
+        self.population.reseed([seed])
+        self.seed, self.n_predictions = seed, 0
+
+    def get_parameters(self) -> Params:
+        """A copy of the networks' parameters: `actor`, `critic` and, for the Gaussian, `log_std`, as numpy arrays."""
+        return copied(self.learner.params)
+
+    def set_parameters(self, parameters: Params) -> None:
+        """Go on with other parameters, such as `get_parameters` of another model; Adam's moments stay.
+
+        Raises:
+            UsageError: names or shapes other than the model's own, or numbers that are not finite.
+        """
+        self._run.set_parameters(parameters)
+
     def close(self) -> None:
         """Let go of the environments that the model made."""
-        if self._population:
-            self._population.close()
+        self._run.close()

@@ -8,6 +8,7 @@ import numpy as np
 
 from galton.algorithms import ALGORITHMS, Algorithm
 from galton.errors import require
+from galton.models.hints import unexpected
 from galton.records import Fields, defaults
 from galton.types import Config, Hypers, check_hypers
 
@@ -65,9 +66,7 @@ def split(algorithm: Algorithm, loss: str, n_envs: int, settings: Fields) -> tup
     known = usual(algorithm)
     for name in settings:
         if name not in known:
-            raise TypeError(
-                f"{algorithm.label}() got an unexpected keyword argument {name!r}; it takes {', '.join(known)}"
-            )
+            raise unexpected(algorithm.label, name, f"it takes {', '.join(known)}")
     given = known | settings
     require(isinstance(loss, str), f"loss is {loss!r}; it must be a key of LOSSES")
     arch = given["net_arch"]
@@ -76,6 +75,13 @@ def split(algorithm: Algorithm, loss: str, n_envs: int, settings: Fields) -> tup
     fields = {name: value for name, value in given.items() if name not in numbers}
     arguments = {"net_arch": tuple(arch), "loss": loss, "n_envs": n_envs, "algorithm": algorithm.name}
     return Config(**fields | arguments), Hypers(**numbers)
+
+
+def unusual(algorithm: Algorithm, config: Config, hypers: Hypers) -> str:
+    """The copies of the environment, and the settings that are not the algorithm's usual ones, as keyword arguments."""
+    own = {name: getattr(config, name, None) for name in usual(algorithm)} | hypers._asdict()
+    changed = {name: own[name] for name, value in usual(algorithm).items() if own[name] != value}
+    return ", ".join(f"{name}={value!r}" for name, value in {"n_envs": config.n_envs, **changed}.items())
 
 
 def check_one_run(hypers: Hypers) -> None:
@@ -97,5 +103,6 @@ def signature(algorithm: Algorithm) -> inspect.Signature:
             parameter("n_envs", keyword, default=None),
             parameter("seed", keyword, default=0),
             parameter("env_kwargs", keyword, default=None),
+            parameter("verbose", keyword, default=0),
         ]
     )

@@ -13,7 +13,7 @@ from galton.envs.host.observations import Observations
 from galton.training.evaluate import play
 from galton.training.host_programs import host_programs
 from galton.training.log import Finished, Log
-from galton.training.run import RunState, Snapshot, Tree, with_keys, without_keys
+from galton.training.run import RunState, Snapshot, Tree, reseeded, with_keys, without_keys
 from galton.types import Hypers, Learner, Params, Transition
 
 
@@ -117,9 +117,11 @@ class Group:
         )
         return learner._replace(normalizer=normalizer), np.asarray(reward), np.asarray(final)
 
-    def log(self) -> Log:
+    def log(self, begin_next: bool = True) -> Log:
         """What is recorded of the updates since the last log, each number `[P]`."""
-        self.runs, log = self._programs.log(self.runs, self._batch, self._hypers)
+        runs, log = self._programs.log(self.runs, self._batch, self._hypers)
+        if begin_next:
+            self.runs = runs
         return log
 
     def make_evaluator(self, n_episodes: int) -> None:
@@ -141,6 +143,15 @@ class Group:
 
         seeds = self._environment_seeds(1, int(self.runs.step[0]), n=n_episodes)
         return self._split(play(self._task.name, self._evaluator, seeds, act))
+
+    def put(self, learner: Learner) -> None:
+        """Go on with something else learnt, each leaf `[P, ...]`."""
+        self.runs = self.runs._replace(learner=self._place(learner))
+
+    def reseed(self, seeds: UInt[np.ndarray, " P"]) -> None:
+        """Draw all that is random from here on from other seeds; environments go on with their own generators."""
+        self._seeds = seeds
+        self.runs = self._place(reseeded(self.runs, seeds))
 
     def snapshot(self) -> Snapshot:
         """What `restore` goes on from; `environments` is None where they can't tell their states."""

@@ -68,6 +68,6 @@ def host_programs(agent: Agent) -> HostPrograms:
         jax.jit(jax.vmap(act, (0, 0, 0, 0, None, 0))),
         jax.jit(jax.vmap(normalization.receive)),
         jax.jit(over_runs(agent, functools.partial(learn, agent), (0, 0, 0, 0)), donate_argnums=0),
-        jax.jit(jax.vmap(functools.partial(read_log, agent)), donate_argnums=0),
+        jax.jit(jax.vmap(functools.partial(read_log, agent))),
         jax.jit(jax.vmap(functools.partial(deterministic_action, agent))),
     )

@@ -26,6 +26,7 @@ from galton.training.run import (
     learn,
     over_runs,
     read_log,
+    reseeded,
     rollout_key,
     with_keys,
     without_keys,
@@ -135,13 +136,15 @@ class DevicePopulation:
         return np.asarray(self._fetch(self._state.run.diverged_at))
 
     def advance(self, n_updates: int) -> None:
-        """Train all runs for so many updates each."""
+        """Train all runs for so many updates each; they are done when it returns."""
         self._state, self._batch = self._programs.advance(self._state, self._hypers, np.int32(n_updates))
+        jax.block_until_ready(self._state.run.step)
 
-    def log(self) -> Log:
+    def log(self, begin_next: bool = True) -> Log:
         """What is recorded of the updates since the last log, each number `[R]`, without evaluation."""
         run, log = self._programs.log(self._state.run, self._batch, self._hypers)
-        self._state = self._state._replace(run=run)
+        if begin_next:
+            self._state = self._state._replace(run=run)
         return self._fetch(log)
 
     def evaluate(self, n_episodes: int) -> Float[np.ndarray, "R n_episodes"]:
@@ -150,6 +153,16 @@ class DevicePopulation:
         program, seconds = _compile_evaluation(self._env, self._agent, n_episodes, self._shapes, self._on_runs)
         self.compile_seconds += seconds()
         return np.asarray(self._fetch(program(run.evaluation_key, run.step, run.learner, self._hypers)))
+
+    def put(self, learner: Learner) -> None:
+        """Go on with something else learnt, each leaf `[R, ...]`."""
+        padded = self._place(jax.tree.map(lambda x: np.asarray(x)[self._padded], learner))
+        self._state = self._state._replace(run=self._state.run._replace(learner=padded))
+
+    def reseed(self, seeds: Sequence[int]) -> None:
+        """Draw all that is random from here on from other seeds; the environments' noise is part of it."""
+        run = reseeded(self._state.run, np.asarray(seeds, np.uint32)[self._padded])
+        self._state = self._state._replace(run=self._place(run))
 
     def snapshot(self) -> Snapshot:
         """Runs and environments, from which `restore` goes on exactly."""
@@ -199,7 +212,7 @@ def _compile(env: Environment, agent: Agent, hypers: Hypers, on_runs: NamedShard
     return _Programs(
         begin_all.lower(seeds, numbers).compile(),
         jax.jit(advance, donate_argnums=0).lower(state, hypers, n).compile(),
-        jax.jit(log, donate_argnums=0).lower(state.run, batch, hypers).compile(),
+        jax.jit(log).lower(state.run, batch, hypers).compile(),
     )
 
 

@@ -77,15 +77,25 @@ class HostPopulation:
         """Train all runs for so many updates each, every group in its thread."""
         self._each(Group.advance, n_updates)
 
-    def log(self) -> Log:
+    def log(self, begin_next: bool = True) -> Log:
         """What is recorded of the updates since the last log, each number `[R]`, without evaluation."""
-        return self._join(self._each(Group.log))
+        return self._join(self._each(Group.log, begin_next))
 
     def evaluate(self, n_episodes: int) -> Float[np.ndarray, "R n_episodes"]:
         """Undiscounted returns of whole episodes without exploration, on copies made for evaluation."""
         for group in self._groups:
             group.make_evaluator(n_episodes)
         return np.concatenate(self._each(Group.evaluate, n_episodes))
+
+    def put(self, learner: Learner) -> None:
+        """Go on with something else learnt, each leaf `[R, ...]`."""
+        for group, part in zip(self._groups, self._slices, strict=True):
+            group.put(jax.tree.map(lambda x, part=part: np.asarray(x)[part], learner))
+
+    def reseed(self, seeds: Sequence[int]) -> None:
+        """Draw all that is random from here on from other seeds; environments go on with their own generators."""
+        for group, part in zip(self._groups, self._slices, strict=True):
+            group.reseed(np.asarray(seeds, np.uint32)[part])
 
     def snapshot(self) -> Snapshot:
         """Runs and, where they can tell their states, environments, from which `restore` goes on."""

@@ -44,11 +44,20 @@ class Population(Protocol):
             BrokenEnvironmentError: an environment broke; the learner stays what the last update made it.
         """
 
-    def log(self) -> Log:
-        """What is recorded of the updates since the last log, each number `[R]`, without evaluation."""
+    def log(self, begin_next: bool = True) -> Log:
+        """What is recorded of the updates since the last log, each number `[R]`, without evaluation.
+
+        With begin_next=False this one only looks: the next log has the same updates again.
+        """
 
     def evaluate(self, n_episodes: int) -> Float[np.ndarray, "R n_episodes"]:
         """Undiscounted returns of whole episodes without exploration; training is not touched by it."""
+
+    def put(self, learner: Learner) -> None:
+        """Go on with something else learnt, each leaf `[R, ...]`."""
+
+    def reseed(self, seeds: Sequence[int]) -> None:
+        """Draw all that is random from here on from other seeds. Episodes that have begun go on."""
 
     def snapshot(self) -> Snapshot:
         """A pytree of arrays from which `restore` goes on exactly.

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float, Int, Key, PyTree, UInt
 
 from galton.algorithms import Agent, actor_critic
@@ -42,9 +43,14 @@ class RunState(NamedTuple):
     tally: Tally
 
 
+def keys_of(seed: UInt[Array, ""]) -> Key[Array, "4"]:
+    """The keys of a run's parameters, of its first episodes, of training and of evaluations."""
+    return jax.random.split(jax.random.key(seed), 4)
+
+
 def begin(agent: Agent, observation_size: int, seed: UInt[Array, ""], hypers: Hypers) -> tuple[RunState, Array]:
     """A new run, and the key of its first episodes. Not under vmap (see `init_mlp`)."""
-    init_key, episodes_key, key, evaluation_key = jax.random.split(jax.random.key(seed), 4)
+    init_key, episodes_key, key, evaluation_key = keys_of(seed)
     learner = actor_critic.init(init_key, agent, hypers, observation_size)
     empty = nothing(agent.algorithm.scalars)
     return RunState(learner, key, evaluation_key, jnp.int32(0), jnp.int32(-1), empty), episodes_key
@@ -109,6 +115,12 @@ def over_runs(agent: Agent, f: Callable[..., Tree], in_axes: Sequence[int | None
         return jax.lax.map(one, [argument for argument, axis in given if axis == 0])
 
     return one_after_the_other
+
+
+def reseeded(run: RunState, seeds: UInt[np.ndarray, " R"]) -> RunState:
+    """Runs `[R]` with other keys of training and evaluation; what they have learnt stays."""
+    keys = jax.vmap(keys_of)(jnp.asarray(seeds))
+    return run._replace(key=keys[:, 2], evaluation_key=keys[:, 3])
 
 
 def without_keys(run: RunState) -> RunState:

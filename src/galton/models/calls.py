@@ -1,0 +1,91 @@
+"""When the callbacks of one call of `learn` are called, as `galton.callbacks` says."""
+
+import inspect
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from galton.callbacks import Callback, Log
+from galton.errors import UsageError, require, require_integer
+
+
+class Calls:
+    """Our callbacks of one call of `learn`.
+
+    Args:
+        model: what they are given.
+        callbacks: in the order in which they are called.
+        first: the step at which `learn` begins.
+        last: the step at which it ends, if nobody stops it.
+
+    Raises:
+        UsageError: one that can't be called, or would not be before the end.
+    """
+
+    def __init__(self, model: object, callbacks: Sequence[object], first: int, last: int) -> None:
+        self._model, self._callbacks = model, [_callable(one) for one in callbacks]
+        for one in self._callbacks:
+            _check_reached(one, first, last)
+
+    @property
+    def intervals(self) -> list[int]:
+        """The steps between two calls of each callback that names them."""
+        return [every for one in self._callbacks if (every := _every(one))]
+
+    def meanwhile(self, seconds: float) -> bool:
+        """Ask those that want to be asked between two updates whether to go on, so many seconds after the beginning."""
+        asked: list[Callable[[Any, float], bool | None]] = [
+            one.meanwhile for one in self._callbacks if hasattr(one, "meanwhile")
+        ]
+        verdicts = [meanwhile(self._model, seconds) for meanwhile in asked]
+        return all(verdict is not False for verdict in verdicts)
+
+    def after(self, step: int, size: int, log: Log, is_log_point: bool) -> bool:
+        """Call those that are due after an update of that size, the last before this step; whether to go on."""
+        going, n_names = True, len(log)
+        for one in self._callbacks:
+            every = _every(one)
+            due = step // every > (step - size) // every if every else is_log_point or not going or len(log) > n_names
+            if due:
+                going = one(self._model, log) is not False and going
+        return going
+
+
+def next_call(step: int, every: int, size: int) -> int:
+    """The end of the first update of that size, after this step, with which a multiple of `every` has been reached."""
+    return -(-(step // every + 1) * every // size) * size
+
+
+def _every(callback: Callback) -> int | None:
+    every: int | None = getattr(callback, "every", None)
+    return every
+
+
+def _callable(callback: object) -> Callback:
+    """The callback, if it can be called with a model and a log."""
+    if not callable(callback):
+        raise UsageError(f"callback is {callback!r}; it must be callable as callback(model, log)")
+    try:
+        parameters = inspect.signature(callback)
+    except (TypeError, ValueError):  # one written in C does not tell
+        return callback
+    of_sb3 = [name.strip("_") for name in parameters.parameters] == ["locals", "globals"]
+    require(not of_sb3, f"callback is {callback!r} of locals and globals; Galton's take the model and the log")
+    try:
+        parameters.bind(None, None)
+    except TypeError as error:
+        message = f"callback is {callback!r}, which can't be called as callback(model, log): {error}"
+        raise UsageError(message) from None
+    return callback
+
+
+def _check_reached(callback: Callback, first: int, last: int) -> None:
+    every = getattr(callback, "every", None)
+    if every is None:
+        return
+    name = getattr(callback, "__name__", type(callback).__name__)
+    require_integer(f"every of {name}", every, 1)
+    require(
+        last // every > first // every,
+        f"every of {name} is {every:,}, but learning from step {first:,} to {last:,} reaches no multiple of it, so it "
+        f"would never be called; make it at most {last - first:,}, or learn for longer",
+    )

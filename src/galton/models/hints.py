@@ -1,0 +1,31 @@
+"""What somebody who comes from Stable-Baselines3 types first, and what to type here."""
+
+POLICIES = ("MlpPolicy", "CnnPolicy", "MultiInputPolicy", "MlpLstmPolicy")
+"""The names that SB3's models take before the environment."""
+
+HINTS = {
+    "policy_kwargs": "its entries are settings here, such as net_arch=(64, 64) and log_std_init=-0.5",
+    "tensorboard_log": "give learn(callback=galton.callbacks.TensorBoard(folder))",
+    "device": "JAX chooses the device; the environment variable JAX_PLATFORMS=cpu keeps it off an accelerator",
+    "use_sde": "there is no state-dependent exploration here",
+    "sde_sample_freq": "there is no state-dependent exploration here",
+    "use_rms_prop": "the optimiser is Adam",
+    "rms_prop_eps": "the optimiser is Adam",
+    "clip_range_vf": "the critic's step is not clipped here, as SB3's is not by default",
+    "stats_window_size": "a log tells of the episodes that ended since the last log point",
+    "monitor_wrapper": "episodes are counted without a Monitor",
+    "n_timesteps": "it is an argument of learn: learn(total_timesteps)",
+    "total_timesteps": "it is an argument of learn: learn(total_timesteps)",
+    "n_eval_episodes": "give learn(callback=galton.callbacks.Evaluate(n_episodes=...))",
+    "eval_freq": "give learn(callback=galton.callbacks.Evaluate(every=...))",
+    "eval_env": "give learn(callback=galton.callbacks.Evaluate(env=...))",
+    "reset_num_timesteps": "a model always counts on; make a new one to begin again",
+    "tb_log_name": "give callback=galton.callbacks.TensorBoard(folder)",
+}
+"""Arguments of SB3's that are not there, and what takes their place."""
+
+
+def unexpected(function: str, name: str, known: str = "") -> TypeError:
+    """The error for a keyword argument that a function does not take."""
+    hint = HINTS.get(name) or known
+    return TypeError(f"{function}() got an unexpected keyword argument {name!r}{hint and f'; {hint}'}")

@@ -1,0 +1,122 @@
+"""Where a model stands: in a run that can go on, or where the file left it that it was loaded from."""
+
+import dataclasses
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from galton.envs.base import Environment
+from galton.envs.host.base import HostTask
+from galton.errors import UsageError, require
+from galton.models import file
+from galton.saving import checkpoint
+from galton.training.population import Population, populate
+from galton.types import Config, Hypers, Learner, Params
+
+Arrays = dict[str, np.ndarray]
+"""What a file holds beside its settings, by path."""
+
+
+def copied(params: Params) -> Params:
+    """The parameters as numpy arrays of their own."""
+    copies: Params = jax.tree.map(np.array, params)
+    return copies
+
+
+@dataclasses.dataclass(frozen=True)
+class Loaded:
+    """Where a model stands that was loaded without an environment: it predicts, and is what its file was."""
+
+    env_name: str
+    step: int
+    learner: Learner
+    arrays: Arrays
+    task: None = None
+
+    @property
+    def population(self) -> Population:
+        """UsageError, since there is no run."""
+        raise UsageError(
+            "the model was loaded without an environment; give it one: load(path, env=...), or set_env(env)"
+        )
+
+    def advance(self, n_updates: int) -> None:
+        """UsageError, since there is no run."""
+        self.population.advance(n_updates)
+
+    def set_parameters(self, parameters: Params) -> None:
+        """UsageError, since there is no run."""
+        del parameters
+        assert self.population
+
+    def close(self) -> None:
+        """Do nothing, since there is nothing open."""
+
+
+class Run:
+    """A model with an environment: a population of one.
+
+    It raises what `populate` does.
+    """
+
+    def __init__(self, task: Environment | HostTask, config: Config, hypers: Hypers, seed: int) -> None:
+        self.task = task
+        numbers = Hypers._make(np.full(1, value, np.float32) for value in hypers)
+        self.population: Population = populate(task, config, numbers, [seed])
+        self._learner: Learner | None = None
+
+    @property
+    def env_name(self) -> str:
+        """What messages and files call the environment."""
+        return str(getattr(self.task, "name", None) or type(self.task).__name__)
+
+    @property
+    def step(self) -> int:
+        """How many environment steps the run has taken, all copies together."""
+        return self.population.step
+
+    @property
+    def learner(self) -> Learner:
+        """What was learnt, without the axis of runs."""
+        if self._learner is None:
+            self._learner = jax.tree.map(lambda x: jnp.asarray(x[0]), self.population.learner)
+        return self._learner
+
+    @property
+    def arrays(self) -> Arrays:
+        """All that a file needs to go on exactly."""
+        return checkpoint.flatten(self.population.snapshot())
+
+    def advance(self, n_updates: int) -> None:
+        """Train for so many updates."""
+        self._learner = None
+        self.population.advance(n_updates)
+
+    def resume(self, path: Path, arrays: Arrays) -> str:
+        """Go on where the arrays of a file are; the text returned says why not exactly, and is empty if exactly."""
+        self._learner = None
+        try:
+            return file.resume(path, self.population, arrays)
+        except BaseException:
+            self.close()
+            raise
+
+    def set_parameters(self, parameters: Params) -> None:
+        """Go on with other parameters; UsageError unless they are finite and have the names and shapes of these."""
+        own, given = (dict(jax.tree.leaves_with_path(tree)) for tree in (self.learner.params, parameters))
+        differ = [jax.tree_util.keystr(path) for path in own.keys() ^ given.keys()]
+        require(not differ, f"parameters differ from the model's own in {', '.join(sorted(differ))}")
+        for path, array in own.items():
+            other, name = np.asarray(given[path]), f"parameters{jax.tree_util.keystr(path)}"
+            require(other.shape == array.shape, f"{name} has shape {other.shape}; it must be {array.shape}")
+            require(other.dtype.kind in "fiu" and bool(np.isfinite(other).all()), f"{name} is not all finite numbers")
+        params = jax.tree.map(lambda array, other: np.asarray(other, array.dtype), self.learner.params, parameters)
+        learner = self.learner._replace(params=params)
+        self.population.put(jax.tree.map(lambda x: np.asarray(x)[None], learner))
+        self._learner = None
+
+    def close(self) -> None:
+        """Let go of the environments that the model made."""
+        self.population.close()

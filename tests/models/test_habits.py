@@ -1,0 +1,178 @@
+"""What users of Stable-Baselines3 expect of a model, beside learn, predict, save and load."""
+
+import math
+
+import jax
+import numpy as np
+import pytest
+
+from galton import A2C, PPO, UsageError
+from galton.callbacks import Print
+
+from ..swing import stateful_swing, swing
+
+SMALL = {"n_bins": 10, "net_arch": (8,), "n_steps": 5, "n_envs": 2}
+QUIET = {"progress_bar": False}
+
+
+def same(one, other):
+    return all((a == b).all() for a, b in zip(jax.tree.leaves(one), jax.tree.leaves(other), strict=True))
+
+
+@pytest.mark.parametrize("policy", ["MlpPolicy", "CnnPolicy", "MultiInputPolicy"])
+@pytest.mark.parametrize("model", [A2C, PPO])
+def test_a_policy_class_before_the_environment_is_told_to_be_left_out(model, policy):
+    with pytest.raises(UsageError, match=rf"env is '{policy}'.*{model.__name__}\('Pendulum-v1', ...\) is enough"):
+        model(policy, "Pendulum-v1")
+
+
+@pytest.mark.parametrize(
+    ("argument", "remedy"),
+    [
+        ("policy_kwargs", "net_arch=\\(64, 64\\)"),
+        ("tensorboard_log", "TensorBoard"),
+        ("device", "JAX_PLATFORMS"),
+        ("use_sde", "no state-dependent exploration"),
+        ("use_rms_prop", "Adam"),
+        ("clip_range_vf", "not clipped"),
+        ("n_timestep", "it takes .*learning_rate"),
+    ],
+)
+def test_an_argument_of_theirs_gets_a_hint(argument, remedy):
+    with pytest.raises(TypeError, match=f"A2C.*{argument}.*{remedy}"):
+        A2C("bandit", **{argument: None})
+
+
+@pytest.mark.parametrize("argument", ["reset_num_timesteps", "tb_log_name", "eval_env", "wrong"])
+def test_an_argument_of_their_learn_gets_one_too(argument):
+    model = A2C("bandit", **SMALL)
+    with pytest.raises(TypeError, match=f"learn.*{argument}"):
+        model.learn(10, **{argument: True}, **QUIET)
+    assert model.num_timesteps == 0
+
+
+@pytest.mark.parametrize("steps", [1e2, 100, np.float64(100)])
+def test_a_whole_number_of_steps_may_be_a_float(steps):
+    assert A2C("bandit", **SMALL).learn(steps, **QUIET).num_timesteps == 100
+
+
+@pytest.mark.parametrize("steps", [1.5, math.nan, math.inf, 0.0, -1e2, 3e9])
+def test_what_is_no_number_of_steps_is_refused(steps):
+    model = A2C("bandit", **SMALL)
+    with pytest.raises(UsageError, match="total_timesteps is"):
+        model.learn(steps, **QUIET)
+    assert model.num_timesteps == 0
+
+
+def test_a_model_says_what_it_is_and_only_what_is_unusual():
+    model = A2C("lqr", "hl-one-hot", seed=3, learning_rate=0.01, **SMALL).learn(50, **QUIET)
+    assert repr(model) == (
+        "<galton.A2C: hl-one-hot on LQR, n_envs=2, learning_rate=0.01, n_steps=5, n_bins=10, net_arch=(8,), seed=3, "
+        "50 steps>"
+    )
+    assert repr(PPO("lqr")) == "<galton.PPO: hl-gauss on LQR, n_envs=1, seed=0, 0 steps>"
+
+
+def test_verbose_prints_a_line_at_each_log_point(capsys):
+    A2C("bandit", **SMALL, verbose=1).learn(50, log_interval=2, **QUIET)
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split(":")[0] for line in lines] == ["step 20", "step 40", "step 50"]
+    assert all("ep_rew_mean" in line and "fps" in line for line in lines)
+    A2C("bandit", **SMALL).learn(50, log_interval=2, **QUIET)
+    assert capsys.readouterr().out == ""
+
+
+def test_print_leaves_out_what_is_not_known(capsys):
+    Print()(A2C("bandit", **SMALL).learn(1010, **QUIET), {"rollout/ep_rew_mean": math.nan, "eval/mean_reward": -2.5})
+    assert capsys.readouterr().out == "step 1,010: mean_reward -2.5\n"
+
+
+@pytest.mark.parametrize("env", ["lqr", swing, stateful_swing], ids=["jax", "no state", "state"])
+def test_a_model_loaded_without_an_environment_can_be_saved_to_the_same_bytes(env, tmp_path):
+    path = A2C(env, **SMALL).learn(50, **QUIET).save(tmp_path / "one")
+    loaded = A2C.load(path)
+    assert loaded.save(tmp_path / "other").read_bytes() == path.read_bytes()
+    assert "swing" in repr(loaded) or "LQR" in repr(loaded)
+    loaded.close()
+
+
+@pytest.mark.parametrize("method", ["learn", "evaluate", "advance", "set_parameters", "set_random_seed"])
+def test_without_an_environment_it_says_how_to_give_one(method, tmp_path):
+    model = A2C.load(A2C("bandit", **SMALL).save(tmp_path / "model"))
+    argument = {"set_parameters": model.get_parameters()}.get(method, 10)
+    with pytest.raises(UsageError, match=r"load\(path, env=...\), or set_env\(env\)"):
+        getattr(model, method)(argument)
+
+
+def test_parameters_are_copies_and_can_be_put_into_another_model():
+    one, other = A2C("lqr", **SMALL).learn(50, **QUIET), A2C("lqr", **SMALL, seed=1)
+    got = one.get_parameters()
+    assert same(got, one.learner.params)
+    other.set_parameters(got)
+    observation = np.ones(2, np.float32)
+    action, before = (model.predict(observation, deterministic=True)[0] for model in (other, one))
+    np.testing.assert_array_equal(action, before)
+    got["actor"][0]["kernel"][:] = 0.0
+    assert not same(got, one.learner.params)
+    other.learn(50, **QUIET)
+    assert not same(one.learner.params, other.learner.params)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda p: p | {"log_std": np.zeros(2)}, "differ from the model's own in .*log_std"),
+        (lambda p: {"actor": p["actor"]}, "differ from the model's own in .*critic"),
+        (lambda p: jax.tree.map(lambda x: x[..., None], p), "has shape"),
+        (lambda p: jax.tree.map(lambda x: x * np.nan, p), "not all finite"),
+        (lambda p: jax.tree.map(lambda x: "a", p), "has shape|not all finite"),
+        (lambda p: {}, "differ"),
+    ],
+)
+def test_other_parameters_are_refused_and_nothing_is_changed(change, message):
+    model = A2C("lqr", **SMALL)
+    before = model.get_parameters()
+    with pytest.raises(UsageError, match=message):
+        model.set_parameters(change(model.get_parameters()))
+    assert same(before, model.get_parameters())
+
+
+@pytest.mark.parametrize("env", ["lqr", stateful_swing], ids=["jax", "gymnasium"])
+def test_another_random_seed_changes_what_follows_and_the_same_repeats_it(env):
+    def after(*seeds):
+        model = A2C(env, **SMALL).learn(50, **QUIET)
+        for seed in seeds:
+            model.set_random_seed(seed)
+        params = model.learn(50, **QUIET).get_parameters()
+        model.close()
+        return params
+
+    assert same(after(7), after(3, 7))
+    assert not same(after(7), after())
+    with pytest.raises(UsageError, match="seed is -1"):
+        A2C("bandit", **SMALL).set_random_seed(-1)
+
+
+def test_set_env_goes_on_with_what_was_learnt_on_another_environment(tmp_path):
+    model = A2C(swing, **SMALL).learn(50, **QUIET)
+    before, path = model.get_parameters(), model.save(tmp_path / "model")
+    model.set_env(stateful_swing)
+    assert model.num_timesteps == 50
+    assert same(before, model.get_parameters())
+    assert model.learn(50, **QUIET).num_timesteps == 100
+    model.close()
+
+    loaded = A2C.load(path)
+    loaded.set_env(swing)
+    assert same(before, loaded.get_parameters())
+    assert loaded.learn(50, **QUIET).num_timesteps == 100
+    loaded.close()
+
+
+def test_set_env_refuses_other_spaces_and_keeps_the_environment():
+    model = A2C("lqr", **SMALL)
+    with pytest.raises(UsageError, match="env has actions"):
+        model.set_env("mountain-car")
+    with pytest.raises(UsageError, match="n_envs is 2, but one environment was given"):
+        model.set_env(swing())
+    assert model.learn(10, **QUIET).num_timesteps == 10
