@@ -151,6 +151,9 @@ class DevicePopulation:
         self.compile_seconds += seconds()
         return np.asarray(self._fetch(program(run.evaluation_key, run.step, run.learner, self._hypers)))
 
+    def check_evaluation(self, n_episodes: int) -> None:
+        """Nothing to check: there are as many copies of the environment as one wants."""
+
     def snapshot(self) -> Snapshot:
         """Runs and environments, from which `restore` goes on exactly."""
         run, episodes = self._fetch(self._state._replace(run=without_keys(self._state.run)))

@@ -13,6 +13,7 @@ from jaxtyping import Float, Integer
 from galton.envs.host.action_box import ActionBox
 from galton.envs.host.answers import as_float32, blame, one_flag, one_number, parts, shown, told, try_to_make
 from galton.envs.host.base import Steps
+from galton.envs.host.moves import Moves, moves_of
 from galton.envs.host.observations import Observations
 from galton.envs.host.state import Env, Restorable, get_state, set_state
 from galton.errors import BrokenEnvironmentError, UsageError, require
@@ -45,6 +46,7 @@ class GymnasiumTask:
             self.name = getattr(source, "__name__", None) or type(getattr(source, "unwrapped", source)).__name__
         first = self._check(try_to_make(self.name, self._make) if self._given is None else self._given)
         self._spare = [first]
+        self._by_id = isinstance(source, str)
         self.action_space: Any = first.action_space
         self.observation_space = first.observation_space
         self._actions = ActionBox(self.name, self.action_space)
@@ -54,7 +56,8 @@ class GymnasiumTask:
         """That many copies, in one thread; of an environment that was there, the first is itself."""
         del n_threads
         envs = [self._spare.pop() if self._spare else self._make_another() for _ in range(n_copies)]
-        return GymnasiumEnvs(self.name, envs, self._actions, self._observations, self._given)
+        moves = () if self._by_id else moves_of(envs)  # what a function returns the user may hold too
+        return GymnasiumEnvs(self.name, envs, self._actions, self._observations, self._given, moves)
 
     def _make_another(self) -> Env:
         env = self._check(try_to_make(self.name, self._make))
@@ -91,10 +94,16 @@ class GymnasiumEnvs:
     """M environments in a loop; `given` is not closed with the others."""
 
     def __init__(
-        self, name: str, envs: Sequence[Env], actions: ActionBox, observations: Observations, given: Env | None
+        self,
+        name: str,
+        envs: Sequence[Env],
+        actions: ActionBox,
+        observations: Observations,
+        given: Env | None,
+        moves: Sequence[Moves],
     ) -> None:
         self._name, self._envs, self._actions, self._observations = name, envs, actions, observations
-        self._given = given
+        self._given, self.moves = given, moves
         self._n_steps = 0
 
     def reset(self, seeds: Integer[np.ndarray, " M"]) -> Float[np.ndarray, "M o"]:
