@@ -77,7 +77,7 @@ VECTORS = {
 SINGLES = {
     "bare": Clock,
     "monitored": lambda: Monitor(Clock()),
-    "wrapped": lambda: Monitor(RescaleAction(TimeLimit(Clock(), 99), -2.0, 2.0)),
+    "wrapped": lambda: Monitor(RescaleAction(TimeLimit(Clock(), 99), np.float32(-2), np.float32(2))),
 }
 
 

@@ -15,7 +15,7 @@ from galton.envs.host.answers import as_float32, blame, one_flag, one_number, pa
 from galton.envs.host.base import Steps
 from galton.envs.host.moves import Moves, moves_of
 from galton.envs.host.observations import Observations
-from galton.envs.host.state import Env, Restorable, get_state, set_state
+from galton.envs.host.state import Env, get_state, is_restorable, set_state
 from galton.errors import BrokenEnvironmentError, UsageError, require
 
 
@@ -140,8 +140,8 @@ class GymnasiumEnvs:
         return Steps(following, final, reward, terminated, truncated & ~terminated)
 
     def get_state(self) -> dict[str, np.ndarray] | None:
-        """The states of environments with `get_state` and `set_state`, their time limits and their generators."""
-        if not all(isinstance(env.unwrapped, Restorable) for env in self._envs):
+        """The states of environments with `get_state` and `set_state`, of their wrappers and their generators."""
+        if not all(map(is_restorable, self._envs)):
             return None
         states = [get_state(env, self._where(i)) for i, env in enumerate(self._envs)]
         shapes = [{key: value.shape for key, value in state.items()} for state in states]
