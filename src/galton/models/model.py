@@ -194,7 +194,7 @@ class Model:
         """
         self._learner = None
         self.population.advance(n_updates)
-        check_divergence(self.population)
+        check_divergence(self.agent, self.population)
 
     def predict(
         self, observation: object, state: object = None, episode_start: object = None, deterministic: bool = False
