@@ -36,15 +36,18 @@ _ATTRIBUTES = {
 }
 """Wrappers of Gymnasium's with a state, and the attributes that are all of it."""
 
-_MONITOR = "stable_baselines3.common.monitor", "Monitor"  # tells in infos, too
-
 Wrapper = gymnasium.Wrapper[Any, Any, Any, Any]
 
 
 def is_known(wrapper: Wrapper) -> bool:
     """Whether all of a wrapper's state can be told, or it has none."""
-    kind = type(wrapper)
-    return (kind.__module__, kind.__name__) == _MONITOR or _name(wrapper) in (*_STATELESS, *_ATTRIBUTES)
+    return is_monitor(wrapper) or _name(wrapper) in (*_STATELESS, *_ATTRIBUTES)
+
+
+def is_monitor(env: object) -> bool:
+    """Whether it is SB3's Monitor, which tells of episodes in infos and changes nothing else."""
+    kind = type(env)
+    return (kind.__module__, kind.__name__) == ("stable_baselines3.common.monitor", "Monitor")
 
 
 def get_state(wrapper: Wrapper) -> dict[str, np.ndarray]:
