@@ -96,7 +96,7 @@ def bits(model):
 
 
 @pytest.mark.parametrize("kind", VECTORS)
-@pytest.mark.parametrize("n", [1, 2, 3])
+@pytest.mark.parametrize("n", [1, 2])
 def test_a_vector_environment_is_never_evaluated_on_whatever_the_number_of_episodes(kind, n):
     given = VECTORS[kind]()
     model = make_model(given)
@@ -199,6 +199,7 @@ def test_an_episode_that_somebody_else_moved_begins_anew_and_it_is_said(make, ot
         learn(model, 8)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("make", [asynchronous, in_processes])
 def test_vector_environments_in_processes_are_watched_too(make):
     env = make()
@@ -301,6 +302,42 @@ def test_copies_of_a_watched_environment_move_by_themselves():
         assert (other.unwrapped.t, env.unwrapped.t) == (1, 4)
         assert len(model.evaluate(1, env=other)) == 1  # nobody trains on the copy
     learn(model, 4)
+
+
+class Remote(Clock):
+    """Copies in another process, as far as one sees of them from here."""
+
+    def env_method(self, name, *arguments):
+        return getattr(Clock, name)(self, *arguments)
+
+    def step_async(self, actions):
+        pass
+
+    def set_state(self, state):
+        pass
+
+
+@pytest.mark.parametrize(
+    ("move", "counts"),
+    [
+        (lambda env: env.env_method("reset"), True),
+        (lambda env: env.env_method("step", [0.0]), True),
+        (lambda env: env.step_async([0.0]), True),
+        (lambda env: env.set_state({}), True),
+        (lambda env: TimeLimit(env, 5).reset(), True),
+        (lambda env: env.env_method("set_difficulty", 5), False),
+        (lambda env: env.render_mode, False),
+    ],
+)
+def test_moves_are_what_resets_or_steps_by_whatever_way(move, counts):
+    env = Remote()
+    env.reset()
+    watch = Watch(moves_of([env]))
+    watch.begin()
+    move(env)
+    assert watch.others_moved() == counts
+    watch.renew()
+    assert not watch.others_moved()
 
 
 def test_watching_again_and_again_adds_no_layers():

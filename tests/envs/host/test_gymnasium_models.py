@@ -19,6 +19,7 @@ from gymnasium.wrappers import (
 
 import galton
 from galton import BrokenEnvironmentError, UsageError
+from galton.saving import checkpoint
 
 from .walks import (
     Closing,
@@ -141,6 +142,17 @@ def test_a_model_goes_on_exactly_with_environments_that_tell_their_states(name, 
     again.learn(10 * N, progress_bar=False)
     assert bits(again.learner) == bits(whole.learner)
     assert again.save(tmp_path / "again").read_bytes() == whole.save(tmp_path / "whole").read_bytes()
+
+
+def test_a_file_from_before_the_wrappers_were_saved_loads_and_says_that_it_does_not_go_on_exactly(tmp_path):
+    path = make_model(EXACT["statistics"]).learn(10 * N, progress_bar=False).save(tmp_path / "later")
+    settings, arrays = checkpoint.read(path)
+    kept = {name: array for name, array in arrays.items() if "wrapper/" not in name}
+    assert len(arrays) - len(kept) == 8
+    checkpoint.write(tmp_path / "before", settings, kept)
+    with pytest.warns(galton.InexactResume, match="the checkpoint has no state for its environments .*wrapper/0/Norm"):
+        model = galton.A2C.load(tmp_path / "before", env=EXACT["statistics"])
+    assert model.learn(10 * N, progress_bar=False).num_timesteps == 20 * N
 
 
 @pytest.mark.parametrize("name", INEXACT)

@@ -10,7 +10,7 @@ import weakref
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
-_MOVING = ("reset", "step", "reset_async", "step_async")
+_MOVING = ("reset", "step", "set_state", "reset_async", "step_async")
 _FORWARDING = ("call", "call_async", "env_method")
 """Methods of vector environments that call one of their copies' methods by its name."""
 
