@@ -20,7 +20,6 @@ from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecMoni
 import galton
 from galton import BrokenEnvironmentError, SharedEnvironment, UsageError
 from galton.callbacks import Evaluate
-from galton.envs.host.moves import Watch, moves_of
 
 LENGTH = 10
 
@@ -92,9 +91,6 @@ def bits(model):
     return np.asarray(model.learner.params["critic"][0]["kernel"]).tobytes()
 
 
-# Evaluation
-
-
 @pytest.mark.parametrize("kind", VECTORS)
 @pytest.mark.parametrize("n", [1, 2])
 def test_a_vector_environment_is_never_evaluated_on_whatever_the_number_of_episodes(kind, n):
@@ -150,9 +146,6 @@ def test_the_training_environment_given_again_for_evaluation_is_refused(trained,
     assert env.t == 4
     model.close()
     assert make_model(Own).evaluate(1, env=env).shape == (1,)  # nobody trains on it any more
-
-
-# Somebody else
 
 
 def by_evaluate_policy(model, env):
@@ -289,9 +282,6 @@ def test_a_model_saved_after_somebody_moved_its_environment_does_not_claim_to_go
         galton.A2C.load(model.save(tmp_path / "moved"), env=Stateful)
 
 
-# The count
-
-
 def test_copies_of_a_watched_environment_move_by_themselves():
     env = Monitor(Clock())
     model = make_model(env)
@@ -302,62 +292,3 @@ def test_copies_of_a_watched_environment_move_by_themselves():
         assert (other.unwrapped.t, env.unwrapped.t) == (1, 4)
         assert len(model.evaluate(1, env=other)) == 1  # nobody trains on the copy
     learn(model, 4)
-
-
-class Remote(Clock):
-    """Copies in another process, as far as one sees of them from here."""
-
-    def env_method(self, name, *arguments):
-        return getattr(Clock, name)(self, *arguments)
-
-    def step_async(self, actions):
-        pass
-
-    def set_state(self, state):
-        pass
-
-
-@pytest.mark.parametrize(
-    ("move", "counts"),
-    [
-        (lambda env: env.env_method("reset"), True),
-        (lambda env: env.env_method("step", [0.0]), True),
-        (lambda env: env.step_async([0.0]), True),
-        (lambda env: env.set_state({}), True),
-        (lambda env: TimeLimit(env, 5).reset(), True),
-        (lambda env: env.env_method("set_difficulty", 5), False),
-        (lambda env: env.render_mode, False),
-    ],
-)
-def test_moves_are_what_resets_or_steps_by_whatever_way(move, counts):
-    env = Remote()
-    env.reset()
-    watch = Watch(moves_of([env]))
-    watch.begin()
-    move(env)
-    assert watch.others_moved() == counts
-    watch.renew()
-    assert not watch.others_moved()
-
-
-def test_watching_again_and_again_adds_no_layers():
-    env = Clock()
-    for _ in range(5):
-        make_model(env)
-    step = vars(env)["step"]
-    assert step.method.__func__ is Clock.step
-    first, second = moves_of([env]), moves_of([TimeLimit(env, 5)])
-    assert first == second
-    watch = Watch(first)
-    watch.begin()
-    env.reset()
-    assert watch.others_moved()
-    assert first[0].are_watched
-    del watch
-    assert not first[0].are_watched
-
-
-def test_what_galton_makes_of_an_id_is_not_watched():
-    model = make_model("MountainCarContinuous-v0")
-    (env,) = model.population._groups[0]._envs._envs
-    assert not {"reset", "step"} & set(vars(env.unwrapped))
