@@ -11,6 +11,7 @@ from .errors import BrokenEnvironmentError as BrokenEnvironmentError
 from .errors import CheckpointError as CheckpointError
 from .errors import DivergenceError as DivergenceError
 from .errors import NewerVersionError as NewerVersionError
+from .errors import SharedEnvironment as SharedEnvironment
 from .errors import UsageError as UsageError
 from .losses import LOSSES as LOSSES
 from .losses import Loss as Loss

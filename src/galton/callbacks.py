@@ -4,6 +4,7 @@
 - Any other is called at log points: every `log_interval` updates, at the end of `learn`, and where a callback before
   it in the list has added to the log. So an evaluation goes before what writes the log down.
 - One that has a method `meanwhile(model, seconds)`, seconds since `learn` began, is also asked about twice a second.
+- One that has a method `check(model)` is asked when `learn` begins, and raises UsageError for what it can't do.
 """
 
 import dataclasses
@@ -58,6 +59,11 @@ class Evaluate:
         require_integer("every", self.every, 1)
         require_integer("n_episodes", self.n_episodes, 1)
         self.best = -math.inf
+
+    def check(self, model: Any) -> None:
+        """Raise UsageError if the model's environment has no copies to play on."""
+        if self.env is None:
+            model.population.check_evaluation(self.n_episodes)
 
     def __call__(self, model: Model, log: Log) -> None:
         """Evaluate, and save the model if its mean return is the best so far."""

@@ -23,6 +23,10 @@ class DivergenceError(RuntimeError):
     """The gradient was not finite: the message names the step. The parameters before it are kept."""
 
 
+class SharedEnvironment(UserWarning):
+    """Somebody else reset or stepped an environment between two updates, so training begins a new episode there."""
+
+
 def require_integer(name: str, value: object, least: int) -> None:
     """Raise UsageError unless the value is an integer of at least `least`."""
     fits = isinstance(value, int | np.integer) and not isinstance(value, bool) and value >= least

@@ -10,7 +10,7 @@ from galton import normalization
 from galton.algorithms import Agent, actor_critic
 from galton.envs.base import Environment
 from galton.envs.host.base import HostTask
-from galton.training.evaluate import deterministic_action, evaluate, play
+from galton.training.evaluate import copies, deterministic_action, evaluate, play
 from galton.types import Hypers, Learner
 
 Rows = Float[np.ndarray, "n o"]
@@ -37,7 +37,7 @@ def returns_on(
     if isinstance(task, Environment):
         key = jax.random.fold_in(jax.random.key(seed), step)
         return np.asarray(evaluate(key, task, agent, learner, hypers, n_episodes))
-    envs = task.make(n_episodes)
+    envs = copies(task, n_episodes)
     try:
         seeds = np.random.SeedSequence((seed, 1, step)).generate_state(n_episodes)
         return play(task.name, envs, seeds, functools.partial(exploit, agent, learner, hypers))

@@ -25,6 +25,8 @@ class Calls:
         self._model, self._callbacks = model, [_callable(one) for one in callbacks]
         for one in self._callbacks:
             _check_reached(one, first, last)
+            if check := getattr(one, "check", None):
+                check(model)
 
     @property
     def intervals(self) -> list[int]:

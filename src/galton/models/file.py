@@ -146,7 +146,10 @@ def resume(path: Path, population: Population, arrays: dict[str, np.ndarray]) ->
     try:
         snapshot = checkpoint.unflatten(_grown(arrays, like["run"].tally), {"run": like["run"]})
         if "environments" not in like:
-            cause = "its environments can't be put into a state"
+            cause = (
+                "its environments can't be put into a state; an environment, and a wrapper that Galton doesn't know, "
+                "needs get_state and set_state for it"
+            )
         else:
             try:
                 snapshot |= checkpoint.unflatten(arrays, {"environments": like["environments"]})

@@ -8,12 +8,14 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 
 from galton import sb3
+from galton.algorithms import Agent
 from galton.callbacks import Print
 from galton.errors import DivergenceError, require, require_integer
 from galton.models.calls import Calls, next_call
 from galton.training.log import Log
 from galton.training.pieces import Pieces
 from galton.training.population import Population
+from galton.training.remedy import remedy
 from galton.types import Config
 
 
@@ -78,13 +80,13 @@ def learn(model: Learning, n_updates: int, callback: object, progress_bar: bool,
         theirs.end()
 
 
-def check_divergence(population: Population) -> None:
+def check_divergence(agent: Agent, population: Population) -> None:
     """Raise DivergenceError once the run's gradient was not finite."""
     step = int(population.diverged_at[0])
     if step >= 0:
         raise DivergenceError(
-            f"the gradient was not finite at step {step:,}; the model keeps the parameters before it. Lower "
-            "learning_rate, or set normalize_reward or normalize_observation"
+            f"the gradient was not finite at step {step:,}; the model keeps the parameters before it. "
+            f"{remedy(agent, population.learner)}"
         )
 
 

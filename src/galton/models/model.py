@@ -167,6 +167,9 @@ class Model:
                 would not be before the end.
             BrokenEnvironmentError: an environment broke; the model keeps what it learnt up to the last update.
             DivergenceError: a gradient was not finite; the model keeps the parameters before it.
+
+        Warns:
+            SharedEnvironment: somebody else moved the environment since; its episodes begin anew.
         """
         for name in others:
             raise unexpected("learn", name)
@@ -184,7 +187,7 @@ class Model:
             BrokenEnvironmentError, DivergenceError: as `learn`.
         """
         self._run.advance(n_updates)
-        check_divergence(self.population)
+        check_divergence(self.agent, self.population)
 
     def predict(
         self, observation: object, state: object = None, episode_start: object = None, deterministic: bool = False

@@ -10,8 +10,8 @@ from jaxtyping import Array, Float, Integer, Key, PyTree
 from galton import normalization
 from galton.algorithms import Agent, actor_critic
 from galton.envs.base import Environment
-from galton.envs.host.base import HostEnvironments
-from galton.errors import BrokenEnvironmentError
+from galton.envs.host.base import HostEnvironments, HostTask
+from galton.errors import BrokenEnvironmentError, require
 from galton.training.rollout import start_episodes
 from galton.types import Hypers, Learner
 
@@ -28,6 +28,18 @@ def deterministic_action(
     """The action taken without exploration, from raw observations."""
     normalised = normalization.observation(learner.normalizer, observation)
     return actor_critic.distribution(agent, learner.params, normalised, hypers).deterministic_action()
+
+
+def copies(task: HostTask, n_copies: int, n_threads: int = 1) -> HostEnvironments:
+    """That many copies of a task to evaluate on; UsageError if training has one of them."""
+    envs = task.make(n_copies, n_threads)
+    require(
+        not any(moves.are_watched for moves in envs.moves),
+        f"{task.name} is being trained on and can't be copied, and evaluation would move it in the middle of an "
+        "episode; evaluate on an environment of its own: evaluate(env=...) or Evaluate(env=...) takes an id or a "
+        "function that makes it",
+    )
+    return envs
 
 
 def play(

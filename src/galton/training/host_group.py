@@ -1,5 +1,6 @@
 """The training loop on environments outside JAX: P runs that one thread steps together on one device."""
 
+import warnings
 from typing import Any
 
 import jax
@@ -9,8 +10,10 @@ from jaxtyping import Float, UInt
 
 from galton.algorithms import Agent
 from galton.envs.host.base import HostEnvironments, HostTask, Steps
+from galton.envs.host.moves import Watch
 from galton.envs.host.observations import Observations
-from galton.training.evaluate import play
+from galton.errors import BrokenEnvironmentError, SharedEnvironment
+from galton.training.evaluate import copies, play
 from galton.training.host_programs import host_programs
 from galton.training.log import Finished, Log
 from galton.training.run import RunState, Snapshot, Tree, reseeded, with_keys, without_keys
@@ -50,6 +53,7 @@ class Group:
         self._hypers = self._place(hypers)
         self._batch = self._empty_batch()
         self._envs = task.make(len(seeds) * agent.config.n_envs, n_threads)
+        self._watch = Watch(self._envs.moves)
 
     def begin(self) -> None:
         """Make the runs and compile all programs but those of evaluation."""
@@ -69,6 +73,14 @@ class Group:
         """The training loop: act for n_steps steps, then learn from them."""
         if self._interrupted:
             self._start_anew()
+        elif self._watch.others_moved():
+            warnings.warn(
+                f"{self._task.name} was reset or stepped by somebody else since training did, which begins a new "
+                "episode there; give whoever evaluates an environment of its own",
+                SharedEnvironment,
+                stacklevel=2,
+            )
+            self._start_anew()
         self._interrupted = True
         for _ in range(n_updates):
             self._batch, finished = self._rollout()
@@ -86,7 +98,7 @@ class Group:
             )
             action = np.asarray(sampled)
             observation = self._observation if normalised is None else np.asarray(normalised)
-            steps = Steps(*map(self._split, self._envs.step(action.reshape(-1, action.shape[-1]))))
+            steps = Steps(*map(self._split, self._step(action.reshape(-1, action.shape[-1]))))
             done = self._count(finished, t, steps)
             learner, reward, final = self._receive(learner, steps, done)
             values = (observation, action, reward, final, steps.terminated, steps.truncated)
@@ -95,6 +107,16 @@ class Group:
             self._observation = steps.observation
         self.runs = self.runs._replace(learner=learner)
         return batch, finished
+
+    def _step(self, action: np.ndarray) -> Steps:
+        """Act in the environments, if they are where the last step left them."""
+        if self._watch.others_moved():
+            raise BrokenEnvironmentError(
+                f"{self._task.name} was reset or stepped by somebody else in the middle of a rollout; give each its own"
+            )
+        steps = self._envs.step(action)
+        self._watch.renew()
+        return steps
 
     def _count(self, finished: Finished, t: int, steps: Steps) -> np.ndarray:
         """Write lengths and returns of the episodes after step t, and return which have ended `[P, N]`."""
@@ -129,7 +151,7 @@ class Group:
         if self._evaluator is None or self._evaluator_episodes != n_episodes:
             if self._evaluator:
                 self._evaluator.close()
-            self._evaluator = self._task.make(len(self._seeds) * n_episodes, self._n_threads)
+            self._evaluator = copies(self._task, len(self._seeds) * n_episodes, self._n_threads)
             self._evaluator_episodes = n_episodes
 
     def evaluate(self, n_episodes: int) -> Float[np.ndarray, "P n_episodes"]:
@@ -156,7 +178,8 @@ class Group:
     def snapshot(self) -> Snapshot:
         """What `restore` goes on from; `environments` is None where they can't tell their states."""
         own = {"observation": self._observation, "length": self._length, "return": self._return}
-        state = None if self._interrupted else self._envs.get_state()
+        astray = self._interrupted or self._watch.others_moved()
+        state = None if astray else self._envs.get_state()
         environments = None if state is None else own | {key: self._split(value) for key, value in state.items()}
         return {"run": jax.tree.map(np.asarray, without_keys(self.runs)), "environments": environments}
 
@@ -171,10 +194,12 @@ class Group:
         self._observation, self._length, self._return = (
             np.array(state.pop(name)) for name in ("observation", "length", "return")
         )
-        self._envs.set_state({key: value.reshape(-1, *value.shape[2:]) for key, value in state.items()})
+        self._envs.set_state({key: np.concatenate(value) for key, value in state.items()})
+        self._watch.begin()
 
     def close(self) -> None:
         """Let go of the environments, those of evaluation too."""
+        self._watch.end()
         self._envs.close()
         if self._evaluator:
             self._evaluator.close()
@@ -188,6 +213,7 @@ class Group:
         self._observation = self._split(observation)
         self._length = np.zeros(self._shape, np.int32)
         self._return = np.zeros(self._shape)
+        self._watch.begin()
 
     def _environment_seeds(self, *purpose: int, n: int | None = None) -> np.ndarray:
         """Seeds for n copies of each run, by default N; purpose 0 is training, 1 evaluation, 2 starting anew."""
@@ -213,7 +239,8 @@ class Group:
 
     def _split(self, rows: np.ndarray) -> np.ndarray:
         """One row per copy as an array `[P, copies of a run, ...]`."""
-        return rows.reshape(self._shape[0], -1, *rows.shape[1:])
+        n_runs = self._shape[0]
+        return rows.reshape(n_runs, len(rows) // n_runs, *rows.shape[1:])
 
     def _empty_batch(self) -> Transition:
         o, d = self._sizes

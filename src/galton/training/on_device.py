@@ -154,6 +154,9 @@ class DevicePopulation:
         self.compile_seconds += seconds()
         return np.asarray(self._fetch(program(run.evaluation_key, run.step, run.learner, self._hypers)))
 
+    def check_evaluation(self, n_episodes: int) -> None:
+        """Nothing to check: there are as many copies of the environment as one wants."""
+
     def put(self, learner: Learner) -> None:
         """Go on with something else learnt, each leaf `[R, ...]`."""
         padded = self._place(jax.tree.map(lambda x: np.asarray(x)[self._padded], learner))

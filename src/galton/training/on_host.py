@@ -83,9 +83,13 @@ class HostPopulation:
 
     def evaluate(self, n_episodes: int) -> Float[np.ndarray, "R n_episodes"]:
         """Undiscounted returns of whole episodes without exploration, on copies made for evaluation."""
+        self.check_evaluation(n_episodes)
+        return np.concatenate(self._each(Group.evaluate, n_episodes))
+
+    def check_evaluation(self, n_episodes: int) -> None:
+        """Make the copies that evaluation plays on, and keep them for it; UsageError if there can be none."""
         for group in self._groups:
             group.make_evaluator(n_episodes)
-        return np.concatenate(self._each(Group.evaluate, n_episodes))
 
     def put(self, learner: Learner) -> None:
         """Go on with something else learnt, each leaf `[R, ...]`."""

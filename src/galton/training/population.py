@@ -53,6 +53,9 @@ class Population(Protocol):
     def evaluate(self, n_episodes: int) -> Float[np.ndarray, "R n_episodes"]:
         """Undiscounted returns of whole episodes without exploration; training is not touched by it."""
 
+    def check_evaluation(self, n_episodes: int) -> None:
+        """Raise UsageError unless `evaluate` can play that many episodes: where it is known, before training."""
+
     def put(self, learner: Learner) -> None:
         """Go on with something else learnt, each leaf `[R, ...]`."""
 

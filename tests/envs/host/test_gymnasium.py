@@ -1,12 +1,16 @@
+import functools
 import itertools
+import sys
 
 import gymnasium
 import numpy as np
 import pytest
 from gymnasium.spaces import Box
 from gymnasium.wrappers import TimeLimit
+from stable_baselines3.common.monitor import Monitor
+from stable_baselines3.common.vec_env import DummyVecEnv
 
-from galton import UsageError
+from galton import BrokenEnvironmentError, UsageError
 from galton.envs.find import find
 from galton.envs.host.gymnasium import GymnasiumTask
 
@@ -179,3 +183,88 @@ def test_copies_that_were_made_are_closed_even_if_closing_fails():
     envs = GymnasiumTask(Stuck).make(2)
     envs.close()
     assert [env.closed for env in envs._envs] == [1, 1]
+
+
+class Shutting(Walk):
+    """Ends the process where an exception was meant."""
+
+    def __init__(self, where=None):
+        self.where = where
+        self.leave("making")
+
+    def leave(self, here):
+        if self.where == here:
+            sys.exit(3)
+
+    def reset(self, *, seed=None, options=None):
+        self.leave("reset")
+        return super().reset(seed=seed)
+
+    def step(self, action):
+        self.leave("step")
+        return super().step(action)
+
+    def close(self):
+        self.leave("close")
+
+
+@pytest.mark.parametrize("vector", [False, True])
+@pytest.mark.parametrize("where", ["reset", "step"])
+def test_an_environment_that_ends_the_process_is_broken(where, vector):
+    make = functools.partial(Shutting, where)
+    envs = find(DummyVecEnv([make]) if vector else make).make(1)
+
+    def reset_and_step():
+        envs.reset(np.arange(1))
+        envs.step(np.zeros((1, 1), np.float32))
+
+    with pytest.raises(BrokenEnvironmentError, match=f"step .: {where} raised SystemExit: 3"):
+        reset_and_step()
+
+
+def test_an_environment_that_ends_the_process_when_it_is_made_or_closed_does_not():
+    with pytest.raises(UsageError, match="can't be made: SystemExit: 3"):
+        find(lambda: Shutting("making"))
+    find(lambda: Shutting("close")).make(2).close()
+
+
+def test_ctrl_c_in_an_environment_is_no_fault_of_its_own():
+    class Interrupted(Walk):
+        def step(self, action):
+            raise KeyboardInterrupt
+
+    envs = find(Interrupted).make(1)
+    envs.reset(np.arange(1))
+    with pytest.raises(KeyboardInterrupt):
+        envs.step(np.zeros((1, 1), np.float32))
+
+
+@pytest.mark.parametrize(
+    "make", [lambda: TimeLimit(Walk(), 5), functools.partial(Walk), functools.partial(lambda: Monitor(Walk()))]
+)
+def test_a_function_without_a_name_has_that_of_what_it_makes(make):
+    assert find(make).name == "Walk"
+
+
+def test_a_monitored_environment_can_be_copied_without_its_monitor():
+    given = Monitor(Monitor(gymnasium.make("MountainCarContinuous-v0")))
+    task = find(given)
+    training, evaluation = task.make(1), task.make(2)
+    assert training._envs == [given]
+    inner = {id(env.unwrapped) for env in (given, *evaluation._envs)}
+    assert len(inner) == 3
+    assert [type(env) for env in evaluation._envs] == [TimeLimit, TimeLimit]
+    assert {env._max_episode_steps for env in evaluation._envs} == {999}
+
+
+class Plain(gymnasium.Wrapper):
+    """Gymnasium can't make it again."""
+
+
+@pytest.mark.parametrize("around", [Plain, lambda env: TimeLimit(Monitor(env), 9), lambda env: Monitor(Plain(env))])
+def test_what_can_not_be_copied_is_told_the_remedy_and_the_reason(around):
+    task = find(around(gymnasium.make("MountainCarContinuous-v0")))
+    task.make(1)
+    remedy = r"a function that makes it, or evaluate on another: evaluate\(env=\.\.\.\).*RecordConstructorArgs"
+    with pytest.raises(UsageError, match=remedy):
+        task.make(1)

@@ -6,10 +6,20 @@ import warnings
 import jax
 import numpy as np
 import pytest
-from gymnasium.wrappers import TimeLimit
+from gymnasium.wrappers import (
+    DelayObservation,
+    FrameStackObservation,
+    NormalizeObservation,
+    NormalizeReward,
+    StickyAction,
+    TimeAwareObservation,
+    TimeLimit,
+    TransformReward,
+)
 
 import galton
 from galton import BrokenEnvironmentError, UsageError
+from galton.saving import checkpoint
 
 from .walks import (
     Closing,
@@ -24,6 +34,20 @@ from .walks import (
 
 CONFIG = {"loss": "gaussian", "n_steps": 5, "net_arch": (4,)}
 make_model = functools.partial(galton.A2C, n_envs=N, **CONFIG)
+
+
+class Memoryless(Walk):
+    """All that it remembers is an array without entries."""
+
+    def step(self, action):
+        self.position, self.t = self.np_random.normal(), 0
+        return self.observe(), float(action[0]), bool(self.np_random.uniform() < 0.2), False, {}
+
+    def get_state(self):
+        return {"nothing": np.zeros((0, 2))}
+
+    def set_state(self, state):
+        assert state["nothing"].shape == (0, 2)
 
 
 def bits(tree):
@@ -89,14 +113,50 @@ def test_a_given_environment_trains_alone_and_is_evaluated_only_if_it_can_be_mad
         galton.A2C(given, n_envs=2, **CONFIG)
 
 
-def test_a_model_goes_on_exactly_with_environments_that_tell_their_states(tmp_path):
-    def make():
-        return TimeLimit(Stateful(), 7)
+EXACT = {
+    "a time limit": lambda: TimeLimit(Stateful(), 7),
+    "no time limit": Stateful,
+    "no numbers": Memoryless,
+    "statistics": lambda: NormalizeReward(NormalizeObservation(TimeAwareObservation(TimeLimit(Stateful(), 7)))),
+}
+INEXACT = {
+    "frames": lambda: FrameStackObservation(TimeLimit(Stateful(), 7), 2),
+    "a delay": lambda: DelayObservation(Stateful(), 1),
+    "sticky actions": lambda: StickyAction(Stateful(), 0.5),
+    "a function": lambda: TransformReward(Stateful(), lambda reward: 2 * reward),
+}
 
+
+def half_and_whole(make, path):
     whole = make_model(make).learn(20 * N, progress_bar=False)
     half = make_model(make).learn(10 * N, progress_bar=False)
+    return half.save(path), whole
+
+
+@pytest.mark.parametrize("name", EXACT)
+def test_a_model_goes_on_exactly_with_environments_that_tell_their_states(name, tmp_path):
+    path, whole = half_and_whole(EXACT[name], tmp_path / "half")
     with warnings.catch_warnings():
         warnings.simplefilter("error", galton.InexactResume)
-        again = galton.A2C.load(half.save(tmp_path / "half"), env=make)
+        again = galton.A2C.load(path, env=EXACT[name])
     again.learn(10 * N, progress_bar=False)
     assert bits(again.learner) == bits(whole.learner)
+    assert again.save(tmp_path / "again").read_bytes() == whole.save(tmp_path / "whole").read_bytes()
+
+
+def test_a_file_from_before_the_wrappers_were_saved_loads_and_says_that_it_does_not_go_on_exactly(tmp_path):
+    path = make_model(EXACT["statistics"]).learn(10 * N, progress_bar=False).save(tmp_path / "later")
+    settings, arrays = checkpoint.read(path)
+    kept = {name: array for name, array in arrays.items() if "wrapper/" not in name}
+    assert len(arrays) - len(kept) == 8
+    checkpoint.write(tmp_path / "before", settings, kept)
+    with pytest.warns(galton.InexactResume, match="the checkpoint has no state for its environments .*wrapper/0/Norm"):
+        model = galton.A2C.load(tmp_path / "before", env=EXACT["statistics"])
+    assert model.learn(10 * N, progress_bar=False).num_timesteps == 20 * N
+
+
+@pytest.mark.parametrize("name", INEXACT)
+def test_a_model_says_that_it_does_not_go_on_exactly_in_wrappers_that_keep_a_state(name, tmp_path):
+    path = make_model(INEXACT[name]).learn(10 * N, progress_bar=False).save(tmp_path / "half")
+    with pytest.warns(galton.InexactResume, match="a wrapper that Galton doesn't know, needs get_state and set_state"):
+        galton.A2C.load(path, env=INEXACT[name]).learn(10 * N, progress_bar=False)

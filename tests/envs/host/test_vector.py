@@ -113,7 +113,9 @@ def test_spaces_that_are_missing_are_refused():
 def test_only_the_copies_that_there_are_can_be_had(make):
     task = find(make(Walk))
     assert task.given == N
-    with pytest.raises(UsageError, match=f"2 copies are wanted of .*Vec.*, which has {N}; set n_envs to that"):
+    with pytest.raises(
+        UsageError, match=f"2 copies are wanted of .*Vec.*, which has {N}, and it can't be copied; set n_envs to that"
+    ):
         task.make(2)
 
 

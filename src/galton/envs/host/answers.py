@@ -10,8 +10,11 @@ from typing import Any, TypeVar
 import numpy as np
 from jaxtyping import Float, Shaped
 
+from galton.envs.host.mujoco_log import mujoco_warns
 from galton.errors import BrokenEnvironmentError, UsageError
 
+FAULTS = (Exception, SystemExit)
+"""What an environment may raise that is its own fault: one that calls sys.exit() must not end training in silence."""
 Made = TypeVar("Made")
 
 _LARGEST = float(np.finfo(np.float32).max)
@@ -22,19 +25,20 @@ def blame(where: str) -> Iterator[None]:
     """Turn whatever is raised inside into a BrokenEnvironmentError that begins with `where`."""
     try:
         yield
-    except Exception as error:
+    except FAULTS as error:
         raise BrokenEnvironmentError(f"{where} raised {told(error)}") from error
 
 
 def try_to_make(name: str, make: Callable[[], Made]) -> Made:
     """What `make` makes of an environment of that name; a UsageError says why it can't."""
     try:
-        return make()
-    except Exception as error:
+        with mujoco_warns():
+            return make()
+    except FAULTS as error:
         raise UsageError(f"environment is {name!r}, which can't be made: {told(error)}") from error
 
 
-def told(error: Exception) -> str:
+def told(error: BaseException) -> str:
     """An error's type and, where it has one, its message."""
     return f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
 

@@ -1,11 +1,14 @@
 """What a task outside JAX has to offer."""
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import gymnasium
 import numpy as np
 from gymnasium.spaces import Box
 from jaxtyping import Bool, Float, Integer
+
+from galton.envs.host.moves import Moves
 
 Space = gymnasium.Space[Any]
 """A Gymnasium space, whatever is in it."""
@@ -29,6 +32,10 @@ class HostEnvironments(Protocol):
 
     Every method raises BrokenEnvironmentError, which names the copy, where one raises or returns what it must not.
     """
+
+    @property
+    def moves(self) -> Sequence[Moves]:
+        """The counts of their moves, for copies that somebody else may hold too; empty if nobody can."""
 
     def reset(self, seeds: Integer[np.ndarray, " M"]) -> Float[np.ndarray, "M o"]:
         """Begin episodes; a copy's seed decides all of its future."""

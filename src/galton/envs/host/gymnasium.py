@@ -11,11 +11,16 @@ import numpy as np
 from jaxtyping import Float, Integer
 
 from galton.envs.host.action_box import ActionBox
-from galton.envs.host.answers import as_float32, blame, one_flag, one_number, parts, shown, told, try_to_make
+from galton.envs.host.answers import FAULTS, as_float32, blame, one_flag, one_number, parts, shown, told, try_to_make
 from galton.envs.host.base import Steps
+from galton.envs.host.moves import Moves, moves_of
 from galton.envs.host.observations import Observations
-from galton.envs.host.state import Env, Restorable, get_state, set_state
+from galton.envs.host.state import Env, get_state, is_restorable, set_state
+from galton.envs.host.wrappers import is_monitor
 from galton.errors import BrokenEnvironmentError, UsageError, require
+
+_NAMELESS = ("<lambda>", "partial")
+"""What functions without a name are called, until the environment that they make is known."""
 
 
 class GymnasiumTask:
@@ -44,7 +49,10 @@ class GymnasiumTask:
             self._make = source if callable(source) else functools.partial(_make_again, source)
             self.name = getattr(source, "__name__", None) or type(getattr(source, "unwrapped", source)).__name__
         first = self._check(try_to_make(self.name, self._make) if self._given is None else self._given)
+        if self.name in _NAMELESS:
+            self.name = type(first.unwrapped).__name__
         self._spare = [first]
+        self._by_id = isinstance(source, str)
         self.action_space: Any = first.action_space
         self.observation_space = first.observation_space
         self._actions = ActionBox(self.name, self.action_space)
@@ -54,7 +62,8 @@ class GymnasiumTask:
         """That many copies, in one thread; of an environment that was there, the first is itself."""
         del n_threads
         envs = [self._spare.pop() if self._spare else self._make_another() for _ in range(n_copies)]
-        return GymnasiumEnvs(self.name, envs, self._actions, self._observations, self._given)
+        moves = () if self._by_id else moves_of(envs)  # what a function returns the user may hold too
+        return GymnasiumEnvs(self.name, envs, self._actions, self._observations, self._given, moves)
 
     def _make_another(self) -> Env:
         env = self._check(try_to_make(self.name, self._make))
@@ -73,7 +82,7 @@ class GymnasiumTask:
         for name in ("action_space", "observation_space"):
             try:
                 space = getattr(env, name, None)
-            except Exception as error:
+            except FAULTS as error:
                 raise UsageError(f"{self.name}'s {name} raised {told(error)}") from error
             require(
                 isinstance(space, gymnasium.Space),
@@ -91,10 +100,16 @@ class GymnasiumEnvs:
     """M environments in a loop; `given` is not closed with the others."""
 
     def __init__(
-        self, name: str, envs: Sequence[Env], actions: ActionBox, observations: Observations, given: Env | None
+        self,
+        name: str,
+        envs: Sequence[Env],
+        actions: ActionBox,
+        observations: Observations,
+        given: Env | None,
+        moves: Sequence[Moves],
     ) -> None:
         self._name, self._envs, self._actions, self._observations = name, envs, actions, observations
-        self._given = given
+        self._given, self.moves = given, moves
         self._n_steps = 0
 
     def reset(self, seeds: Integer[np.ndarray, " M"]) -> Float[np.ndarray, "M o"]:
@@ -131,8 +146,8 @@ class GymnasiumEnvs:
         return Steps(following, final, reward, terminated, truncated & ~terminated)
 
     def get_state(self) -> dict[str, np.ndarray] | None:
-        """The states of environments with `get_state` and `set_state`, their time limits and their generators."""
-        if not all(isinstance(env.unwrapped, Restorable) for env in self._envs):
+        """The states of environments with `get_state` and `set_state`, of their wrappers and their generators."""
+        if not all(map(is_restorable, self._envs)):
             return None
         states = [get_state(env, self._where(i)) for i, env in enumerate(self._envs)]
         shapes = [{key: value.shape for key, value in state.items()} for state in states]
@@ -151,13 +166,13 @@ class GymnasiumEnvs:
         """Close what Galton made; an environment that the user gave stays open."""
         for env in self._envs:
             if env is not self._given:
-                with contextlib.suppress(Exception):  # nothing is wanted of it any more
+                with contextlib.suppress(*FAULTS):  # nothing is wanted of it any more
                     env.close()
 
     def _step(self, i: int, action: np.ndarray, where: str) -> tuple[object, ...]:
         try:  # `blame` does the same, more slowly
             answer = self._envs[i].step(action)
-        except Exception as error:
+        except FAULTS as error:
             raise BrokenEnvironmentError(f"{where}: step raised {told(error)}") from error
         return parts(answer, "observation, reward, terminated, truncated, info", "step", where)
 
@@ -172,7 +187,16 @@ class GymnasiumEnvs:
 
 
 def _make_again(env: Env) -> Env:
-    """Another copy of an environment that the user made."""
-    if env.spec is None:
-        raise ValueError("only one copy of it was given; give its id, or a function that makes it")
-    return gymnasium.make(env.spec)
+    """Another copy of an environment that the user made; SB3's Monitor around it adds nothing to be copied."""
+    while is_monitor(env):
+        env = env.env  # type: ignore[attr-defined]
+    try:
+        if env.spec is not None:
+            return gymnasium.make(env.spec)
+        cause = ""
+    except Exception as error:
+        cause = f" ({told(error)})"
+    raise ValueError(
+        f"only one copy of it was given; give its id, or a function that makes it, or evaluate on another: "
+        f"evaluate(env=...) or Evaluate(env=...){cause}"
+    )

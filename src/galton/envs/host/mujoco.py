@@ -11,6 +11,7 @@ from galton.devices import n_cores
 from galton.envs.host.action_box import ActionBox
 from galton.envs.host.answers import as_float32, try_to_make
 from galton.envs.host.base import Steps
+from galton.envs.host.moves import Moves
 from galton.envs.host.mujoco_functions import MUJOCO_FUNCTIONS, Constants, Matrix, Rows
 from galton.envs.host.simulation import Batched, Looped, Simulations
 from galton.envs.host.state import generator_state, set_generator_state
@@ -43,6 +44,8 @@ class MujocoTask:
 
 class MujocoEnvs:
     """N simulations of one task, stepped together."""
+
+    moves: tuple[Moves, ...] = ()
 
     def __init__(self, task: MujocoTask, n_copies: int, n_threads: int) -> None:
         self._task, self._functions, self._constants = task, task.functions, task.constants

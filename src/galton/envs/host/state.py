@@ -1,4 +1,4 @@
-"""The state of one Gymnasium environment as arrays: its own, its time limits' and its generator's."""
+"""The state of one Gymnasium environment as arrays: its own, its wrappers' and its generator's."""
 
 import json
 from typing import Any, Protocol, runtime_checkable
@@ -8,16 +8,18 @@ import numpy as np
 from gymnasium.wrappers import TimeLimit
 from jaxtyping import UInt8
 
+from galton.envs.host import wrappers
 from galton.envs.host.answers import as_numbers, blame, shown
 from galton.errors import BrokenEnvironmentError
 
 Env = gymnasium.Env[Any, Any]
 """A Gymnasium environment, whatever it observes and takes."""
+State = dict[str, np.ndarray]
 
 
 @runtime_checkable
 class Restorable(Protocol):
-    """An environment that tells its state and can be put back into it."""
+    """An environment, or a wrapper, that tells its state and can be put back into it."""
 
     def get_state(self) -> dict[str, Any]:
         """Arrays or numbers by name, always of the same shapes."""
@@ -26,19 +28,18 @@ class Restorable(Protocol):
         """Go on from what `get_state` told."""
 
 
-def get_state(env: Env, where: str) -> dict[str, np.ndarray]:
-    """All of a Restorable environment that decides how it goes on."""
-    assert isinstance(env.unwrapped, Restorable)
-    with blame(f"{where}: get_state"):
-        told: object = env.unwrapped.get_state()
-    if not isinstance(told, dict):
-        raise BrokenEnvironmentError(f"{where}: get_state returned {shown(told)}, not a dict of arrays")
-    state = {}
-    for key, value in told.items():
-        numbers = as_numbers(value)
-        if numbers is None:
-            raise BrokenEnvironmentError(f"{where}: get_state's {key!r} is {shown(value)}, not numbers")
-        state[f"state/{key}"] = numbers
+def is_restorable(env: Env) -> bool:
+    """Whether all of an environment can be saved: its own state and that of every wrapper around it."""
+    return isinstance(env.unwrapped, Restorable) and all(
+        type(wrapper) is TimeLimit or _tells(wrapper) or wrappers.is_known(wrapper) for wrapper in _around(env)
+    )
+
+
+def get_state(env: Env, where: str) -> State:
+    """All of a restorable environment that decides how it goes on."""
+    state = _told(env.unwrapped, "state", where)
+    for prefix, wrapper in _named(env):
+        state |= _told(wrapper, prefix, where) if _tells(wrapper) else _prefixed(prefix, wrappers.get_state(wrapper))
     state["elapsed_steps"] = np.array([limit._elapsed_steps or 0 for limit in _time_limits(env)], np.int64)
     with blame(f"{where}: np_random"):
         state["generator"] = generator_state(env.unwrapped.np_random)
@@ -46,11 +47,14 @@ def get_state(env: Env, where: str) -> dict[str, np.ndarray]:
 
 
 def set_state(env: Env, state: dict[str, Any], where: str) -> None:
-    """Put a Restorable environment, which was reset, into what `get_state` told."""
-    assert isinstance(env.unwrapped, Restorable)
-    own = {key.removeprefix("state/"): value for key, value in state.items() if key.startswith("state/")}
-    with blame(f"{where}: set_state"):
-        env.unwrapped.set_state(own)
+    """Put a restorable environment, which was reset, into what `get_state` told."""
+    for prefix, holder in (("state", env.unwrapped), *_named(env)):
+        own = {key.removeprefix(f"{prefix}/"): value for key, value in state.items() if key.startswith(f"{prefix}/")}
+        with blame(f"{where}: set_state"):
+            if isinstance(holder, gymnasium.Wrapper) and not _tells(holder):
+                wrappers.set_state(holder, own)
+            else:
+                holder.set_state(own)
     for limit, elapsed in zip(_time_limits(env), state["elapsed_steps"], strict=True):
         limit._elapsed_steps = int(elapsed)
     set_generator_state(env.unwrapped.np_random, state["generator"])
@@ -67,11 +71,44 @@ def set_generator_state(generator: np.random.Generator, state: UInt8[np.ndarray,
     generator.bit_generator.state = json.loads(state.tobytes())
 
 
+def _told(holder: Any, prefix: str, where: str) -> State:
+    """What `get_state` of an environment or a wrapper tells, checked."""
+    with blame(f"{where}: get_state"):
+        told: object = holder.get_state()
+    if not isinstance(told, dict):
+        raise BrokenEnvironmentError(f"{where}: get_state returned {shown(told)}, not a dict of arrays")
+    state = {}
+    for key, value in told.items():
+        numbers = as_numbers(value)
+        if numbers is None:
+            raise BrokenEnvironmentError(f"{where}: get_state's {key!r} is {shown(value)}, not numbers")
+        state[key] = numbers
+    return _prefixed(prefix, state)
+
+
+def _prefixed(prefix: str, state: State) -> State:
+    return {f"{prefix}/{key}": value for key, value in state.items()}
+
+
+def _tells(wrapper: Any) -> bool:
+    """Whether a wrapper's class tells a state, its own and not one that it forwards."""
+    return all(callable(getattr(type(wrapper), name, None)) for name in ("get_state", "set_state"))
+
+
+def _named(env: Env) -> list[tuple[str, Any]]:
+    """The wrappers around an environment but for time limits, each with the beginning of its arrays' names."""
+    named = [(f"wrapper/{i}/{type(wrapper).__name__}", wrapper) for i, wrapper in enumerate(_around(env))]
+    return [(name, wrapper) for name, wrapper in named if type(wrapper) is not TimeLimit]
+
+
 def _time_limits(env: Env) -> list[Any]:
-    """The TimeLimit wrappers around an environment, from the outside in."""
+    return [wrapper for wrapper in _around(env) if isinstance(wrapper, TimeLimit)]
+
+
+def _around(env: Env) -> list[Any]:
+    """The wrappers around an environment, from the outside in."""
     found = []
     while env is not env.unwrapped:
-        if isinstance(env, TimeLimit):
-            found.append(env)
+        found.append(env)
         env = env.env  # type: ignore[attr-defined]
     return found

@@ -53,8 +53,9 @@ class VectorTask:
         del n_threads
         require(
             n_copies == self.given,
-            f"{n_copies} copies are wanted of {self.name}, which has {self.given}; set n_envs to that, and evaluate on "
-            "an environment of its own",
+            f"{n_copies} copies are wanted of {self.name}, which has {self.given}, and it can't be copied; set n_envs "
+            "to that, and evaluate on an environment of its own: evaluate(env=...) or Evaluate(env=...) takes an id or "
+            "a function that makes it",
         )
         of_gymnasium = isinstance(self._source, VectorEnv)
         reset, step = (reset_gymnasium, step_gymnasium) if of_gymnasium else (reset_sb3, step_sb3)

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from typing import Any
 
+import gymnasium
 import numpy as np
 from gymnasium.spaces import Box
 from gymnasium.vector.utils import batch_space, iterate
@@ -11,6 +12,7 @@ from jaxtyping import Bool, Float, Integer
 from galton.envs.host.action_box import ActionBox
 from galton.envs.host.answers import as_float32, as_numbers, blame, parts, shown
 from galton.envs.host.base import Steps
+from galton.envs.host.moves import moves_of
 from galton.envs.host.observations import Observations
 from galton.errors import BrokenEnvironmentError, UsageError
 
@@ -32,6 +34,8 @@ class VectorEnvs:
     ) -> None:
         self._name, self._envs, self._actions, self._observations = name, envs, actions, observations
         self._reset, self._step = reset, step
+        copies = getattr(envs.unwrapped, "envs", ())  # those in other processes nobody else can hold
+        self.moves = moves_of([envs, *(copy for copy in copies if isinstance(copy, gymnasium.Env))])
         self._n_steps = 0
 
     def reset(self, seeds: Integer[np.ndarray, " M"]) -> Float[np.ndarray, "M o"]:

@@ -1,0 +1,294 @@
+"""Training owns its environments: nobody moves them unnoticed, evaluation never."""
+
+import copy
+import functools
+import pickle
+import warnings
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.spaces import Box
+from gymnasium.vector import AsyncVectorEnv, AutoresetMode, SyncVectorEnv
+from gymnasium.wrappers import RescaleAction, TimeLimit
+from gymnasium.wrappers.vector import RecordEpisodeStatistics
+from stable_baselines3.common.callbacks import EvalCallback
+from stable_baselines3.common.evaluation import evaluate_policy
+from stable_baselines3.common.monitor import Monitor
+from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecMonitor, VecNormalize
+
+import galton
+from galton import BrokenEnvironmentError, SharedEnvironment, UsageError
+from galton.callbacks import Evaluate
+
+LENGTH = 10
+
+
+class Clock(gymnasium.Env):
+    """Shows how late it is; an episode has LENGTH steps."""
+
+    action_space = Box(-1, 1, (1,))
+    observation_space = Box(0, np.inf, (1,))
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        self.t = 0
+        return np.zeros(1, np.float32), {}
+
+    def step(self, action):
+        self.t += 1
+        return np.full(1, self.t, np.float32), float(action[0]), self.t == LENGTH, False, {}
+
+    def set_difficulty(self, level):
+        self.level = level
+
+
+class Own(Clock):
+    """Another class with the same spaces."""
+
+
+make_model = functools.partial(galton.A2C, loss="gaussian", n_steps=2, net_arch=(4,))
+
+
+def sync(n=2):
+    return SyncVectorEnv([Clock] * n, autoreset_mode=AutoresetMode.SAME_STEP)
+
+
+def asynchronous(n=2):
+    return AsyncVectorEnv([Clock] * n, autoreset_mode=AutoresetMode.SAME_STEP, context="spawn")
+
+
+def dummy(n=2):
+    return DummyVecEnv([Clock] * n)
+
+
+def in_processes(n=2):
+    return SubprocVecEnv([Clock] * n, start_method="spawn")
+
+
+VECTORS = {
+    "sync": sync,
+    "statistics": lambda: RecordEpisodeStatistics(sync()),
+    "dummy": dummy,
+    "normalised": lambda: VecNormalize(dummy()),
+    "monitored": lambda: VecMonitor(VecNormalize(dummy())),
+}
+SINGLES = {
+    "bare": Clock,
+    "monitored": lambda: Monitor(Clock()),
+    "wrapped": lambda: Monitor(RescaleAction(TimeLimit(Clock(), 99), np.float32(-2), np.float32(2))),
+}
+
+
+def learn(model, n_steps):
+    """Train, and return the lengths of all episodes that ended, by log point."""
+    logs = []
+    model.learn(n_steps, lambda _, log: logs.append(log), progress_bar=False, log_interval=1)
+    return [log["rollout/ep_len_mean"] for log in logs if log["rollout/n_episodes"] > 0]
+
+
+def bits(model):
+    return np.asarray(model.learner.params["critic"][0]["kernel"]).tobytes()
+
+
+@pytest.mark.parametrize("kind", VECTORS)
+@pytest.mark.parametrize("n", [1, 2])
+def test_a_vector_environment_is_never_evaluated_on_whatever_the_number_of_episodes(kind, n):
+    given = VECTORS[kind]()
+    model = make_model(given)
+    learn(model, 12)
+    with pytest.raises(UsageError, match=r"can't be copied.*evaluate\(env=\.\.\.\) or Evaluate\(env=\.\.\.\)"):
+        model.evaluate(n)
+    with pytest.raises(UsageError, match=r"can't be copied"):
+        model.population.check_evaluation(n)
+    with pytest.raises(UsageError, match=r"can't be copied"):
+        model.learn(8, Evaluate(every=4, n_episodes=n), progress_bar=False, log_interval=1)
+    assert len(model.evaluate(n, env=Own)) == n
+    assert set(learn(model, 40)) == {LENGTH}
+
+
+@pytest.mark.parametrize("kind", VECTORS)
+def test_evaluation_on_another_environment_leaves_training_as_it_is(kind):
+    models = [make_model(VECTORS[kind]()) for _ in range(2)]
+    for model in models:
+        learn(model, 12)
+    models[0].evaluate(2, env=Own)
+    models[0].evaluate(2, env=VECTORS[kind]())
+    for model in models:
+        learn(model, 40)
+    assert bits(models[0]) == bits(models[1])
+
+
+def given_itself(env):
+    return env
+
+
+def in_a_function(env):
+    return lambda: env
+
+
+def in_a_wrapper(env):
+    return TimeLimit(env, 50)
+
+
+def in_a_vector(env):
+    return DummyVecEnv([lambda: env])
+
+
+@pytest.mark.parametrize("trained", [given_itself, in_a_function, in_a_wrapper, in_a_vector])
+@pytest.mark.parametrize("evaluated", [given_itself, in_a_function, in_a_wrapper, in_a_vector])
+def test_the_training_environment_given_again_for_evaluation_is_refused(trained, evaluated):
+    env = Clock()
+    model = make_model(trained(env))
+    learn(model, 4)
+    with pytest.raises(UsageError, match="is being trained on and can't be copied"):
+        model.evaluate(1, env=evaluated(env))
+    assert env.t == 4
+    model.close()
+    assert make_model(Own).evaluate(1, env=env).shape == (1,)  # nobody trains on it any more
+
+
+def by_evaluate_policy(model, env):
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Evaluation environment is not wrapped")
+        evaluate_policy(model, env, 2)
+
+
+def by_reset(model, env):
+    env.reset()
+
+
+def by_a_step(model, env):
+    n = getattr(env, "num_envs", None)
+    env.step(np.zeros((1,) if n is None else (n, 1), np.float32))
+
+
+def by_the_innermost(model, env):
+    inner = env.unwrapped
+    (inner.envs[1].unwrapped if hasattr(inner, "envs") else inner).reset()
+
+
+def by_another_model(model, env):
+    make_model(env).close()
+
+
+OTHERS = [by_evaluate_policy, by_reset, by_a_step, by_the_innermost, by_another_model]
+
+
+@pytest.mark.parametrize("other", OTHERS)
+@pytest.mark.parametrize("make", [*SINGLES.values(), *VECTORS.values()], ids=[*SINGLES, *VECTORS])
+def test_an_episode_that_somebody_else_moved_begins_anew_and_it_is_said(make, other):
+    if other is by_evaluate_policy and isinstance(make(), gymnasium.vector.VectorEnv):
+        pytest.skip("SB3 evaluates on its own vector environments only")
+    env = make()
+    model = make_model(env)
+    assert set(learn(model, 6 * model.config.n_envs)) == set()
+    other(model, env)
+    with pytest.warns(SharedEnvironment, match="was reset or stepped by somebody else since training did"):
+        lengths = learn(model, 2 * 14 * model.config.n_envs)
+    assert set(lengths) == {LENGTH}
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", SharedEnvironment)
+        learn(model, 8)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("make", [asynchronous, in_processes])
+def test_vector_environments_in_processes_are_watched_too(make):
+    env = make()
+    model = make_model(env)
+    learn(model, 12)
+    moves = [lambda: env.env_method("reset")] if make is in_processes else []  # Gymnasium refuses call("reset")
+    for move in (env.reset, *moves):
+        move()
+        with pytest.warns(SharedEnvironment):
+            learn(model, 4)
+    with pytest.raises(UsageError, match="can't be copied"):
+        model.evaluate(2)
+    env.close()
+
+
+def test_what_does_not_move_an_environment_is_not_taken_for_a_move():
+    env, vector = Clock(), dummy()
+    models = [make_model(env), make_model(vector)]
+    env.set_difficulty(3)
+    env.action_space.sample()
+    vector.env_method("set_difficulty", 3)
+    vector.get_attr("t")
+    for model in models:
+        learn(model, 8)
+        model.evaluate(2, env=Own)
+        learn(model, 8)
+
+
+def test_an_sb3_evaluation_on_the_training_environment_in_the_middle_of_learn_is_noticed():
+    env = Monitor(Clock())
+    model = make_model(env)
+    with pytest.warns(SharedEnvironment) as told:
+        model.learn(60, EvalCallback(env, eval_freq=24, n_eval_episodes=1, verbose=0), progress_bar=False)
+    assert len(told) == 2  # after steps 24 and 48
+    lengths = learn(model, 40)
+    assert set(lengths) == {LENGTH}
+
+
+def test_two_models_on_one_environment_tell_each_time_that_they_take_turns():
+    env = Clock()
+    models = [make_model(env), make_model(env)]
+    for model in (models[0], models[1], models[0]):
+        with pytest.warns(SharedEnvironment):
+            assert set(learn(model, 24)) == {LENGTH}
+
+
+def test_a_move_in_the_middle_of_a_rollout_stops_training():
+    env = Clock()
+
+    class Rude(Own):
+        """Resets somebody else's environment."""
+
+        def step(self, action):
+            env.reset()
+            return super().step(action)
+
+    model = make_model(SyncVectorEnv([lambda: env, Rude], autoreset_mode=AutoresetMode.SAME_STEP))
+    learn(model, 4)  # all of it happens inside of our own step
+    lone, calls = make_model(env), []
+
+    def rude(learner):
+        calls.append(env.reset())
+        return learner
+
+    programs = lone.population._groups[0]._programs
+    lone.population._groups[0]._programs = programs._replace(act=lambda *a: (rude(None), programs.act(*a))[1])
+    with pytest.raises(BrokenEnvironmentError, match="Clock was reset or stepped by somebody else in the middle of a"):
+        learn(lone, 4)
+
+
+def test_a_model_saved_after_somebody_moved_its_environment_does_not_claim_to_go_on_exactly(tmp_path):
+    class Stateful(Clock):
+        def get_state(self):
+            return {"t": self.t}
+
+        def set_state(self, state):
+            self.t = int(state["t"])
+
+    env = Stateful()
+    model = make_model(env)
+    learn(model, 6)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        galton.A2C.load(model.save(tmp_path / "own"), env=Stateful)
+    env.reset()
+    with pytest.warns(galton.InexactResume):
+        galton.A2C.load(model.save(tmp_path / "moved"), env=Stateful)
+
+
+def test_copies_of_a_watched_environment_move_by_themselves():
+    env = Monitor(Clock())
+    model = make_model(env)
+    learn(model, 4)
+    for other in (copy.deepcopy(env), pickle.loads(pickle.dumps(env))):
+        other.reset()
+        other.step(np.zeros(1, np.float32))
+        assert (other.unwrapped.t, env.unwrapped.t) == (1, 4)
+        assert len(model.evaluate(1, env=other)) == 1  # nobody trains on the copy
+    learn(model, 4)
