@@ -1,6 +1,7 @@
 """Dask as what carries shards: a scheduler that runs, or one started here whose workers a batch system starts."""
 
 import contextlib
+import shutil
 from collections.abc import Callable, Iterator
 from concurrent.futures import CancelledError, Executor
 from pathlib import Path
@@ -44,6 +45,17 @@ class Carrier(NamedTuple):
     width: Callable[[], int]
 
 
+def check(kind: str | None, tls: Path | None) -> None:
+    """Raise UsageError for a batch system that this machine can't submit to, and for keys that are missing."""
+    if kind is not None:
+        require(kind in CLUSTERS, f"cluster is {kind!r}; choose from {', '.join(CLUSTERS)}")
+        command = CLUSTERS[kind].job_cls.submit_command
+        told = f"cluster is {kind!r}, but this machine has no {command}; run the command on a login node, or give "
+        require(shutil.which(command) is not None, told + "--scheduler with the address of a Dask scheduler")
+    if tls is not None:
+        _security(tls)
+
+
 @contextlib.contextmanager
 def connect(address: str, tls: Path | None = None) -> Iterator[Carrier]:
     """Connect to a scheduler that runs; each thread of its workers is one place.
@@ -80,7 +92,7 @@ def start(kind: str, jobs: Jobs, folder: Path, tls: Path | None = None) -> Itera
     Raises:
         UsageError: an unknown batch system, or one that this machine can't submit to.
     """
-    require(kind in CLUSTERS, f"cluster is {kind!r}; choose from {', '.join(CLUSTERS)}")
+    check(kind, tls)
     require_integer("jobs", jobs.n, 1)
     try:
         cluster = CLUSTERS[kind](**job_options(kind, jobs, folder), security=None if tls is None else _security(tls))
