@@ -7,7 +7,7 @@ from pathlib import Path
 
 from galton.saving import files
 
-METRICS = "metrics.jsonl"
+METRICS, STEP = "metrics.jsonl", "time/total_timesteps"
 
 
 def known(path: Path) -> dict[str, float]:
@@ -24,7 +24,7 @@ def forget_after(step: int, path: Path) -> None:
     points = [(line, point) for line in lines if (point := _point(line))]
     if broken := len(lines) - len(points):
         print(f"galton: {broken:,} of {len(lines):,} lines in {path} are no log points, and left out", file=sys.stderr)
-    files.write(path, b"".join(line + b"\n" for line, point in points if point["time/total_timesteps"] <= step))
+    files.write(path, b"".join(line + b"\n" for line, point in points if point[STEP] <= step))
 
 
 def _lines(path: Path) -> list[bytes]:
@@ -34,8 +34,8 @@ def _lines(path: Path) -> list[bytes]:
 def _point(line: bytes) -> dict[str, float]:
     """The numbers of a log point that are known; none where the line is something else."""
     try:
-        numbers = {name: value for name, value in json.loads(line).items() if value is not None}
-        right = all(type(value) in (int, float) and math.isfinite(value) for value in numbers.values())
+        found = {name: value for name, value in json.loads(line).items() if value is not None}
+        right = all(type(value) in (int, float) and math.isfinite(value) for value in found.values())
     except (ValueError, AttributeError, OverflowError, RecursionError):
         return {}
-    return numbers if right and "time/total_timesteps" in numbers else {}
+    return {name: float(value) for name, value in found.items()} if right and STEP in found else {}

@@ -8,7 +8,7 @@ import select
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any
 
 PLAIN = {"−": "-", "±": "+-", "–": "-", "—": "-", "…": "...", "×": "x", "η": "eta", "³": "^3", "¹": "1"}
 """What stands for a character where the output's encoding has none; anything else becomes a question mark."""
@@ -57,7 +57,7 @@ def lasting_output() -> Iterator[Lasting | None]:
         stderr.flush()
 
 
-def _lasting(stream: TextIO | None) -> tuple[Any, Lasting | None]:
+def _lasting(stream: Any) -> tuple[Any, Lasting | None]:
     """A stream of text that prints where this one does, and the file below it; what is no file stays what it is."""
     if stream is None:  # it was closed before Python began
         return Path(os.devnull).open("w"), None
@@ -66,13 +66,12 @@ def _lasting(stream: TextIO | None) -> tuple[Any, Lasting | None]:
         raw = Lasting(stream.fileno(), "w", closefd=False)
     except (OSError, ValueError):
         return stream, None
-    wrapper: Any = stream
-    errors = "backslashreplace" if wrapper.errors == "backslashreplace" else "galton.plain"
+    errors = "backslashreplace" if stream.errors == "backslashreplace" else "galton.plain"
     text = io.TextIOWrapper(
-        raw if wrapper.write_through else io.BufferedWriter(raw),
+        raw if stream.write_through else io.BufferedWriter(raw),
         encoding=stream.encoding,
         errors=errors,
-        line_buffering=wrapper.line_buffering,
-        write_through=wrapper.write_through,
+        line_buffering=stream.line_buffering,
+        write_through=stream.write_through,
     )
     return text, raw
