@@ -8,6 +8,7 @@ import dataclasses
 import json
 import math
 import time
+import weakref
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
@@ -161,6 +162,7 @@ class TensorBoard:
         with _written(folder):
             directory_check(str(folder))
             self._writer = EventsWriter(f"{folder}/events")
+        weakref.finalize(self, _close, self._writer)
 
     def __call__(self, model: Model, log: Log) -> None:
         """Write this log point's finite numbers as scalars of its step; UsageError where they can't be written."""
@@ -173,6 +175,12 @@ class TensorBoard:
                     event = Event(summary=scalar(name, value), step=model.num_timesteps, wall_time=time.time())
                     self._writer.write_event(event)
             self._writer.flush()
+
+
+def _close(writer: Any) -> None:
+    """Close a file that nobody writes any more; what a full disk did not take has been told."""
+    with contextlib.suppress(OSError, ValueError):
+        writer.close()
 
 
 @contextlib.contextmanager
