@@ -139,8 +139,9 @@ def test_what_can_be_known_is_refused_before_anything_is_made(options, tmp_path,
 
     monkeypatch.setattr(Model, "of", made)
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(UsageError):
+    with pytest.raises(UsageError) as told:
         galton_train(**{"out": "run", **options})
+    assert "another process" not in str(told.value)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -176,9 +177,20 @@ main()
 
 
 def test_a_disk_that_fills_up_is_told_in_a_line_and_the_model_is_kept(tmp_path):
-    words = ["train", "bandit", "--steps", "500", "--logs", "100", "--eval-episodes", "0", "--out", str(tmp_path / "run")]
+    words = [
+        "train",
+        "bandit",
+        "--steps",
+        "500",
+        "--logs",
+        "100",
+        "--eval-episodes",
+        "0",
+        "--out",
+        str(tmp_path / "run"),
+    ]
     done = subprocess.run(
-        [sys.executable, "-c", LIMITED, *words],
+        [sys.executable, "-c", LIMITED, *words, "--out", tmp_path / "run"],
         capture_output=True,
         text=True,
         timeout=120,

@@ -1,6 +1,7 @@
 """Folders of results: filled by one process at a time, and whole or not there."""
 
 import contextlib
+import errno
 import glob
 import json
 import os
@@ -68,6 +69,8 @@ def claimed(path: Path) -> Iterator[None]:
         try:
             lock.acquire()
         except filelock.Timeout:
+            if not Path(lock.lock_file).exists():  # it can't be made, as in /proc
+                raise OSError(errno.EROFS, f"no file can be made in {path.parent}") from None
             raise UsageError(f"out is {path}, which another process is filling; name another folder") from None
     try:
         for stale in path.parent.glob(f".{glob.escape(path.name)}.galton-*/"):
