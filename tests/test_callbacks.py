@@ -1,5 +1,7 @@
+import errno
 import json
 import math
+import os
 import sys
 import types
 
@@ -286,6 +288,41 @@ def test_tensorboard_reads_back_what_was_logged(model, tmp_path):
         read = [(event.step, event.value) for event in events.Scalars(name)] if finite else []
         assert [step for step, _ in read] == [step for step, _ in finite]
         np.testing.assert_allclose([value for _, value in read], [value for _, value in finite], rtol=1e-6)
+
+
+def full(*_):
+    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+
+@pytest.mark.parametrize("method", ["write", "flush"])
+def test_a_full_disk_under_tensorboard_is_told_and_nothing_waits(method, model, tmp_path, monkeypatch):
+    """Not in a thread of its own, which would die there and leave training to wait for it."""
+    first = model.num_timesteps
+    writer = TensorBoard(tmp_path)
+    monkeypatch.setattr("tensorboardX.record_writer.RecordWriter." + method, full)
+    with pytest.raises(UsageError, match=f"path is {tmp_path}, which can't be written: No space left on device"):
+        learn(model, writer)
+    monkeypatch.undo()
+    assert model.num_timesteps == first + 20, "what was learnt up to there stays"
+    model.learn(80, progress_bar=False, log_interval=2)
+
+
+def test_a_full_disk_under_json_lines_is_told_and_the_file_stays_whole(model, tmp_path, monkeypatch):
+    first, writer = model.num_timesteps, JSONLines(tmp_path / "log")
+    learn(model, writer, updates=2)
+    before = (tmp_path / "log").read_bytes()
+    monkeypatch.setattr("galton.saving.files.append_line", full)
+    with pytest.raises(UsageError, match="log, which can't be written: No space left on device; name another"):
+        learn(model, writer)
+    assert (tmp_path / "log").read_bytes() == before
+    assert model.num_timesteps == first + 40
+    model.learn(60, progress_bar=False, log_interval=2)
+
+
+def test_a_folder_that_tensorboard_cannot_have_is_named(tmp_path):
+    (tmp_path / "file").write_text("mine")
+    with pytest.raises(UsageError, match="file/logs, which can't be written"):
+        TensorBoard(tmp_path / "file" / "logs")
 
 
 def test_weights_and_biases_gets_the_finite_numbers_and_its_settings(monkeypatch):

@@ -247,7 +247,7 @@ def test_an_earlier_run_stays_until_the_new_one_has_learnt_something(tmp_path):
     assert galton("train", *late, *options, cwd=tmp_path).returncode == 1
     assert read(out / "model.safetensors")[0]["step"] == 40, "what was learnt before the environment broke"
     assert json.loads((out / "config.json").read_text())["env"] == "failing:Failing-v0"
-    assert set(content(out)) == {"config.json", "metrics.jsonl", "model.safetensors"}
+    assert set(content(out)) == {"config.json", "model.safetensors"}, "no log point was reached"
 
 
 def test_two_processes_do_not_train_in_one_run_folder(tmp_path):

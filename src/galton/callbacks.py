@@ -7,16 +7,20 @@
 - One that has a method `check(model)` is asked when `learn` begins, and raises UsageError for what it can't do.
 """
 
+import contextlib
 import dataclasses
 import json
 import math
-from collections.abc import Callable
+import time
+import weakref
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
 from galton.errors import UsageError, require, require_integer
+from galton.saving import files
 
 Log = dict[str, float]
 
@@ -149,34 +153,57 @@ class JSONLines:
 
     def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
-        try:
+        with _written(self.path):
             self.path.parent.mkdir(parents=True, exist_ok=True)
             self.path.open("a").close()
-        except OSError as error:
-            raise UsageError(f"path is {path}, which can't be written: {error.strerror}") from None
 
     def __call__(self, model: Model, log: Log) -> None:
-        """Append this log point to the file as a line."""
+        """Append this log point to the file as a whole line, or raise UsageError and leave the file as it was."""
         del model
         known = {name: value if math.isfinite(value) else None for name, value in log.items()}
-        with self.path.open("a") as file:
-            file.write(json.dumps(known) + "\n")
+        with _written(self.path):
+            files.append_line(self.path, json.dumps(known))
 
 
 class TensorBoard:
     """Scalars for TensorBoard, under the names of Stable-Baselines3 where it has them."""
 
     def __init__(self, folder: str | Path) -> None:
-        from tensorboardX import SummaryWriter
+        from tensorboardX.event_file_writer import EventsWriter, directory_check
 
-        self._writer = SummaryWriter(str(folder))
+        # tensorboardX's SummaryWriter writes in a thread, where a full disk would end nothing but the thread.
+        self.folder = folder
+        with _written(folder):
+            directory_check(str(folder))
+            self._writer = EventsWriter(f"{folder}/events")
+        weakref.finalize(self, _close, self._writer)
 
     def __call__(self, model: Model, log: Log) -> None:
-        """Write this log point's finite numbers as scalars of its step."""
-        for name, value in log.items():
-            if math.isfinite(value):
-                self._writer.add_scalar(name, value, model.num_timesteps)
-        self._writer.flush()
+        """Write this log point's finite numbers as scalars of its step; UsageError where they can't be written."""
+        from tensorboardX.proto.event_pb2 import Event
+        from tensorboardX.summary import scalar
+
+        with _written(self.folder):
+            for name, value in log.items():
+                if math.isfinite(value):
+                    event = Event(summary=scalar(name, value), step=model.num_timesteps, wall_time=time.time())
+                    self._writer.write_event(event)
+            self._writer.flush()
+
+
+def _close(writer: Any) -> None:
+    """Close a file that nobody writes any more; what a full disk did not take has been told."""
+    with contextlib.suppress(OSError, ValueError):
+        writer.close()
+
+
+@contextlib.contextmanager
+def _written(path: str | Path) -> Iterator[None]:
+    """Turn the error of a file that can't be written into one that says what to do."""
+    try:
+        yield
+    except OSError as error:
+        raise UsageError(f"path is {path}, which can't be written: {error.strerror}; name another") from None
 
 
 class WeightsAndBiases:

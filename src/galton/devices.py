@@ -3,7 +3,10 @@
 Importing this does not import JAX: workers must set its environment first.
 """
 
+import contextlib
 import os
+import sys
+from pathlib import Path
 
 
 def allowed_cores() -> list[int]:
@@ -16,6 +19,18 @@ def allowed_cores() -> list[int]:
 def n_cores() -> int:
     """How many cores this process may use."""
     return len(allowed_cores())
+
+
+def memory() -> int:
+    """The bytes that this process can have at most: the machine's, or less where a limit is set."""
+    if os.name != "posix":
+        return sys.maxsize
+    import resource
+
+    limits = [os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"), resource.getrlimit(resource.RLIMIT_AS)[0]]
+    with contextlib.suppress(OSError, ValueError):  # a container's, on Linux; it says "max" where there is none
+        limits.append(int(Path("/sys/fs/cgroup/memory.max").read_text()))
+    return min(limit for limit in limits if limit > 0)
 
 
 def use_all_cores() -> None:

@@ -22,6 +22,7 @@ from matplotlib.typing import ColorType
 
 from galton.analysis.statistics import Interval
 from galton.losses import LOSSES
+from galton.saving import files
 
 _COLORS = ("#000000", "#E69F00", "#0072B2", "#009E73", "#D55E00", "#CC79A7", "#56B4E9", "#F0E442")
 """Okabe and Ito's, told apart by readers of every colour vision: the losses' by their place in LOSSES."""
@@ -142,7 +143,7 @@ def fit(axes: Axes, means: Sequence[np.ndarray | np.float64]) -> None:
 def save(figure: Figure, stem: Path) -> None:
     """Write the figure as stem.png and stem.svg."""
     for suffix, image in images(figure).items():
-        stem.with_suffix(suffix).write_bytes(image)
+        files.write(stem.with_suffix(suffix), image)
 
 
 def images(figure: Figure) -> dict[str, bytes]:

@@ -5,8 +5,7 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor
 
-from rich.console import Console
-
+from galton.cli._console import plain_console
 from galton.cli._sweep_view import live
 from galton.sweep import engine, executors
 from galton.sweep.engine import CarryOut
@@ -32,7 +31,7 @@ def carry(
 ) -> None:
     """Carry a plan out. Ctrl-C ends the command; what is done stays."""
     try:
-        with live(Console(), plan) as view:
+        with live(plain_console(), plan) as view:
             engine.run(store, plan, executor, width, view, lost=lost)
     except KeyboardInterrupt:
         print(

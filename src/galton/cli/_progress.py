@@ -23,7 +23,7 @@ STOPPING = "interrupted; stopping after this update (once more: at once)"
 def live_progress(console: Console) -> Iterator[Follow]:
     """A line per task: done, speed, time left. A Ctrl-C or SIGTERM is raised between two updates."""
     columns = (
-        TextColumn("{task.description:<24}"),
+        TextColumn("{task.description:<24}", markup=False),
         BarColumn(),
         TextColumn("{task.percentage:>3.0f}%"),
         _Rate(),

@@ -6,19 +6,21 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import pyarrow.parquet as pq
-from rich.console import Console
 
-from galton.analysis.comparison import curves, learning_curves, summarise, verdicts
+from galton.analysis.comparison import Row, curves, learning_curves, summarise, verdicts
 from galton.analysis.plots import save
 from galton.cli._compare_view import table
+from galton.cli._console import plain_console
 from galton.cli._options import AlgorithmName, EnvName, LossNames, Training, command_line, folder_name, parse
 from galton.cli._progress import live_progress
 from galton.devices import use_all_cores
 from galton.envs.base import Environment
 from galton.errors import require, require_integer
 from galton.losses import LOSSES, find_loss
-from galton.saving.result_folder import result_folder, write_settings
+from galton.saving import files
+from galton.saving.result_folder import result_folder, told, write_settings
 from galton.tasks import task_of
+from galton.training.size import check_size
 from galton.training.train import Result
 
 
@@ -52,20 +54,35 @@ def main(arguments: Sequence[str]) -> None:
     env = training.find(options.env)
     known = env if isinstance(env, Environment) else None
     out = options.out or Path("runs", f"compare-{folder_name(options.env, options.algorithm)}")
+    check_size(env, training.config, len(seeds), training.eval_episodes)
     training.check(seeds)
-    console = Console()
+    console = plain_console()
     use_all_cores()
     results: dict[str, Result] = {}
-    with result_folder(out, options.overwrite) as folder:
-        with live_progress(console) as follow:
-            for loss, label in labels.items():
-                results[loss] = training.run(env, loss, seeds, follow(label, training.steps, len(seeds)))
-        rows = summarise(results, known)
-        given = {"env": options.env, "losses": options.losses, "seeds": options.seeds}
-        write_settings(folder, given | training.record() | {"command": command_line()})
-        (folder / "summary.json").write_text(json.dumps([row.record() for row in rows], indent=2) + "\n")
-        pq.write_table(curves(results), folder / "curves.parquet")
-        title = f"{task_of(options.env).title}: mean of {options.seeds} runs and 95% CI"
-        save(learning_curves(results, known, title), folder / "learning_curves")
-    console.print(table(rows, known))
-    print(*verdicts(results), f"figure and numbers: {out}", sep="\n")
+    rows: list[Row] = []
+    try:
+        with result_folder(out, options.overwrite) as folder:
+            with live_progress(console) as follow:
+                for loss, label in labels.items():
+                    results[loss] = training.run(env, loss, seeds, follow(label, training.steps, len(seeds)))
+            rows = summarise(results, known)
+            with told(out):
+                _keep(folder, options, results, rows, known)
+    finally:
+        if rows:  # a disk that is full takes the files, but not the numbers
+            console.print(table(rows, known))
+            print(*verdicts(results), sep="\n")
+    print(f"figure and numbers: {out}")
+
+
+def _keep(
+    folder: Path, options: Options, results: dict[str, Result], rows: list[Row], known: Environment | None
+) -> None:
+    """Write settings, summary, curves and figure into a folder."""
+    given = {"env": options.env, "losses": options.losses, "seeds": options.seeds}
+    write_settings(folder, given | options.training.record() | {"command": command_line()})
+    files.write(folder / "summary.json", (json.dumps([row.record() for row in rows], indent=2) + "\n").encode())
+    with files.replacing(folder / "curves.parquet") as scratch:
+        pq.write_table(curves(results), scratch)
+    title = f"{task_of(options.env).title}: mean of {options.seeds} runs and 95% CI"
+    save(learning_curves(results, known, title), folder / "learning_curves")

@@ -1,9 +1,15 @@
-"""The galton command. Each of COMMANDS is a module beside this one, loaded when it is called for."""
+"""The galton command. Each of COMMANDS is a module beside this one, loaded when it is called for.
+
+Its exit codes: 0 done; 1 an environment broke; 2 a wrong argument, a file that can't be read or written, a full disk
+or too little memory; 130 interrupted; 141 done, but nobody read the output to its end, as a shell shows SIGPIPE.
+Whatever becomes of the output, a command does its work and keeps it.
+"""
 
 import importlib
 import signal
 import sys
 
+from galton.cli._output import Lasting, lasting_output
 from galton.errors import BrokenEnvironmentError, CheckpointError, UsageError, require
 
 COMMANDS = {
@@ -21,6 +27,9 @@ RESUMABLE = ("sweep", "reproduce", "report")
 EXIT_CODES = {BrokenEnvironmentError: 1, CheckpointError: 2, UsageError: 2}
 """What the command ends with, by whose fault it was: an environment's, or that of an argument or a file."""
 
+SIZES = ("net-arch", "n-bins", "n-envs", "n-steps", "eval-episodes", "seeds", "trials", "logs", "shard-width", "gpus")
+"""The options that decide how much memory is needed. What they are by default fits any machine."""
+
 HELP = f"""\
 usage: galton COMMAND ...
 
@@ -34,17 +43,31 @@ galton COMMAND --help lists the options of a command.
 
 
 def main() -> None:
-    """Run a command; the exit code says how it went: 0 done, 130 interrupted, or one of EXIT_CODES."""
+    """Run a command; the exit code says how it went, as the module's docstring has it."""
     name, arguments = (sys.argv[1], sys.argv[2:]) if len(sys.argv) > 1 else ("--help", [])
-    if name in ("--help", "-h"):
-        print(HELP, end="")
-    elif name == "--version":
-        print(importlib.import_module("importlib.metadata").version("galton"))
-    else:
-        sys.exit(_run(name, arguments))
+    with lasting_output() as stdout:
+        try:
+            code: int | str | None = _run(name, arguments)
+        except SystemExit as left:  # tyro's
+            code = left.code
+    sys.exit(_unread(stdout) if not code and stdout and stdout.lost else code)
+
+
+def _unread(stdout: Lasting) -> int:
+    """The exit code of a command that did all but print what it did."""
+    if isinstance(stdout.lost, BrokenPipeError):
+        return 141
+    print(f"galton: standard output can't be written: {stdout.lost}", file=sys.stderr)
+    return 2
 
 
 def _run(name: str, arguments: list[str]) -> int:
+    if name in ("--help", "-h"):
+        print(HELP, end="")
+        return 0
+    if name == "--version":
+        print(importlib.import_module("importlib.metadata").version("galton"))
+        return 0
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # so that it cleans up as Ctrl-C does
     sys.path.append("")  # a module of one's own in the current folder is found; it can't hide an installed one
     try:
@@ -57,4 +80,22 @@ def _run(name: str, arguments: list[str]) -> int:
         left = "the same command goes on with the rest" if name in RESUMABLE else "nothing was written"
         print(f"galton: interrupted; {left}", file=sys.stderr)
         return 130
+    except Exception as error:
+        cause = _of_the_machine(error, arguments)
+        if cause is None:
+            raise
+        print(f"galton: {cause}", file=sys.stderr)
+        return 2
     return 0
+
+
+def _of_the_machine(error: Exception, arguments: list[str]) -> str | None:
+    """What to say of an error that comes of this machine: its files, its disk, its memory; None for any other."""
+    if isinstance(error, MemoryError) or "RESOURCE_EXHAUSTED" in str(error):  # what NumPy and JAX raise
+        typed = [word.partition("=")[0].removeprefix("--").replace("_", "-") for word in arguments]
+        options = [f"--{name}" for name in SIZES if name in typed] or [f"--{name}" for name in SIZES]
+        said = (str(error) or type(error).__name__).splitlines()[0]
+        return f"there is too little memory for this; make {' or '.join(options)} smaller ({said})"
+    if isinstance(error, OSError):
+        return f"a file can't be read or written: {error}"
+    return None

@@ -5,24 +5,35 @@ import json
 import math
 import sys
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from rich.console import Console
-
 from galton import callbacks
-from galton.cli._options import AlgorithmName, EnvName, LossName, Training, command_line, folder_name, parse
+from galton.cli._console import plain_console
+from galton.cli._metrics import METRICS, forget_after, known
+from galton.cli._options import (
+    AlgorithmName,
+    EnvName,
+    LossName,
+    Training,
+    command_line,
+    folder_name,
+    parse,
+    short_name,
+)
 from galton.cli._progress import Show, live_progress
 from galton.devices import use_all_cores
 from galton.envs.base import Environment
+from galton.envs.find import find
 from galton.envs.host.base import HostTask
+from galton.envs.registry import is_known, read_constants
 from galton.errors import DivergenceError, UsageError, require
 from galton.losses import find_loss
 from galton.models import InexactResume, Model
-from galton.saving import files
-from galton.saving.result_folder import check_free, claimed, replacing, write_settings
+from galton.saving.result_folder import check_free, claimed, read_settings, replacing, told, write_settings
+from galton.training.size import check_size
 
-MODEL, BEST, METRICS = "model.safetensors", "best_model.safetensors", "metrics.jsonl"
+MODEL, BEST = "model.safetensors", "best_model.safetensors"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -60,9 +71,10 @@ def main(arguments: Sequence[str]) -> None:
     options.training.check([options.seed])
     require(options.save_every >= 1, f"save_every is {options.save_every}; it must be at least 1")
     env = options.training.find(options.env)
+    check_size(env, options.training.config, 1, options.training.eval_episodes)
     _check_folder(options)
     use_all_cores()
-    with claimed(out), live_progress(Console()) as follow:
+    with claimed(out), live_progress(plain_console()) as follow:
         _check_folder(options)  # nobody else can change it now
         model = _resumed(options, env) if options.resume else _new(options, env)
         require(
@@ -70,7 +82,7 @@ def main(arguments: Sequence[str]) -> None:
             f"steps is {steps}, which the run in {out} has reached; name more to go on with it",
         )
         _learn(model, options, follow(f"{label} on {options.env}", steps, 1))
-    last = _known(out)
+    last = known(out / METRICS)
     training_return, evaluation_return, speed = (
         f"{last[name]:,.2f}" if name in last else "not known"
         for name in ("rollout/ep_rew_mean", "eval/mean_reward", "time/fps")
@@ -101,12 +113,26 @@ def _resumed(options: Options, env: Environment | HostTask) -> Model:
         print(f"galton: {warning.message}", file=sys.stderr)
     asked = dataclasses.replace(options.training.config, loss=options.loss)
     for what, own, other in (
+        ("env", *_environments(options, env)),
         ("config", model.config, asked),
         ("hypers", model.hypers, options.training.hypers),
         ("seed", model.seed, options.seed),
     ):
         require(own == other, f"{what} is {other}, but the run in {out} has {own}; give the same options to resume it")
     return model
+
+
+def _environments(options: Options, env: Environment | HostTask) -> tuple[object, object]:
+    """The environment of the run that is there, and the one that is asked for: equal, unless they are two."""
+    settings = read_settings(options.folder)
+    name, constants = settings.get("env"), settings.get("env_kwargs")
+    if not isinstance(name, str) or not isinstance(constants, dict):
+        return None, None  # nobody knows; the model itself tells of other spaces
+    constants = read_constants(json.dumps(constants))
+    if isinstance(env, Environment) and is_known(name):
+        return find(name, **constants), env
+    asked = short_name(options.env.rpartition(":")[2]), read_constants(options.training.env_kwargs)
+    return (short_name(name.rpartition(":")[2]), constants), asked
 
 
 def _learn(model: Model, options: Options, show: Show) -> None:
@@ -127,8 +153,16 @@ def _learn(model: Model, options: Options, show: Show) -> None:
         print(f"galton: interrupted at step {step:,}; the same command with --resume goes on", file=sys.stderr)
         sys.exit(130)
     finally:
-        if model.num_timesteps:
+        if _step(model):
             record.save(model)
+
+
+def _step(model: Model) -> int:
+    """How far the model is; 0 where JAX let go of its state because memory ran out."""
+    try:
+        return model.num_timesteps
+    except RuntimeError:
+        return 0
 
 
 def _interval(training: Training, model: Model) -> int:
@@ -143,37 +177,44 @@ class _Record:
     """What is kept of a run. Its folder is begun at the first log point: until then an earlier run stays there."""
 
     def __init__(self, options: Options, start: int) -> None:
-        self._options, self._start = options, start
+        self._options, self._start, self._begun = options, start, False
         self._calls: list[callbacks.Callback] = []
 
     def __call__(self, model: Model, log: callbacks.Log) -> None:
         """Write down what is due at a log point."""
-        self._begin()
+        if not self._begun:
+            self._begin(model)
+        self._calls = self._calls or list(self._due())
         for call in self._calls:
             call(model, log)
 
     def save(self, model: Model) -> None:
         """Write the model, as it is now, into the run folder."""
-        self._begin()
+        if not self._begun:
+            self._begin(model)
         model.save(self._options.folder / MODEL)
 
-    def _begin(self) -> None:
+    def _begin(self, model: Model) -> None:
+        """Put settings and model in the place of an earlier run, both or neither; or go on with that one."""
         options, out = self._options, self._options.folder
-        if self._calls:
-            return
         if options.resume:
-            _forget_after(self._start, out / METRICS)
+            forget_after(self._start, out / METRICS)
         else:
             given = {"env": options.env, "loss": options.loss, "seed": options.seed}
-            with replacing(out, options.overwrite) as folder:
+            with replacing(out, options.overwrite) as folder, told(out):
                 write_settings(folder, given | options.training.record() | {"command": command_line()})
+                model.save(folder / MODEL)
+        self._begun = True
+
+    def _due(self) -> Iterator[callbacks.Callback]:
+        options, out = self._options, self._options.folder
         if options.training.eval_episodes:
             evaluate = callbacks.Evaluate(1, options.training.eval_episodes, best_model=out / BEST)
-            evaluate.best = _known(out).get("eval/best_mean_reward", -math.inf)
-            self._calls.append(evaluate)
-        self._calls.append(callbacks.JSONLines(out / METRICS))
+            evaluate.best = known(out / METRICS).get("eval/best_mean_reward", -math.inf)
+            yield evaluate
+        yield callbacks.JSONLines(out / METRICS)
         if options.tensorboard:
-            self._calls.append(callbacks.TensorBoard(out / "tensorboard"))
+            yield callbacks.TensorBoard(out / "tensorboard")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -198,19 +239,3 @@ class _Watching:
 
     def meanwhile(self, model: Model, _: float) -> None:
         self.show(model.num_timesteps)
-
-
-def _forget_after(step: int, path: Path) -> None:
-    """Drop what a killed process logged after its last save, at this step: it is trained again."""
-    lines = path.read_text().splitlines(keepends=True) if path.exists() else []
-    kept = [line for line in lines if json.loads(line)["time/total_timesteps"] <= step]
-    files.write(path, "".join(kept).encode())
-
-
-def _known(folder: Path) -> dict[str, float]:
-    """The last number of each metric that was written down."""
-    path = folder / METRICS
-    known: dict[str, float] = {}
-    for line in path.read_text().splitlines() if path.exists() else []:
-        known |= {name: value for name, value in json.loads(line).items() if value is not None}
-    return known

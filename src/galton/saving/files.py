@@ -44,6 +44,26 @@ def replacing(path: Path) -> Iterator[Path]:
             scratch.unlink(missing_ok=True)
 
 
+def append_line(path: Path, text: str) -> None:
+    """Put a line behind those of a file, all of it or nothing; it begins anew where the last one broke off.
+
+    Raises:
+        OSError: a path that can't be written, or a disk that is full.
+    """
+    with path.open("a+b", buffering=0) as file:
+        end = file.seek(0, os.SEEK_END)
+        if end:
+            file.seek(end - 1)
+            text = text if file.read(1) == b"\n" else f"\n{text}"
+        left = memoryview(f"{text}\n".encode())
+        try:
+            while left:
+                left = left[file.write(left) :]
+        except OSError:
+            file.truncate(end)
+            raise
+
+
 def clear(folder: Path) -> None:
     """Remove what processes of this machine left half-written in a folder and those in it when they were killed."""
     if os.name != "posix":  # elsewhere nobody can ask whether a process lives

@@ -1,6 +1,7 @@
 """Folders of results: filled by one process at a time, and whole or not there."""
 
 import contextlib
+import errno
 import glob
 import json
 import os
@@ -12,6 +13,7 @@ from pathlib import Path
 import filelock
 
 from galton.errors import UsageError, require
+from galton.saving import files
 from galton.saving.provenance import machine, versions
 
 CONFIG = "config.json"
@@ -41,8 +43,9 @@ def check_free(path: Path, overwrite: bool, instead: str = "--overwrite") -> Non
         instead: the options that the user could give, where it may not.
     """
     path = path.resolve()
-    with _told(path):
+    with told(path):
         require(path.is_dir() or not path.exists(), f"out is {path}, which is a file; name a folder")
+        require(not path.is_mount(), f"out is {path}, where a disk is mounted; name a folder in it")
         if not path.exists() or not any(path.iterdir()):
             return
     require(overwrite, f"out is {path}, which is in use; name another folder or give {instead}")
@@ -61,11 +64,13 @@ def claimed(path: Path) -> Iterator[None]:
     """
     path = path.resolve()
     lock = filelock.FileLock(path.parent / f".{path.name}.lock", blocking=False)
-    with _told(path):
+    with told(path):
         path.parent.mkdir(parents=True, exist_ok=True)
         try:
             lock.acquire()
         except filelock.Timeout:
+            if not Path(lock.lock_file).exists():  # it can't be made, as in /proc
+                raise OSError(errno.EROFS, f"no file can be made in {path.parent}") from None
             raise UsageError(f"out is {path}, which another process is filling; name another folder") from None
     try:
         for stale in path.parent.glob(f".{glob.escape(path.name)}.galton-*/"):
@@ -85,12 +90,15 @@ def replacing(path: Path, overwrite: bool) -> Iterator[Path]:
         UsageError: it can't be written, or somebody has filled `path` meanwhile.
     """
     path = path.resolve()
-    with _told(path):
+    with told(path):
         scratch = Path(tempfile.mkdtemp(prefix=f".{path.name}.galton-", dir=path.parent))
     try:
         fresh = scratch / "new"
         fresh.mkdir()
-        yield fresh
+        try:
+            yield fresh
+        except UsageError as error:  # it speaks of the folder that was asked for
+            raise UsageError(str(error).replace(str(fresh), str(path))) from None
         if overwrite and path.exists():
             path.replace(scratch / "old")
         try:
@@ -105,7 +113,7 @@ def replacing(path: Path, overwrite: bool) -> Iterator[Path]:
 def write_settings(folder: Path, settings: dict[str, object]) -> None:
     """Write config.json: the settings, the versions and the machine."""
     record = settings | {"versions": versions(), "machine": machine()}
-    (folder / CONFIG).write_text(json.dumps(record, indent=2, default=str) + "\n")
+    files.write(folder / CONFIG, (json.dumps(record, indent=2, default=str) + "\n").encode())
 
 
 def read_settings(folder: Path) -> dict[str, object]:
@@ -126,11 +134,14 @@ def read_settings(folder: Path) -> dict[str, object]:
 
 
 @contextlib.contextmanager
-def _told(path: Path) -> Iterator[None]:
+def told(path: Path) -> Iterator[None]:
+    """Turn the error of what can't be written in a folder of results into a UsageError that names the folder."""
     try:
         yield
     except OSError as error:
-        raise UsageError(f"out is {path}, which can't be written: {error.strerror}; name another folder") from None
+        raise UsageError(
+            f"out is {path}, which can't be written: {error.strerror or error}; name another folder"
+        ) from None
 
 
 def _discard(scratch: Path, path: Path) -> None:

@@ -1,6 +1,8 @@
 """Dask as what carries shards: a scheduler that runs, or one started here whose workers a batch system starts."""
 
 import contextlib
+import dataclasses
+import shutil
 from collections.abc import Callable, Iterator
 from concurrent.futures import CancelledError, Executor
 from pathlib import Path
@@ -44,6 +46,17 @@ class Carrier(NamedTuple):
     width: Callable[[], int]
 
 
+def check(kind: str | None, tls: Path | None) -> None:
+    """Raise UsageError for a batch system that this machine can't submit to, and for keys that are missing."""
+    if kind is not None:
+        require(kind in CLUSTERS, f"cluster is {kind!r}; choose from {', '.join(CLUSTERS)}")
+        command = CLUSTERS[kind].job_cls.submit_command
+        told = f"cluster is {kind!r}, but this machine has no {command}; run the command on a login node, or give "
+        require(shutil.which(command) is not None, told + "--scheduler with the address of a Dask scheduler")
+    if tls is not None:
+        _security(tls)
+
+
 @contextlib.contextmanager
 def connect(address: str, tls: Path | None = None) -> Iterator[Carrier]:
     """Connect to a scheduler that runs; each thread of its workers is one place.
@@ -80,15 +93,52 @@ def start(kind: str, jobs: Jobs, folder: Path, tls: Path | None = None) -> Itera
     Raises:
         UsageError: an unknown batch system, or one that this machine can't submit to.
     """
-    require(kind in CLUSTERS, f"cluster is {kind!r}; choose from {', '.join(CLUSTERS)}")
+    check(kind, tls)
     require_integer("jobs", jobs.n, 1)
+    options, submitted = job_options(kind, jobs, folder), Submitted()
+    job, security = _noting(CLUSTERS[kind].job_cls, submitted), None if tls is None else _security(tls)
     try:
-        cluster = CLUSTERS[kind](**job_options(kind, jobs, folder), security=None if tls is None else _security(tls))
+        cluster = CLUSTERS[kind](job_cls=job, security=security, **options)
     except (OSError, RuntimeError, ValueError) as error:
         raise UsageError(f"cluster is {kind!r}, which can't be started here: {error}") from None
     with cluster, distributed.Client(cluster) as client:
         cluster.adapt(minimum_jobs=jobs.n, maximum_jobs=jobs.n)
-        yield _carrier(client)
+        carrier = _carrier(client)
+
+        def width() -> int:
+            none_came = submitted.refusals and not submitted.n_taken
+            require(not none_came, f"cluster is {kind!r}, which took no job: {' '.join(submitted.refusals[:1])}")
+            return carrier.width()
+
+        yield Carrier(carrier.executor, width)
+
+
+@dataclasses.dataclass
+class Submitted:
+    """What a batch system said to the jobs that it was given."""
+
+    n_taken: int = 0
+    refusals: list[str] = dataclasses.field(default_factory=list)
+    """The last line of each refusal, which says why."""
+
+
+def _noting(job: type, submitted: Submitted) -> type:
+    """This kind of job, which notes how it was received; Dask itself would log a refusal and wait for ever."""
+
+    class Job(job):  # type: ignore[misc]
+        async def start(self) -> None:
+            try:
+                await super().start()
+                submitted.n_taken += 1
+            except (OSError, RuntimeError, ValueError) as error:
+                await distributed.deploy.spec.ProcessInterface.start(self)
+                submitted.refusals.append(str(error).strip().splitlines()[-1])
+
+        async def close(self) -> None:
+            await super().close()
+            self.status = distributed.Status.closed
+
+    return Job
 
 
 def job_options(kind: str, jobs: Jobs, folder: Path) -> dict[str, object]:

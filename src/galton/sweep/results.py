@@ -71,8 +71,10 @@ def same_columns(tables: Sequence[pa.Table]) -> list[pa.Table]:
 
 
 def save(store: Store, table: pa.Table) -> None:
-    """Write the table as results.parquet."""
-    store.write(FILE, to_bytes(table))
+    """Write the table as results.parquet, unless that is what is there: a folder may be for reading alone."""
+    data = to_bytes(table)
+    if FILE not in store.names("") or store.read(FILE) != data:
+        store.write(FILE, data)
 
 
 def best_settings(study: Study, table: pa.Table) -> dict[str, Best]:

@@ -16,6 +16,7 @@ from galton.training.log import Log
 from galton.training.on_device import DevicePopulation
 from galton.training.on_host import HostPopulation
 from galton.training.run import Snapshot
+from galton.training.size import check_size
 from galton.types import Config, Hypers, Learner, without_units
 
 
@@ -89,9 +90,10 @@ def populate(
         devices: what to compute on; by default, on all of this process.
 
     Raises:
-        UsageError: an environment that can't be used, or settings that don't fit together.
+        UsageError: an environment that can't be used, settings that don't fit together, or too little memory.
     """
     found, devices = find(env), devices or jax.devices()
+    check_size(found, config, len(seeds))
     agent, hypers = resolve(config, *action_box(found)), without_units(hypers)
     refuse_others(agent.algorithm, hypers)
     if isinstance(found, Environment):

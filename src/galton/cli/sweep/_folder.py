@@ -3,8 +3,8 @@
 import dataclasses
 
 import tyro
-from rich.console import Console
 
+from galton.cli._console import plain_console
 from galton.cli._sweep_view import winners
 from galton.sweep import results
 from galton.sweep.plan import Plan
@@ -34,7 +34,9 @@ def load(store: Store) -> Plan:
 def conclude(store: Store, plan: Plan) -> None:
     """Write the table of all runs that are done, and show the best settings."""
     table = results.collect(store, plan)
-    results.save(store, table)
-    Console().print(winners(results.best_settings(plan.study, table)))
+    try:
+        results.save(store, table)
+    finally:  # who can't write here may read all the same
+        plain_console().print(winners(results.best_settings(plan.study, table)))
     runs = f"{table.num_rows:,}" if table.num_rows == plan.n_runs else f"{table.num_rows:,} of {plan.n_runs:,}"
     print(f"{runs} runs: {store.url}/{results.FILE}")

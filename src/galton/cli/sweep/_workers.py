@@ -11,7 +11,7 @@ from typing import Annotated, Literal
 import tyro
 
 from galton.cli._carry import carry, processes
-from galton.errors import require
+from galton.errors import require, require_integer
 from galton.sweep.engine import CarryOut
 from galton.sweep.executors import Place, one_per_core, one_per_gpu
 from galton.sweep.store import Store
@@ -63,7 +63,8 @@ class Workers:
             right = self.cluster != "htcondor" or "=" in line
             require(right, f"directives holds {line!r}; for HTCondor each is NAME=VALUE")
         if self.far:
-            importlib.import_module("galton.sweep.cluster")
+            require_integer("jobs", self.jobs, 1)
+            importlib.import_module("galton.sweep.cluster").check(self.cluster, self.tls)
 
     def places(self) -> list[Place]:
         """Where the processes of this machine live."""

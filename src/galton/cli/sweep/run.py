@@ -91,18 +91,20 @@ def main(arguments: Sequence[str]) -> None:
         _search(options, store)
         return
     study = options.study(find_grid(options.grid, options.env, options.base.record(), options.n_settings))
+    if options.plan_only:
+        with store.lock():
+            plan = engine.prepare(store, study, options.shard_width, options.extend)
+        print(f"{plan.n_runs:,} runs in {plan.n_shards:,} shards: {store.url}")
+        return
     with store.lock():
-        plan = engine.prepare(store, study, options.shard_width, options.extend)
-        if options.plan_only:
-            print(f"{plan.n_runs:,} runs in {plan.n_shards:,} shards: {store.url}")
-            return
-        with options.workers.hired(store) as carry_out:
+        with options.workers.hired(store) as carry_out:  # before there is a plan, which the next call would meet
+            plan = engine.prepare(store, study, options.shard_width, options.extend)
             carry_out(store, plan)
         conclude(store, plan)
 
 
 def _check(options: Options) -> None:
-    """Raise UsageError for options that don't go together."""
+    """Raise UsageError for options that don't go together, and for what they need and is not installed."""
     go_with(options, ("n_settings",), options.grid in ("random", "optuna"), "grid 'random' or 'optuna'")
     go_with(options, ("batch",), options.grid == "optuna", "grid 'optuna'")
     options.workers.check()

@@ -4,10 +4,9 @@ from collections.abc import Sequence
 
 import numpy as np
 import tyro
-from rich.console import Console
-from rich.markup import escape
 from rich.table import Table
 
+from galton.cli._console import plain_console
 from galton.cli.sweep._folder import Folder, load
 from galton.losses import find_loss
 from galton.sweep.plan import Plan
@@ -21,7 +20,7 @@ def main(arguments: Sequence[str]) -> None:
     store = Store(tyro.cli(Folder, prog="galton sweep status", args=list(arguments)).out)
     plan = load(store)
     done = finished(store, plan)
-    table = Table("program", "shards done", "runs done", title=escape(f"{store.url}: {plan.study.env}"))
+    table = Table("program", "shards done", "runs done")
     of_program: dict[str, list[int]] = {}
     for index, config in enumerate(plan.configs):
         of_program.setdefault(_program(config), []).append(index)
@@ -32,7 +31,8 @@ def main(arguments: Sequence[str]) -> None:
             f"{len(there):,} of {len(shards):,}",
             f"{_n_runs(plan, there):,} of {_n_runs(plan, shards):,}",
         )
-    Console().print(table)
+    print(f"{store.url}: {plan.study.env}")
+    plain_console().print(table)
     print(
         f"{len(done):,} of {plan.n_shards:,} shards, {_n_runs(plan, list(done)):,} of {plan.n_runs:,} runs",
     )

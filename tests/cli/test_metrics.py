@@ -1,0 +1,48 @@
+import json
+
+import pytest
+
+from galton.cli._metrics import forget_after, known
+
+POINTS = [{"time/total_timesteps": step, "eval/mean_reward": step / 2, "a": None} for step in (100, 200, 300)]
+LINES = [json.dumps(point).encode() for point in POINTS]
+
+BROKEN = [
+    b'{"rollout/ep_rew',
+    b"{}",
+    b"[]",
+    b"null",
+    b'"time/total_timesteps"',
+    b"\xff\xfe\x00",
+    b"[" * 100_000,
+    b'{"eval/mean_reward": 1.0}',
+    b'{"time/total_timesteps": null}',
+    b'{"time/total_timesteps": "100"}',
+    b'{"time/total_timesteps": NaN}',
+    b'{"time/total_timesteps": true}',
+    b'{"time/total_timesteps": 1' + b"0" * 400 + b"}",
+    b'{"time/total_timesteps": 100, "eval/mean_reward": "high"}',
+    b'{"time/total_timesteps": 100, "eval/mean_reward": {}}',
+]
+
+
+@pytest.mark.parametrize("broken", BROKEN, ids=lambda line: line[:40].decode(errors="replace"))
+@pytest.mark.parametrize("place", [0, 1, 3])
+def test_a_broken_line_is_left_out_and_told(broken, place, tmp_path, capsys):
+    path = tmp_path / "metrics.jsonl"
+    path.write_bytes(b"\n".join([*LINES[:place], broken, *LINES[place:]]))
+    assert known(path) == {"time/total_timesteps": 300, "eval/mean_reward": 150}
+    forget_after(200, path)
+    assert path.read_bytes() == b"".join(line + b"\n" for line in LINES[:2])
+    assert "1 of 4 lines" in capsys.readouterr().err
+
+
+def test_whole_files_are_not_talked_about_and_a_missing_one_is_empty(tmp_path, capsys):
+    path = tmp_path / "metrics.jsonl"
+    assert known(path) == {}
+    forget_after(200, path)
+    assert path.read_bytes() == b""
+    path.write_bytes(b"".join(line + b"\n" for line in LINES))
+    forget_after(300, path)
+    assert path.read_bytes() == b"".join(line + b"\n" for line in LINES)
+    assert capsys.readouterr().err == ""

@@ -1,0 +1,293 @@
+"""`galton train` and a run folder: whatever fails, and whenever, what was learnt and what was there is kept."""
+
+import dataclasses
+import errno
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import gymnasium
+import numpy as np
+import pytest
+
+from galton import A2C
+from galton.callbacks import Checkpoint, Evaluate, JSONLines, TensorBoard
+from galton.cli import train
+from galton.cli._options import Training
+from galton.envs.find import find
+from galton.errors import UsageError
+from galton.models import Model
+from galton.saving import files
+from galton.saving.checkpoint import read
+from galton.saving.result_folder import write_settings
+
+
+def small(steps=100, env_kwargs="{}", **config):
+    usual = Training.of_task("bandit")
+    config = dataclasses.replace(usual.config, n_bins=4, **config)
+    return dataclasses.replace(usual, steps=steps, logs=4, eval_episodes=1, env_kwargs=env_kwargs, config=config)
+
+
+def galton_train(out, **options):
+    """What `galton train bandit` does with these options; tyro can't read them where types are checked."""
+    options = train.Options(**{"env": "bandit", "training": small(), "out": Path(out), **options})
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(train, "parse", lambda *_: options)
+        train.main([])
+
+
+def content(folder):
+    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+@pytest.fixture(scope="module")
+def earlier(tmp_path_factory):
+    """The files of a run that is done."""
+    out = tmp_path_factory.mktemp("earlier") / "run"
+    galton_train(out)
+    return content(out)
+
+
+def no_room(*_, **__):
+    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+
+FAILURES = {
+    "config.json": lambda patch: patch.setattr(train, "write_settings", no_room),
+    "the model": lambda patch: patch.setattr(files, "write", no_room),
+    "the log": lambda patch: patch.setattr(files, "append_line", no_room),
+    "the log's file": lambda patch: patch.setattr(JSONLines, "__init__", no_room),
+    "TensorBoard's file": lambda patch: patch.setattr(TensorBoard, "__init__", no_room),
+    "an evaluation": lambda patch: patch.setattr(Evaluate, "__call__", no_room),
+    "a save on the way": lambda patch: patch.setattr(Checkpoint, "__call__", no_room),
+    "the first update": lambda patch: patch.setattr(Model, "advance", no_room),
+    "the making of the model": lambda patch: patch.setattr(Model, "of", no_room),
+    "the end": lambda patch: patch.setattr(Model, "save", fails_from(2, Model.save)),
+}
+
+
+def fails_from(number, call):
+    """A call that has room until that time."""
+    times = []
+
+    def limited(*arguments):
+        times.append(1)
+        return no_room() if len(times) >= number else call(*arguments)
+
+    return limited
+
+
+@pytest.mark.parametrize("failure", FAILURES)
+def test_there_is_a_whole_run_at_any_time(failure, earlier, tmp_path, monkeypatch):
+    """The earlier one to the byte, or the new one with its settings and what it has learnt; and nothing beside it."""
+    out = tmp_path / "run"
+    for name, data in earlier.items():
+        files.write(out / name, data)
+    FAILURES[failure](monkeypatch)
+    with pytest.raises((UsageError, OSError), match="No space left"):
+        galton_train(out, seed=5, tensorboard=True, overwrite=True)
+    monkeypatch.undo()
+    assert [path.name for path in tmp_path.iterdir()] == ["run"]
+    if content(out) != earlier:
+        settings, _ = read(out / "model.safetensors")
+        assert settings["seed"] == json.loads((out / "config.json").read_text())["seed"] == 5
+        assert settings["step"] >= 25
+    galton_train(out, seed=5, overwrite=True)
+
+
+@pytest.mark.parametrize("failure", ["config.json", "the model", "the making of the model", "the first update"])
+def test_a_beginning_that_fails_leaves_the_folder_free(failure, tmp_path, monkeypatch):
+    FAILURES[failure](monkeypatch)
+    with pytest.raises((UsageError, OSError), match="No space left"):
+        galton_train(tmp_path / "run")
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("failure", ["the log", "an evaluation", "TensorBoard's file", "the log's file"])
+def test_what_was_learnt_before_it_failed_is_gone_on_with(failure, tmp_path, monkeypatch, capsys):
+    out = tmp_path / "run"
+    FAILURES[failure](monkeypatch)
+    with pytest.raises((UsageError, OSError), match="No space left"):
+        galton_train(out, tensorboard=True)
+    monkeypatch.undo()
+    assert read(out / "model.safetensors")[0]["step"] == 25
+    galton_train(out, resume=True)
+    assert read(out / "model.safetensors")[0]["step"] == 100
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"training": small(steps=99999999999)},
+        {"training": small(n_envs=10**11)},
+        {"training": small(net_arch=(10**11,))},
+        {"out": "/proc/galton"},
+        {"out": "/dev/null/run"},
+        {"out": "n" * 300},
+        {"out": "d/" * 3000 + "run"},
+        {"save_every": 0},
+        {"resume": True},
+        {"loss": "mse"},
+    ],
+    ids=lambda options: str(*options),
+)
+def test_what_can_be_known_is_refused_before_anything_is_made(options, tmp_path, monkeypatch):
+    def made(*_):
+        raise AssertionError("a model was made")
+
+    monkeypatch.setattr(Model, "of", made)
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(UsageError) as told:
+        galton_train(**{"out": "run", **options})
+    assert "another process" not in str(told.value)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="mounts are looked up on Linux")
+def test_a_folder_that_is_a_disk_of_its_own_is_refused_at_once():
+    with pytest.raises(UsageError, match="where a disk is mounted; name a folder in it"):
+        galton_train("/proc")
+
+
+def test_a_model_whose_state_is_lost_is_not_saved_and_hides_no_error(tmp_path, monkeypatch):
+    """JAX lets go of what it was given where memory runs out in the middle."""
+
+    def advance(model, _):
+        monkeypatch.setattr(Model, "num_timesteps", property(gone))
+        raise RuntimeError("RESOURCE_EXHAUSTED: Out of memory")
+
+    def gone(_):
+        raise RuntimeError("Array has been deleted")
+
+    monkeypatch.setattr(Model, "advance", advance)
+    with pytest.raises(RuntimeError, match="Out of memory"):
+        galton_train(tmp_path / "run")
+    assert list(tmp_path.iterdir()) == []
+
+
+LIMITED = """
+import resource
+resource.setrlimit(resource.RLIMIT_FSIZE, (9_000, 9_000))
+from galton.cli.main import main
+main()
+"""
+"""A command none of whose files can grow beyond 9,000 bytes: what a disk that is full does to them."""
+
+
+def test_a_disk_that_fills_up_is_told_in_a_line_and_the_model_is_kept(tmp_path):
+    words = [
+        "train",
+        "bandit",
+        "--steps",
+        "500",
+        "--logs",
+        "100",
+        "--eval-episodes",
+        "0",
+        "--out",
+        str(tmp_path / "run"),
+    ]
+    done = subprocess.run(
+        [sys.executable, "-c", LIMITED, *words, "--out", tmp_path / "run"],
+        capture_output=True,
+        text=True,
+        timeout=120,
+        env={name: value for name, value in os.environ.items() if name != "JAX_COMPILATION_CACHE_DIR"},  # it is shared
+    )
+    assert done.returncode == 2
+    assert done.stderr.startswith(f"galton: path is {tmp_path / 'run' / 'metrics.jsonl'}, which can't be written: File")
+    assert done.stderr.count("\n") == 1, done.stderr
+    lines = (tmp_path / "run" / "metrics.jsonl").read_text().splitlines()
+    steps = [json.loads(line)["time/total_timesteps"] for line in lines]
+    assert read(tmp_path / "run" / "model.safetensors")[0]["step"] == steps[-1] + 5
+    assert A2C.load(tmp_path / "run" / "model.safetensors", "bandit").num_timesteps > 0
+
+
+class Slope(gymnasium.Env):
+    action_space = observation_space = gymnasium.spaces.Box(-1, 1, (1,))
+
+    def __init__(self, angle=1.0):
+        self.angle = angle
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        return np.zeros(1, np.float32), {}
+
+    def step(self, action):
+        return np.zeros(1, np.float32), float(action[0]), True, False, {}
+
+
+@pytest.fixture
+def slopes():
+    for name in ("Slope-v0", "Incline-v0"):
+        gymnasium.register(name, Slope)
+    yield
+    for name in ("Slope-v0", "Incline-v0"):
+        del gymnasium.registry[name]
+
+
+def environments(folder, known, name, constants):
+    """The two environments that a resumed run compares."""
+    write_settings(folder, known)
+    options = train.Options(name, small(env_kwargs=json.dumps(constants)), out=folder)
+    return train._environments(options, find(name, **constants))
+
+
+@pytest.mark.usefixtures("slopes")
+@pytest.mark.parametrize(
+    ("name", "constants", "again", "others"),
+    [
+        ("bandit", {}, "bandit", {"noise_std": 3.0}),
+        ("bandit", {"d": 3}, "bandit", {"d": 2}),
+        ("lqr", {}, "bandit", {}),
+        ("Slope-v0", {}, "Incline-v0", {}),
+        ("Slope-v0", {}, "Slope-v0", {"angle": 2.0}),
+        ("Slope-v0", {"angle": [1.0]}, "Slope-v0", {"angle": [1.0, 2.0]}),
+        ("bandit", {}, "Slope-v0", {}),
+        ("Slope-v0", {}, "bandit", {}),
+    ],
+)
+def test_resuming_notices_another_environment(name, constants, again, others, tmp_path):
+    own, other = environments(tmp_path, {"env": name, "env_kwargs": constants}, again, others)
+    assert own != other
+
+
+@pytest.mark.usefixtures("slopes")
+@pytest.mark.parametrize(
+    ("name", "constants", "again", "others"),
+    [
+        ("bandit", {}, "bandit", {}),
+        ("bandit", {}, "galton/Bandit-v0", {"noise_std": 1.0}),
+        ("galton/LQR-v0", {}, "lqr", {}),
+        ("Slope-v0", {"angle": [1.0]}, "Slope-v0", {"angle": [1.0]}),
+        ("json:Slope-v0", {}, "Slope-v0", {}),
+    ],
+)
+def test_the_same_environment_may_be_called_otherwise(name, constants, again, others, tmp_path):
+    own, other = environments(tmp_path, {"env": name, "env_kwargs": constants}, again, others)
+    assert own == other
+
+
+@pytest.mark.parametrize("known", [{}, {"env": 5, "env_kwargs": {}}, {"env": "lqr"}, {"env": "lqr", "env_kwargs": 1}])
+def test_where_nobody_knows_the_environment_the_spaces_decide(known, tmp_path):
+    own, other = environments(tmp_path, known, "bandit", {})
+    assert own == other
+
+
+def test_a_resumed_run_in_another_environment_is_refused_and_left_alone(earlier, tmp_path):
+    out = tmp_path / "run"
+    for name, data in earlier.items():
+        files.write(out / name, data)
+    with pytest.raises(UsageError, match=r"env is Bandit\(d=2, noise_std=3.0\), but the run in"):
+        galton_train(out, training=small(200, env_kwargs='{"noise_std": 3.0}'), resume=True)
+    assert content(out) == earlier
+
+
+@pytest.mark.parametrize("name", ["x[/y]", "x[bold]y", "[link=a]", ":smile:", "x[y", "%s{0}"])
+def test_a_path_is_printed_as_it_is(name, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(Model, "learn", lambda model, *_, **__: model)
+    monkeypatch.chdir(tmp_path)
+    galton_train(name)
+    assert f"run folder: {name}\n" in capsys.readouterr().out

@@ -1,0 +1,133 @@
+"""What `galton compare` and `galton sweep` have computed outlives the disk, the reader and the folder."""
+
+import errno
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from galton.cli import compare
+from galton.cli._options import Training
+from galton.cli.sweep import _folder, status
+from galton.errors import UsageError
+from galton.saving import files
+from galton.saving.checkpoint import read
+from galton.sweep import results
+from galton.sweep.grid import expand
+from galton.sweep.plan import Plan
+from galton.sweep.shard import work
+from galton.sweep.store import Store
+from galton.sweep.study import Study
+
+
+def no_room(*_):
+    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+
+def galton_compare(out, **options):
+    """What `galton compare bandit` does with these options; tyro can't read them where types are checked."""
+    usual = Training.of_task("bandit")
+    training = Training(100, 2, 0, config=usual.config, hypers=usual.hypers)
+    options = compare.Options("bandit", training, losses=("gaussian",), **{"seeds": 2, "out": Path(out), **options})
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(compare, "parse", lambda *_: options)
+        compare.main([])
+
+
+@pytest.mark.parametrize("broken", ["write", "write_settings", "save", "summarise the disk"])
+def test_a_comparison_that_no_disk_takes_is_still_shown(broken, tmp_path, monkeypatch, capsys):
+    where = {"write": files, "write_settings": compare, "save": compare}.get(broken)
+    if where is None:
+        monkeypatch.setattr(files, "replacing", no_room)
+    else:
+        monkeypatch.setattr(where, broken, no_room)
+    with pytest.raises(UsageError, match=r"out is .*, which can't be written: No space left on device"):
+        galton_compare(tmp_path / "out")
+    told = capsys.readouterr().out
+    assert "Gaussian" in told
+    assert "final returns: mean over runs" in told
+    assert "figure and numbers" not in told
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("out", ["n" * 300, "/proc/galton", "/dev/null/x"])
+def test_a_comparison_that_could_not_be_kept_is_not_begun(out, monkeypatch):
+    monkeypatch.setattr(Training, "run", no_room)
+    with pytest.raises(UsageError, match="can't be written"):
+        galton_compare(out)
+
+
+def test_so_many_seeds_are_refused_before_they_are_counted(tmp_path):
+    with pytest.raises(UsageError, match="seeds is 10000000000 of them, too many"):
+        galton_compare(tmp_path / "out", seeds=10**10)
+    assert list(tmp_path.iterdir()) == []
+
+
+WORDS = ["bandit", "--steps", "100", "--logs", "2", "--eval-episodes", "0"]
+
+
+@pytest.mark.parametrize("stream", ["stdout", "stderr", "both"])
+def test_a_run_whose_reader_goes_away_is_trained_and_kept(stream, tmp_path):
+    ends, write = os.pipe()
+    os.close(ends)
+    both = {"stdout": write, "stderr": write}
+    streams = both if stream == "both" else {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, stream: write}
+    command = [sys.executable, "-m", "galton", "train", *WORDS, "--out", tmp_path / "run"]
+    done = subprocess.run(command, **streams, text=True, timeout=120)
+    os.close(write)
+    assert (done.returncode, done.stderr or "") == (0 if stream == "stderr" else 141, "")
+    assert read(tmp_path / "run" / "model.safetensors")[0]["step"] == 100
+    assert [path.name for path in tmp_path.iterdir()] == ["run"]
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="/dev/full is Linux's")
+def test_a_comparison_is_kept_that_cannot_be_printed(tmp_path):
+    command = [sys.executable, "-m", "galton", "compare", *WORDS, "--seeds", "2", "--losses", "gaussian"]
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run(
+            [*command, "--out", tmp_path / "x[/y]"], stdout=full, stderr=subprocess.PIPE, text=True, timeout=120
+        )
+    assert done.returncode == 2
+    assert done.stderr == "galton: standard output can't be written: [Errno 28] No space left on device\n"
+    assert len(list((tmp_path / "x[" / "y]").iterdir())) == 5
+
+
+@pytest.fixture(scope="module")
+def trained(tmp_path_factory):
+    """A sweep that is done, in a folder whose name rich takes for markup."""
+    out = tmp_path_factory.mktemp("sweep") / "x[" / "y]"
+    settings = expand([{"loss": "gaussian", "n_steps": 5, "net_arch": (), "learning_rate": 0.01}], {})
+    store, plan = Store(str(out)), Plan.create(Study("bandit", settings, 2, 50, logs=1, eval_episodes=0), 2)
+    plan.save(store)
+    work(store.url, 0)
+    results.save(store, results.collect(store, plan))
+    return store
+
+
+def test_results_are_shown_where_nothing_can_be_written(trained, monkeypatch, capsys):
+    """A sweep that has its results needs nothing written; another shows them too, and says why it can't keep them."""
+    monkeypatch.setattr(files, "write", no_room)
+    plan = _folder.load(trained)
+    _folder.conclude(trained, plan)
+    shown = capsys.readouterr().out
+    assert "learning rate" in shown
+    assert f"2 runs: {trained.url}/results.parquet\n" in shown
+    monkeypatch.setattr(results, "FILE", "other.parquet")
+    with pytest.raises(UsageError, match="there is no room left"):
+        _folder.conclude(trained, plan)
+    assert "learning rate" in capsys.readouterr().out
+
+
+def test_results_of_more_runs_replace_those_that_are_there(trained):
+    before = trained.read(results.FILE)
+    trained.write(results.FILE, b"of fewer")
+    results.save(trained, results.collect(trained, Plan.load(trained)))
+    assert trained.read(results.FILE) == before
+
+
+def test_status_shows_a_folder_as_it_is_called(trained, capsys, monkeypatch):
+    monkeypatch.setattr(status.tyro, "cli", lambda *_, **__: _folder.Folder(trained.url))
+    status.main([])
+    assert f"{trained.url}: bandit\n" in capsys.readouterr().out

@@ -1,0 +1,84 @@
+"""What can't fit into memory is refused by arithmetic; what may fit is not."""
+
+import dataclasses
+import time
+
+import gymnasium
+import jax
+import pytest
+
+from galton import A2C, Config, UsageError, devices
+from galton.algorithms import actor_critic, resolve
+from galton.envs.find import find
+from galton.training import size
+from galton.training.population import populate
+from galton.types import Hypers
+
+SMALL = Config(n_bins=4, net_arch=(4,), n_steps=5)
+PENDULUM = "Pendulum-v1"
+
+
+@pytest.fixture
+def room(monkeypatch):
+    """A machine of 8 GB."""
+    monkeypatch.setattr(size, "memory", lambda: 8 * 10**9)
+
+
+@pytest.mark.usefixtures("room")
+@pytest.mark.parametrize("env", ["bandit", "lqr", PENDULUM])
+@pytest.mark.parametrize(
+    ("changes", "n_runs", "n_episodes", "named"),
+    [
+        ({"net_arch": (10**9,)}, 1, 0, r"net_arch is \(1000000000,\)"),
+        ({"net_arch": (100_000, 100_000)}, 1, 0, r"net_arch is \(100000, 100000\)"),
+        ({"n_envs": 10**9}, 1, 0, "n_envs or n_steps is 1000000000 or 5"),
+        ({"n_steps": 10**9}, 1, 0, "n_envs or n_steps is 1 or 1000000000"),
+        ({"n_envs": 50_000, "n_steps": 50_000}, 1, 0, "n_envs or n_steps is 50000 or 50000"),
+        ({}, 1, 10**10, "n_eval_episodes is 10000000000"),
+        ({}, 10**9, 0, "seeds is 1000000000 of them"),
+        ({"net_arch": (10_000, 1_000)}, 1_000, 10, "seeds is 1000 of them"),
+    ],
+)
+def test_what_is_too_big_is_named(env, changes, n_runs, n_episodes, named):
+    with pytest.raises(UsageError, match=f"^{named}, too many: this needs .* GB of memory at least, and there are 8.0"):
+        size.check_size(find(env), dataclasses.replace(SMALL, **changes), n_runs, n_episodes)
+
+
+@pytest.mark.usefixtures("room")
+@pytest.mark.parametrize("env", ["bandit", "lqr", PENDULUM])
+@pytest.mark.parametrize(
+    ("changes", "n_runs", "n_episodes"),
+    [({}, 1, 10), ({"net_arch": (1024, 1024)}, 50, 100), ({"n_envs": 10_000}, 1, 0), ({"n_steps": 10**6}, 10, 1000)],
+)
+def test_what_may_fit_is_not_refused(env, changes, n_runs, n_episodes):
+    size.check_size(find(env), dataclasses.replace(SMALL, **changes), n_runs, n_episodes)
+
+
+@pytest.mark.parametrize("env", ["bandit", PENDULUM, lambda: gymnasium.make(PENDULUM)])
+def test_models_and_populations_refuse_it_before_they_make_anything(env):
+    start = time.monotonic()
+    with pytest.raises(UsageError, match="n_envs or n_steps is 100000000000 or 5"):
+        A2C(env, n_envs=10**11, n_steps=5)
+    with pytest.raises(UsageError, match="seeds is 1000000000000 of them"):
+        populate(env, SMALL, Hypers(), range(10**12))
+    assert time.monotonic() - start < 60
+
+
+def test_a_limit_that_is_set_counts(monkeypatch):
+    resource = pytest.importorskip("resource")
+    machine = devices.memory()
+    assert machine > 10**8
+    monkeypatch.setattr(resource, "getrlimit", lambda _: (10**7, -1))
+    assert devices.memory() == 10**7
+    monkeypatch.setattr(resource, "getrlimit", lambda _: (resource.RLIM_INFINITY, -1))
+    assert devices.memory() >= machine
+
+
+def test_what_it_counts_is_what_a_model_has():
+    """The parameters and Adam's moments, of a policy that is one number for each action entry."""
+    env = find("lqr")
+    d, o = size._widths(env)
+    agent = resolve(Config(loss="gaussian", net_arch=(5, 7)), env.action_low, env.action_high)
+    params = jax.eval_shape(lambda key: actor_critic.init(key, agent, Hypers(), o), jax.random.key(0)).params
+    n = sum(array.size for name in ("actor", "critic") for layer in params[name] for array in layer.values())
+    assert size._n_parameters(o, (5, 7), d) + size._n_parameters(o, (5, 7), 1) == n
