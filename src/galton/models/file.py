@@ -12,7 +12,6 @@ from galton.envs.host.action_box import ActionBox
 from galton.envs.host.observations import Observations
 from galton.envs.host.space_json import from_json, to_json
 from galton.errors import CheckpointError, UsageError
-from galton.models.settings import check_one_run
 from galton.records import written
 from galton.saving import checkpoint
 from galton.saving import model_file as saved
@@ -20,7 +19,7 @@ from galton.training.log import Tally
 from galton.training.population import Population
 from galton.training.run import Snapshot
 from galton.training.train import check_seed
-from galton.types import Config, Hypers, Learner
+from galton.types import Config, Hypers, Learner, check_one_run
 
 
 class InexactResume(UserWarning):

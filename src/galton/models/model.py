@@ -23,10 +23,10 @@ from galton.models import file
 from galton.models.acting import exploit, explore, returns_on
 from galton.models.environment import check_copies, check_same_spaces, spaces_of, usual_copies
 from galton.models.learning import check_divergence, learn
-from galton.models.settings import Settings, check_one_run, split
+from galton.models.settings import Settings, split
 from galton.training.population import Population, populate
 from galton.training.train import check_seed
-from galton.types import Config, Hypers, Learner
+from galton.types import Config, Hypers, Learner, check_config, check_one_run
 
 ModelT = TypeVar("ModelT", bound="Model")
 
@@ -74,6 +74,7 @@ class Model:
         return model
 
     def _begin(self, task: Environment | HostTask, config: Config, hypers: Hypers, seed: int) -> None:
+        check_config(config)
         check_copies(task, config.n_envs)
         self._describe(config, hypers, seed, *spaces_of(task))
         self._connect(task)

@@ -10,7 +10,7 @@ from galton.envs.host.answers import shown
 from galton.errors import CheckpointError, NewerVersionError, UsageError
 from galton.records import FIRST_FIELDS, defaults, refuse_unknown
 from galton.saving.checkpoint import Settings
-from galton.types import Config, Hypers
+from galton.types import Config, Hypers, make_config
 
 MAX_BINS = 10**6
 """The most bins that settings may call for beyond the numbers in the file."""
@@ -104,7 +104,7 @@ def check(settings: Settings, arrays: dict[str, np.ndarray]) -> Settings:
 
 def config_of(settings: Settings) -> Config:
     """The configuration in checked settings."""
-    return Config(**settings["config"] | {"net_arch": tuple(settings["config"]["net_arch"])})
+    return make_config(settings["config"])
 
 
 def hypers_of(settings: Settings) -> Hypers:

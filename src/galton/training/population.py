@@ -16,7 +16,7 @@ from galton.training.log import Log
 from galton.training.on_device import DevicePopulation
 from galton.training.on_host import HostPopulation
 from galton.training.run import Snapshot
-from galton.types import Config, Hypers, Learner, without_units
+from galton.types import Config, Hypers, Learner, check_config, check_hypers, without_units
 
 
 @runtime_checkable
@@ -79,6 +79,8 @@ def populate(
     Raises:
         UsageError: an environment that can't be used, or settings that don't fit together.
     """
+    check_config(config)
+    check_hypers(hypers)
     found, devices = find(env), devices or jax.devices()
     agent, hypers = resolve(config, *action_box(found)), without_units(hypers)
     refuse_others(agent.algorithm, hypers)
