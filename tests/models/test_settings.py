@@ -90,7 +90,7 @@ for attempt, message in (
     (lambda: make(normalize_observation=0), "normalize_observation is 0; it must be True or False"),
     (lambda: make(learning_rate=True), "learning_rate is True; it must be a number"),
     (lambda: make(gamma=float("nan")), "gamma is nan; it must be between 0 and 1"),
-    (lambda: make(ratio=["true"]), "ratio is ['true']; choose from auto, smoothed, true"),
+    (lambda: make(bin_sample=["center"]), "bin_sample is ['center']; choose from center, uniform"),
     (lambda: make(policy=None), "policy is None; it must be of type str"),
     (lambda: make(loss=["mse"]), "loss is ['mse']"),
     (lambda: make(loss=None), "loss is None"),
