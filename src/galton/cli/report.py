@@ -47,10 +47,11 @@ def main(arguments: Sequence[str]) -> None:
 def write(folder: Path, trained: Trained) -> None:
     """Figures and page into a folder; the same data give the same bytes."""
     figures, store = report.figures(trained), Store(str(folder))
+    page = report.page(trained, figures)  # before anything is written, for it may be refused
     images = {f"{name}{suffix}": image for name in figures for suffix, image in plots.images(figures[name]).items()}
     for name, image in images.items():
         store.write(f"figures/{name}", image)
     for name in {f"{figure}{suffix}" for figure in FIGURES for suffix in (".png", ".svg")} - {*images}:
         store.remove(f"figures/{name}")  # of what a former version drew, or from data that have gone
-    store.write("index.html", report.page(trained, figures).encode())
+    store.write("index.html", page.encode())
     print(f"{len(figures)} figures and the page: {folder / 'index.html'}")
