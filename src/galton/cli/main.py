@@ -46,7 +46,6 @@ def main() -> None:
 
 def _run(name: str, arguments: list[str]) -> int:
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # so that it cleans up as Ctrl-C does
-    sys.path.append("")  # a module of one's own in the current folder is found; it can't hide an installed one
     try:
         require(name in COMMANDS, f"command is {name!r}; choose from {', '.join(COMMANDS)}")
         importlib.import_module(f"galton.cli.{name}").main(arguments)

@@ -8,12 +8,12 @@ from pathlib import Path
 import tyro
 
 from galton.analysis import plots
+from galton.cli._modules import import_typed
 from galton.errors import require
 from galton.paper import report, reproduce
 from galton.paper.registry import FIGURES
 from galton.paper.trained import Trained
 from galton.sweep.store import Store
-from galton.sweep.study import import_all
 
 
 @dataclasses.dataclass(frozen=True)
@@ -33,7 +33,7 @@ def main(arguments: Sequence[str]) -> None:
         UsageError: a folder without data.
     """
     options = tyro.cli(Options, prog="galton report", args=list(arguments))
-    import_all(options.imports)
+    import_typed(options.imports)
     folder = options.folder
     trained = reproduce.load(str(folder))
     for file in reproduce.of_no_figure(str(folder)):

@@ -111,6 +111,12 @@ class Study:
             f"logs is {self.logs}, which makes {shown}; choose steps and logs so that every setting has as many",
         )
 
+    @property
+    def modules(self) -> tuple[str, ...]:
+        """The modules that training needs: those to import, and that of an environment called `module:Id`."""
+        of_env = (self.env.partition(":")[0],) if ":" in self.env else ()
+        return (*self.imports, *of_env)
+
     def constants(self) -> dict[str, object]:
         """What every run shares, for JSON."""
         record = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
@@ -148,7 +154,7 @@ def import_all(modules: Iterable[str]) -> None:
     for module in modules:
         try:
             importlib.import_module(module)
-        except ImportError as error:
+        except (ImportError, TypeError, ValueError) as error:
             raise UsageError(f"imports names {module!r}, which can't be imported: {error}") from None
 
 
