@@ -86,12 +86,22 @@ def check(settings: Settings, arrays: dict[str, np.ndarray]) -> Settings:
         later = {name: value for name, value in EXAMPLE[part].items() if name not in FIRST_FIELDS}
         settings = settings | {part: later | settings[part]}
     _check_like("settings", settings, EXAMPLE)
+    config = settings["config"]
+    for name, fits in _fitting(settings, arrays).items():
+        if not fits:
+            value = settings.get(name, config.get(name, config["n_steps"] * config["n_envs"]))
+            raise CheckpointError(f"{name} is {shown(value)}, which does not go with the rest of it")
+    return settings
+
+
+def _fitting(settings: Settings, arrays: dict[str, np.ndarray]) -> dict[str, bool]:
+    """Whether each setting goes with the others and with the arrays."""
     config, step = settings["config"], settings["step"]
     size = config["n_steps"] * config["n_envs"]
     n_numbers = sum(array.size for array in arrays.values())
     n_actions, n_observations = _flat_size(settings["action_space"]), _flat_size(settings["observation_space"])
     length = arrays.get("environments/length")
-    for name, fits in {
+    return {
         "class": settings["class"] == find_algorithm(config["algorithm"]).label,
         "action_space": n_actions <= n_numbers,
         "observation_space": n_observations <= n_numbers,
@@ -103,11 +113,7 @@ def check(settings: Settings, arrays: dict[str, np.ndarray]) -> Settings:
         "n_envs": length is None or length.shape == (1, config["n_envs"]),
         "n_bins": n_actions * config["n_bins"] <= max(n_numbers, MAX_BINS),
         "net_arch": len(config["net_arch"]) <= len(arrays) and sum(config["net_arch"]) <= n_numbers,
-    }.items():
-        if not fits:
-            value = settings.get(name, config.get(name, size))
-            raise CheckpointError(f"{name} is {shown(value)}, which does not go with the rest of it")
-    return settings
+    }
 
 
 def training_size(settings: Settings, arrays: dict[str, np.ndarray]) -> int:
