@@ -14,6 +14,7 @@ ROOT = Path(galton.__file__).parent
 # Folders and files under src/galton, the lowest first; what shares a line may not import one another.
 RANKS = """
     errors devices foreign
+    fields
     types
     records
     bins networks returns normalization
@@ -32,7 +33,7 @@ RANKS = """
 """
 
 # The core computes: beside the standard library it needs no more than these.
-CORE = "types records bins networks returns normalization targets theory policies losses algorithms"
+CORE = "fields types records bins networks returns normalization targets theory policies losses algorithms"
 CORE_LIBRARIES = "jax numpy optax jaxtyping"
 
 # Libraries of the command line, and the folders and files outside it that may import them all the same.

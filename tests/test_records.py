@@ -28,9 +28,8 @@ FIELDS = {"newer_choice": '"other"', "newer_number": "2.5"}
 """What the grown version knows besides, with values that are not the defaults."""
 GROWN = {
     "types.py": {
-        "    n_bins: int = 100\n": '    newer_choice: str = "usual"\n',
-        "    eta: Number = 0.25\n": "    newer_number: Number = 1.5\n",
-        '    "eta": _positive,\n': '    "newer_number": _positive,\n',
+        "    n_bins: Annotated[int, AtLeast(2)] = 100\n": '    newer_choice: str = "usual"\n',
+        "    eta: Positive = 0.25\n": "    newer_number: Positive = 1.5\n",
     },
     "models/settings.py": {"    policy: str\n": "    newer_choice: str\n    newer_number: float\n"},
     "algorithms/actor_critic.py": {

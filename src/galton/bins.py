@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from galton.errors import require, require_integer
+from galton.fields import as_numbers
 
 Bound = float | int | Sequence[float | int] | np.ndarray | np.generic
 
@@ -26,7 +27,7 @@ class Bins:
         n_bins: k, at least 2.
 
     Raises:
-        UsageError: bounds that are not finite, not ordered, or too close for k bins in this precision.
+        UsageError: bounds that are no numbers, not finite, not ordered, or too close for k bins in this precision.
     """
 
     low: Float[np.ndarray, " d"]
@@ -39,7 +40,7 @@ class Bins:
     width: Float[np.ndarray, " d"]
 
     def __init__(self, low: Bound, high: Bound, n_bins: int) -> None:
-        low64, high64 = (np.atleast_1d(np.asarray(bound, np.float64)) for bound in (low, high))
+        low64, high64 = (np.atleast_1d(as_numbers(*bound)) for bound in (("low", low), ("high", high)))
         bounds = f"low is {low64} and high is {high64}"
         require(
             low64.shape == high64.shape and low64.ndim == 1,

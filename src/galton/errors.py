@@ -30,7 +30,8 @@ class SharedEnvironment(UserWarning):
 def require_integer(name: str, value: object, least: int) -> None:
     """Raise UsageError unless the value is an integer of at least `least`."""
     fits = isinstance(value, int | np.integer) and not isinstance(value, bool) and value >= least
-    require(fits, f"{name} is {value}; it must be an integer of at least {least}")
+    shown = value if isinstance(value, int | float | np.generic) else repr(value)
+    require(fits, f"{name} is {shown}; it must be an integer of at least {least}")
 
 
 def require(condition: bool | np.bool, message: str) -> None:

@@ -2,16 +2,18 @@
 
 import dataclasses
 import math
-from collections.abc import Callable
-from typing import Any, Literal, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 from jaxtyping import Array, Bool, Float, PyTree
 
-from galton.errors import require, require_integer
+from galton.errors import require
+from galton.fields import AtLeast, Within, annotations, check_fields, checked
 
 Params = dict[str, Any]
 """A nested dictionary of arrays."""
+Count = Annotated[int, AtLeast(1)]
+"""How many of something that there must be."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -20,13 +22,13 @@ class Config:
 
     loss: str = "hl-gauss"
     """A key of LOSSES."""
-    n_bins: int = 100
+    n_bins: Annotated[int, AtLeast(2)] = 100
     """Bins per action dimension, k (§4.1); the Gaussian has none."""
-    n_steps: int = 20
+    n_steps: Count = 20
     """Steps per environment and update."""
-    n_envs: int = 1
+    n_envs: Count = 1
     """Copies of the environment that one run steps side by side."""
-    net_arch: tuple[int, ...] = (64, 64)
+    net_arch: tuple[Count, ...] = (64, 64)
     """Units of the hidden tanh layers, the same for actor and critic; () is linear."""
     initial_policy: Literal["uniform", "gaussian"] = "uniform"
     """How a softmax policy starts: uniform, or like the Gaussian policy ("Init Gaussian", §5.2.3)."""
@@ -46,79 +48,64 @@ class Config:
     """A key of POLICIES; auto is the one that the loss usually trains."""
     algorithm: str = "a2c"
     """A key of ALGORITHMS."""
-    n_epochs: int = 10
+    n_epochs: Count = 10
     """How often PPO goes through a rollout."""
-    batch_size: int = 64
+    batch_size: Count = 64
     """Steps in each of PPO's minibatches; it divides n_steps · n_envs."""
     ratio: Literal["auto", "smoothed", "true"] = "auto"
     """What PPO clips: the ratio of what the loss measures, or the actions' own likelihood ratio; auto is smoothed for a
     loss with a bias, plain HL-Gauss, and true for all others."""
 
     def __post_init__(self) -> None:
-        for field in dataclasses.fields(self):
-            value = getattr(self, field.name)
-            if isinstance(field.default, bool):
-                fits = isinstance(value, bool | np.bool | int | np.integer) and value in (0, 1)
-                require(fits, f"{field.name} is {value!r}; it must be True or False")
-                object.__setattr__(self, field.name, bool(value))
-            elif isinstance(field.default, int):
-                require_integer(field.name, value, 2 if field.name == "n_bins" else 1)
-                object.__setattr__(self, field.name, int(value))
-            elif isinstance(field.default, str):
-                choices = _CHOICES.get(field.name, (value,))
-                known = isinstance(value, str) and value in choices
-                require(known, f"{field.name} is {value!r}; choose from {', '.join(map(str, choices))}")
-        object.__setattr__(self, "net_arch", tuple(self.net_arch))
-        for units in self.net_arch:
-            require_integer("an entry of net_arch", units, 1)
+        check_fields(self)
         require(
             not self.normalize_advantage or self.n_steps * self.n_envs > 1,
             "normalize_advantage needs more than one step per update: raise n_steps or n_envs",
         )
 
 
-_CHOICES = {
-    "initial_policy": ("uniform", "gaussian"),
-    "exploration": ("softmax", "gaussian"),
-    "bin_sample": ("center", "uniform"),
-    "deterministic_action": ("mode", "mean", "median"),
-    "ratio": ("auto", "smoothed", "true"),
-}
+def make_config(fields: dict[str, Any]) -> Config:
+    """The Config with these fields, in which net_arch may be a list: JSON and TOML know no tuples."""
+    arch = fields.get("net_arch")
+    return Config(**fields | ({"net_arch": tuple(arch)} if isinstance(arch, list) else {}))
 
 
 Number = float | Float[Array, "*runs"]
 """One number, or one for each run."""
+NotNegative = Annotated[Number, Within(lambda x: np.isfinite(x) & (x >= 0), "0 or more")]
+Positive = Annotated[Number, Within(lambda x: np.isfinite(x) & (x > 0), "greater than 0")]
+Share = Annotated[Number, Within(lambda x: (x >= 0) & (x <= 1), "between 0 and 1")]
 
 
 class Hypers(NamedTuple):
     """Numbers that one compiled program takes as data: scalars, or arrays `[R]` for R runs."""
 
-    learning_rate: Number = 7e-4
+    learning_rate: NotNegative = 7e-4
     """The step size of Adam, at the start of training."""
-    eta: Number = 0.25
+    eta: Positive = 0.25
     """HL-Gauss's width η = σ / bin width (§4.2)."""
-    gamma: Number = 0.99
+    gamma: Share = 0.99
     """The discount of later rewards, γ."""
-    gae_lambda: Number = 1.0
+    gae_lambda: Share = 1.0
     """λ of GAE; 1 gives n-step returns."""
-    vf_coef: Number = 0.5
+    vf_coef: NotNegative = 0.5
     """Weight of the critic's loss."""
-    ent_coef: Number = 0.0
+    ent_coef: NotNegative = 0.0
     """Weight of the entropy bonus."""
-    max_grad_norm: Number = 0.5
+    max_grad_norm: Positive = 0.5
     """The gradient, actor's and critic's joined, is scaled down to this norm."""
-    decay_steps: Number = 0.0
+    decay_steps: NotNegative = 0.0
     """The learning rate falls linearly to 0 over so many environment steps; 0: it stays."""
-    log_std_init: Number = 0.0
+    log_std_init: Annotated[Number, Within(np.isfinite, "finite")] = 0.0
     """The Gaussian's first log σ."""
-    log_std_min: Number = -math.inf
+    log_std_min: Annotated[Number, Within(lambda x: x < np.inf, "finite, or -inf for none")] = -math.inf
     """A floor under the Gaussian's log σ; −inf is none."""
-    box_units: Number = 0.0
+    box_units: Annotated[Number, Within(lambda x: (x == 0) | (x == 1), "0 or 1")] = 0.0
     """1: the Gaussian's mean and σ are in half-widths of the action box around its center; 0: in the environment's
     own units."""
-    clip_range: Number = 0.2
+    clip_range: Annotated[Number, Within(lambda x: x > 0, "greater than 0")] = 0.2
     """PPO clips the likelihood ratio this far from 1."""
-    target_kl: Number = math.inf
+    target_kl: Annotated[Number, Within(lambda x: x > 0, "greater than 0, or inf for none")] = math.inf
     """PPO leaves off a rollout once its approximate KL divergence from the sampling policy exceeds 1.5 of this."""
 
 
@@ -131,48 +118,26 @@ def without_units(hypers: Hypers) -> Hypers:
     return hypers if np.any(hypers.box_units) else hypers._replace(box_units=nothing)
 
 
+def check_config(config: Config) -> None:
+    """Raise UsageError for anything but a Config, whose fields were checked when it was made."""
+    checked("config", config, Config)
+
+
 def check_hypers(hypers: Hypers) -> None:
-    """Raise UsageError where a number is outside the range that means something."""
+    """Raise UsageError where a field is no number, or outside the range that means something.
+
+    Making a `Hypers` checks nothing, for inside of programs it holds what JAX traces: each way in does it.
+    """
+    checked("hypers", hypers, Hypers)
+    for name, annotation in annotations(Hypers).items():
+        checked(name, getattr(hypers, name), annotation)
+
+
+def check_one_run(hypers: Hypers) -> None:
+    """Raise UsageError unless each field is one number, in its range."""
+    check_hypers(hypers)
     for name, value in hypers._asdict().items():
-        given = np.asarray(value, np.float64)
-        with np.errstate(over="ignore"):
-            numbers = given.astype(np.float32)  # what the programs compute with
-        right, wanted = _RANGES[name](numbers)
-        shown = given[~right].flat[0] if not right.all() else None
-        require(shown is None, f"{name} is {shown}; it must be {wanted}")
-
-
-Range = Callable[[Float[np.ndarray, "*runs"]], tuple[Bool[np.ndarray, "*runs"], str]]
-"""Which numbers mean something, and what is wanted, in words."""
-
-
-def _share(x: Float[np.ndarray, "*runs"]) -> tuple[Bool[np.ndarray, "*runs"], str]:
-    return np.asarray((x >= 0) & (x <= 1)), "between 0 and 1"
-
-
-def _at_least_0(x: Float[np.ndarray, "*runs"]) -> tuple[Bool[np.ndarray, "*runs"], str]:
-    return np.asarray(np.isfinite(x) & (x >= 0)), "0 or more"
-
-
-def _positive(x: Float[np.ndarray, "*runs"]) -> tuple[Bool[np.ndarray, "*runs"], str]:
-    return np.asarray(np.isfinite(x) & (x > 0)), "greater than 0"
-
-
-_RANGES: dict[str, Range] = {
-    "learning_rate": _at_least_0,
-    "eta": _positive,
-    "gamma": _share,
-    "gae_lambda": _share,
-    "vf_coef": _at_least_0,
-    "ent_coef": _at_least_0,
-    "max_grad_norm": _positive,
-    "decay_steps": _at_least_0,
-    "log_std_init": lambda x: (np.isfinite(x), "finite"),
-    "log_std_min": lambda x: (x < np.inf, "finite, or -inf for none"),
-    "box_units": lambda x: ((x == 0) | (x == 1), "0 or 1"),
-    "clip_range": lambda x: (x > 0, "greater than 0"),
-    "target_kl": lambda x: (x > 0, "greater than 0, or inf for none"),
-}
+        require(np.ndim(value) == 0, f"{name} is {value}; give one number (train alone takes one for each run)")
 
 
 class Transition(NamedTuple):

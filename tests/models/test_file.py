@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from galton import A2C, PPO, Model, UsageError
+from galton import A2C, PPO, CheckpointError, Model, UsageError
 from galton.envs import LQR
 
 SMALL = {"n_bins": 10, "net_arch": (8,)}
@@ -45,3 +45,30 @@ def test_a_file_says_its_algorithm_and_only_that_class_or_model_opens_it(tmp_pat
     for cls in (PPO, Model):
         loaded = cls.load(path)
         assert (loaded.config.algorithm, loaded.config.batch_size, loaded.hypers.clip_range) == ("ppo", 4, 0.1)
+
+
+@pytest.mark.parametrize("name", ["x", "v1.5", "a.b.c", "name with spaces"])
+def test_what_was_saved_under_a_name_is_loaded_by_it_though_a_folder_has_it_too(model, tmp_path, name):
+    (tmp_path / "x").mkdir()
+    (tmp_path / "v1.safetensors").write_text("another file")
+    path = model.save(tmp_path / name)
+    assert path.is_file()
+    assert A2C.load(tmp_path / name).seed == A2C.load(path).seed
+
+
+@pytest.mark.parametrize("name", ["", ".", "..", "/", "runs/.."])
+def test_a_path_without_a_name_is_refused(model, name):
+    for use in (model.save, A2C.load):
+        with pytest.raises(UsageError, match=r"path is '.*', which names no file"):
+            use(name)
+
+
+def test_a_name_that_a_folder_has_alone_is_told_so(model, tmp_path):
+    (tmp_path / "x").mkdir()
+    (tmp_path / "x.d").mkdir()
+    with pytest.raises(CheckpointError, match="x can't be loaded: it is a folder; name a file"):
+        A2C.load(tmp_path / "x")
+    with pytest.raises(UsageError, match=r"path is .*x\.d, which can't be written: Is a directory"):
+        model.save(tmp_path / "x.d")
+    with pytest.raises(UsageError, match=r"path is .*nothing, which does not exist"):
+        A2C.load(tmp_path / "nothing")

@@ -31,7 +31,7 @@ def test_actions_have_the_shape_and_type_of_the_space_and_lie_in_it(name, determ
     single, state = model.predict(np.zeros((2, 3), np.float32), state=("kept",), deterministic=deterministic)
     assert (single.shape, single.dtype) == (space.shape, space.dtype)
     assert state == ("kept",)
-    for n in (1, 64):
+    for n in (0, 1, 64):
         batch, _ = model.predict(np.zeros((n, 2, 3), np.float32), deterministic=deterministic)
         assert (batch.shape, batch.dtype) == ((n, 2, 2), space.dtype)
         assert all(space.contains(action) for action in batch)

@@ -25,7 +25,7 @@ SMALL = {"n_bins": 10, "net_arch": (8,)}
         ({"seed": -1}, "seed is -1"),
         ({"seed": 2**32}, "seed is 4294967296"),
         ({"n_bins": 1}, "n_bins is 1"),
-        ({"net_arch": (8, 0)}, "net_arch is 0"),
+        ({"net_arch": (8, 0)}, "an entry of net_arch is 0"),
         ({"n_envs": 0}, "n_envs is 0"),
         ({"env": 7}, "env is 7"),
         ({"env": "NoSuch-v0"}, "NoSuch-v0"),
@@ -67,31 +67,47 @@ def test_a_setting_of_another_algorithm_is_refused_with_those_that_there_are():
 
 WRONG_TYPES = """
 import sys, numpy as np, galton
-model = galton.A2C("lqr", n_bins=np.int64(10), net_arch=[np.int32(8)], normalize_reward=1, seed=np.uint32(5), eta=1)
+model = galton.A2C("lqr", n_bins=np.int64(10), net_arch=[np.int32(8)], normalize_reward=np.True_,
+                   seed=np.uint32(5), eta=1)
 loaded = galton.A2C.load(model.save(sys.argv[1]))
 assert loaded.config == model.config, loaded.config
 make = lambda **settings: galton.A2C("lqr", **settings)
 for attempt, message in (
-    (lambda: make(learning_rate=np.ones(2)), "learning_rate is [1. 1.]; a model is one run"),
-    (lambda: make(gamma=np.ones((1, 1))), "gamma is [[1.]]; a model is one run"),
+    (lambda: make(learning_rate=np.ones(2)), "learning_rate is [1. 1.]; give one number"),
+    (lambda: make(gamma=np.ones((1, 1))), "gamma is [[1.]]; give one number"),
     (lambda: make(learning_rate="fast"), "learning_rate is 'fast'"),
     (lambda: make(eta=None), "eta is None; it must be a number"),
     (lambda: make(seed=1.5), "seed is 1.5"),
     (lambda: make(seed=None), "seed is None"),
     (lambda: make(n_bins=10.0), "n_bins is 10.0"),
-    (lambda: make(n_steps="20"), "n_steps is 20"),
+    (lambda: make(n_steps="20"), "n_steps is '20'; it must be an integer of at least 1"),
     (lambda: make(net_arch=8), "net_arch is 8"),
-    (lambda: make(net_arch="88"), "an entry of net_arch is 8"),
+    (lambda: make(net_arch="88"), "net_arch is '88'; it must be a list or a tuple"),
+    (lambda: make(net_arch={8: 8}), "net_arch is {8: 8}; it must be a list or a tuple"),
+    (lambda: make(net_arch=[8, True]), "an entry of net_arch is True; it must be an integer"),
     (lambda: make(normalize_reward=2), "normalize_reward is 2; it must be True or False"),
     (lambda: make(normalize_reward="no"), "normalize_reward is 'no'"),
-    (lambda: make(policy=None), "policy is None"),
+    (lambda: make(normalize_observation=0), "normalize_observation is 0; it must be True or False"),
+    (lambda: make(learning_rate=True), "learning_rate is True; it must be a number"),
+    (lambda: make(gamma=float("nan")), "gamma is nan; it must be between 0 and 1"),
+    (lambda: make(bin_sample=["center"]), "bin_sample is ['center']; choose from center, uniform"),
+    (lambda: make(policy=None), "policy is None; it must be of type str"),
     (lambda: make(loss=["mse"]), "loss is ['mse']"),
     (lambda: make(loss=None), "loss is None"),
-    (lambda: model.learn("20"), "total_timesteps is 20"),
+    (lambda: model.learn("20"), "total_timesteps is '20'"),
     (lambda: model.learn(None), "total_timesteps is None"),
+    (lambda: galton.train("lqr", None, galton.Hypers(), [0], 20), "config is None; it must be of type Config"),
+    (lambda: galton.train("lqr", galton.Config(), None, [0], 20), "hypers is None; it must be of type Hypers"),
+    (lambda: galton.train("lqr", galton.Config(), galton.Hypers("a"), [0], 20), "learning_rate is 'a'"),
+    (lambda: galton.train(7, galton.Config(), galton.Hypers(), [0], 20), "env is 7"),
+    (lambda: galton.train(None, galton.Config(), galton.Hypers(), [0], 20), "env is None"),
+    (lambda: galton.models.Model.of("lqr", {}, galton.Hypers()), "config is {}; it must be of type Config"),
+    (lambda: galton.Bins("a", 1.0, 3), "low is 'a'; it must be a number"),
+    (lambda: galton.Bins([0.0, None], 1.0, 3), "low is [0.0, None]; it must be a number"),
+    (lambda: galton.Bins(0.0, 1.0, "3"), "n_bins is '3'; it must be an integer of at least 2"),
     (lambda: model.learn(True), "total_timesteps is True"),
     (lambda: model.learn(20, callback=7), "callback is 7"),
-    (lambda: model.learn(20, log_interval="often"), "log_interval is often"),
+    (lambda: model.learn(20, log_interval="often"), "log_interval is 'often'"),
 ):
     try:
         attempt()

@@ -20,6 +20,7 @@ from tyro.constructors import (
 )
 
 from galton.algorithms import ALGORITHMS, find_algorithm
+from galton.cli._modules import search_here
 from galton.envs.base import Environment
 from galton.envs.find import find
 from galton.envs.host.base import HostTask
@@ -107,7 +108,9 @@ class Training:
         )
 
     def find(self, name: str) -> Environment | HostTask:
-        """The environment of that name, made with these keyword arguments."""
+        """The environment of a name that was typed, made with these keyword arguments."""
+        if ":" in name:
+            search_here()
         return find(name, **read_constants(self.env_kwargs))
 
 

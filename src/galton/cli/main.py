@@ -69,7 +69,6 @@ def _run(name: str, arguments: list[str]) -> int:
         print(importlib.import_module("importlib.metadata").version("galton"))
         return 0
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # so that it cleans up as Ctrl-C does
-    sys.path.append("")  # a module of one's own in the current folder is found; it can't hide an installed one
     try:
         require(name in COMMANDS, f"command is {name!r}; choose from {', '.join(COMMANDS)}")
         importlib.import_module(f"galton.cli.{name}").main(arguments)

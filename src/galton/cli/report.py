@@ -8,12 +8,12 @@ from pathlib import Path
 import tyro
 
 from galton.analysis import plots
+from galton.cli._modules import import_typed
 from galton.errors import require
 from galton.paper import report, reproduce
 from galton.paper.registry import FIGURES
 from galton.paper.trained import Trained
 from galton.sweep.store import Store
-from galton.sweep.study import import_all
 
 
 @dataclasses.dataclass(frozen=True)
@@ -33,7 +33,7 @@ def main(arguments: Sequence[str]) -> None:
         UsageError: a folder without data.
     """
     options = tyro.cli(Options, prog="galton report", args=list(arguments))
-    import_all(options.imports)
+    import_typed(options.imports)
     folder = options.folder
     trained = reproduce.load(str(folder))
     for file in reproduce.of_no_figure(str(folder)):
@@ -47,10 +47,11 @@ def main(arguments: Sequence[str]) -> None:
 def write(folder: Path, trained: Trained) -> None:
     """Figures and page into a folder; the same data give the same bytes."""
     figures, store = report.figures(trained), Store(str(folder))
+    page = report.page(trained, figures)  # before anything is written, for it may be refused
     images = {f"{name}{suffix}": image for name in figures for suffix, image in plots.images(figures[name]).items()}
     for name, image in images.items():
         store.write(f"figures/{name}", image)
     for name in {f"{figure}{suffix}" for figure in FIGURES for suffix in (".png", ".svg")} - {*images}:
         store.remove(f"figures/{name}")  # of what a former version drew, or from data that have gone
-    store.write("index.html", report.page(trained, figures).encode())
+    store.write("index.html", page.encode())
     print(f"{len(figures)} figures and the page: {folder / 'index.html'}")

@@ -8,6 +8,7 @@ from typing import Annotated
 import tyro
 
 from galton.cli._carry import processes
+from galton.cli._modules import import_typed
 from galton.cli.report import write
 from galton.errors import UsageError
 from galton.paper import reproduce as paper
@@ -15,7 +16,6 @@ from galton.paper.figure import FigureStudy
 from galton.paper.registry import FIGURES
 from galton.paper.sweeps import AGAIN, MAIN, Budget, Sweep
 from galton.sweep.executors import Place, one_per_core
-from galton.sweep.study import import_all
 from galton.tasks import TASKS
 
 GROUPS = {
@@ -48,7 +48,7 @@ class Options:
 def main(arguments: Sequence[str]) -> None:
     """Train and measure what the words ask for, then draw the figures and write the page."""
     options = tyro.cli(Options, prog="galton reproduce", args=list(arguments), config=(tyro.conf.OmitArgPrefixes,))
-    import_all(options.imports)
+    import_typed(options.imports)
     reproduce(options.what, options.budget, options.out, options.workers)
 
 

@@ -14,6 +14,7 @@ import gymnasium
 import numpy as np
 import tyro
 
+from galton.cli._modules import search_here
 from galton.cli.train import MODEL
 from galton.envs.registry import is_known, read_constants
 from galton.errors import UsageError, require, require_integer
@@ -77,6 +78,8 @@ def _environment(options: Options, file: Path) -> tuple[str, dict[str, object]]:
         options.env is not None or ":" not in name,
         f"env is {name} in {beside}, which imports a module; give it with --env if you trust it",
     )
+    if ":" in name:
+        search_here()
     given = json.dumps(known.get("env_kwargs", {})) if options.env_kwargs is None else options.env_kwargs
     return name, read_constants(given)
 

@@ -23,6 +23,8 @@ def exploit(agent: Agent, learner: Learner, hypers: Hypers, rows: Rows) -> Float
 
 def explore(agent: Agent, learner: Learner, hypers: Hypers, rows: Rows, seed: int, n: int) -> Float[np.ndarray, "n d"]:
     """A sampled action for each observation of the n-th batch that a model of this seed is asked about."""
+    if not len(rows):  # JAX has no noise of no size
+        return np.zeros((0, len(agent.low)), np.float32)
     key = jax.random.fold_in(jax.random.key(seed), n)
     return np.asarray(_sampled(agent, learner, rows, key, hypers))
 

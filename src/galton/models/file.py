@@ -11,15 +11,14 @@ from galton.algorithms import Agent, actor_critic, find_algorithm, resolve
 from galton.envs.host.action_box import ActionBox
 from galton.envs.host.observations import Observations
 from galton.envs.host.space_json import from_json, to_json
-from galton.errors import CheckpointError, UsageError
-from galton.models.settings import check_one_run
+from galton.errors import CheckpointError, UsageError, require
 from galton.records import written
 from galton.saving import checkpoint
 from galton.saving import model_file as saved
 from galton.training.log import Tally
 from galton.training.population import Population
 from galton.training.train import check_seed
-from galton.types import Config, Hypers, Learner
+from galton.types import Config, Hypers, Learner, check_one_run
 
 
 class InexactResume(UserWarning):
@@ -70,10 +69,20 @@ class ModelFile(NamedTuple):
         return find_algorithm(self.config.algorithm).label
 
 
+def with_suffix(path: Path) -> Path:
+    """The file that `save` writes for a path: `.safetensors` is added to a name without a suffix.
+
+    Raises:
+        UsageError: the path has no name.
+    """
+    require(path.name not in ("", ".."), f"path is {str(path)!r}, which names no file; give a name such as runs/model")
+    return path if path.suffix else path.with_suffix(".safetensors")
+
+
 def existing(path: Path) -> Path:
-    """The file that was meant: with `.safetensors` behind its name if there is none without."""
-    with_suffix = path.with_suffix(".safetensors")
-    return with_suffix if not path.exists() and with_suffix.exists() else path
+    """The file that was meant: the one of that very name, or else the one that `save` would have written for it."""
+    saved_as = with_suffix(path)
+    return saved_as if not path.is_file() and saved_as.is_file() else path
 
 
 def save(path: Path, model: Described, arrays: dict[str, np.ndarray]) -> Path:
@@ -90,8 +99,8 @@ def save(path: Path, model: Described, arrays: dict[str, np.ndarray]) -> Path:
         "action_space": to_json(model.actions.space),
         "observation_space": to_json(model.observations.space),
     }
-    path = path if path.suffix else path.with_suffix(".safetensors")
-    checkpoint.write(path, settings, arrays)
+    path = with_suffix(path)
+    checkpoint.write(path, settings, saved.with_ballast(settings, arrays))
     return path
 
 
@@ -125,8 +134,9 @@ def read(path: Path) -> tuple[ModelFile, dict[str, np.ndarray]]:
 
 
 def learner_of(path: Path, agent: Agent, model: ModelFile, arrays: dict[str, np.ndarray]) -> Learner:
-    """What the model had learnt; CheckpointError if the arrays are not those of its settings."""
+    """What the model had learnt; CheckpointError if the arrays are not those of its settings, or not finite."""
     try:
+        checkpoint.check_numbers(arrays, "run/learner/", never_negative=("count", "nu", "variance", "n"))
         one = jax.eval_shape(
             lambda key: actor_critic.init(key, agent, model.hypers, model.observations.size), jax.random.key(0)
         )

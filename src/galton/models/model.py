@@ -21,11 +21,11 @@ from galton.models.acting import exploit, explore, returns_on
 from galton.models.environment import check_copies, check_same_spaces, spaces_of, usual_copies
 from galton.models.hints import POLICIES, unexpected
 from galton.models.learning import check_divergence, learn, updates_for
-from galton.models.settings import Settings, check_one_run, split, unusual
+from galton.models.settings import Settings, split, unusual
 from galton.models.state import Arrays, Loaded, Run, copied
 from galton.training.population import Population
 from galton.training.train import check_seed
-from galton.types import Config, Hypers, Learner, Params
+from galton.types import Config, Hypers, Learner, Params, check_config, check_one_run
 
 ModelT = TypeVar("ModelT", bound="Model")
 
@@ -76,6 +76,7 @@ class Model:
         return model
 
     def _begin(self, task: Environment | HostTask, config: Config, hypers: Hypers, seed: int) -> None:
+        check_config(config)
         check_copies(task, config.n_envs)
         self._describe(config, hypers, seed, *spaces_of(task))
         self._run: Run | Loaded = Run(task, config, hypers, seed)

@@ -4,13 +4,10 @@ import inspect
 from collections.abc import Iterable
 from typing import Literal, TypedDict
 
-import numpy as np
-
 from galton.algorithms import ALGORITHMS, Algorithm
-from galton.errors import require
 from galton.models.hints import unexpected
 from galton.records import Fields, defaults
-from galton.types import Config, Hypers, check_hypers
+from galton.types import Config, Hypers, make_config
 
 _ARGUMENTS = ("loss", "n_envs", "algorithm")
 """The fields of Config that the constructor takes as arguments of their own, and not as settings."""
@@ -68,13 +65,10 @@ def split(algorithm: Algorithm, loss: str, n_envs: int, settings: Fields) -> tup
         if name not in known:
             raise unexpected(algorithm.label, name, f"it takes {', '.join(known)}")
     given = known | settings
-    require(isinstance(loss, str), f"loss is {loss!r}; it must be a key of LOSSES")
-    arch = given["net_arch"]
-    require(isinstance(arch, Iterable), f"net_arch is {arch!r}; give numbers of units, such as (64, 64)")
     numbers = {name: value for name, value in given.items() if name in Hypers._fields}
     fields = {name: value for name, value in given.items() if name not in numbers}
-    arguments = {"net_arch": tuple(arch), "loss": loss, "n_envs": n_envs, "algorithm": algorithm.name}
-    return Config(**fields | arguments), Hypers(**numbers)
+    arguments = {"loss": loss, "n_envs": n_envs, "algorithm": algorithm.name}
+    return make_config(fields | arguments), Hypers(**numbers)
 
 
 def unusual(algorithm: Algorithm, config: Config, hypers: Hypers) -> str:
@@ -82,14 +76,6 @@ def unusual(algorithm: Algorithm, config: Config, hypers: Hypers) -> str:
     own = {name: getattr(config, name, None) for name in usual(algorithm)} | hypers._asdict()
     changed = {name: own[name] for name, value in usual(algorithm).items() if own[name] != value}
     return ", ".join(f"{name}={value!r}" for name, value in {"n_envs": config.n_envs, **changed}.items())
-
-
-def check_one_run(hypers: Hypers) -> None:
-    """Raise UsageError unless each is one number, in its range."""
-    for name, value in hypers._asdict().items():
-        require(np.ndim(value) == 0, f"{name} is {value}; a model is one run: give one number (train takes many)")
-        require(np.asarray(value).dtype.kind in "fiu", f"{name} is {value!r}; it must be a number")
-    check_hypers(hypers)
 
 
 def signature(algorithm: Algorithm) -> inspect.Signature:

@@ -1,22 +1,27 @@
 """What figures need, trained: each sweep in a folder of its own, then as a summary of a megabyte or less."""
 
 from collections.abc import Iterable, Mapping
+from typing import Any, get_args
 
 import pyarrow as pa
 
-from galton.errors import UsageError
+from galton.errors import UsageError, require
 from galton.paper.figure import FigureStudy
 from galton.paper.registry import FIGURES, all_sweeps
 from galton.paper.summary import Summary
 from galton.paper.sweeps import Budget, Sweep, needed
 from galton.paper.trained import Trained
 from galton.saving.provenance import machine, versions
-from galton.sweep import engine, results
+from galton.sweep import columns, engine, results
 from galton.sweep.engine import CarryOut
 from galton.sweep.parquet import from_bytes, record_of, to_bytes, with_record
 from galton.sweep.shard import provenance
 from galton.sweep.store import Store
 
+BUDGETS = get_args(Budget)
+MEASURED: dict[str, Any] = {"budget": "", "versions": [{}], "machines": [""]}
+"""What a file says of how its numbers were made, each of its type."""
+SUMMARISED = MEASURED | {"train_seconds": 0.0, "compile_seconds": 0.0}
 DATA = "data"
 """The folder, inside that of a reproduction, of summaries and of what figures measured."""
 
@@ -30,6 +35,8 @@ def load(out: str) -> Trained:
     store = Store(f"{out}/{DATA}")
     files = store.names("")
     sweeps = {name: Summary.load(store, f"{name}.parquet") for name in all_sweeps() if f"{name}.parquet" in files}
+    for name, summary in sweeps.items():
+        _check_provenance(f"{name}.parquet in {store.url}", summary.provenance, SUMMARISED)
     measured = [name for name, figure in FIGURES.items() if figure.measure and f"{name}.parquet" in files]
     return Trained(sweeps, {name: _measured(store, f"{name}.parquet") for name in measured})
 
@@ -37,10 +44,21 @@ def load(out: str) -> Trained:
 def _measured(store: Store, file: str) -> pa.Table:
     try:
         table = from_bytes(store.read(file))
-        record_of(table)
+        record = record_of(table)
     except (pa.ArrowException, OSError, KeyError, TypeError, ValueError) as error:
         raise UsageError(f"{file} in {store.url} is not what was measured, or was damaged: {error}") from None
+    _check_provenance(f"{file} in {store.url}", record, MEASURED)
     return table
+
+
+def _check_provenance(where: str, record: Mapping[str, Any], example: dict[str, Any]) -> None:
+    """Raise UsageError unless a file says how it was made, as `train` and `measure` do."""
+    try:
+        columns.check_record(dict(record), example)
+        require(record["budget"] in BUDGETS, f"its budget is {record['budget']!r}; it must be {' or '.join(BUDGETS)}")
+    except UsageError as error:
+        told = f"{where} can't be used: {error}; remove it, and make it again with: galton reproduce"
+        raise UsageError(told) from None
 
 
 def of_no_figure(out: str) -> list[str]:

@@ -10,7 +10,10 @@ import pyarrow as pa
 from jaxtyping import Bool, Float, Int
 
 from galton.analysis.statistics import fill_until
-from galton.errors import NewerVersionError, UsageError
+from galton.errors import NewerVersionError, UsageError, require
+from galton.losses import find_loss
+from galton.saving.model_file import MALFORMED
+from galton.sweep import columns
 from galton.sweep.parquet import from_bytes, record_of, to_bytes, with_record
 from galton.sweep.results import Best, best_settings
 from galton.sweep.store import Store
@@ -19,6 +22,8 @@ from galton.training.train import final
 
 _KEYS = ("setting", "trial", "seed", "final_training_return", "final_evaluation_return", "diverged_at", "steps")
 """The columns of a sweep's results that are not curves of a metric."""
+_KEYS_KEPT = ("setting", "trial", "diverged_at", "steps", "final_training_return", "final_evaluation_return")
+"""Those of them that a summary has."""
 CURVES = ("training_return", "evaluation_return", "entropy")
 """The metrics that are kept of each log point; of the others only their final means are."""
 
@@ -39,16 +44,16 @@ class Summary:
     def of_results(cls, study: Study, results: pa.Table, provenance: Provenance) -> "Summary":
         """The summary of the table of all runs that `sweep.results.collect` gathered."""
         diverged_at = results.column("diverged_at").to_numpy()
-        columns = {name: results.column(name) for name in ("setting", "trial", "diverged_at")}
+        content = {name: results.column(name) for name in ("setting", "trial", "diverged_at")}
         metrics = [name for name in results.column_names if name not in _KEYS and not name.startswith("setting.")]
         for metric in metrics:
             curves = _matrix(results, metric)
-            columns[f"final_{metric}"] = pa.array(final(curves, diverged_at).astype(np.float32))
+            content[f"final_{metric}"] = pa.array(final(curves, diverged_at).astype(np.float32))
             if metric in CURVES:
                 as_read = pa.list_(pa.field("element", pa.float32()), curves.shape[1])
-                columns[metric] = pa.FixedSizeListArray.from_arrays(_shorten(curves).ravel(), type=as_read)
-        columns["steps"] = results.column("steps")
-        return cls(study, provenance, pa.table(columns))
+                content[metric] = pa.FixedSizeListArray.from_arrays(_shorten(curves).ravel(), type=as_read)
+        content["steps"] = results.column("steps")
+        return cls(study, provenance, pa.table(content))
 
     def save(self, store: Store, name: str) -> None:
         """Write it as one file; the same bytes for the same summary."""
@@ -71,13 +76,20 @@ class Summary:
         try:
             table = from_bytes(store.read(name))
             record = record_of(table)
-            return cls(Study.of_record(record["study"]), record["provenance"], table.replace_schema_metadata(None))
+            study = Study.of_record(record["study"])
+            check(table, study)
+            columns.check_record(record, {"provenance": {}})
+            return cls(study, record["provenance"], table.replace_schema_metadata(None))
         except FileNotFoundError:
             raise
         except NewerVersionError as error:
             raise NewerVersionError(f"{name} in {store.url} can't be read: {error}") from None
-        except (pa.ArrowException, OSError, KeyError, TypeError, ValueError) as error:
-            raise UsageError(f"{name} in {store.url} is no summary of a sweep, or was damaged: {error}") from None
+        except (pa.ArrowException, OSError, *MALFORMED) as error:
+            told = error if isinstance(error, UsageError) else f"{type(error).__name__}: {error}"
+            raise UsageError(
+                f"{name} in {store.url} is no summary of a sweep, or was damaged: {told}; remove it, and make it again "
+                "with: galton reproduce"
+            ) from None
 
     @functools.cached_property
     def best(self) -> dict[str, Best]:
@@ -106,6 +118,31 @@ class Summary:
         """One of CURVES, each point without a finished episode as the one before it; NaN once a run has diverged."""
         diverged_at = self.table.column("diverged_at").to_numpy()
         return fill_until(_matrix(self.table, metric).astype(np.float64), self.steps, diverged_at)
+
+
+def check(table: pa.Table, study: Study) -> None:
+    """Raise UsageError unless a table holds runs of this study, as `Summary.of_results` makes it."""
+    columns.check_names(table, (*_KEYS_KEPT, *CURVES))
+    setting, trial, diverged_at = (
+        columns.numbers(table, name, np.int32) for name in ("setting", "trial", "diverged_at")
+    )
+    for name, given, n in (("setting", setting, len(study.settings)), ("trial", trial, study.trials)):
+        require(((given >= 0) & (given < n)).all(), f"its {name} must be 0 to {n - 1}, as the study has {n}")
+    require(len(set(zip(setting.tolist(), trial.tolist(), strict=True))) == len(setting), "it has one run twice")
+    require(len(setting) > 0, "it has no runs")
+    steps = columns.curves(table, "steps", np.int32)
+    require(
+        (steps[:, 0] > 0).all() and (np.diff(steps) > 0).all(), "its steps must rise, from one log point to the next"
+    )
+    require(((diverged_at >= -1) & (diverged_at < 2**31)).all(), "its diverged_at are no steps")
+    for name in table.column_names:
+        if name in CURVES:
+            columns.curves(table, name, np.float32, steps.shape[1])
+        elif name not in _KEYS_KEPT[:4]:
+            require(name.startswith("final_"), f"it has a column {name}, which no summary has")
+            columns.numbers(table, name, np.float32)
+    for loss in {setting.config.loss for setting in study.settings}:
+        find_loss(loss)
 
 
 def _matrix(table: pa.Table, name: str) -> np.ndarray:

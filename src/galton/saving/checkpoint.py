@@ -5,6 +5,7 @@ Loading runs no code, imports nothing and makes no environment. Writing is atomi
 
 import hashlib
 import json
+from collections.abc import Collection
 from pathlib import Path
 from typing import Any
 
@@ -56,6 +57,8 @@ def read(path: Path) -> tuple[Settings, dict[str, np.ndarray]]:
     """
     require(path.exists(), f"path is {path}, which does not exist")
     try:
+        if path.is_dir():
+            raise CheckpointError("it is a folder; name a file")
         if not path.is_file() or path.stat().st_size > MAX_FILE:
             raise CheckpointError("it is not a file of a checkpoint's size")
         content = path.read_bytes()
@@ -114,6 +117,26 @@ def unflatten(arrays: dict[str, np.ndarray], like: PyTree) -> PyTree:
             there = "missing" if found is None else f"{found.shape} {found.dtype}"
             raise CheckpointError(f"{_name(path)} in the checkpoint is {there}; its settings call for {wanted}")
     return jax.tree.unflatten(structure, [arrays[_name(path)] for path, _ in leaves])
+
+
+def check_numbers(arrays: dict[str, np.ndarray], prefix: str, never_negative: Collection[str]) -> None:
+    """Check the numbers of the arrays whose names begin with this.
+
+    Args:
+        arrays: those of a checkpoint.
+        prefix: such as run/learner/.
+        never_negative: parts of names; what has one is 0 or more.
+
+    Raises:
+        CheckpointError: one is NaN or infinite, or negative where it must not be.
+    """
+    for name, array in arrays.items():
+        if name.startswith(prefix) and array.dtype.kind in "fiu":
+            signed = set(name.split("/")).isdisjoint(never_negative)
+            wrong = ~np.isfinite(array) if signed else ~(np.isfinite(array) & (array >= 0))
+            if wrong.any():
+                wanted = "finite" if signed else "finite, and 0 or more"
+                raise CheckpointError(f"{name} in the checkpoint holds {array[wrong][0]}; it must be {wanted}")
 
 
 def _name(path: tuple[object, ...]) -> str:

@@ -1,6 +1,7 @@
 """The settings of a saved model: what they must be before anything of their size is made."""
 
 import math
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -10,10 +11,14 @@ from galton.envs.host.answers import shown
 from galton.errors import CheckpointError, NewerVersionError, UsageError
 from galton.records import FIRST_FIELDS, defaults, refuse_unknown
 from galton.saving.checkpoint import Settings
-from galton.types import Config, Hypers
+from galton.types import Config, Hypers, make_config
 
 MAX_BINS = 10**6
 """The most bins that settings may call for beyond the numbers in the file."""
+SMALL = 5 * 10**7
+"""How many numbers a training may always take, however short its file is: some hundred megabytes."""
+PER_NUMBER = 4_000
+"""How many more it may take for each number in the file."""
 
 EXAMPLE: Settings = {
     "class": "A2C",
@@ -66,7 +71,9 @@ def checked(path: Path, settings: Settings, arrays: dict[str, np.ndarray]) -> Se
 def check(settings: Settings, arrays: dict[str, np.ndarray]) -> Settings:
     """The settings with what they leave out filled in, once they are what `save` writes beside these arrays.
 
-    Nothing is made of their size before that.
+    A size in them is one that the arrays have (spaces, layers, copies of an environment that tells its state), or one
+    that `training_size` counts (n_steps, n_envs, n_bins, n_epochs) and finds in proportion to the file. So a short
+    file never has much made, and nothing at all is made of a size before this.
 
     Raises:
         NewerVersionError: a field that this version does not know.
@@ -79,12 +86,22 @@ def check(settings: Settings, arrays: dict[str, np.ndarray]) -> Settings:
         later = {name: value for name, value in EXAMPLE[part].items() if name not in FIRST_FIELDS}
         settings = settings | {part: later | settings[part]}
     _check_like("settings", settings, EXAMPLE)
+    config = settings["config"]
+    for name, fits in _fitting(settings, arrays).items():
+        if not fits:
+            value = settings.get(name, config.get(name, config["n_steps"] * config["n_envs"]))
+            raise CheckpointError(f"{name} is {shown(value)}, which does not go with the rest of it")
+    return settings
+
+
+def _fitting(settings: Settings, arrays: dict[str, np.ndarray]) -> dict[str, bool]:
+    """Whether each setting goes with the others and with the arrays."""
     config, step = settings["config"], settings["step"]
     size = config["n_steps"] * config["n_envs"]
     n_numbers = sum(array.size for array in arrays.values())
     n_actions, n_observations = _flat_size(settings["action_space"]), _flat_size(settings["observation_space"])
     length = arrays.get("environments/length")
-    for name, fits in {
+    return {
         "class": settings["class"] == find_algorithm(config["algorithm"]).label,
         "action_space": n_actions <= n_numbers,
         "observation_space": n_observations <= n_numbers,
@@ -92,19 +109,33 @@ def check(settings: Settings, arrays: dict[str, np.ndarray]) -> Settings:
         "log_interval": settings["log_interval"] > 0,
         "n_predictions": 0 <= settings["n_predictions"] < 2**32,
         "n_steps": size < 2**31,
+        "n_steps · n_envs": training_size(settings, arrays) <= max(SMALL, PER_NUMBER * n_numbers),
         "n_envs": length is None or length.shape == (1, config["n_envs"]),
         "n_bins": n_actions * config["n_bins"] <= max(n_numbers, MAX_BINS),
         "net_arch": len(config["net_arch"]) <= len(arrays) and sum(config["net_arch"]) <= n_numbers,
-    }.items():
-        if not fits:
-            value = settings.get(name, config.get(name))
-            raise CheckpointError(f"{name} is {shown(value)}, which does not go with the rest of it")
-    return settings
+    }
+
+
+def training_size(settings: Settings, arrays: dict[str, np.ndarray]) -> int:
+    """About how many numbers training takes with these settings: in its rollouts, and in environments outside JAX."""
+    config = EXAMPLE["config"] | settings["config"]
+    n_actions, n_observations = _flat_size(settings["action_space"]), _flat_size(settings["observation_space"])
+    per_step = 2 * n_observations + n_actions * config["n_bins"] + 2 * sum(config["net_arch"]) + config["n_epochs"]
+    per_environment = 0 if "environments/length" in arrays else 20_000
+    return config["n_envs"] * (config["n_steps"] * (256 + per_step) + per_environment)
+
+
+def with_ballast(settings: Settings, arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """The arrays; where training takes more than a file of their size may call for, with zeros that make it longer."""
+    n_numbers = sum(array.size for array in arrays.values())
+    size = training_size(settings, arrays)
+    missing = math.ceil(size / PER_NUMBER) - n_numbers
+    return arrays if size <= SMALL or missing <= 0 else arrays | {"ballast": np.zeros(missing, np.uint8)}
 
 
 def config_of(settings: Settings) -> Config:
     """The configuration in checked settings."""
-    return Config(**settings["config"] | {"net_arch": tuple(settings["config"]["net_arch"])})
+    return make_config(settings["config"])
 
 
 def hypers_of(settings: Settings) -> Hypers:
@@ -130,8 +161,13 @@ def _flat_size(record: Settings) -> int:
         return sum(_flat_size(part[1] if kind == "Dict" else part) for part in content)
     if kind == "Box" and np.dtype(content[3]).kind not in "fiub":
         raise CheckpointError(f"a space is of {shown(content[3])}, not of numbers")
-    sizes = {"Box": lambda: content[2], "Discrete": lambda: content[:1], "MultiBinary": lambda: content}
-    size = math.prod(sizes[kind]()) if kind in sizes else int(np.sum(content))
+    sizes: dict[str, Callable[[], int]] = {
+        "Box": lambda: math.prod(content[2]),
+        "Discrete": lambda: content[0],
+        "MultiDiscrete": lambda: sum(np.array(content[0], object).ravel().tolist()),  # without overflow
+        "MultiBinary": lambda: math.prod(content) if isinstance(content, list) else content,
+    }
+    size = sizes[kind]()
     if size < 0:
         raise CheckpointError(f"a space is {shown(record)}, of negative size")
     return size

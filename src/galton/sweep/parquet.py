@@ -23,7 +23,10 @@ def record_of(table: pa.Table) -> dict[str, Any]:
         KeyError: it has none.
         ValueError: what it has is something else.
     """
-    return json.loads((table.schema.metadata or {})[_RECORD])
+    try:
+        return json.loads((table.schema.metadata or {})[_RECORD])
+    except RecursionError as error:
+        raise ValueError(str(error)) from None
 
 
 def to_bytes(table: pa.Table, **options: object) -> bytes:

@@ -13,15 +13,32 @@ import pyarrow as pa
 from galton.devices import use_all_cores
 from galton.envs.find import find
 from galton.envs.registry import read_constants
-from galton.errors import require
+from galton.errors import UsageError, require
 from galton.saving.provenance import machine, versions
+from galton.sweep import columns
 from galton.sweep.parquet import from_bytes, record_of, to_bytes, with_record
 from galton.sweep.plan import Plan, Shard
 from galton.sweep.store import Store, checksum
 from galton.sweep.study import import_all
-from galton.training.train import Result, train
+from galton.training.log import Log
+from galton.training.train import Result, log_points, train
 
 FOLDER = "shards"
+NEEDED = (
+    *("setting", "trial", "seed", "diverged_at", "steps", "final_training_return", "final_evaluation_return"),
+    *(name for name in Log._fields if name != "scalars"),
+)
+"""The columns that every shard has, beside those that its algorithm tells of."""
+RECORD = {
+    "shard": "",
+    "env_steps": 0.0,
+    "compile_seconds": 0.0,
+    "train_seconds": 0.0,
+    "finished": "",
+    "versions": {},
+    "machine": "",
+}
+"""What every shard's metadata say, each of its type."""
 _NAME = re.compile(r"(\d{7,})-([0-9a-f]{16})-([0-9a-f]{32})\.parquet")
 
 
@@ -34,6 +51,8 @@ class Done:
     """The shard's name: a hash of all that determined its results."""
     checksum: str
     file: str
+    plan: Plan = dataclasses.field(repr=False, compare=False)
+    """The plan whose runs it must hold."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -98,7 +117,7 @@ def _settle() -> None:
 def tabulate(shard: Shard, result: Result) -> pa.Table:
     """A table of one row per run: what it is, its final numbers and its curves. Machine and times are its metadata."""
     n = shard.n_runs
-    columns: dict[str, object] = {
+    content: dict[str, object] = {
         "setting": shard.setting[:n],
         "trial": shard.trial[:n],
         "seed": shard.seeds[:n],
@@ -108,7 +127,7 @@ def tabulate(shard: Shard, result: Result) -> pa.Table:
         "steps": _lists(np.broadcast_to(result.steps.astype(np.int32), (n, len(result.steps)))),
     }
     for name, curves in result.log.columns().items():
-        columns[name] = _lists(np.asarray(curves, np.float32)[:n])
+        content[name] = _lists(np.asarray(curves, np.float32)[:n])
     record = {
         "shard": shard.name,
         "env_steps": n * int(result.steps[-1]),
@@ -118,15 +137,15 @@ def tabulate(shard: Shard, result: Result) -> pa.Table:
         "versions": versions(),
         "machine": machine(),
     }
-    return with_record(pa.table(columns), record)
+    return with_record(pa.table(content), record)
 
 
 def report(index: int, table: pa.Table) -> Report:
     """The report of a shard, from its table."""
     record = record_of(table)
     names = ("setting", "trial", "final_training_return")
-    columns = (table.column(name).to_pylist() for name in names)
-    return Report(index, *columns, *(record[name] for name in ("env_steps", "compile_seconds", "train_seconds")))
+    lists = (table.column(name).to_pylist() for name in names)
+    return Report(index, *lists, *(record[name] for name in ("env_steps", "compile_seconds", "train_seconds")))
 
 
 def provenance(store: Store, plan: Plan) -> dict[str, object]:
@@ -151,7 +170,7 @@ def finished(store: Store, plan: Plan) -> dict[int, Done]:
     for file in store.names(FOLDER):
         match = _NAME.fullmatch(file)
         if match and int(match[1]) < plan.n_shards and plan.names[int(match[1])] == match[2]:
-            found[int(match[1])] = Done(int(match[1]), match[2], match[3], file)
+            found[int(match[1])] = Done(int(match[1]), match[2], match[3], file, plan)
     return found
 
 
@@ -159,13 +178,47 @@ def read(store: Store, done: Done) -> pa.Table | None:
     """The table of a finished shard; None where the file was damaged or is gone.
 
     Raises:
-        UsageError: it can't be read now, which says nothing of what is in it.
+        UsageError: it can't be read now, which says nothing of what is in it; or it is whole, but does not hold the
+            shard's runs as `work` writes them.
     """
     try:
         data = store.read(f"{FOLDER}/{done.file}")
     except FileNotFoundError:
         return None
-    return from_bytes(data) if checksum(data) == done.checksum else None
+    if checksum(data) != done.checksum:
+        return None
+    try:
+        table = from_bytes(data)
+        check(table, done)
+    except (pa.ArrowException, OSError, KeyError, TypeError, ValueError) as error:
+        told = error if isinstance(error, UsageError) else f"{type(error).__name__}: {error}"
+        raise UsageError(
+            f"{FOLDER}/{done.file} in {store.url} is not what this sweep's workers write: {told}; remove the file and "
+            "run the sweep again, which trains its runs anew"
+        ) from None
+    return table
+
+
+def check(table: pa.Table, done: Done) -> None:
+    """Raise UsageError unless a table holds what `tabulate` makes of the runs of a shard."""
+    plan, runs = done.plan, slice(*done.plan.bounds[done.index : done.index + 2].tolist())
+    columns.check_names(table, NEEDED)
+    for name, wanted in (("setting", plan.setting), ("trial", plan.trial), ("seed", plan.seed)):
+        same = np.array_equal(columns.numbers(table, name, wanted.dtype.type), wanted[runs])
+        require(same, f"its {name} are not those of shard {done.index}")
+    steps = log_points(plan.configs[done.index], plan.study.steps, plan.study.logs)
+    given = columns.curves(table, "steps", np.int32, len(steps))
+    require((given == steps).all(), f"its steps are not the {len(steps)} log points of this sweep")
+    diverged_at = columns.numbers(table, "diverged_at", np.int32)
+    require(((diverged_at >= -1) & (diverged_at <= steps[-1])).all(), "its diverged_at are no steps of this sweep")
+    for name in set(table.column_names) - {"setting", "trial", "seed", "diverged_at", "steps"}:
+        if name.startswith("final_"):
+            columns.numbers(table, name, np.float32)
+        else:
+            columns.curves(table, name, np.float32, len(steps))
+    columns.check_record(record_of(table), RECORD)
+    same = record_of(table)["shard"] == done.name
+    require(same, f"its record is of shard {record_of(table)['shard']}, not {done.name}")
 
 
 def discard(store: Store, done: Done) -> None:

@@ -5,14 +5,15 @@ import hashlib
 import importlib
 import json
 from collections.abc import Iterable, Iterator, Mapping
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 from galton.algorithms import find_algorithm, refuse_others
-from galton.errors import UsageError, require, require_integer
+from galton.errors import UsageError, require
+from galton.fields import AtLeast, check_fields
 from galton.losses import find_loss
 from galton.records import FIRST_FIELDS, Fields, defaults, filled, refuse_unknown, written
 from galton.training.train import log_points
-from galton.types import Config, Hypers, check_hypers
+from galton.types import Config, Count, Hypers, check_hypers, check_one_run, make_config
 
 
 class Setting(NamedTuple):
@@ -36,16 +37,13 @@ class Setting(NamedTuple):
         for name in record:
             known = ", ".join(DEFAULTS)
             require(name in DEFAULTS, f"{name!r} is no setting; choose from {known}")
-        config = make_config(record)
+        config = make_config({name: value for name, value in record.items() if name not in Hypers._fields})
         find_algorithm(config.algorithm)
         if config.policy == find_loss(config.loss).policy:
             config = dataclasses.replace(config, policy="auto")  # the same setting has one name
-        numbers = {name: value for name, value in record.items() if name in Hypers._fields}
-        for name, value in numbers.items():
-            known_number = isinstance(value, (int, float)) and not isinstance(value, bool)
-            require(known_number, f"{name} is {value!r}; it must be a number")
-        setting = cls(config, Hypers(**{name: float(value) for name, value in numbers.items()}))
-        check_hypers(setting.hypers)
+        given = Hypers(**{name: value for name, value in record.items() if name in Hypers._fields})
+        check_one_run(given)
+        setting = cls(config, Hypers._make(float(number) for number in given))
         for part in setting:
             refuse_others(find_algorithm(config.algorithm), part)
         return setting
@@ -66,16 +64,12 @@ class Setting(NamedTuple):
         return hashlib.sha256(canonical(self.record()).encode()).hexdigest()[:16]
 
 
-def make_config(record: Mapping[str, Any]) -> Config:
-    """The Config in a setting's record."""
-    fields = {name: value for name, value in record.items() if name not in Hypers._fields}
-    if isinstance(fields.get("net_arch"), list):
-        fields["net_arch"] = tuple(fields["net_arch"])  # JSON and TOML know lists only
-    return Config(**fields)
-
-
 DEFAULTS = defaults(Config) | defaults(Hypers)
 """All fields of a setting, with their defaults."""
+
+
+Natural = Annotated[int, AtLeast(0)]
+"""A whole number that may be 0."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -85,27 +79,25 @@ class Study:
     env: str
     """A name in ENVS or a Gymnasium id (`module:Id` imports the module first)."""
     settings: tuple[Setting, ...]
-    trials: int
+    trials: Count
     """Runs of each setting, each with a seed of its own."""
-    steps: int
+    steps: Count
     """Environment steps per run."""
-    logs: int = 100
+    logs: Count = 100
     """How many points each learning curve has."""
-    eval_episodes: int = 10
+    eval_episodes: Natural = 10
     """Episodes of the deterministic policy at each of them."""
     env_kwargs: str = "{}"
     """The environment's keyword arguments, as JSON."""
-    seed: int = 0
+    seed: Natural = 0
     """The study's seed: another one gives every run a fresh seed."""
     imports: tuple[str, ...] = ()
     """Modules that every worker imports first: where losses, policies and environments of your own are registered."""
 
     def __post_init__(self) -> None:
+        check_fields(self)
         require(len(self.settings) > 0, "settings is empty; give at least one")
         require(len(set(self.settings)) == len(self.settings), "settings holds the same setting twice; give each once")
-        for name, least in (("trials", 1), ("steps", 1), ("logs", 1), ("eval_episodes", 0), ("seed", 0)):
-            require_integer(name, getattr(self, name), least)
-            object.__setattr__(self, name, int(getattr(self, name)))  # numpy's integers are not JSON's
         require(self.seed < 2**63, f"seed is {self.seed}; it must be less than 2⁶³")
         points = {
             len(log_points(config, self.steps, self.logs)): (config.n_envs, config.n_steps)
@@ -118,6 +110,12 @@ class Study:
             len(points) == 1,
             f"logs is {self.logs}, which makes {shown}; choose steps and logs so that every setting has as many",
         )
+
+    @property
+    def modules(self) -> tuple[str, ...]:
+        """The modules that training needs: those to import, and that of an environment called `module:Id`."""
+        of_env = (self.env.partition(":")[0],) if ":" in self.env else ()
+        return (*self.imports, *of_env)
 
     def constants(self) -> dict[str, object]:
         """What every run shares, for JSON."""
@@ -135,13 +133,16 @@ class Study:
 
         Raises:
             NewerVersionError: a setting has fields that this version does not know.
+            UsageError: a field is not what it must be.
         """
         settings = record["settings"]
         refuse_unknown("the study", [*settings["same"], *settings["different"]], DEFAULTS)
         names = {field.name for field in dataclasses.fields(cls)}
         refuse_unknown("the study", record["constants"], names)
         constants = record["constants"] | {"imports": tuple(record["constants"]["imports"])}
-        return cls(settings=tuple(_settings(**record["settings"])), trials=record["trials"], **constants)
+        columns = settings["same"] | settings["different"]
+        check_hypers(Hypers(**{name: values for name, values in columns.items() if name in Hypers._fields}))
+        return cls(settings=tuple(_settings(**settings)), trials=record["trials"], **constants)
 
 
 def import_all(modules: Iterable[str]) -> None:
@@ -153,7 +154,7 @@ def import_all(modules: Iterable[str]) -> None:
     for module in modules:
         try:
             importlib.import_module(module)
-        except ImportError as error:
+        except (ImportError, TypeError, ValueError) as error:
             raise UsageError(f"imports names {module!r}, which can't be imported: {error}") from None
 
 

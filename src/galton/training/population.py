@@ -17,7 +17,7 @@ from galton.training.on_device import DevicePopulation
 from galton.training.on_host import HostPopulation
 from galton.training.run import Snapshot
 from galton.training.size import check_size
-from galton.types import Config, Hypers, Learner, without_units
+from galton.types import Config, Hypers, Learner, check_config, check_hypers, without_units
 
 
 @runtime_checkable
@@ -92,6 +92,8 @@ def populate(
     Raises:
         UsageError: an environment that can't be used, settings that don't fit together, or too little memory.
     """
+    check_config(config)
+    check_hypers(hypers)
     found, devices = find(env), devices or jax.devices()
     check_size(found, config, len(seeds))
     agent, hypers = resolve(config, *action_box(found)), without_units(hypers)

@@ -14,7 +14,7 @@ from galton.errors import require, require_integer
 from galton.training.log import Log
 from galton.training.pieces import Pieces
 from galton.training.population import Population, populate
-from galton.types import Config, Hypers, Learner, check_hypers
+from galton.types import Config, Hypers, Learner, check_config, check_hypers
 
 
 @dataclasses.dataclass(frozen=True)
@@ -94,6 +94,7 @@ def train(
         UsageError: a number out of range, an environment that can't be used.
         BrokenEnvironmentError: an environment broke on the way.
     """
+    check_config(config)
     check_arguments(hypers, seeds, total_timesteps, n_logs, n_eval_episodes)
     steps = log_points(config, total_timesteps, n_logs)
     require(steps[-1] < 2**31, f"total_timesteps is {total_timesteps}; one run counts up to 2³¹ − 1 steps")

@@ -1,15 +1,16 @@
 """The folder of a sweep that was planned: what it holds, and how a command ends that has trained there."""
 
 import dataclasses
+from collections.abc import Sequence
 
 import tyro
 
 from galton.cli._console import plain_console
+from galton.cli._modules import import_of_file, import_typed
 from galton.cli._sweep_view import winners
 from galton.sweep import results
 from galton.sweep.plan import Plan
 from galton.sweep.store import Store
-from galton.sweep.study import import_all
 
 
 @dataclasses.dataclass(frozen=True)
@@ -18,16 +19,24 @@ class Folder:
 
     out: tyro.conf.Positional[str]
     """Its folder, or the address that fsspec opens."""
+    imports: tuple[str, ...] = dataclasses.field(default=(), kw_only=True)
+    """Modules to import first. One that the sweep names and that lies in the current folder must be given."""
 
 
-def load(store: Store) -> Plan:
+def load(store: Store, imports: Sequence[str], *, to_train: bool = False) -> Plan:
     """The plan that is there, with its losses and environments registered.
+
+    Args:
+        store: the folder.
+        imports: modules that the command line names.
+        to_train: whether the module of its environment is needed too.
 
     Raises:
         UsageError: no plan, one that was damaged, or a module that can't be imported.
     """
     plan = Plan.load(store)
-    import_all(plan.study.imports)
+    import_typed(imports)
+    import_of_file(plan.study.modules if to_train else plan.study.imports)
     return plan
 
 

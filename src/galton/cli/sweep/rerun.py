@@ -32,7 +32,7 @@ def main(arguments: Sequence[str]) -> None:
     options = tyro.cli(Options, prog="galton sweep rerun", args=list(arguments))
     source, target = Store(options.out), Store(options.to)
     require(options.out != options.to, f"to is {options.to!r}, the sweep's own folder; name another")
-    known = load(source)
+    known = load(source, options.imports, to_train=True)
     table = results.collect(source, known)
     missing = known.n_runs - table.num_rows
     require(not missing, f"out is {options.out}, where {missing:,} runs are missing; run the sweep to its end first")

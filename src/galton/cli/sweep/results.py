@@ -10,5 +10,6 @@ from galton.sweep.store import Store
 
 def main(arguments: Sequence[str]) -> None:
     """Write results.parquet from the shards that are there, and show the best settings."""
-    store = Store(tyro.cli(Folder, prog="galton sweep results", args=list(arguments)).out)
-    conclude(store, load(store))
+    options = tyro.cli(Folder, prog="galton sweep results", args=list(arguments))
+    store = Store(options.out)
+    conclude(store, load(store, options.imports))

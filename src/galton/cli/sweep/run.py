@@ -7,6 +7,7 @@ from typing import Annotated
 
 import tyro
 
+from galton.cli._modules import import_typed
 from galton.cli._options import AlgorithmName, EnvName, Training, folder_name, parse
 from galton.cli.sweep._folder import conclude
 from galton.cli.sweep._workers import Workers, go_with
@@ -15,7 +16,7 @@ from galton.sweep import engine, results
 from galton.sweep.grid import GRIDS, find_grid
 from galton.sweep.plan import Plan
 from galton.sweep.store import Store
-from galton.sweep.study import Setting, Study, import_all
+from galton.sweep.study import Setting, Study
 
 
 @dataclasses.dataclass(frozen=True)
@@ -83,7 +84,7 @@ class Options:
 
 def main(arguments: Sequence[str]) -> None:
     """Plan the sweep, train what is not done yet, and write and show the results."""
-    options = parse(Options, "sweep", arguments, lambda options: import_all(options.imports))
+    options = parse(Options, "sweep", arguments, lambda options: import_typed(options.imports))
     options.training.find(options.env)
     store = Store(options.folder)
     _check(options)

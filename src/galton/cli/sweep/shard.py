@@ -5,8 +5,7 @@ from collections.abc import Sequence
 
 import tyro
 
-from galton.cli.sweep._folder import Folder
-from galton.sweep.plan import Plan
+from galton.cli.sweep._folder import Folder, load
 from galton.sweep.shard import discard, finished, read, work
 from galton.sweep.store import Store
 
@@ -23,7 +22,7 @@ def main(arguments: Sequence[str]) -> None:
     """Train the shard, unless it is done."""
     options = tyro.cli(Options, prog="galton sweep shard", args=list(arguments))
     store = Store(options.out)
-    plan = Plan.load(store)
+    plan = load(store, options.imports, to_train=True)
     plan.get(options.index)
     done = finished(store, plan).get(options.index)
     if done and read(store, done) is not None:

@@ -17,8 +17,9 @@ from galton.types import Config
 
 def main(arguments: Sequence[str]) -> None:
     """Show how many shards and runs of each program are done."""
-    store = Store(tyro.cli(Folder, prog="galton sweep status", args=list(arguments)).out)
-    plan = load(store)
+    options = tyro.cli(Folder, prog="galton sweep status", args=list(arguments))
+    store = Store(options.out)
+    plan = load(store, options.imports)
     done = finished(store, plan)
     table = Table("program", "shards done", "runs done")
     of_program: dict[str, list[int]] = {}

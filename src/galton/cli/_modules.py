@@ -1,0 +1,43 @@
+"""Modules that a command imports, and who named them.
+
+The current folder is searched for what the command line names, and for nothing else: what a file names, such as the
+plan of a sweep, may be a stranger's. Such a module must be installed, lie on PYTHONPATH, or be typed as well.
+"""
+
+import sys
+from collections.abc import Sequence
+
+from galton.errors import UsageError
+from galton.sweep.study import import_all
+
+
+def search_here() -> None:
+    """Have this process and its workers search the current folder, behind all that is installed."""
+    if "" not in sys.path:
+        sys.path.append("")
+
+
+def import_typed(modules: Sequence[str]) -> None:
+    """Import modules that the command line names; UsageError for one that can't be."""
+    if modules:
+        search_here()
+        import_all(modules)
+
+
+def import_of_file(modules: Sequence[str]) -> None:
+    """Import modules that a file names; those that were typed as well are there already.
+
+    Raises:
+        UsageError: one can't be imported, with what to do if it lies in the current folder.
+    """
+    found = [path for path in sys.path if path == ""]
+    sys.path[:] = [path for path in sys.path if path != ""]
+    try:
+        import_all(modules)
+    except UsageError as error:
+        raise UsageError(
+            f"{error}. It is named by a file, for which the current folder is not searched: if it lies there and you "
+            f"trust it, give --imports {' '.join(modules)}"
+        ) from None
+    finally:
+        sys.path += found

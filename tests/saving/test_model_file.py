@@ -1,0 +1,316 @@
+"""A model's file, rewritten with a right checksum: settings, sizes and numbers that `save` never wrote."""
+
+import json
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from gymnasium.spaces import Box, Dict, Discrete, MultiBinary, MultiDiscrete, Tuple
+
+from galton import A2C, CheckpointError
+from galton.saving import checkpoint, model_file
+
+from ..models.tall import Tall
+
+BOX = {"Box": [[-1.0], [1.0], [2], "<f4"]}
+
+
+def config(**changes):
+    return lambda settings, arrays: settings["config"].update(changes)
+
+
+def hypers(**changes):
+    return lambda settings, arrays: settings["hypers"].update(changes)
+
+
+def settings(**changes):
+    return lambda settings, arrays: settings.update(changes)
+
+
+def nested(depth):
+    space = json.loads(json.dumps(BOX))
+    for _ in range(depth):
+        space = {"Tuple": [space]}
+    return space
+
+
+def change(name, f):
+    def attack(settings, arrays):
+        arrays[name] = np.asarray(f(arrays[name]))
+
+    return attack
+
+
+def training(step, keep_environments=False, **changes):
+    """Other sizes of rollouts, after so many steps."""
+
+    def attack(settings, arrays):
+        settings["config"].update(changes)
+        settings["step"] = step
+        arrays["run/step"] = np.array([step], arrays["run/step"].dtype)
+        for name in [name for name in arrays if name.startswith("environments/")]:
+            keep_environments or arrays.pop(name)
+
+    return attack
+
+
+def put(name, value):
+    """One number of an array replaced."""
+
+    def attack(settings, arrays):
+        arrays[name] = arrays[name].copy()
+        arrays[name].flat[-1] = value
+
+    return attack
+
+
+KERNEL = "run/learner/params/actor/0/kernel"
+ADAM = "run/learner/optimizer"
+ATTACKS = {
+    "n_envs of no environments": training(0, n_envs=10**6),
+    "n_envs of no environments, trained": training(20 * 10**6, n_envs=10**6),
+    "n_steps of a new run": training(0, n_steps=10**6),
+    "n_steps of a new run with environments": training(0, n_steps=10**6, keep_environments=True),
+    "n_steps of a long run": training(10**9, n_steps=10**9, keep_environments=True),
+    "n_steps and n_envs": training(0, n_steps=10**4, n_envs=10**3),
+    "n_bins of long rollouts": training(0, n_steps=10**3, n_bins=10**5, loss="gaussian"),
+    "parameter NaN": put(KERNEL, np.nan),
+    "parameter infinite": put("run/learner/params/critic/1/bias", -np.inf),
+    "moment NaN": put(f"{ADAM}/mu/actor/0/kernel", np.nan),
+    "second moment infinite": put(f"{ADAM}/nu/actor/0/kernel", np.inf),
+    "second moment negative": put(f"{ADAM}/nu/critic/0/bias", -1),
+    "updates negative": put(f"{ADAM}/count", -7),
+    "n_bins huge": config(n_bins=10**9),
+    "n_bins beyond int64": config(n_bins=10**30),
+    "n_bins negative": config(n_bins=-1),
+    "n_bins another": config(n_bins=11),
+    "n_bins text": config(n_bins="10"),
+    "n_bins float": config(n_bins=10.0),
+    "n_bins flag": config(n_bins=True),
+    "net_arch huge": config(net_arch=[10**9, 10**9]),
+    "net_arch long": config(net_arch=[8] * 100_000),
+    "net_arch negative": config(net_arch=[10**12, -(10**12)]),
+    "net_arch text": config(net_arch="88"),
+    "net_arch of lists": config(net_arch=[[8]]),
+    "n_steps huge": config(n_steps=10**18),
+    "n_steps zero": config(n_steps=0),
+    "n_envs huge": config(n_envs=10**9),
+    "n_envs negative": config(n_envs=-2, n_steps=-20),
+    "loss unknown": config(loss="os.system"),
+    "loss a list": config(loss=["hl-gauss"]),
+    "flag text": config(normalize_observation="yes"),
+    "choice unknown": config(exploration="none"),
+    "config unknown key": config(extra=1),
+    "config missing key": lambda settings, arrays: settings["config"].pop("n_bins"),
+    "config a list": settings(config=[]),
+    "rate text": hypers(learning_rate="0.1"),
+    "rate negative": hypers(learning_rate=-1.0),
+    "rate NaN": hypers(learning_rate=float("nan")),
+    "rate list": hypers(learning_rate=[0.1]),
+    "rate huge integer": hypers(learning_rate=10**400),
+    "hypers unknown key": hypers(extra=1.0),
+    "hypers missing key": lambda settings, arrays: settings["hypers"].pop("gamma"),
+    "seed negative": settings(seed=-1),
+    "seed huge": settings(seed=2**32),
+    "seed float": settings(seed=0.5),
+    "step text": settings(step="100"),
+    "step negative": settings(step=-100),
+    "step another": settings(step=120),
+    "step huge": settings(step=10**30),
+    "log_interval zero": settings(log_interval=0),
+    "n_predictions huge": settings(n_predictions=2**64),
+    "class another": settings(**{"class": "os.system"}),
+    "env a list": settings(env=["os:system"]),
+    "unknown key": settings(extra=1),
+    "missing key": lambda settings, arrays: settings.pop("action_space"),
+    "nothing": lambda settings, arrays: settings.clear(),
+    "actions huge": settings(action_space={"Box": [[-1.0], [1.0], [10**9], "<f4"]}),
+    "actions many": settings(action_space={"Box": [[-1.0] * 100_000, [1.0] * 100_000, [100_000], "<f4"]}),
+    "actions negative": settings(action_space={"Box": [[-1.0], [1.0], [-2], "<f4"]}),
+    "actions reversed": settings(action_space={"Box": [[1.0], [-1.0], [2], "<f4"]}),
+    "actions unbounded": settings(action_space={"Box": [[-float("inf")], [float("inf")], [2], "<f4"]}),
+    "actions discrete": settings(action_space={"Discrete": [2, 0]}),
+    "actions of text": settings(action_space={"Box": [["a"], ["b"], [2], "<f4"]}),
+    "actions of objects": settings(action_space={"Box": [[-1.0], [1.0], [2], "O"]}),
+    "observations of long text": settings(observation_space={"Box": [[0.0], [1.0], [2], "S1000000000"]}),
+    "observations a record": settings(observation_space={"Box": [[0.0], [1.0], [2], "(1000000000,)f4"]}),
+    "observations huge": settings(observation_space={"Box": [[0.0], [1.0], [10**5, 10**5], "<f4"]}),
+    "observations cancel": settings(
+        observation_space={
+            "Tuple": [{"Box": [[0.0], [1.0], [10**9], "<f4"]}, {"Box": [[0.0], [1.0], [-(10**9)], "<f4"]}]
+        }
+    ),
+    "observations discrete": settings(observation_space={"Discrete": [10**12, 0]}),
+    "observations start": settings(observation_space={"Discrete": [2, 10**30]}),
+    "observations binary": settings(observation_space={"MultiBinary": [10**9]}),
+    "observations multi": settings(observation_space={"MultiDiscrete": [2**62] * 4}),
+    "observations deep": settings(observation_space=nested(400)),
+    "observations unknown": settings(observation_space={"os:system": ["ls"]}),
+    "observations two": settings(observation_space=BOX | {"Discrete": [2, 0]}),
+    "observations text": settings(observation_space={"Box": "abcd"}),
+    "array missing": lambda settings, arrays: arrays.pop(KERNEL),
+    "array of another shape": change(KERNEL, lambda x: x[:, :1]),
+    "array of another type": change(KERNEL, lambda x: x.astype(np.float64)),
+    "array of more runs": change(KERNEL, lambda x: np.repeat(x, 3, 0)),
+    "array of no run": change(KERNEL, lambda x: x[:0]),
+    "array a number": change(KERNEL, lambda x: x.ravel()[0]),
+    "array step": change("run/step", lambda x: x + 20),
+    "array step missing": lambda settings, arrays: arrays.pop("run/step"),
+}
+
+LOADER = """
+import json, resource, sys, time
+import galton
+galton.use_all_cores()
+galton.A2C.load(sys.argv[1])
+before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+known = set(sys.modules)
+for path in sys.argv[2:]:
+    start = time.perf_counter()
+    try:
+        galton.A2C.load(path)
+        seen = "loaded"
+    except Exception as error:
+        seen = type(error).__name__
+    megabytes = (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) / 1024
+    print(json.dumps([seen, time.perf_counter() - start, megabytes, sorted(set(sys.modules) - known)]), flush=True)
+"""
+
+
+@pytest.fixture(scope="module")
+def model(tmp_path_factory):
+    path = tmp_path_factory.mktemp("model") / "model"
+    return A2C("lqr", n_bins=10, net_arch=(8,)).learn(100, progress_bar=False, log_interval=5).save(path)
+
+
+def rewritten(model, path, attack):
+    settings, arrays = checkpoint.read(model)
+    attack(settings, arrays)
+    checkpoint.write(path, settings, arrays)
+    return path
+
+
+def load_elsewhere(model, paths):
+    done = subprocess.run([sys.executable, "-c", LOADER, model, *paths], capture_output=True, text=True, check=True)
+    return [json.loads(line) for line in done.stdout.splitlines()]
+
+
+def test_hostile_settings_and_arrays_give_one_error_quickly_in_little_memory(model, tmp_path):
+    paths = [rewritten(model, tmp_path / str(i), attack) for i, attack in enumerate(ATTACKS.values())]
+    answers = load_elsewhere(model, paths)
+    assert len(answers) == len(ATTACKS)
+    newer = {"config unknown key", "hypers unknown key", "unknown key"}  # for all that this version can know
+    wanted = {name: "NewerVersionError" if name in newer else "CheckpointError" for name in ATTACKS}
+    assert {name: answer[0] for name, answer in zip(ATTACKS, answers, strict=True)} == wanted
+    assert max(answer[1] for answer in answers) < 5
+    assert answers[-1][2] < 200
+
+
+def test_loading_imports_nothing_whatever_the_file_names(model, tmp_path, monkeypatch):
+    (tmp_path / "evilmodule.py").write_text("raise SystemExit('imported')")
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=os.pathsep)
+    names = ["os:system", "evilmodule:Env-v0", "this:Env-v0", "../../evil"]
+    paths = [rewritten(model, tmp_path / str(i), settings(env=name)) for i, name in enumerate(names)]
+    for seen, _, _, modules in load_elsewhere(model, paths):
+        assert seen == "loaded"
+        assert not {"evilmodule", "this"} & set(modules)
+
+
+@pytest.mark.parametrize("name", ["n_bins huge", "rate text", "array missing", "observations huge"])
+def test_the_error_names_the_file(model, tmp_path, name):
+    path = rewritten(model, tmp_path / "hostile", ATTACKS[name])
+    with pytest.raises(CheckpointError, match="hostile"):
+        A2C.load(path)
+
+
+SPACES = {
+    "MultiBinary": MultiBinary(5),
+    "MultiBinary of two axes": MultiBinary([2, 3]),
+    "MultiDiscrete": MultiDiscrete([3, 4], start=[1, -2]),
+    "MultiDiscrete of two axes": MultiDiscrete([[3, 4], [5, 6]]),
+    "Dict of all": Dict(a=MultiBinary(2), b=Tuple([MultiDiscrete([2, 3]), Discrete(4, start=-1)]), c=Box(-1, 1, (2,))),
+}
+
+
+class Observing(Tall):
+    """What is seen is a sample of a space."""
+
+    def __init__(self, space):
+        self.observation_space = space
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        return self.observation_space.sample(), {}
+
+    def step(self, action):
+        return self.observation_space.sample(), *super().step(action)[1:]
+
+
+@pytest.mark.parametrize("space", SPACES.values(), ids=SPACES)
+def test_a_model_comes_back_whatever_it_observes(tmp_path, space):
+    made = A2C(Observing(space), n_bins=5, net_arch=(4,))
+    loaded = A2C.load(made.save(tmp_path / "model"))
+    seen = space.sample()
+    assert loaded.observation_space == space
+    np.testing.assert_array_equal(*(each.predict(seen, deterministic=True)[0] for each in (made, loaded)))
+
+
+@pytest.fixture(scope="module")
+def normalised(tmp_path_factory):
+    path = tmp_path_factory.mktemp("normalised") / "model"
+    return A2C("lqr", n_bins=10, net_arch=(8,), normalize_observation=True, normalize_reward=True).save(path)
+
+
+STATISTICS = "run/learner/normalizer"
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "wanted"),
+    [
+        (f"{STATISTICS}/observation/mean", np.nan, "finite"),
+        (f"{STATISTICS}/observation/variance", np.inf, "finite, and 0 or more"),
+        (f"{STATISTICS}/observation/variance", -1.0, "finite, and 0 or more"),
+        (f"{STATISTICS}/observation/n", np.nan, "finite, and 0 or more"),
+        (f"{STATISTICS}/discounted_return/variance", -0.5, "finite, and 0 or more"),
+        (f"{STATISTICS}/running_return", np.inf, "finite"),
+    ],
+)
+def test_statistics_that_mean_nothing_are_refused_by_name(normalised, tmp_path, name, value, wanted):
+    A2C.load(normalised)
+    path = rewritten(normalised, tmp_path / "hostile", put(name, value))
+    with pytest.raises(CheckpointError, match=rf"hostile .*{name} in the checkpoint holds .*; it must be {wanted}$"):
+        A2C.load(path)
+
+
+def test_a_large_training_is_saved_so_that_it_loads_and_a_short_file_may_not_call_for_it(model, tmp_path, monkeypatch):
+    monkeypatch.setattr(model_file, "SMALL", 100)
+    monkeypatch.setattr(model_file, "PER_NUMBER", 5)
+    with pytest.raises(CheckpointError, match="n_steps · n_envs is 20, which does not go with the rest of it"):
+        A2C.load(model)
+    loaded = A2C.load(A2C("lqr", n_bins=10, net_arch=(8,)).save(tmp_path / "large"), "lqr")
+    assert loaded.learn(20, progress_bar=False).num_timesteps == 20
+
+
+@pytest.mark.parametrize("n_envs", [1, 300])
+def test_environments_in_the_file_count_for_themselves(tmp_path, n_envs):
+    made = A2C("lqr", n_bins=10, net_arch=(8,), n_envs=n_envs)
+    settings, arrays = checkpoint.read(made.save(tmp_path / "model"))
+    assert model_file.with_ballast(settings, arrays) is arrays
+    without = {name: array for name, array in arrays.items() if not name.startswith("environments/")}
+    more = model_file.training_size(settings, without) - model_file.training_size(settings, arrays)
+    assert more == 20_000 * n_envs
+
+
+@pytest.mark.parametrize(
+    "attack",
+    [
+        change("run/key", lambda x: x[:, :1]),
+        change("run/tally/n_episodes", lambda x: x.astype(np.int32)),
+        lambda settings, arrays: arrays.pop("run/tally/length"),
+    ],
+)
+def test_a_damaged_run_is_refused_where_it_is_to_go_on(model, tmp_path, attack):
+    with pytest.raises(CheckpointError, match="hostile"):
+        A2C.load(rewritten(model, tmp_path / "hostile", attack), env="lqr")

@@ -1,0 +1,90 @@
+"""Values of wrong types, as Python and grids in files may bring them: `python tests/wrong_values.py FOLDER`.
+
+A process of its own, for in the tests themselves annotations are checked before Galton sees a value. What is not
+refused with the right message is printed.
+"""
+
+import math
+import re
+import sys
+import typing
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from galton import Config, Hypers, UsageError
+from galton.fields import annotations
+from galton.sweep.grid import read_grid
+from galton.sweep.study import Setting
+from galton.types import check_hypers
+
+FLAGS = [name for name, kind in annotations(Config).items() if kind is bool]
+COUNTS = [name for name, kind in annotations(Config).items() if typing.get_origin(kind) is typing.Annotated]
+CHOICES = [name for name, kind in annotations(Config).items() if typing.get_origin(kind) is typing.Literal]
+NAMES = [name for name, kind in annotations(Config).items() if kind is str]
+WRONG = {
+    "flag": (FLAGS, ["false", "no", "", None, 0, 1, 2.5, np.int64(1), np.ones(1, bool), [True], math.nan]),
+    "count": (COUNTS, ["20", 2.0, math.nan, None, True, np.True_, 0, -1, [20], np.ones(1, int), 1j]),
+    "choice": (CHOICES, [None, 0, True, "", "none", b"mean", ["mean"], ("auto",), {}]),
+    "name": (NAMES, [None, 0, True, b"a2c", ["a2c"], {"a2c"}]),
+    "tuple": (["net_arch"], [None, 8, "88", b"88", {8}, {8: 8}, [8.0], ["8"], [True], [0], [[8]], np.array(8)]),
+    "number": (Hypers._fields, ["0.5", None, True, np.True_, b"1", 1j, {}, math.nan, [[1], [1, 2]], ["0.5"]]),
+}
+LINES = [
+    ('normalize_observation = "false"', "normalize_observation is 'false'; it must be True or False"),
+    ("normalize_observation = 1", "normalize_observation is 1; it must be True or False"),
+    ("normalize_reward = [true, 0]", "normalize_reward is 0; it must be True or False"),
+    ('n_bins = "50"', "n_bins is '50'; it must be an integer of at least 2"),
+    ("n_bins = 50.0", "n_bins is 50.0; it must be an integer of at least 2"),
+    ("n_steps = 2024-01-01", "n_steps is datetime.date"),
+    ("net_arch = 64", "net_arch is 64; it must be a list or a tuple"),
+    ("net_arch = [64, [32]]", "an entry of net_arch is"),
+    ("loss = [['gaussian']]", "loss is ['gaussian']; it must be of type str"),
+    ("bin_sample = [['center']]", "bin_sample is ['center']; choose from center, uniform"),
+    ('eta = "0.5"', "eta is '0.5'; it must be a number"),
+    ("eta = true", "eta is True; it must be a number"),
+    ("eta = nan", "eta is nan; it must be greater than 0"),
+    ("learn_rate = 0.5", "'learn_rate' is no setting"),
+]
+"""Lines of a grid, and what is said of each."""
+
+
+def hypers(fields):
+    check_hypers(Hypers(**fields))
+
+
+def attempts(folder):
+    """What to try, by its name, and what must be said of it."""
+    for names, values in WRONG.values():
+        for name in names:
+            for value in values:
+                said = rf"(an entry of )?{name} is .*; (it must be|choose from|give one)"
+                if name in Hypers._fields:
+                    yield f"Hypers {name} {value!r}", said, partial(hypers, {name: value})
+                else:
+                    yield f"Config {name} {value!r}", said, partial(Config, **{name: value})
+                yield f"Setting {name} {value!r}", said, partial(Setting.of_record, {name: value})
+    path = folder / "grid.toml"
+    for line, said in LINES:
+        path.write_text(f"[[grid]]\n{line}\n")
+        yield line, re.escape(f"grid is {str(path)!r}: {said}"), partial(read_grid, path, {})
+
+
+def main(folder):
+    n = 0
+    for what, said, attempt in attempts(Path(folder)):
+        n += 1
+        try:
+            attempt()
+            print(f"{what} passed")
+        except UsageError as error:
+            if not re.match(said, " ".join(str(error).split())):
+                print(f"{what}: {error}")
+        except Exception as error:
+            print(f"{what}: {error!r}")
+    print(n)
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])
