@@ -11,7 +11,7 @@ import pytest
 import tyro
 
 from galton import Config, Hypers
-from galton.cli import _options
+from galton.cli import _reading
 from galton.types import Number
 
 
@@ -26,7 +26,7 @@ class Grown(NamedTuple):
 
 
 def read(*arguments):
-    return tyro.cli(Grown, args=list(arguments), registry=_options._REGISTRY)
+    return tyro.cli(Grown, args=list(arguments), registry=_reading.REGISTRY)
 
 
 def test_a_field_that_is_added_is_an_option_of_one_number():

@@ -1,36 +1,32 @@
 """The options that the commands share, read from the command line with tyro."""
 
-import contextlib
 import dataclasses
-import io
+import functools
+import hashlib
 import re
 import shlex
 import sys
-from collections.abc import Callable, Mapping, Sequence
-from typing import Annotated, TypeVar, cast, get_args
+from collections.abc import Callable, Sequence
+from typing import Annotated, Any, TypeVar
 
 import tyro
-from tyro.constructors import (
-    ConstructorRegistry,
-    PrimitiveConstructorSpec,
-    PrimitiveTypeInfo,
-    StructConstructorSpec,
-    StructFieldSpec,
-    StructTypeInfo,
-)
+from tyro.constructors import ConstructorRegistry, StructConstructorSpec, StructFieldSpec, StructTypeInfo
 
 from galton.algorithms import ALGORITHMS, find_algorithm
+from galton.cli._reading import REGISTRY, read_options
+from galton.cli._words import Fills
 from galton.envs.base import Environment
 from galton.envs.find import find
 from galton.envs.host.base import HostTask
 from galton.envs.registry import ENVS, find_task, is_known, read_constants
 from galton.errors import UsageError, require
 from galton.losses import LOSSES
+from galton.policies import POLICIES
 from galton.records import written
 from galton.tasks import task_of
 from galton.training.log import Log
 from galton.training.train import Result, check_arguments, train
-from galton.types import Config, Hypers, Number
+from galton.types import Config, Hypers
 
 EnvName = Annotated[
     str,
@@ -39,28 +35,44 @@ EnvName = Annotated[
         metavar="ENV", help=f"one of {', '.join(ENVS)}, or a Gymnasium id (module:Id imports the module first)"
     ),
 ]
-LossName = Annotated[str, tyro.conf.arg(metavar="{" + ",".join(LOSSES) + "}")]
-LossNames = Annotated[tuple[str, ...], tyro.conf.arg(metavar="{" + ",".join(LOSSES) + "} ...")]
+_LOSSES, _ALGORITHMS = ("{" + ",".join(known) + "}" for known in (LOSSES, ALGORITHMS))
+LossName = Annotated[str, tyro.conf.arg(metavar=_LOSSES, help="What is minimised: docs/paper.md has each of them.")]
+LossNames = Annotated[
+    tuple[str, ...], Fills("loss"), tyro.conf.arg(metavar=f"{_LOSSES} ...", help="The losses, each named once.")
+]
+AlgorithmName = Annotated[
+    str, tyro.conf.arg(metavar=_ALGORITHMS, help="What learns; the defaults of its settings are its own.")
+]
 
-AlgorithmName = Annotated[str, tyro.conf.arg(metavar="{" + ",".join(ALGORITHMS) + "}")]
+GROUPS: dict[str, tuple[str, ...]] = {
+    "training": ("steps", "n_envs", "logs", "eval_episodes", "env_kwargs"),
+    "learning": (
+        *("learning_rate", "decay_steps", "n_steps", "gamma", "gae_lambda", "ent_coef", "vf_coef", "max_grad_norm"),
+        *("normalize_observation", "normalize_reward", "normalize_advantage"),
+    ),
+    **{name: algorithm.own for name, algorithm in ALGORITHMS.items() if algorithm.own},
+    "policy": ("net_arch", "n_bins", "eta"),
+}
+"""In which order help shows the options of Training. Those that no group has are the last of the policy's."""
 
-IN_CONFIG: Mapping[str, object] = {"loss": tyro.conf.Suppress, "algorithm": tyro.conf.Suppress}
-"""What the command line makes of fields of Config, where not simply an option: each command names losses its own way,
-and the algorithm, which decides on the other defaults, in an option of its own.
+TOLD = {"training": "The defaults are the task's (App. C.2), or those of another algorithm."}
+"""What help says of a group of options."""
 
-A value is anything that tyro takes in an `Annotated`.
-"""
+_POLICIES = tyro.conf.arg(metavar="{" + ",".join(["auto", *POLICIES]) + "}")
+
+ELSEWHERE = ("loss", "algorithm")
+"""The fields of Config that each command has as options of its own."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Training:
     """How long and with what to train; the defaults are the task's (App. C.2), or those of another algorithm."""
 
-    steps: int = 500_000
+    steps: Annotated[int, Fills("total_timesteps")] = 500_000
     """Environment steps per run."""
-    logs: int = 100
+    logs: Annotated[int, Fills("n_logs")] = 100
     """Points of a learning curve."""
-    eval_episodes: int = 10
+    eval_episodes: Annotated[int, Fills("n_eval_episodes")] = 10
     """Episodes of the deterministic policy at each of them; 0 turns evaluation off."""
     env_kwargs: Annotated[str, tyro.conf.arg(metavar="JSON")] = "{}"
     """Keyword arguments of the environment, such as '{"noise_std": 0.5}'."""
@@ -112,9 +124,22 @@ class Training:
         return find(name, **read_constants(self.env_kwargs))
 
 
+TrainingOptions = Annotated[Training, tyro.conf.arg(name="")]
+"""Training among the options of a command, whose help names its groups."""
+
+LONGEST = 100
+"""Bytes of an id in the name of a folder; file systems end at 255, and what is beside the id needs some of them."""
+
+
 def short_name(env: str) -> str:
     """The name of an environment in that of a folder: our own of the task, or the id without what a path can't hold."""
-    return find_task(env)[0] if is_known(env) else re.sub(r"[^\w.-]+", "-", env)
+    if is_known(env):
+        return find_task(env)[0]
+    name = re.sub(r"[^\w.-]+", "-", env)
+    if len(name.encode()) <= LONGEST:
+        return name
+    kept = name.encode()[:LONGEST].decode(errors="ignore")
+    return f"{kept}-{hashlib.sha256(env.encode(errors='surrogateescape')).hexdigest()[:8]}"
 
 
 def folder_name(env: str, algorithm: str) -> str:
@@ -138,63 +163,65 @@ def parse(
     Between the two, `prepare` may register the task.
     """
 
-    def read(training: Training) -> OptionsT:
-        return tyro.cli(
-            options,
-            prog=f"galton {name}",
-            args=list(arguments),
-            default=options(env=tyro.MISSING, training=training),  # type: ignore[call-arg]
-            config=(tyro.conf.OmitArgPrefixes,),
-            registry=_REGISTRY,
-        )
+    def usual(training: Training, asked: Sequence[str]) -> OptionsT:
+        return read_options(options, name, asked, options(env=tyro.MISSING, training=training))  # type: ignore[call-arg]
 
     try:
-        with contextlib.redirect_stderr(io.StringIO()), contextlib.redirect_stdout(io.StringIO()):
-            first = read(Training())
-    except SystemExit as exit_:
-        cause = exit_.__context__
-        while cause:
-            if isinstance(cause, UsageError):
-                raise cause from None
-            cause = cause.__context__
-        first = read(Training())  # tyro explains itself, or prints its help
+        first = usual(Training(), [word for word in arguments if word not in ("-h", "--help")])
+    except UsageError:
+        first = usual(Training(), arguments)  # help is printed even so
     prepare(first)
-    return read(Training.of_task(first.env, first.algorithm))  # type: ignore[attr-defined]
+    return usual(Training.of_task(first.env, first.algorithm), arguments)  # type: ignore[attr-defined]
 
 
-_REGISTRY = ConstructorRegistry()
-"""How the records of galton.types, which know nothing of a command line, are read from one."""
-
-
-@_REGISTRY.primitive_rule
-def _one_number(info: PrimitiveTypeInfo) -> PrimitiveConstructorSpec[float] | None:
-    """What may be one number or an array of them is one number here."""
-    if {*get_args(info.type)} - {int} != {*get_args(Number)}:
+@REGISTRY.struct_rule
+def _training(info: StructTypeInfo) -> StructConstructorSpec | None:
+    """Training is shown as GROUPS has it, and not as it lies in its records."""
+    if info.type is not Training or not isinstance(info.default, Training):
         return None
-    return PrimitiveConstructorSpec(
-        nargs=1,
-        metavar="FLOAT",
-        instance_from_str=lambda words: float(words[0]),
-        is_instance=lambda value: isinstance(value, int | float),
-        str_from_instance=lambda value: [str(value)],
-    )
+    default, fields = info.default, _fields_of(info)
+    grouped = {field for group in GROUPS.values() for field in group}
+    groups = GROUPS | {"policy": (*GROUPS["policy"], *(name for name in fields if name not in grouped))}
+    records = []
+    for title, names in groups.items():
+        group = _group(title, [fields[name] for name in names])
+        records.append(StructFieldSpec(title, group, tyro.MISSING_NONPROP, TOLD.get(title, "")))
+    return StructConstructorSpec(functools.partial(_filled, default), tuple(records))
 
 
-class _AnyConfig(Config):
-    """Config under another name, by which tyro's own rule for dataclasses can be asked."""
+def _fields_of(info: StructTypeInfo) -> dict[str, StructFieldSpec]:
+    """Every option of Training and of the records in it."""
+    found: dict[str, StructFieldSpec] = {}
+    for kind, default in ((_AnyTraining, info.default), (Config, info.default.config), (Hypers, info.default.hypers)):
+        spec = ConstructorRegistry.get_struct_spec(dataclasses.replace(info, type=kind, default=default))
+        assert isinstance(spec, StructConstructorSpec)
+        found |= {field.name: field for field in spec.fields}
+    policy: Any = Annotated[found["policy"].type, _POLICIES]
+    found["policy"] = dataclasses.replace(found["policy"], type=policy)
+    return {name: field for name, field in found.items() if name not in ("config", "hypers", *ELSEWHERE)}
 
 
-@_REGISTRY.struct_rule
-def _config(info: StructTypeInfo) -> StructConstructorSpec | None:
-    """Every field of Config is an option, spelt as IN_CONFIG has it."""
-    if info.type is not Config:
-        return None
-    spec = ConstructorRegistry.get_struct_spec(dataclasses.replace(info, type=_AnyConfig))
-    assert isinstance(spec, StructConstructorSpec)
-    return StructConstructorSpec(Config, tuple(map(_spelt, spec.fields)))
+class _AnyTraining(Training):
+    """Training under another name, by which the rule for all records can be asked."""
 
 
-def _spelt(field: StructFieldSpec) -> StructFieldSpec:
-    if field.name not in IN_CONFIG:
-        return field
-    return dataclasses.replace(field, type=cast("type[object]", Annotated[field.type, IN_CONFIG[field.name]]))
+def _group(title: str, fields: Sequence[StructFieldSpec]) -> type:
+    """A record with these fields."""
+    members = [
+        (field.name, field.type, dataclasses.field(default=field.default, metadata={"help": _help_of(field)}))
+        for field in fields
+    ]
+    return dataclasses.make_dataclass(title, members)
+
+
+def _help_of(field: StructFieldSpec) -> str | None:
+    return field.helptext() if callable(field.helptext) else field.helptext
+
+
+def _filled(default: Training, **groups: Any) -> Training:
+    """The training with what the groups hold."""
+    given: dict[str, Any] = {name: value for group in groups.values() for name, value in vars(group).items()}
+    config = {field.name: given.pop(field.name) for field in dataclasses.fields(Config) if field.name in given}
+    hypers = {name: given.pop(name) for name in Hypers._fields if name in given}
+    given["config"] = dataclasses.replace(default.config, **config)
+    return dataclasses.replace(default, **given, hypers=default.hypers._replace(**hypers))

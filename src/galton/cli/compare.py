@@ -11,7 +11,7 @@ from rich.console import Console
 from galton.analysis.comparison import curves, learning_curves, summarise, verdicts
 from galton.analysis.plots import save
 from galton.cli._compare_view import table
-from galton.cli._options import AlgorithmName, EnvName, LossNames, Training, command_line, folder_name, parse
+from galton.cli._options import AlgorithmName, EnvName, LossNames, TrainingOptions, command_line, folder_name, parse
 from galton.cli._progress import live_progress
 from galton.devices import use_all_cores
 from galton.envs.base import Environment
@@ -27,7 +27,7 @@ class Options:
     """Train several losses over the same seeds; print a table and keep figure and numbers in a folder."""
 
     env: EnvName
-    training: Training
+    training: TrainingOptions
     algorithm: AlgorithmName = "a2c"
     """What learns; the defaults of its settings are its own."""
     losses: LossNames = tuple(name for name, loss in LOSSES.items() if loss.in_paper)

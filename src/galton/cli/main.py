@@ -4,6 +4,7 @@ import importlib
 import signal
 import sys
 
+from galton.cli._words import run
 from galton.errors import BrokenEnvironmentError, CheckpointError, UsageError, require
 
 COMMANDS = {
@@ -49,7 +50,7 @@ def _run(name: str, arguments: list[str]) -> int:
     sys.path.append("")  # a module of one's own in the current folder is found; it can't hide an installed one
     try:
         require(name in COMMANDS, f"command is {name!r}; choose from {', '.join(COMMANDS)}")
-        importlib.import_module(f"galton.cli.{name}").main(arguments)
+        run(f"galton.cli.{name}", arguments)
     except tuple(EXIT_CODES) as error:
         print(f"galton: {error}", file=sys.stderr)
         return next(code for kind, code in EXIT_CODES.items() if isinstance(error, kind))

@@ -11,7 +11,16 @@ from pathlib import Path
 from rich.console import Console
 
 from galton import callbacks
-from galton.cli._options import AlgorithmName, EnvName, LossName, Training, command_line, folder_name, parse
+from galton.cli._options import (
+    AlgorithmName,
+    EnvName,
+    LossName,
+    Training,
+    TrainingOptions,
+    command_line,
+    folder_name,
+    parse,
+)
 from galton.cli._progress import OnLog, live_progress
 from galton.devices import use_all_cores
 from galton.envs.base import Environment
@@ -30,11 +39,12 @@ class Options:
     """Train one policy in a run folder: its settings, its metrics and its model, saved as it goes."""
 
     env: EnvName
-    training: Training
+    training: TrainingOptions
     loss: LossName = "hl-gauss"
     algorithm: AlgorithmName = "a2c"
     """What learns; the defaults of its settings are its own."""
     seed: int = 0
+    """Of everything random; the same seed gives the same run."""
     out: Path | None = None
     """The run folder, by default runs/ENV-LOSS-SEED, or runs/ENV-ALGORITHM-LOSS-SEED."""
     overwrite: bool = False

@@ -14,6 +14,7 @@ import gymnasium
 import numpy as np
 import tyro
 
+from galton.cli._reading import read_options
 from galton.cli.train import MODEL
 from galton.envs.registry import is_known, read_constants
 from galton.errors import UsageError, require, require_integer
@@ -46,7 +47,7 @@ class Options:
 
 def main(arguments: Sequence[str]) -> None:
     """Play the episodes and write the video."""
-    options = tyro.cli(Options, prog="galton watch", args=list(arguments))
+    options = read_options(Options, "watch", arguments)
     require_integer("episodes", options.episodes, 1)
     require_integer("max_steps", options.max_steps, 1)
     require_integer("seed", options.seed, 0)

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import tyro
 
-from galton.cli._options import AlgorithmName, EnvName, Training, folder_name, parse
+from galton.cli._options import AlgorithmName, EnvName, Training, TrainingOptions, folder_name, parse
 from galton.cli.sweep._folder import conclude
 from galton.cli.sweep._workers import Workers, go_with
 from galton.errors import require, require_integer
@@ -26,7 +26,6 @@ class Options:
     """
 
     env: EnvName
-    training: Training
     algorithm: AlgorithmName = "a2c"
     """What learns; the defaults of its settings are its own."""
     grid: Annotated[str, tyro.conf.arg(metavar="{" + ",".join(GRIDS) + ",optuna} or FILE.toml")] = "paper"
@@ -53,6 +52,7 @@ class Options:
     imports: tuple[str, ...] = ()
     """Modules that every worker imports first, where losses or environments of your own are registered."""
     workers: Workers = dataclasses.field(default_factory=Workers)
+    training: TrainingOptions = dataclasses.field(default_factory=Training)
 
     @property
     def base(self) -> Setting:

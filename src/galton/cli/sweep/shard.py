@@ -5,6 +5,7 @@ from collections.abc import Sequence
 
 import tyro
 
+from galton.cli._reading import read_options
 from galton.cli.sweep._folder import Folder
 from galton.sweep.plan import Plan
 from galton.sweep.shard import discard, finished, read, work
@@ -21,7 +22,7 @@ class Options(Folder):
 
 def main(arguments: Sequence[str]) -> None:
     """Train the shard, unless it is done."""
-    options = tyro.cli(Options, prog="galton sweep shard", args=list(arguments))
+    options = read_options(Options, "sweep shard", arguments)
     store = Store(options.out)
     plan = Plan.load(store)
     plan.get(options.index)

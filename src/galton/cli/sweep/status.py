@@ -3,11 +3,11 @@
 from collections.abc import Sequence
 
 import numpy as np
-import tyro
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from galton.cli._reading import read_options
 from galton.cli.sweep._folder import Folder, load
 from galton.losses import find_loss
 from galton.sweep.plan import Plan
@@ -18,7 +18,7 @@ from galton.types import Config
 
 def main(arguments: Sequence[str]) -> None:
     """Show how many shards and runs of each program are done."""
-    store = Store(tyro.cli(Folder, prog="galton sweep status", args=list(arguments)).out)
+    store = Store(read_options(Folder, "sweep status", arguments).out)
     plan = load(store)
     done = finished(store, plan)
     table = Table("program", "shards done", "runs done", title=escape(f"{store.url}: {plan.study.env}"))

@@ -1,0 +1,168 @@
+"""How a command line becomes a record of options: tyro, and what Galton spells otherwise."""
+
+import contextlib
+import dataclasses
+import io
+import re
+import sys
+from collections.abc import Sequence
+from decimal import Decimal, InvalidOperation
+from types import NoneType, UnionType
+from typing import Annotated, TypeVar, Union, cast, get_args, get_origin
+
+import tyro
+from tyro.constructors import (
+    ConstructorRegistry,
+    PrimitiveConstructorSpec,
+    PrimitiveTypeInfo,
+    StructConstructorSpec,
+    StructFieldSpec,
+    StructTypeInfo,
+)
+
+from galton.cli._words import nearest, options_of
+from galton.errors import UsageError
+from galton.types import Number
+
+OptionsT = TypeVar("OptionsT")
+
+REGISTRY = ConstructorRegistry()
+"""How types are read from words and shown in the help of a command."""
+
+
+def read_options(
+    options: type[OptionsT], name: str, arguments: Sequence[str], default: OptionsT | None = None
+) -> OptionsT:
+    """The options of the command of that name, from its arguments; `--help` is printed, and ends the process.
+
+    Raises:
+        UsageError: what can't be read, in one sentence.
+    """
+    said = io.StringIO()
+    try:
+        with contextlib.redirect_stderr(said):
+            found, unknown = tyro.cli(
+                options,
+                prog=f"galton {name}",
+                args=list(arguments),
+                default=default,
+                config=(tyro.conf.OmitArgPrefixes,),
+                return_unknown_args=True,
+                registry=REGISTRY,
+            )
+    except SystemExit as exit_:
+        if not exit_.code:
+            raise
+        cause = exit_.__context__
+        while cause and not isinstance(cause, UsageError):
+            cause = cause.__context__
+        raise cause or UsageError(_in_a_line(said.getvalue(), name)) from None
+    sys.stderr.write(said.getvalue())
+    if unknown:
+        raise UsageError(_stray(unknown[0], options, name))
+    assert found is not None
+    return found
+
+
+def _stray(word: str, options: type, name: str) -> str:
+    """What to say of a word that is no option and has no place."""
+    help_ = f"`galton {name} --help` lists the options"
+    if not word.startswith("-"):
+        return f"{word!r} is one argument too many; {help_}"
+    typed, known = word.partition("=")[0], options_of(options)
+    exact = known.get(typed.strip("-").replace("-", "_"), "")  # what functions call it
+    meant = f"; did you mean {exact}?" if exact.startswith("--") else nearest(typed, known.values())
+    return f"{typed} is no option of `galton {name}`{meant or f'; {help_}'}"
+
+
+def _in_a_line(box: str, name: str) -> str:
+    """The first part of a box that tyro drew, where it says what is wrong."""
+    first = re.split(r"─{3,}", re.sub(r"\A.*\n", "", box))[0]
+    told = " ".join(word for word in first.split() if word not in ("│", "(required)"))
+    return f"{told.removeprefix('Error parsing ').rstrip('.')}; `galton {name} --help` lists the options"
+
+
+def integer(text: str) -> int:
+    """An integer as people write it: 100000, 100_000 or 1e5; ValueError for anything else."""
+    try:
+        number = Decimal(text)
+        if number.is_finite() and abs(number.adjusted()) < 30 and number == int(number):
+            return int(number)
+    except InvalidOperation:
+        pass
+    raise ValueError(f"{text!r} is no integer; write it like 100000, 100_000 or 1e5")
+
+
+@REGISTRY.primitive_rule
+def _integer(info: PrimitiveTypeInfo) -> PrimitiveConstructorSpec[int] | None:
+    if info.type is not int:
+        return None
+    return PrimitiveConstructorSpec(
+        nargs=1,
+        metavar="INT",
+        instance_from_str=lambda words: integer(words[0]),
+        is_instance=lambda value: isinstance(value, int),
+        str_from_instance=lambda value: [str(value)],
+    )
+
+
+@REGISTRY.primitive_rule
+def _one_number(info: PrimitiveTypeInfo) -> PrimitiveConstructorSpec[float] | None:
+    """What may be one number or an array of them is one number here."""
+    if {*get_args(info.type)} - {int} != {*get_args(Number)}:
+        return None
+    return PrimitiveConstructorSpec(
+        nargs=1,
+        metavar="FLOAT",
+        instance_from_str=lambda words: float(words[0]),
+        is_instance=lambda value: isinstance(value, int | float),
+        str_from_instance=lambda value: [str(value)],
+    )
+
+
+@REGISTRY.primitive_rule
+def _what_may_be_left_out(info: PrimitiveTypeInfo) -> PrimitiveConstructorSpec[object] | None:
+    """None can't be typed: it is what an option is that was not given."""
+    kinds = [kind for kind in get_args(info.type) if kind is not NoneType]
+    if get_origin(info.type) not in (Union, UnionType) or len(kinds) != 1:
+        return None
+    spec = ConstructorRegistry.get_primitive_spec(PrimitiveTypeInfo.make(kinds[0], info.markers))
+    assert isinstance(spec, PrimitiveConstructorSpec)
+    return dataclasses.replace(
+        spec,
+        is_instance=lambda value: value is None or spec.is_instance(value),
+        str_from_instance=lambda value: ["None"] if value is None else spec.str_from_instance(value),
+    )
+
+
+_asked: set[object] = set()
+
+
+@REGISTRY.struct_rule
+def _record(info: StructTypeInfo) -> StructConstructorSpec | None:
+    """Records are read as tyro reads them; only what the help says of a field is put plainly."""
+    if info.type in _asked:
+        return None  # so that tyro's own rules are the next
+    _asked.add(info.type)
+    try:
+        spec = ConstructorRegistry.get_struct_spec(info)
+    finally:
+        _asked.discard(info.type)
+    if not isinstance(spec, StructConstructorSpec):
+        return None
+    return dataclasses.replace(spec, fields=tuple(map(_plain, spec.fields)))
+
+
+def _plain(field: StructFieldSpec) -> StructFieldSpec:
+    """The field with its docstring as one paragraph, and with its default only where there is something to say."""
+
+    def told() -> str | None:
+        text = field.helptext() if callable(field.helptext) else field.helptext
+        return text and " ".join(text.split())
+
+    hint = tyro.conf.arg(help_behavior_hint=_default)
+    return dataclasses.replace(field, type=cast("type[object]", Annotated[field.type, hint]), helptext=told)
+
+
+def _default(label: str) -> str:
+    return "" if label in ("None", "()", "") else f"(default: {label})"

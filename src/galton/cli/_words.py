@@ -1,0 +1,90 @@
+"""What the command line calls things: each argument by the option that fills it, and the nearest to a wrong word."""
+
+import contextlib
+import dataclasses
+import difflib
+import functools
+import importlib
+import re
+from collections.abc import Iterable, Iterator, Sequence
+from typing import Annotated, Any, get_args, get_origin, get_type_hints
+
+from galton.errors import UsageError
+
+ABOUT = r"(?= (?:is|are|has|holds|names|goes|needs)\b)"
+"""What follows the name of an argument where a message begins with it."""
+
+
+class Fills:
+    """In the annotation of an option: what the functions that it is for call it, where that is another name."""
+
+    def __init__(self, *arguments: str) -> None:
+        self.arguments = arguments
+
+
+@functools.cache
+def options_of(record: type) -> dict[str, str]:
+    """The option that fills each argument: all fields of a record of options and of the records in it, as typed.
+
+    What has a place instead of a name keeps its plain word; so does nothing that an outer record has already named.
+    """
+    from tyro.conf import Positional  # `galton --help` needn't load it
+
+    placed = get_args(Positional[int])[1:]
+    known: dict[str, str] = {}
+    inner: list[type] = []
+    for name, hint in get_type_hints(record, include_extras=True).items():
+        kind, *marks = get_args(hint) if get_origin(hint) is Annotated else (hint,)
+        if dataclasses.is_dataclass(kind) or hasattr(kind, "_fields"):
+            inner.append(kind)
+            continue
+        typed = name if any(mark in placed for mark in marks) else "--" + name.replace("_", "-")
+        arguments = [argument for mark in marks if isinstance(mark, Fills) for argument in mark.arguments]
+        known |= dict.fromkeys([name, *arguments], typed)
+    for kind in inner:
+        known = options_of(kind) | known
+    return known
+
+
+def resaid(message: str, record: type) -> str:
+    """A message about arguments in the words of the command line.
+
+    The argument that it begins with becomes its option, and so do others that no plain word could be. What follows a
+    colon was said of something else, such as a file, and stays.
+    """
+    options = options_of(record)
+    subject, colon, rest = message.partition(": ")
+    names = "|".join(map(re.escape, options))
+    compound = "|".join(name for name in map(re.escape, options) if "_" in name)
+    subject = re.sub(rf"^(?:{names}){ABOUT}", lambda found: options[found[0]], subject)
+    if compound:
+        alone = rf"(?<![\w./'\"\[=-])(?:{compound})(?![\w/'\"\](=-]|\.\w)"
+        subject = re.sub(alone, lambda found: options[found[0]], subject)
+    return subject + colon + rest
+
+
+@contextlib.contextmanager
+def in_its_words(record: type | None) -> Iterator[None]:
+    """Say what goes wrong inside in the words of these options; None where there are none."""
+    try:
+        yield
+    except UsageError as error:
+        if record is not None:
+            error.args = (resaid(str(error), record),)
+        raise
+
+
+def run(module: str, arguments: Sequence[str]) -> None:
+    """Run the command in that module: its `main`, whose errors are said in the words of its `Options`."""
+    command = importlib.import_module(module)
+    with in_its_words(vars(command).get("Options")):
+        command.main(arguments)
+
+
+def nearest(word: str, choices: Iterable[str]) -> str:
+    """A question that names what was probably meant, to put behind a message; empty where nothing comes near."""
+    known = {choice.lower(): choice for choice in choices}
+    plain = word.lower().replace("_", "-")
+    initials = [name for name in known if "".join(part[0] for part in re.findall(r"[a-z]+", name)) == plain.strip("-")]
+    found: list[Any] = initials[:1] or difflib.get_close_matches(plain, known, n=1, cutoff=0.7)
+    return f"; did you mean {known[found[0]]}?" if found else ""
