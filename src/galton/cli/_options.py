@@ -21,6 +21,7 @@ from galton.envs.host.base import HostTask
 from galton.envs.registry import ENVS, find_task, is_known, read_constants
 from galton.errors import UsageError, require
 from galton.losses import LOSSES
+from galton.models.settings import split
 from galton.policies import POLICIES
 from galton.records import written
 from galton.tasks import task_of
@@ -82,16 +83,9 @@ class Training:
     @classmethod
     def of_task(cls, name: str, algorithm: str = "a2c") -> "Training":
         """The defaults for the environment of that name: App. C.2's, except for what the algorithm usually has."""
-        task, usual = task_of(name), find_algorithm(algorithm)
-        fields = {**task.config, "learning_rate": task.learning_rate, **usual.defaults}
-        numbers = {field: value for field, value in fields.items() if field in Hypers._fields}
-        return cls(
-            task.total_timesteps,
-            task.n_logs,
-            task.n_eval_episodes,
-            config=usual.config(**{field: value for field, value in fields.items() if field not in numbers}),
-            hypers=Hypers(**numbers),
-        )
+        task = task_of(name)
+        config, hypers = split(find_algorithm(algorithm), Config.loss, Config.n_envs, {}, name)
+        return cls(task.total_timesteps, task.n_logs, task.n_eval_episodes, config=config, hypers=hypers)
 
     def record(self) -> dict[str, object]:
         """These options for JSON; the losses are told apart from them."""

@@ -44,7 +44,9 @@ class Model:
         n_envs: copies of the environment; None for one, or for as many as a vector environment has.
         seed: of everything random; the same seed gives the same run.
         env_kwargs: keyword arguments for an id or a name.
-        settings: the other fields of `Config` and `Hypers`, which describe them.
+        settings: the other fields of `Config` and `Hypers`, which describe them. Their defaults are the algorithm's,
+            and for a task of the paper that is called by its name, those of App. C.2, as on the command line: "bandit"
+            has a linear network and, for A2C, 5 steps an update and a learning rate of 0.05.
 
     Raises:
         UsageError: an argument out of range, or an environment that can't be used, with what to do about it.
@@ -64,7 +66,7 @@ class Model:
     ) -> None:
         task = find(env, **(env_kwargs or {}))
         n_copies = usual_copies(task) if n_envs is None else n_envs
-        self._begin(task, *split(find_algorithm(algorithm), loss, n_copies, dict(settings)), seed)
+        self._begin(task, *split(find_algorithm(algorithm), loss, n_copies, dict(settings), env), seed)
 
     @classmethod
     def of(cls: type[ModelT], env: object, config: Config, hypers: Hypers, seed: int = 0) -> ModelT:

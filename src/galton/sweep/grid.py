@@ -12,7 +12,7 @@ import numpy as np
 from galton.errors import UsageError, require, require_integer
 from galton.losses import LOSSES
 from galton.sweep.study import Setting
-from galton.tasks import task_of
+from galton.tasks import settings_of, task_of
 
 
 def expand(blocks: Iterable[Mapping[str, object]], base: Mapping[str, object]) -> tuple[Setting, ...]:
@@ -41,8 +41,7 @@ def _axis(name: str, value: object) -> Sequence[object]:
 
 def task_defaults(env: str) -> dict[str, object]:
     """The settings of App. C.2 for a task, to put a grid upon."""
-    task = task_of(env)
-    return {"learning_rate": task.learning_rate, **task.config}
+    return settings_of(env)
 
 
 def paper_blocks(rates: Sequence[float], bins: Sequence[int], etas: Sequence[float]) -> list[dict[str, object]]:
