@@ -20,8 +20,8 @@ from tyro.constructors import (
     StructTypeInfo,
 )
 
-from galton.cli._words import nearest, options_of
-from galton.errors import UsageError
+from galton.cli._words import options_of
+from galton.errors import UsageError, did_you_mean
 from galton.types import Number
 
 OptionsT = TypeVar("OptionsT")
@@ -71,7 +71,7 @@ def _stray(word: str, options: type, name: str) -> str:
         return f"{word!r} is one argument too many; {help_}"
     typed, known = word.partition("=")[0], options_of(options)
     exact = known.get(typed.strip("-").replace("-", "_"), "")  # what functions call it
-    meant = f"; did you mean {exact}?" if exact.startswith("--") else nearest(typed, known.values())
+    meant = f"; did you mean {exact}?" if exact.startswith("--") else did_you_mean(typed, known.values())
     return f"{typed} is no option of `galton {name}`{meant or f'; {help_}'}"
 
 

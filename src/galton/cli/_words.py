@@ -1,13 +1,12 @@
-"""What the command line calls things: each argument by the option that fills it, and the nearest to a wrong word."""
+"""What the command line calls things: each argument by the option that fills it."""
 
 import contextlib
 import dataclasses
-import difflib
 import functools
 import importlib
 import re
-from collections.abc import Iterable, Iterator, Sequence
-from typing import Annotated, Any, get_args, get_origin, get_type_hints
+from collections.abc import Iterator, Sequence
+from typing import Annotated, get_args, get_origin, get_type_hints
 
 from galton.errors import UsageError
 
@@ -22,6 +21,13 @@ class Fills:
         self.arguments = arguments
 
 
+class Without:
+    """In the annotation of a record of options: its fields that are no options, since the command has its own."""
+
+    def __init__(self, *fields: str) -> None:
+        self.fields = fields
+
+
 @functools.cache
 def options_of(record: type) -> dict[str, str]:
     """The option that fills each argument: all fields of a record of options and of the records in it, as typed.
@@ -32,18 +38,17 @@ def options_of(record: type) -> dict[str, str]:
 
     placed = get_args(Positional[int])[1:]
     known: dict[str, str] = {}
-    inner: list[type] = []
+    inner: dict[str, str] = {}
     for name, hint in get_type_hints(record, include_extras=True).items():
         kind, *marks = get_args(hint) if get_origin(hint) is Annotated else (hint,)
         if dataclasses.is_dataclass(kind) or hasattr(kind, "_fields"):
-            inner.append(kind)
+            hidden = [field for mark in marks if isinstance(mark, Without) for field in mark.fields]
+            inner |= {field: option for field, option in options_of(kind).items() if field not in hidden}
             continue
         typed = name if any(mark in placed for mark in marks) else "--" + name.replace("_", "-")
         arguments = [argument for mark in marks if isinstance(mark, Fills) for argument in mark.arguments]
         known |= dict.fromkeys([name, *arguments], typed)
-    for kind in inner:
-        known = options_of(kind) | known
-    return known
+    return inner | known
 
 
 def resaid(message: str, record: type) -> str:
@@ -74,17 +79,8 @@ def in_its_words(record: type | None) -> Iterator[None]:
         raise
 
 
-def run(module: str, arguments: Sequence[str]) -> None:
+def run_command(module: str, arguments: Sequence[str]) -> None:
     """Run the command in that module: its `main`, whose errors are said in the words of its `Options`."""
     command = importlib.import_module(module)
     with in_its_words(vars(command).get("Options")):
         command.main(arguments)
-
-
-def nearest(word: str, choices: Iterable[str]) -> str:
-    """A question that names what was probably meant, to put behind a message; empty where nothing comes near."""
-    known = {choice.lower(): choice for choice in choices}
-    plain = word.lower().replace("_", "-")
-    initials = [name for name in known if "".join(part[0] for part in re.findall(r"[a-z]+", name)) == plain.strip("-")]
-    found: list[Any] = initials[:1] or difflib.get_close_matches(plain, known, n=1, cutoff=0.7)
-    return f"; did you mean {known[found[0]]}?" if found else ""

@@ -11,7 +11,8 @@ from rich.console import Console
 from galton.analysis.comparison import curves, learning_curves, summarise, verdicts
 from galton.analysis.plots import save
 from galton.cli._compare_view import table
-from galton.cli._options import AlgorithmName, EnvName, LossNames, TrainingOptions, command_line, folder_name, parse
+from galton.cli._options import AlgorithmName, EnvName, LossNames, command_line, folder_name
+from galton.cli._parsing import TrainingOptions, parse
 from galton.cli._progress import live_progress
 from galton.devices import use_all_cores
 from galton.envs.base import Environment

@@ -4,8 +4,8 @@ import importlib
 import signal
 import sys
 
-from galton.cli._words import run
-from galton.errors import BrokenEnvironmentError, CheckpointError, UsageError, require
+from galton.cli._words import run_command
+from galton.errors import BrokenEnvironmentError, CheckpointError, UsageError, unknown
 
 COMMANDS = {
     "train": "train one policy and keep it in a run folder",
@@ -49,8 +49,9 @@ def _run(name: str, arguments: list[str]) -> int:
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # so that it cleans up as Ctrl-C does
     sys.path.append("")  # a module of one's own in the current folder is found; it can't hide an installed one
     try:
-        require(name in COMMANDS, f"command is {name!r}; choose from {', '.join(COMMANDS)}")
-        run(f"galton.cli.{name}", arguments)
+        if name not in COMMANDS:
+            raise unknown("command", name, COMMANDS)
+        run_command(f"galton.cli.{name}", arguments)
     except tuple(EXIT_CODES) as error:
         print(f"galton: {error}", file=sys.stderr)
         return next(code for kind, code in EXIT_CODES.items() if isinstance(error, kind))

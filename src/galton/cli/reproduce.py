@@ -9,9 +9,8 @@ import tyro
 
 from galton.cli._carry import processes
 from galton.cli._reading import read_options
-from galton.cli._words import nearest
 from galton.cli.report import write
-from galton.errors import require
+from galton.errors import require, unknown
 from galton.paper import reproduce as paper
 from galton.paper.figure import FigureStudy
 from galton.paper.registry import FIGURES
@@ -81,7 +80,8 @@ def asked(what: Sequence[str]) -> tuple[list[Sweep], dict[str, FigureStudy]]:
     known = [*FIGURES, *TASKS, *GROUPS, "all"]
     require(len(what) > 0, f"what to reproduce is not said; choose from {', '.join(known)}")
     for word in what:
-        require(word in known, f"what is {word!r}{nearest(word, known)}; choose from {', '.join(known)}")
+        if word not in known:
+            raise unknown("what", word, known)
     if "all" not in what:
         figures = {word: FIGURES[word] for word in what if word in FIGURES}
         tasks = [task for word in what for task in GROUPS.get(word, (word,)) if task in TASKS]

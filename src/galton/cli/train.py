@@ -11,16 +11,8 @@ from pathlib import Path
 from rich.console import Console
 
 from galton import callbacks
-from galton.cli._options import (
-    AlgorithmName,
-    EnvName,
-    LossName,
-    Training,
-    TrainingOptions,
-    command_line,
-    folder_name,
-    parse,
-)
+from galton.cli._options import AlgorithmName, EnvName, LossName, Training, command_line, folder_name
+from galton.cli._parsing import TrainingOptions, parse
 from galton.cli._progress import OnLog, live_progress
 from galton.devices import use_all_cores
 from galton.envs.base import Environment

@@ -10,7 +10,7 @@ from galton.envs.host.answers import shown
 from galton.envs.host.base import HostTask
 from galton.envs.host.gymnasium import GymnasiumTask
 from galton.envs.host.vector import VectorTask, is_sb3
-from galton.errors import UsageError, require
+from galton.errors import UsageError, did_you_mean, require
 
 
 def find(env: object, **kwargs: object) -> Environment | HostTask:
@@ -52,7 +52,8 @@ def _find_by_name(name: str, kwargs: Mapping[str, object]) -> Environment | Host
     except UsageError as error:
         if isinstance(error.__cause__, gymnasium.error.UnregisteredEnv):
             known = f"Gymnasium knows no environment of that name, and Galton's own are {', '.join(registry.ENVS)}"
-            raise UsageError(f"environment is {name!r}; {known}. {error.__cause__}") from error
+            meant = did_you_mean(name, registry.ENVS)
+            raise UsageError(f"environment is {name!r}; {known}. {error.__cause__}{meant}") from error
         raise
 
 

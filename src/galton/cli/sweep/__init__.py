@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from galton.cli._words import run
+from galton.cli._words import run_command
 
 SMALLER = ("status", "results", "shard", "rerun")
 """The commands that work on a sweep which was planned; like `run`, each is a module here."""
@@ -12,4 +12,4 @@ def main(arguments: Sequence[str]) -> None:
     """Plan a sweep and train it, or do what one of the smaller commands does."""
     smaller = bool(arguments) and arguments[0] in SMALLER
     name, rest = (arguments[0], arguments[1:]) if smaller else ("run", arguments)
-    run(f"{__name__}.{name}", rest)
+    run_command(f"{__name__}.{name}", rest)

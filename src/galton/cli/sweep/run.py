@@ -7,7 +7,8 @@ from typing import Annotated
 
 import tyro
 
-from galton.cli._options import AlgorithmName, EnvName, Training, TrainingOptions, folder_name, parse
+from galton.cli._options import AlgorithmName, EnvName, Training, folder_name
+from galton.cli._parsing import TrainingOptions, parse
 from galton.cli.sweep._folder import conclude
 from galton.cli.sweep._workers import Workers, go_with
 from galton.errors import require, require_integer
