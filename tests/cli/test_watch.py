@@ -148,6 +148,12 @@ def test_settings_that_can_not_be_read_are_not_passed_over_where_something_is_wa
         film(run, "--env", "Watched-v0")
 
 
+@pytest.mark.parametrize("name", ["nowhere", "x" * 300, "a/" * 3000, ""])
+def test_a_run_that_is_not_there_is_named(name):
+    with pytest.raises(UsageError, match=r"^(run|path) is "):
+        watch.main([name])
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

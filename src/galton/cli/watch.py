@@ -53,7 +53,7 @@ def main(arguments: Sequence[str]) -> None:
     require_integer("max_steps", options.max_steps, 1)
     for seed in (options.seed, options.seed + options.episodes - 1):
         check_seed(seed)
-    file = options.run / MODEL if options.run.is_dir() else options.run
+    file = _model_of(options.run)
     out = options.out or file.with_name("video.mp4")
     require(out.suffix in (".mp4", ".gif"), f"out is {out}; its name must end in .mp4 or .gif")
     model = Model.load(file)
@@ -69,6 +69,14 @@ def main(arguments: Sequence[str]) -> None:
     film.write(out, frames, fps)
     told = ", ".join(f"{value:,.2f}" for value in returns)
     print(f"return {told} in {len(frames)} frames\nvideo: {out}")
+
+
+def _model_of(run: Path) -> Path:
+    """The model's file in a run folder, or the file that was named."""
+    try:
+        return run / MODEL if run.is_dir() else run
+    except OSError as error:
+        raise UsageError(f"run is {run}, which can't be read: {error.strerror}") from None
 
 
 def _environment(options: Options, file: Path) -> tuple[str, dict[str, object]]:

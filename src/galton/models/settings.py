@@ -7,7 +7,7 @@ from typing import Literal, TypedDict
 import numpy as np
 
 from galton.algorithms import ALGORITHMS, Algorithm
-from galton.errors import require
+from galton.errors import did_you_mean, require
 from galton.records import Fields, defaults
 from galton.tasks import settings_of
 from galton.types import Config, Hypers, check_hypers
@@ -68,6 +68,7 @@ def split(algorithm: Algorithm, loss: str, n_envs: int, settings: Fields, env: o
         if name not in known:
             raise TypeError(
                 f"{algorithm.label}() got an unexpected keyword argument {name!r}; it takes {', '.join(known)}"
+                f"{did_you_mean(name, known)}"
             )
     given = known | settings
     require(isinstance(loss, str), f"loss is {loss!r}; it must be a key of LOSSES")
