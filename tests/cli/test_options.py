@@ -129,6 +129,9 @@ def test_every_integer_option_is_read_alike():
         (("--onr", "1"), "--onr is no option of `galton test`; did you mean --one?"),
         (("--verbose=2",), "--verbose is no option of `galton test`; `galton test --help` lists the options"),
         (("extra",), "'extra' is one argument too many"),
+        (("--some", "64,64"), "--some: '64,64' is no integer; write it like"),
+        (("--one", "2", "false"), "'false' is one argument too many; a switch stands alone"),
+        (("--onr", "1", "--one"), "--onr is no option of `galton test`; did you mean --one?"),
     ],
 )
 def test_what_can_not_be_read_is_one_sentence(arguments, message):

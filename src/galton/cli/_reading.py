@@ -56,7 +56,9 @@ def read_options(
         cause = exit_.__context__
         while cause and not isinstance(cause, UsageError):
             cause = cause.__context__
-        raise cause or UsageError(_in_a_line(said.getvalue(), name)) from None
+        odd = [word for word in arguments if word.startswith("--") and not _is_known(word, options)]
+        told = _stray(odd[0], options, name) if odd else _in_a_line(said.getvalue(), name)
+        raise cause or UsageError(told) from None
     sys.stderr.write(said.getvalue())
     if unknown:
         raise UsageError(_stray(unknown[0], options, name))
@@ -64,14 +66,24 @@ def read_options(
     return found
 
 
+def _is_known(word: str, options: type) -> bool:
+    """Whether a word is an option, or the opposite of one."""
+    typed = word.partition("=")[0].replace("_", "-")
+    return {typed, typed.replace("--no-", "--", 1)} & {*options_of(options).values(), "--help", "--"} != set()
+
+
 def _stray(word: str, options: type, name: str) -> str:
     """What to say of a word that is no option and has no place."""
     help_ = f"`galton {name} --help` lists the options"
+    if word.lower() in ("true", "false", "0", "1", "yes", "no"):
+        return f"{word!r} is one argument too many; a switch stands alone, as --resume or --no-resume; {help_}"
     if not word.startswith("-"):
         return f"{word!r} is one argument too many; {help_}"
     typed, known = word.partition("=")[0], options_of(options)
     exact = known.get(typed.strip("-").replace("-", "_"), "")  # what functions call it
-    meant = f"; did you mean {exact}?" if exact.startswith("--") else did_you_mean(typed, known.values())
+    if exact and not exact.startswith("--"):
+        return f"{typed} is no option of `galton {name}`; its value has a place of its own, without a name; {help_}"
+    meant = f"; did you mean {exact}?" if exact else did_you_mean(typed, known.values())
     return f"{typed} is no option of `galton {name}`{meant or f'; {help_}'}"
 
 
@@ -103,6 +115,21 @@ def _integer(info: PrimitiveTypeInfo) -> PrimitiveConstructorSpec[int] | None:
         instance_from_str=lambda words: integer(words[0]),
         is_instance=lambda value: isinstance(value, int),
         str_from_instance=lambda value: [str(value)],
+    )
+
+
+@REGISTRY.primitive_rule
+def _integers(info: PrimitiveTypeInfo) -> PrimitiveConstructorSpec[tuple[int, ...]] | None:
+    """Several integers stand apart by spaces; the message of the one that is none is what is told."""
+    kind, *rest = get_args(info.type) or (None,)
+    if get_origin(info.type) is not tuple or rest != [...] or (getattr(kind, "__origin__", kind) is not int):
+        return None
+    return PrimitiveConstructorSpec(
+        nargs="*",
+        metavar="[INT [INT ...]]",
+        instance_from_str=lambda words: tuple(map(integer, words)),
+        is_instance=lambda value: isinstance(value, tuple),
+        str_from_instance=lambda value: [str(entry) for entry in value],
     )
 
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from galton.errors import UsageError, require, require_integer
+from galton.errors import UsageError, did_you_mean, require, require_integer
 from galton.losses import LOSSES
 from galton.sweep.study import Setting
 from galton.tasks import settings_of, task_of
@@ -89,7 +89,8 @@ def read_grid(path: Path, base: Mapping[str, object]) -> tuple[Setting, ...]:
     try:
         record = tomllib.loads(path.read_text())
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise UsageError(f"grid is {str(path)!r}, which can't be read as TOML: {error}") from None
+        meant = did_you_mean(path, GRIDS)
+        raise UsageError(f"grid is {str(path)!r}, which can't be read as TOML: {error}{meant}") from None
     blocks = record.get("grid")
     right = set(record) == {"grid"} and isinstance(blocks, list) and all(isinstance(b, dict) for b in blocks)
     require(right and bool(blocks), f"grid is {str(path)!r}; it must hold one or more [[grid]] tables and nothing else")

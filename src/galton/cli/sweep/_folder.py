@@ -1,6 +1,7 @@
 """The folder of a sweep that was planned: what it holds, and how a command ends that has trained there."""
 
 import dataclasses
+from typing import Annotated
 
 import tyro
 from rich.console import Console
@@ -16,7 +17,7 @@ from galton.sweep.study import import_all
 class Folder:
     """A sweep that was planned."""
 
-    out: tyro.conf.Positional[str]
+    out: tyro.conf.Positional[Annotated[str, tyro.conf.arg(metavar="DIR")]]
     """Its folder, or the address that fsspec opens."""
 
 
