@@ -13,7 +13,7 @@ import pytest
 import tyro
 
 from galton import Config, Hypers, UsageError
-from galton.cli import _reading
+from galton.cli import _reading, _registry
 from galton.cli._options import folder_name
 from galton.types import Number
 
@@ -29,7 +29,7 @@ class Grown(NamedTuple):
 
 
 def read(*arguments):
-    return tyro.cli(Grown, args=list(arguments), registry=_reading.REGISTRY)
+    return tyro.cli(Grown, args=list(arguments), registry=_registry.REGISTRY)
 
 
 def test_a_field_that_is_added_is_an_option_of_one_number():
@@ -88,14 +88,14 @@ def test_the_tasks_settings_are_the_defaults():
     ],
 )
 def test_an_integer_may_be_written_as_people_write_it(text, number):
-    found = _reading.integer(text)
+    found = _registry.integer(text)
     assert (found, type(found)) == (number, int)
 
 
 @pytest.mark.parametrize("text", ["1.5", "1e-3", "five", "", " ", "1,000", "inf", "nan", "-inf", "1e999999999", "0x10"])
 def test_what_is_no_integer_is_refused_at_once(text):
     with pytest.raises(ValueError, match=re.escape(f"{text!r} is no integer; write it like 100000, 100_000 or 1e5")):
-        _reading.integer(text)
+        _registry.integer(text)
 
 
 @dataclasses.dataclass(frozen=True)

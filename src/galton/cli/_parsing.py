@@ -10,7 +10,8 @@ from tyro.constructors import ConstructorRegistry, StructConstructorSpec, Struct
 
 from galton.algorithms import ALGORITHMS
 from galton.cli._options import Training
-from galton.cli._reading import REGISTRY, read_options
+from galton.cli._reading import read_options
+from galton.cli._registry import REGISTRY
 from galton.cli._words import Without
 from galton.errors import UsageError
 from galton.policies import POLICIES
