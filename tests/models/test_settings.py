@@ -110,5 +110,5 @@ def test_numbers_of_numpy_are_saved_and_wrong_types_are_named_where_annotations_
 
 
 def test_a_misspelt_setting_is_told_which_was_probably_meant():
-    with pytest.raises(TypeError, match=r"unexpected keyword argument 'learning_rat'; .*; did you mean learning_rate\?$"):
+    with pytest.raises(TypeError, match=r"argument 'learning_rat'; .*; did you mean learning_rate\?$"):
         A2C("lqr", learning_rat=0.1)
