@@ -50,40 +50,73 @@ def test_a_commands_help_lists_losses_and_environments(command):
 WRONG = [
     (["frobnicate"], "command is 'frobnicate'; choose from train, compare, sweep, watch"),
     (["compare", "cartpole"], "environment is 'cartpole'; Gymnasium knows no environment of that name"),
-    (["train", "lqr", "--loss", "mse"], "loss is 'mse'; choose from gaussian"),
-    (["compare", "lqr", "--losses", "gaussian", "mse"], "loss is 'mse'; choose from gaussian"),
+    (["train", "lqr", "--loss", "mse"], "--loss is 'mse'; choose from gaussian"),
+    (["compare", "lqr", "--losses", "gaussian", "mse"], "--losses is 'mse'; choose from gaussian"),
     (
         ["compare", "lqr", "--losses", "gaussian", "gaussian"],
-        "losses is ('gaussian', 'gaussian'); name each loss once",
+        "--losses is ('gaussian', 'gaussian'); name each loss once",
     ),
-    (["sweep", "lqr", "--grid", "papers"], "grid is 'papers', which can't be read as TOML"),
-    (["sweep", "lqr", "--shard-width", "0"], "shard_width is 0; it must be an integer of at least 1"),
-    (["sweep", "lqr", "--trials", "0"], "trials is 0; it must be an integer of at least 1"),
-    (["sweep", "lqr", "--workers", "0"], "workers is 0; it must be an integer of at least 1"),
-    (["sweep", "lqr", "--imports", "no_such_module"], "imports names 'no_such_module', which can't be imported"),
-    (["sweep", "lqr", "--tls", "keys"], "tls is keys; it goes with a scheduler or a cluster"),
-    (["sweep", "lqr", "--jobs", "3"], "jobs is 3; it goes with a cluster"),
+    (["sweep", "lqr", "--grid", "papers"], "--grid is 'papers', which can't be read as TOML"),
+    (["sweep", "lqr", "--shard-width", "0"], "--shard-width is 0; it must be an integer of at least 1"),
+    (["sweep", "lqr", "--trials", "0"], "--trials is 0; it must be an integer of at least 1"),
+    (["sweep", "lqr", "--workers", "0"], "--workers is 0; it must be an integer of at least 1"),
+    (["sweep", "lqr", "--imports", "no_such_module"], "--imports names 'no_such_module', which can't be imported"),
+    (["sweep", "lqr", "--tls", "keys"], "--tls is keys; it goes with a scheduler or a cluster"),
+    (["sweep", "lqr", "--jobs", "3"], "--jobs is 3; it goes with a cluster"),
     (
         ["sweep", "lqr", "--scheduler", "tcp://h:1", "--walltime", "1:00:00"],
-        "walltime is 1:00:00; it goes with a cluster",
+        "--walltime is 1:00:00; it goes with a cluster",
     ),
-    (["sweep", "lqr", "--directives", "x=1"], "directives is ('x=1',); it goes with a cluster"),
-    (["sweep", "lqr", "--n-settings", "4"], "n_settings is 4; it goes with grid 'random' or 'optuna'"),
-    (["sweep", "lqr", "--grid", "random", "--batch", "2"], "batch is 2; it goes with grid 'optuna'"),
-    (["sweep", "lqr", "--scheduler", "tcp://h:1", "--workers", "2"], "workers is 2; it goes with processes here"),
-    (["sweep", "lqr", "--gpus", "1", "--workers", "2"], "workers is 2; it goes with processes here"),
-    (["sweep", "lqr", "--cluster", "pbs", "--gpus", "1"], "gpus is 1; it goes with processes here"),
-    (["sweep", "lqr", "--cluster", "slurm", "--walltime", "1h"], "walltime is '1h'; write 12:00:00"),
-    (["sweep", "lqr", "--out", "nonsense://x"], "out is 'nonsense://x', which can't be opened"),
+    (["sweep", "lqr", "--directives", "x=1"], "--directives is ('x=1',); it goes with a cluster"),
+    (["sweep", "lqr", "--n-settings", "4"], "--n-settings is 4; it goes with grid 'random' or 'optuna'"),
+    (["sweep", "lqr", "--grid", "random", "--batch", "2"], "--batch is 2; it goes with grid 'optuna'"),
+    (["sweep", "lqr", "--scheduler", "tcp://h:1", "--workers", "2"], "--workers is 2; it goes with processes here"),
+    (["sweep", "lqr", "--gpus", "1", "--workers", "2"], "--workers is 2; it goes with processes here"),
+    (["sweep", "lqr", "--cluster", "pbs", "--gpus", "1"], "--gpus is 1; it goes with processes here"),
+    (["sweep", "lqr", "--cluster", "slurm", "--walltime", "1h"], "--walltime is '1h'; write 12:00:00"),
+    (["sweep", "lqr", "--out", "nonsense://x"], "--out is 'nonsense://x', which can't be opened"),
     (["sweep", "status", "nowhere"], "out is nowhere, which holds no sweep; start one with: galton sweep ENV"),
-    (["train", "lqr", "--eta", "0"], "eta is 0.0; it must be greater than 0"),
-    (["compare", "lqr", "--eta", "-0.5"], "eta is -0.5; it must be greater than 0"),
-    (["train", "lqr", "--n-bins", "1"], "n_bins is 1; it must be an integer of at least 2"),
-    (["compare", "lqr", "--seeds", "0"], "seeds is 0; it must be an integer of at least 1"),
-    (["compare", "lqr", "--steps", "0"], "total_timesteps is 0"),
-    (["compare", "lqr", "--env-kwargs", "{"], "env_kwargs is '{', which is not JSON"),
+    (["train", "lqr", "--eta", "0"], "--eta is 0.0; it must be greater than 0"),
+    (["compare", "lqr", "--eta", "-0.5"], "--eta is -0.5; it must be greater than 0"),
+    (["train", "lqr", "--n-bins", "1"], "--n-bins is 1; it must be an integer of at least 2"),
+    (["compare", "lqr", "--seeds", "0"], "--seeds is 0; it must be an integer of at least 1"),
+    (["compare", "lqr", "--steps", "0"], "--steps is 0; it must be an integer of at least 1"),
+    (["compare", "lqr", "--env-kwargs", "{"], "--env-kwargs is '{', which is not JSON"),
     (["compare", "lqr", "--env-kwargs", '{"noise_std": "x"}'], "lqr can't be made with {'noise_std': 'x'}"),
     (["compare", "lqr", "--env-kwargs", '{"mass": 1}'], "lqr has no constant 'mass'; it has A, B, Q, R"),
+    (["trian"], "command is 'trian'; choose from train, compare, sweep, watch, reproduce, report; did you mean train?"),
+    (["train", "bandit", "--logs", "0"], "--logs is 0; it must be an integer of at least 1"),
+    (["train", "bandit", "--eval-episodes", "-1"], "--eval-episodes is -1; it must be an integer of at least 0"),
+    (["train", "bandit", "--save-every", "0"], "--save-every is 0; it must be at least 1"),
+    (["train", "bandit", "--learning-rate", "-1"], "--learning-rate is -1.0; it must be"),
+    (["train", "bandit", "--steps", "1e10"], "--steps is 10000000000; one run counts up to 2³¹ − 1 steps"),
+    (["train", "bandit", "--steps", "1.5"], "--steps: '1.5' is no integer; write it like 100000, 100_000 or 1e5"),
+    (["sweep", "bandit", "--workers", "two"], "--workers: 'two' is no integer"),
+    (["train", "bandit", "--lr", "1"], "--lr is no option of `galton train`; did you mean --learning-rate?"),
+    (
+        ["train", "bandit", "--total-timesteps", "9"],
+        "--total-timesteps is no option of `galton train`; did you mean",
+    ),
+    (["train", "--env", "Pendulum-v1"], "--env is no option of `galton train`; its value has a place of its own"),
+    (["train", "--env-id", "Pendulum-v1", "--lr", "1"], "--env-id is no option of `galton train`"),
+    (["train", "bandit", "--normalize-reward", "false"], "'false' is one argument too many; a switch stands alone"),
+    (["train", "bandit", "--net-arch", "64,64"], "--net-arch: '64,64' is no integer"),
+    (["sweep", "lqr", "--grid", "papr"], "--grid is 'papr', which can't be read as TOML: [Errno 2] No such file or"),
+    (["sweep", "status"], "Missing from galton sweep status: DIR Its folder"),
+    (["train", "bandit", "lqr"], "'lqr' is one argument too many; `galton train --help` lists the options"),
+    (["compare"], "Missing from galton compare: ENV one of bandit, lqr"),
+    (["train", "bandit", "--ratio", "x"], "invalid choice 'x' for argument '--ratio'"),
+    (["train", "mountaincar"], "environment is 'mountaincar'; Gymnasium knows no environment of that name"),
+    (
+        ["train", "lqr", "--loss", "hlgauss"],
+        "--loss is 'hlgauss'; choose from gaussian, hl-one-hot, hl-gauss",
+    ),
+    (["train", "lqr", "--algorithm", "A2C"], "--algorithm is 'A2C'; choose from a2c, ppo; did you mean a2c?"),
+    (["reproduce"], "what to reproduce is not said; choose from figure-1, figure-2"),
+    (["reproduce", "--budget", "small"], "what to reproduce is not said"),
+    (["reproduce", "figure3"], "what is 'figure3'; choose from figure-1, figure-2"),
+    (["watch", "nowhere", "--seed", "-1"], "--seed is -1; it must be an integer of at least 0"),
+    (["watch", "nowhere", "--seed", "4294967295", "--episodes", "2"], "--seed is 4294967296; it must be less than 2³²"),
 ]
 
 MANY = """
@@ -123,7 +156,7 @@ def test_a_wrong_argument_gives_one_clear_line_and_code_2(index, complaints):
 def test_a_wrong_argument_in_a_process_of_its_own(tmp_path):
     done = galton("train", "lqr", "--loss", "mse", cwd=tmp_path)
     assert (done.returncode, done.stderr.count("\n"), done.stdout) == (2, 1, "")
-    assert done.stderr.startswith("galton: loss is 'mse'; choose from gaussian")
+    assert done.stderr.startswith("galton: --loss is 'mse'; choose from gaussian")
 
 
 def test_gymnasium_ids_are_taken_and_what_they_cant_do_is_said(tmp_path):
@@ -236,7 +269,7 @@ def test_an_earlier_run_stays_until_the_new_one_has_learnt_something(tmp_path):
     before = content(out)
     options = ["--overwrite", "--out", out, "--eval-episodes", "0", "--n-bins", "10"]
     for code, words, arguments in (
-        (2, "total_timesteps is 99999999999; one run counts up to", ["bandit", "--steps", "99999999999"]),
+        (2, "--steps is 99999999999; one run counts up to", ["bandit", "--steps", "99999999999"]),
         (1, "on purpose", ["failing:Failing-v0", "--env-kwargs", '{"after": 5}', "--steps", "400"]),
     ):
         done = galton("train", *arguments, *options, cwd=tmp_path)

@@ -1,8 +1,13 @@
 import gymnasium
 import pytest
 
-from galton.envs import ENVS
+from galton import A2C, ALGORITHMS, PPO, Hypers
+from galton.cli._options import Training
+from galton.envs import ENVS, Bandit
 from galton.envs.find import find
+from galton.models import Model
+from galton.sweep.grid import task_defaults
+from galton.sweep.study import Setting
 from galton.tasks import TASKS, task_of
 
 
@@ -29,3 +34,37 @@ def test_any_other_environment_has_the_papers_usual_settings_and_few_evaluations
         7e-4,
     )
     assert (other.n_logs, other.n_eval_episodes, other.config) == (50, 2, {})
+
+
+NAMES = ["bandit", "galton/Bandit-v0", "lqr", "galton/LQR-v0", "mountain-car", "acrobot", "Pendulum-v1"]
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("algorithm", ALGORITHMS)
+def test_one_name_is_one_experiment_for_models_and_for_commands(name, algorithm):
+    command, model = Training.of_task(name, algorithm), Model(name, algorithm=algorithm)
+    assert (command.config, command.hypers) == (model.config, model.hypers)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_grid_begins_with_the_same_settings(name):
+    setting, model = Setting.of_record(task_defaults(name)), Model(name)
+    assert (setting.config, setting.hypers) == (model.config, model.hypers)
+
+
+@pytest.mark.parametrize("name", ["bandit", "galton/Bandit-v0"])
+def test_the_bandit_by_its_name_has_the_papers_settings_and_what_is_told_goes_before_them(name):
+    model = A2C(name)
+    assert (model.hypers.learning_rate, model.config.n_steps, model.config.net_arch) == (0.05, 5, ())
+    told = A2C(name, learning_rate=0.1, net_arch=(8,))
+    assert (told.hypers.learning_rate, told.config.n_steps, told.config.net_arch) == (0.1, 5, (8,))
+
+
+def test_an_algorithms_own_defaults_go_before_the_tasks():
+    model = PPO("bandit")
+    assert (model.hypers.learning_rate, model.config.n_steps, model.config.net_arch) == (3e-4, 2048, ())
+
+
+def test_an_environment_that_is_there_has_no_name_and_the_usual_settings():
+    model = A2C(Bandit())
+    assert (model.hypers, model.config.n_steps, model.config.net_arch) == (Hypers(), 20, (64, 64))

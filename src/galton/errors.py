@@ -1,5 +1,9 @@
 """What goes wrong, by whose fault: an argument's, an environment's, a file's, or training's own."""
 
+import difflib
+import re
+from collections.abc import Iterable
+
 import numpy as np
 
 
@@ -38,3 +42,18 @@ def require(condition: bool | np.bool, message: str) -> None:
     """Raise UsageError with this message unless the condition holds."""
     if not condition:
         raise UsageError(message)
+
+
+def unknown(name: str, value: object, choices: Iterable[str]) -> UsageError:
+    """The error for a word that is none of the choices; it lists them, and says which one was probably meant."""
+    choices = tuple(choices)
+    return UsageError(f"{name} is {value!r}; choose from {', '.join(choices)}{did_you_mean(value, choices)}")
+
+
+def did_you_mean(word: object, choices: Iterable[str]) -> str:
+    """A question for the end of a message, by likeness or initials; empty where nothing comes near."""
+    known = {choice.strip("-").lower(): choice for choice in choices}
+    plain = str(word).strip("-").lower().replace("_", "-")
+    initials = [name for name in known if "".join(re.findall(r"\b[a-z]", name)) == plain]
+    alike = initials or difflib.get_close_matches(plain, known, n=1, cutoff=0.65)
+    return f"; did you mean {known[alike[0]]}?" if alike else ""

@@ -13,7 +13,7 @@ from jax.nn import log_softmax
 from jaxtyping import Array, Float
 
 from galton import targets
-from galton.errors import UsageError
+from galton.errors import unknown
 from galton.policies.base import Distribution, Family
 from galton.policies.histogram import Histogram
 from galton.targets import Eta
@@ -145,5 +145,5 @@ LOSSES = {
 def find_loss(name: str) -> Loss:
     """The entry of that name; UsageError lists the names if there is none."""
     if name not in LOSSES:
-        raise UsageError(f"loss is {name!r}; choose from {', '.join(LOSSES)}")
+        raise unknown("loss", name, LOSSES)
     return LOSSES[name]

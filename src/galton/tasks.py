@@ -59,6 +59,17 @@ TASKS = {
 """By the names that `galton reproduce` takes, in the order of the paper's figures."""
 
 
+def settings_of(env: object) -> dict[str, object]:
+    """The fields of Config and Hypers that suit an environment that is called by its name, or nothing where it isn't.
+
+    Commands, models and grids all begin with them, so that one name means one experiment everywhere.
+    """
+    if not isinstance(env, str):
+        return {}
+    task = task_of(env)
+    return {"learning_rate": task.learning_rate, **task.config}
+
+
 def task_of(env: str) -> Task:
     """The task on that environment, by either of its names; for any other environment the paper's usual settings."""
     env = find_task(env)[0] if is_known(env) else env

@@ -3,15 +3,18 @@
 import dataclasses
 import json
 import math
+import re
 import subprocess
 import sys
+from pathlib import Path
 from typing import NamedTuple
 
 import pytest
 import tyro
 
-from galton import Config, Hypers
-from galton.cli import _options
+from galton import Config, Hypers, UsageError
+from galton.cli import _reading, _registry
+from galton.cli._options import folder_name
 from galton.types import Number
 
 
@@ -26,7 +29,7 @@ class Grown(NamedTuple):
 
 
 def read(*arguments):
-    return tyro.cli(Grown, args=list(arguments), registry=_options._REGISTRY)
+    return tyro.cli(Grown, args=list(arguments), registry=_registry.REGISTRY)
 
 
 def test_a_field_that_is_added_is_an_option_of_one_number():
@@ -46,7 +49,7 @@ def test_its_docstring_is_the_help(capsys):
 def parsed(*arguments):
     """What `galton train` makes of its arguments, in a process without the tests' checks of types."""
     script = (
-        "import dataclasses, json, sys; from galton.cli._options import parse; from galton.cli.train import "
+        "import dataclasses, json, sys; from galton.cli._parsing import parse; from galton.cli.train import "
         "Options; options = parse(Options, 'train', sys.argv[1:]); kinds = [type(x).__name__ for x in "
         "(options.training.config, options.training.hypers)]; print(json.dumps([dataclasses.asdict(options), kinds]))"
     )
@@ -67,3 +70,137 @@ def test_the_tasks_settings_are_the_defaults():
     assert training["steps"] == 2_000
     assert (training["config"]["n_steps"], training["config"]["net_arch"]) == (6, [])
     assert training["hypers"][0] == 0.05
+
+
+@pytest.mark.parametrize(
+    ("text", "number"),
+    [
+        ("1e5", 100_000),
+        ("100_000", 100_000),
+        ("1_000", 1_000),
+        ("2E3", 2_000),
+        ("1.5e3", 1_500),
+        ("12.0", 12),
+        ("-1", -1),
+        ("+7", 7),
+        ("0", 0),
+        ("1e10", 10**10),
+    ],
+)
+def test_an_integer_may_be_written_as_people_write_it(text, number):
+    found = _registry.integer(text)
+    assert (found, type(found)) == (number, int)
+
+
+@pytest.mark.parametrize("text", ["1.5", "1e-3", "five", "", " ", "1,000", "inf", "nan", "-inf", "1e999999999", "0x10"])
+def test_what_is_no_integer_is_refused_at_once(text):
+    with pytest.raises(ValueError, match=re.escape(f"{text!r} is no integer; write it like 100000, 100_000 or 1e5")):
+        _registry.integer(text)
+
+
+@dataclasses.dataclass(frozen=True)
+class Numbers:
+    """Every kind of option that holds integers."""
+
+    one: int = 1
+    some: tuple[int, ...] = ()
+    perhaps: int | None = None
+    file: Path | None = None
+    """Where it
+    goes."""
+
+
+def read_numbers(*arguments):
+    return _reading.read_options(Numbers, "test", arguments)
+
+
+def test_every_integer_option_is_read_alike():
+    assert read_numbers("--one", "1e2", "--some", "1e1", "2_0", "--perhaps", "3e0") == Numbers(100, (10, 20), 3)
+    assert read_numbers() == Numbers()
+    assert read_numbers("--perhaps", "4", "--file", "None").file == Path("None")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("--one", "1.5"), "--one: '1.5' is no integer; write it like 100000, 100_000 or 1e5"),
+        (("--perhaps", "x"), "--perhaps: 'x' is no integer"),
+        (("--one",), "Missing value for argument '--one'"),
+        (("--onr", "1"), "--onr is no option of `galton test`; did you mean --one?"),
+        (("--verbose=2",), "--verbose is no option of `galton test`; `galton test --help` lists the options"),
+        (("extra",), "'extra' is one argument too many"),
+        (("--some", "64,64"), "--some: '64,64' is no integer; write it like"),
+        (("--one", "2", "false"), "'false' is one argument too many; a switch stands alone"),
+        (("--onr", "1", "--one"), "--onr is no option of `galton test`; did you mean --one?"),
+    ],
+)
+def test_what_can_not_be_read_is_one_sentence(arguments, message):
+    with pytest.raises(UsageError) as caught:
+        read_numbers(*arguments)
+    assert str(caught.value).startswith(message)
+    assert "\n" not in str(caught.value)
+    assert "│" not in str(caught.value)
+
+
+def test_help_shows_no_none_and_whole_sentences(capsys):
+    with pytest.raises(SystemExit) as left:
+        read_numbers("--help")
+    assert left.value.code == 0
+    told = capsys.readouterr().out
+    assert "--file PATH" in told
+    assert "Where it goes." in told
+    assert "None" not in told
+    assert "default: )" not in told
+    assert "--one INT" in told
+    assert "(default: 1)" in told
+
+
+def test_help_has_the_defaults_of_the_task_and_the_algorithm_and_what_matters_first():
+    script = "from galton.cli.sweep.run import main; main(['bandit', '--algorithm', 'ppo', '--help'])"
+    told = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True).stdout
+    told = re.sub(r"[\s│]+", " ", told)
+    assert "--n-steps INT Steps per environment and update. (default: 2048)" in told
+    assert "at the start of training. (default: 0.0003)" in told
+    assert "--steps INT Environment steps per run. (default: 2000)" in told
+    order = ["--grid", "--trials", "--workers INT", "--steps INT", "--learning-rate", "--n-epochs", "--net-arch"]
+    places = [told.index(f" {option}") for option in order]
+    assert places == sorted(places)
+
+
+@pytest.mark.parametrize("name", ["lqr", "galton/LQR-v0"])
+def test_a_folder_is_called_after_the_task(name):
+    assert folder_name(name, "a2c") == "lqr"
+    assert folder_name(name, "ppo") == "lqr-ppo"
+
+
+ODD_IDS = [  # whatever a Gymnasium id could hold, and more
+    *(
+        "x" * 300 + "-v0",
+        "ü" * 300,
+        "a/b-v1",
+        "../../etc-v0",
+        "..",
+        ".",
+        "/",
+        "a b\nc",
+        "m:Id-v0",
+        "🎲" * 90 + "-v0",
+        "~",
+        "",
+    ),
+    *("a\x00b", "CON", "-rf", "\udc80-v0"),
+]
+
+
+@pytest.mark.parametrize("name", ODD_IDS, ids=ascii)
+def test_the_folder_of_an_odd_id_is_one_of_its_own_that_a_disk_can_hold(name, tmp_path):
+    whole = f"{folder_name(name, 'ppo')}-hl-gauss-centred-4294967295"
+    out = tmp_path / f".{whole}.galton-12345678"
+    out.mkdir()
+    assert list(tmp_path.iterdir()) == [out]
+    assert len(out.name.encode()) <= 200
+
+
+def test_two_long_ids_have_two_folders():
+    assert folder_name("x" * 300 + "-v0", "a2c") != folder_name("x" * 300 + "-v1", "a2c")
+    assert folder_name("Pendulum-v1", "a2c") == "Pendulum-v1"

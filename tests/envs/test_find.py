@@ -91,7 +91,16 @@ ODD_SOURCES = {
     "discrete actions": (Discretes(), r"Discretes has actions Discrete\(2\); .*needs a Box"),
     "an action space that raises": (Failing, "Failing's action_space raised NotImplementedError: which actions"),
     "an unknown id": ("Wolk-v0", "environment is 'Wolk-v0'; Gymnasium knows no environment of that name"),
-    "an id in small letters": ("pendulum-v1", "environment is 'pendulum-v1'; .*Did you mean: `Pendulum`"),
+    "an id in small letters": ("pendulum-v1", r"environment is 'pendulum-v1'; .*; did you mean Pendulum-v1\?$"),
+    "an id without its version": ("halfcheeta", r"environment is 'halfcheeta'; .*; did you mean HalfCheetah-v\d\?$"),
+    "a name of ours, nearly": (
+        "mountaincar",
+        r"environment is 'mountaincar'; .*; did you mean mountain-car\?$",
+    ),
+    "an id of one's own": (
+        "My-v0",
+        r".*; one that a module of yours registers is module:Id\. [^;]*$",
+    ),
     "an unknown namespace": ("nowhere/Walk-v0", "environment is 'nowhere/Walk-v0'; Gymnasium knows no"),
     "an unknown module": ("nomodule:Walk-v0", "environment is 'nomodule:Walk-v0', .*: ModuleNotFoundError"),
     "an unknown version": ("Pendulum-v99", "environment is 'Pendulum-v99'; .* provides versioned environments: .*v1"),

@@ -124,3 +124,8 @@ def test_numbers_of_numpy_are_saved_and_wrong_types_are_named_where_annotations_
     command = [sys.executable, "-W", "error", "-c", WRONG_TYPES, str(tmp_path / "model")]
     done = subprocess.run(command, capture_output=True, text=True)
     assert (done.stdout, done.stderr) == ("", "")
+
+
+def test_a_misspelt_setting_is_told_which_was_probably_meant():
+    with pytest.raises(TypeError, match=r"argument 'learning_rat'; .*; did you mean learning_rate\?$"):
+        A2C("lqr", learning_rat=0.1)

@@ -8,7 +8,7 @@ from jaxtyping import Float
 
 from galton.algorithms import a2c, ppo
 from galton.algorithms.base import Agent, Algorithm, Scalars
-from galton.errors import UsageError, require
+from galton.errors import UsageError, require, unknown
 from galton.losses import find_loss
 from galton.policies import POLICIES
 from galton.records import defaults
@@ -30,7 +30,8 @@ def resolve(config: Config, low: Float[np.ndarray, " d"], high: Float[np.ndarray
     """
     loss, algorithm = find_loss(config.loss), find_algorithm(config.algorithm)
     name = loss.policy if config.policy == "auto" else config.policy
-    require(name in POLICIES, f"policy is {config.policy!r}; choose from auto, {', '.join(POLICIES)}")
+    if name not in POLICIES:
+        raise unknown("policy", config.policy, ("auto", *POLICIES))
     fitting = [known for known, policy in POLICIES.items() if loss.family in ("density", policy.family)]
     require(
         name in fitting,
@@ -56,5 +57,5 @@ def refuse_others(algorithm: Algorithm, settings: Config | Hypers) -> None:
 def find_algorithm(name: str) -> Algorithm:
     """The entry of that name; UsageError lists the names if there is none."""
     if name not in ALGORITHMS:
-        raise UsageError(f"algorithm is {name!r}; choose from {', '.join(ALGORITHMS)}")
+        raise unknown("algorithm", name, ALGORITHMS)
     return ALGORITHMS[name]

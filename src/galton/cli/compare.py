@@ -11,7 +11,8 @@ from galton.analysis.comparison import Row, curves, learning_curves, summarise, 
 from galton.analysis.plots import save
 from galton.cli._compare_view import table
 from galton.cli._console import plain_console
-from galton.cli._options import AlgorithmName, EnvName, LossNames, Training, command_line, folder_name, parse
+from galton.cli._options import AlgorithmName, EnvName, LossNames, command_line, folder_name
+from galton.cli._parsing import TrainingOptions, parse
 from galton.cli._progress import live_progress
 from galton.devices import use_all_cores
 from galton.envs.base import Environment
@@ -29,7 +30,7 @@ class Options:
     """Train several losses over the same seeds; print a table and keep figure and numbers in a folder."""
 
     env: EnvName
-    training: Training
+    training: TrainingOptions
     algorithm: AlgorithmName = "a2c"
     """What learns; the defaults of its settings are its own."""
     losses: LossNames = tuple(name for name, loss in LOSSES.items() if loss.in_paper)

@@ -10,7 +10,8 @@ import signal
 import sys
 
 from galton.cli._output import Lasting, lasting_output
-from galton.errors import BrokenEnvironmentError, CheckpointError, UsageError, require
+from galton.cli._words import run_command
+from galton.errors import BrokenEnvironmentError, CheckpointError, UsageError, unknown
 
 COMMANDS = {
     "train": "train one policy and keep it in a run folder",
@@ -70,8 +71,9 @@ def _run(name: str, arguments: list[str]) -> int:
         return 0
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # so that it cleans up as Ctrl-C does
     try:
-        require(name in COMMANDS, f"command is {name!r}; choose from {', '.join(COMMANDS)}")
-        importlib.import_module(f"galton.cli.{name}").main(arguments)
+        if name not in COMMANDS:
+            raise unknown("command", name, COMMANDS)
+        run_command(f"galton.cli.{name}", arguments)
     except tuple(EXIT_CODES) as error:
         print(f"galton: {error}", file=sys.stderr)
         return next(code for kind, code in EXIT_CODES.items() if isinstance(error, kind))

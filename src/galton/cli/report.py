@@ -9,6 +9,7 @@ import tyro
 
 from galton.analysis import plots
 from galton.cli._modules import import_typed
+from galton.cli._reading import read_options
 from galton.errors import require
 from galton.paper import report, reproduce
 from galton.paper.registry import FIGURES
@@ -32,7 +33,7 @@ def main(arguments: Sequence[str]) -> None:
     Raises:
         UsageError: a folder without data.
     """
-    options = tyro.cli(Options, prog="galton report", args=list(arguments))
+    options = read_options(Options, "report", arguments)
     import_typed(options.imports)
     folder = options.folder
     trained = reproduce.load(str(folder))

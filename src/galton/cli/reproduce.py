@@ -9,8 +9,9 @@ import tyro
 
 from galton.cli._carry import processes
 from galton.cli._modules import import_typed
+from galton.cli._reading import read_options
 from galton.cli.report import write
-from galton.errors import UsageError
+from galton.errors import require, unknown
 from galton.paper import reproduce as paper
 from galton.paper.figure import FigureStudy
 from galton.paper.registry import FIGURES
@@ -47,7 +48,7 @@ class Options:
 
 def main(arguments: Sequence[str]) -> None:
     """Train and measure what the words ask for, then draw the figures and write the page."""
-    options = tyro.cli(Options, prog="galton reproduce", args=list(arguments), config=(tyro.conf.OmitArgPrefixes,))
+    options = read_options(Options, "reproduce", arguments)
     import_typed(options.imports)
     reproduce(options.what, options.budget, options.out, options.workers)
 
@@ -76,10 +77,12 @@ def asked(what: Sequence[str]) -> tuple[list[Sweep], dict[str, FigureStudy]]:
         UsageError: a word that means nothing here.
     """
     figures, tasks = dict(FIGURES), list(TASKS)
+    known = [*FIGURES, *TASKS, *GROUPS, "all"]
+    require(len(what) > 0, f"what to reproduce is not said; choose from {', '.join(known)}")
+    for word in what:
+        if word not in known:
+            raise unknown("what", word, known)
     if "all" not in what:
-        for word in what:
-            if word not in (*FIGURES, *TASKS, *GROUPS):
-                raise UsageError(f"what is {word!r}; choose from {', '.join([*FIGURES, *TASKS, *GROUPS, 'all'])}")
         figures = {word: FIGURES[word] for word in what if word in FIGURES}
         tasks = [task for word in what for task in GROUPS.get(word, (word,)) if task in TASKS]
     sweeps = [sweep for figure in figures.values() for sweep in figure.sweeps]

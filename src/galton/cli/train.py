@@ -11,16 +11,8 @@ from pathlib import Path
 from galton import callbacks
 from galton.cli._console import plain_console
 from galton.cli._metrics import METRICS, forget_after, known
-from galton.cli._options import (
-    AlgorithmName,
-    EnvName,
-    LossName,
-    Training,
-    command_line,
-    folder_name,
-    parse,
-    short_name,
-)
+from galton.cli._options import AlgorithmName, EnvName, LossName, Training, command_line, folder_name, short_name
+from galton.cli._parsing import TrainingOptions, parse
 from galton.cli._progress import Show, live_progress
 from galton.devices import use_all_cores
 from galton.envs.base import Environment
@@ -41,11 +33,12 @@ class Options:
     """Train one policy in a run folder: its settings, its metrics and its model, saved as it goes."""
 
     env: EnvName
-    training: Training
+    training: TrainingOptions
     loss: LossName = "hl-gauss"
     algorithm: AlgorithmName = "a2c"
     """What learns; the defaults of its settings are its own."""
     seed: int = 0
+    """Of everything random; the same seed gives the same run."""
     out: Path | None = None
     """The run folder, by default runs/ENV-LOSS-SEED, or runs/ENV-ALGORITHM-LOSS-SEED."""
     overwrite: bool = False

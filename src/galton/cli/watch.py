@@ -4,7 +4,6 @@ import contextlib
 import dataclasses
 import json
 import os
-import subprocess
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -14,15 +13,18 @@ import gymnasium
 import numpy as np
 import tyro
 
+from galton.cli import _film as film
 from galton.cli._modules import search_here
+from galton.cli._reading import read_options
 from galton.cli.train import MODEL
+from galton.envs.host.answers import blame, one_flag, one_number, parts
+from galton.envs.host.gymnasium import GymnasiumTask
 from galton.envs.registry import is_known, read_constants
 from galton.errors import UsageError, require, require_integer
 from galton.models import Model
-from galton.saving import files
+from galton.models.environment import check_same_spaces
 from galton.saving.result_folder import CONFIG, read_settings
-
-Env = gymnasium.Env[object, object]
+from galton.training.train import check_seed
 
 
 @dataclasses.dataclass(frozen=True)
@@ -47,29 +49,40 @@ class Options:
 
 def main(arguments: Sequence[str]) -> None:
     """Play the episodes and write the video."""
-    options = tyro.cli(Options, prog="galton watch", args=list(arguments))
+    options = read_options(Options, "watch", arguments)
     require_integer("episodes", options.episodes, 1)
     require_integer("max_steps", options.max_steps, 1)
-    require_integer("seed", options.seed, 0)
-    file = options.run / MODEL if options.run.is_dir() else options.run
+    for seed in (options.seed, options.seed + options.episodes - 1):
+        check_seed(seed)
+    file = _model_of(options.run)
     out = options.out or file.with_name("video.mp4")
     require(out.suffix in (".mp4", ".gif"), f"out is {out}; its name must end in .mp4 or .gif")
     model = Model.load(file)
-    env = _make(*_environment(options, file))
+    name, kwargs = _environment(options, file)
+    env = _make(name, kwargs)
     try:
-        frames, returns = _play(env, model, options)
+        check_same_spaces(GymnasiumTask(env), model.actions, model.observations)
+        frames, returns = _play(env, name, model, options)
         fps = env.metadata.get("render_fps") or 30
     finally:
         with contextlib.suppress(Exception):  # a renderer that never came up can't be closed either
             env.close()
-    _write(out, frames, fps)
+    film.write(out, frames, fps)
     told = ", ".join(f"{value:,.2f}" for value in returns)
     print(f"return {told} in {len(frames)} frames\nvideo: {out}")
 
 
+def _model_of(run: Path) -> Path:
+    """The model's file in a run folder, or the file that was named."""
+    try:
+        return run / MODEL if run.is_dir() else run
+    except OSError as error:
+        raise UsageError(f"run is {run}, which can't be read: {error.strerror}") from None
+
+
 def _environment(options: Options, file: Path) -> tuple[str, dict[str, object]]:
     """The id and the keyword arguments: those given, or else those of the run."""
-    beside, known = file.with_name(CONFIG), read_settings(file.parent)
+    beside, known = file.with_name(CONFIG), _settings_beside(file, options)
     name = known.get("env") if options.env is None else options.env
     require(name is not None, f"env is not known: there is no {CONFIG} beside {file}; give --env")
     if not isinstance(name, str):
@@ -84,7 +97,17 @@ def _environment(options: Options, file: Path) -> tuple[str, dict[str, object]]:
     return name, read_constants(given)
 
 
-def _make(name: str, kwargs: dict[str, Any]) -> Env:
+def _settings_beside(file: Path, options: Options) -> dict[str, object]:
+    """The settings of the run, or nothing where all that is wanted of them was given."""
+    if options.env is not None and options.env_kwargs is not None:
+        return {}
+    try:
+        return read_settings(file.parent)
+    except UsageError as error:
+        raise UsageError(f"{error}; give --env and --env-kwargs (as '{{}}' where there are none)") from None
+
+
+def _make(name: str, kwargs: dict[str, Any]) -> film.Env:
     require(
         not is_known(name),
         f"env is {name}, one of Galton's own tasks, which have no picture; train on the Gymnasium id to watch it",
@@ -98,18 +121,27 @@ def _make(name: str, kwargs: dict[str, Any]) -> Env:
         raise UsageError(f"env is {name}, which can't be made for watching: {error}") from error
 
 
-def _play(env: Env, model: Model, options: Options) -> tuple[list[np.ndarray], list[float]]:
+def _play(env: film.Env, name: str, model: Model, options: Options) -> tuple[list[np.ndarray], list[float]]:
+    """The frames of all episodes and the return of each; what the environment answers is checked as in training."""
     frames, returns = [], []
     for episode in range(options.episodes):
-        observation, _ = env.reset(seed=options.seed + episode)
-        frames.append(_frame(env))
+        where = f"{name}, episode {episode}"
+        with blame(f"{where}: reset"):
+            begun = env.reset(seed=options.seed + episode)
+        observation, _ = parts(begun, "observation, info", "reset", where)
+        frames.append(film.frame(env))
         returns.append(0.0)
-        for _ in range(options.max_steps):
+        for step in range(1, options.max_steps + 1):
+            model.observations.flatten(observation, where)
             action, _ = model.predict(observation, deterministic=True)
-            observation, reward, terminated, truncated, _ = env.step(action)
-            frames.append(_frame(env))
-            returns[-1] += float(reward)
-            if terminated or truncated:
+            where = f"{name}, episode {episode}, step {step}"
+            with blame(f"{where}: step"):
+                answer = env.step(action)
+            names = "observation, reward, terminated, truncated, info"
+            observation, reward, terminated, truncated, _ = parts(answer, names, "step", where)
+            frames.append(film.frame(env))
+            returns[-1] += one_number(reward, "the reward", where)
+            if one_flag(terminated, "terminated", where) or one_flag(truncated, "truncated", where):
                 break
     require(
         any(np.ptp(frame) > 0 for frame in frames),
@@ -117,56 +149,3 @@ def _play(env: Env, model: Model, options: Options) -> tuple[list[np.ndarray], l
         "for MuJoCo set MUJOCO_GL to egl or osmesa",
     )
     return frames, returns
-
-
-def _frame(env: Env) -> np.ndarray:
-    try:
-        frame = np.asarray(env.render())
-    except Exception as error:
-        raise UsageError(
-            f"the environment can't be rendered: {type(error).__name__}: {error}. For MuJoCo without a screen install "
-            "EGL or OSMesa (on Debian: libegl1 or libosmesa6) and set MUJOCO_GL to egl or osmesa"
-        ) from error
-    require(
-        frame.ndim == 3 and frame.shape[-1] == 3 and frame.dtype == np.uint8,
-        f"the environment's picture is {frame.shape} {frame.dtype}; it must be [height, width, 3] uint8",
-    )
-    return frame
-
-
-def _write(out: Path, frames: list[np.ndarray], fps: int) -> None:
-    try:
-        with files.replacing(out) as scratch:
-            if out.suffix == ".gif":
-                _write_gif(scratch, frames, fps)
-            else:
-                _write_mp4(scratch, frames, fps)
-    except OSError as error:
-        raise UsageError(f"out is {out}, which can't be written: {error.strerror or error}") from None
-
-
-def _write_gif(path: Path, frames: list[np.ndarray], fps: int) -> None:
-    from PIL import Image
-
-    first, *rest = [Image.fromarray(frame) for frame in frames]
-    first.save(path, save_all=True, append_images=rest, duration=round(1000 / fps), loop=0)
-
-
-def _write_mp4(path: Path, frames: list[np.ndarray], fps: int) -> None:
-    try:
-        import imageio_ffmpeg
-    except ImportError:
-        raise UsageError(
-            "an .mp4 needs ffmpeg: pip install 'galton[video]', or name an --out that ends in .gif"
-        ) from None
-    height, width, _ = frames[0].shape
-    raw = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}", "-r", str(fps), "-i", "-"]
-    even = ["-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2", "-pix_fmt", "yuv420p", "-y", str(path)]
-    done = subprocess.run(
-        [imageio_ffmpeg.get_ffmpeg_exe(), "-loglevel", "error", *raw, *even],
-        input=b"".join(frame.tobytes() for frame in frames),
-        capture_output=True,
-        check=False,
-    )
-    if done.returncode:
-        raise OSError(done.stderr.decode(errors="replace").strip())

@@ -10,7 +10,7 @@ from galton.envs.host.answers import shown
 from galton.envs.host.base import HostTask
 from galton.envs.host.gymnasium import GymnasiumTask
 from galton.envs.host.vector import VectorTask, is_sb3
-from galton.errors import UsageError, require
+from galton.errors import UsageError, did_you_mean, require
 
 
 def find(env: object, **kwargs: object) -> Environment | HostTask:
@@ -51,9 +51,17 @@ def _find_by_name(name: str, kwargs: Mapping[str, object]) -> Environment | Host
         return _find_mujoco(name, kwargs) or GymnasiumTask(name, **kwargs)
     except UsageError as error:
         if isinstance(error.__cause__, gymnasium.error.UnregisteredEnv):
-            known = f"Gymnasium knows no environment of that name, and Galton's own are {', '.join(registry.ENVS)}"
-            raise UsageError(f"environment is {name!r}; {known}. {error.__cause__}") from error
+            raise UsageError(f"environment is {name!r}; {_why_unknown(name, error.__cause__)}") from error
         raise
+
+
+def _why_unknown(name: str, error: gymnasium.error.UnregisteredEnv) -> str:
+    """That there is no such id, with what was probably meant: Gymnasium's guess is without the version."""
+    known = f"Gymnasium knows no environment of that name, and Galton's own are {', '.join(registry.ENVS)}"
+    own = "" if ":" in name else "; one that a module of yours registers is module:Id"
+    meant = did_you_mean(name, [*registry.ENVS, *gymnasium.registry])
+    told = str(error).partition(" Did you mean")[0] if meant else str(error)
+    return f"{known}{own}. {told.rstrip('.')}{meant}"
 
 
 def _find_mujoco(name: str, kwargs: Mapping[str, object]) -> HostTask | None:

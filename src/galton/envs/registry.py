@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import gymnasium
 
-from galton.errors import UsageError
+from galton.errors import UsageError, unknown
 
 if TYPE_CHECKING:
     from galton.envs.base import Environment
@@ -38,7 +38,7 @@ def find_task(name: str) -> tuple[str, Entry]:
     for key, task in ENVS.items():
         if name in (key, task.gymnasium_id):
             return key, task
-    raise UsageError(f"environment is {name!r}; choose from {', '.join(ENVS)}")
+    raise unknown("environment", name, ENVS)
 
 
 def is_known(name: str) -> bool:

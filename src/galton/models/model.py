@@ -42,7 +42,9 @@ class Model:
         seed: of everything random; the same seed gives the same run.
         env_kwargs: keyword arguments for an id or a name.
         verbose: 1 to print a line at each log point of `learn`.
-        settings: the other fields of `Config` and `Hypers`, which describe them.
+        settings: the other fields of `Config` and `Hypers`, which describe them. Their defaults are the algorithm's,
+            and for a task of the paper that is called by its name, those of App. C.2, as on the command line: "bandit"
+            has a linear network and, for A2C, 5 steps an update and a learning rate of 0.05.
 
     Raises:
         UsageError: an argument out of range, or an environment that can't be used, with what to do about it.
@@ -65,7 +67,7 @@ class Model:
         require(env not in POLICIES, f"env is {env!r}; {name} takes no such policy: {name}({loss!r}, ...) is enough")
         task = find(env, **(env_kwargs or {}))
         n_copies = usual_copies(task) if n_envs is None else n_envs
-        self._begin(task, *split(find_algorithm(algorithm), loss, n_copies, dict(settings)), seed)
+        self._begin(task, *split(find_algorithm(algorithm), loss, n_copies, dict(settings), env), seed)
         self.verbose = verbose
 
     @classmethod

@@ -5,8 +5,10 @@ from collections.abc import Iterable
 from typing import Literal, TypedDict
 
 from galton.algorithms import ALGORITHMS, Algorithm
+from galton.errors import did_you_mean
 from galton.models.hints import unexpected
 from galton.records import Fields, defaults
+from galton.tasks import settings_of
 from galton.types import Config, Hypers, make_config
 
 _ARGUMENTS = ("loss", "n_envs", "algorithm")
@@ -45,25 +47,26 @@ class Settings(TypedDict, total=False):
     deterministic_action: Literal["mode", "mean", "median"]
 
 
-def usual(algorithm: Algorithm) -> Fields:
-    """The settings that an algorithm knows, in the order of Settings, with its defaults."""
-    values = defaults(Config) | defaults(Hypers) | dict(algorithm.defaults)
+def usual(algorithm: Algorithm, env: object = None) -> Fields:
+    """The settings that an algorithm knows, in the order of Settings, with its defaults and a named task's."""
+    values = defaults(Config) | defaults(Hypers) | settings_of(env) | dict(algorithm.defaults)
     others = {field for other in ALGORITHMS.values() if other is not algorithm for field in other.own}
     known = [name for name in Settings.__annotations__ if name not in others or name in algorithm.own]
     return {name: values[name] for name in known}
 
 
-def split(algorithm: Algorithm, loss: str, n_envs: int, settings: Fields) -> tuple[Config, Hypers]:
-    """The settings as the records that training takes.
+def split(algorithm: Algorithm, loss: str, n_envs: int, settings: Fields, env: object = None) -> tuple[Config, Hypers]:
+    """The settings as the records that training takes; what is not among them is as `usual` has it.
 
     Raises:
         TypeError: a name that is no setting of this algorithm.
         UsageError: a value out of range.
     """
-    known = usual(algorithm)
+    known = usual(algorithm, env)
     for name in settings:
         if name not in known:
-            raise unexpected(algorithm.label, name, f"it takes {', '.join(known)}")
+            known_ones = f"it takes {', '.join(known)}{did_you_mean(name, known)}"
+            raise unexpected(algorithm.label, name, known_ones)
     given = known | settings
     numbers = {name: value for name, value in given.items() if name in Hypers._fields}
     fields = {name: value for name, value in given.items() if name not in numbers}

@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from galton.errors import UsageError, require, require_integer
+from galton.errors import UsageError, did_you_mean, require, require_integer
 from galton.losses import LOSSES
 from galton.sweep.study import Setting
-from galton.tasks import task_of
+from galton.tasks import settings_of, task_of
 
 
 def expand(blocks: Iterable[Mapping[str, object]], base: Mapping[str, object]) -> tuple[Setting, ...]:
@@ -41,8 +41,7 @@ def _axis(name: str, value: object) -> Sequence[object]:
 
 def task_defaults(env: str) -> dict[str, object]:
     """The settings of App. C.2 for a task, to put a grid upon."""
-    task = task_of(env)
-    return {"learning_rate": task.learning_rate, **task.config}
+    return settings_of(env)
 
 
 def paper_blocks(rates: Sequence[float], bins: Sequence[int], etas: Sequence[float]) -> list[dict[str, object]]:
@@ -90,7 +89,8 @@ def read_grid(path: Path, base: Mapping[str, object]) -> tuple[Setting, ...]:
     try:
         record = tomllib.loads(path.read_text())
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise UsageError(f"grid is {str(path)!r}, which can't be read as TOML: {error}") from None
+        meant = did_you_mean(path, GRIDS)
+        raise UsageError(f"grid is {str(path)!r}, which can't be read as TOML: {error}{meant}") from None
     blocks = record.get("grid")
     right = set(record) == {"grid"} and isinstance(blocks, list) and all(isinstance(b, dict) for b in blocks)
     require(right and bool(blocks), f"grid is {str(path)!r}; it must hold one or more [[grid]] tables and nothing else")

@@ -2,6 +2,7 @@
 
 import dataclasses
 from collections.abc import Sequence
+from typing import Annotated
 
 import tyro
 
@@ -17,7 +18,7 @@ from galton.sweep.store import Store
 class Folder:
     """A sweep that was planned."""
 
-    out: tyro.conf.Positional[str]
+    out: tyro.conf.Positional[Annotated[str, tyro.conf.arg(metavar="DIR")]]
     """Its folder, or the address that fsspec opens."""
     imports: tuple[str, ...] = dataclasses.field(default=(), kw_only=True)
     """Modules to import first. One that the sweep names and that lies in the current folder must be given."""

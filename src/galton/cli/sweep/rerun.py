@@ -3,9 +3,8 @@
 import dataclasses
 from collections.abc import Sequence
 
-import tyro
-
 from galton.cli._carry import processes
+from galton.cli._reading import read_options
 from galton.cli.sweep._folder import Folder, conclude, load
 from galton.errors import require
 from galton.sweep import engine, results
@@ -29,7 +28,7 @@ class Options(Folder):
 
 def main(arguments: Sequence[str]) -> None:
     """Find the winners of a sweep that is done, and train them as a sweep of their own."""
-    options = tyro.cli(Options, prog="galton sweep rerun", args=list(arguments))
+    options = read_options(Options, "sweep rerun", arguments)
     source, target = Store(options.out), Store(options.to)
     require(options.out != options.to, f"to is {options.to!r}, the sweep's own folder; name another")
     known = load(source, options.imports, to_train=True)

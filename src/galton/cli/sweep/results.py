@@ -2,14 +2,13 @@
 
 from collections.abc import Sequence
 
-import tyro
-
+from galton.cli._reading import read_options
 from galton.cli.sweep._folder import Folder, conclude, load
 from galton.sweep.store import Store
 
 
 def main(arguments: Sequence[str]) -> None:
     """Write results.parquet from the shards that are there, and show the best settings."""
-    options = tyro.cli(Folder, prog="galton sweep results", args=list(arguments))
+    options = read_options(Folder, "sweep results", arguments)
     store = Store(options.out)
     conclude(store, load(store, options.imports))

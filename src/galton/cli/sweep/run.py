@@ -8,7 +8,8 @@ from typing import Annotated
 import tyro
 
 from galton.cli._modules import import_typed
-from galton.cli._options import AlgorithmName, EnvName, Training, folder_name, parse
+from galton.cli._options import AlgorithmName, EnvName, Training, folder_name
+from galton.cli._parsing import TrainingOptions, parse
 from galton.cli.sweep._folder import conclude
 from galton.cli.sweep._workers import Workers, go_with
 from galton.errors import require, require_integer
@@ -27,7 +28,6 @@ class Options:
     """
 
     env: EnvName
-    training: Training
     algorithm: AlgorithmName = "a2c"
     """What learns; the defaults of its settings are its own."""
     grid: Annotated[str, tyro.conf.arg(metavar="{" + ",".join(GRIDS) + ",optuna} or FILE.toml")] = "paper"
@@ -54,6 +54,7 @@ class Options:
     imports: tuple[str, ...] = ()
     """Modules that every worker imports first, where losses or environments of your own are registered."""
     workers: Workers = dataclasses.field(default_factory=Workers)
+    training: TrainingOptions = dataclasses.field(default_factory=Training)
 
     @property
     def base(self) -> Setting:

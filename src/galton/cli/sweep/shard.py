@@ -5,6 +5,7 @@ from collections.abc import Sequence
 
 import tyro
 
+from galton.cli._reading import read_options
 from galton.cli.sweep._folder import Folder, load
 from galton.sweep.shard import discard, finished, read, work
 from galton.sweep.store import Store
@@ -20,7 +21,7 @@ class Options(Folder):
 
 def main(arguments: Sequence[str]) -> None:
     """Train the shard, unless it is done."""
-    options = tyro.cli(Options, prog="galton sweep shard", args=list(arguments))
+    options = read_options(Options, "sweep shard", arguments)
     store = Store(options.out)
     plan = load(store, options.imports, to_train=True)
     plan.get(options.index)

@@ -3,10 +3,10 @@
 from collections.abc import Sequence
 
 import numpy as np
-import tyro
 from rich.table import Table
 
 from galton.cli._console import plain_console
+from galton.cli._reading import read_options
 from galton.cli.sweep._folder import Folder, load
 from galton.losses import find_loss
 from galton.sweep.plan import Plan
@@ -17,7 +17,7 @@ from galton.types import Config
 
 def main(arguments: Sequence[str]) -> None:
     """Show how many shards and runs of each program are done."""
-    options = tyro.cli(Folder, prog="galton sweep status", args=list(arguments))
+    options = read_options(Folder, "sweep status", arguments)
     store = Store(options.out)
     plan = load(store, options.imports)
     done = finished(store, plan)

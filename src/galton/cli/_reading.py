@@ -1,0 +1,80 @@
+"""How a command line becomes a record of options, or one sentence that says why it can't."""
+
+import contextlib
+import io
+import re
+import sys
+from collections.abc import Sequence
+from typing import TypeVar
+
+import tyro
+
+from galton.cli._registry import REGISTRY
+from galton.cli._words import options_of
+from galton.errors import UsageError, did_you_mean
+
+OptionsT = TypeVar("OptionsT")
+
+
+def read_options(
+    options: type[OptionsT], name: str, arguments: Sequence[str], default: OptionsT | None = None
+) -> OptionsT:
+    """The options of the command of that name, from its arguments; `--help` is printed, and ends the process.
+
+    Raises:
+        UsageError: what can't be read, in one sentence.
+    """
+    said = io.StringIO()
+    try:
+        with contextlib.redirect_stderr(said):
+            found, unknown = tyro.cli(
+                options,
+                prog=f"galton {name}",
+                args=list(arguments),
+                default=default,
+                config=(tyro.conf.OmitArgPrefixes,),
+                return_unknown_args=True,
+                registry=REGISTRY,
+            )
+    except SystemExit as exit_:
+        if not exit_.code:
+            raise
+        cause = exit_.__context__
+        while cause and not isinstance(cause, UsageError):
+            cause = cause.__context__
+        odd = [word for word in arguments if word.startswith("--") and not _is_known(word, options)]
+        told = _stray(odd[0], options, name) if odd else _in_a_line(said.getvalue(), name)
+        raise cause or UsageError(told) from None
+    sys.stderr.write(said.getvalue())
+    if unknown:
+        raise UsageError(_stray(unknown[0], options, name))
+    assert found is not None
+    return found
+
+
+def _is_known(word: str, options: type) -> bool:
+    """Whether a word is an option, or the opposite of one."""
+    typed = word.partition("=")[0].replace("_", "-")
+    return {typed, typed.replace("--no-", "--", 1)} & {*options_of(options).values(), "--help", "--"} != set()
+
+
+def _stray(word: str, options: type, name: str) -> str:
+    """What to say of a word that is no option and has no place."""
+    help_ = f"`galton {name} --help` lists the options"
+    if word.lower() in ("true", "false", "0", "1", "yes", "no"):
+        return f"{word!r} is one argument too many; a switch stands alone, as --resume or --no-resume; {help_}"
+    if not word.startswith("-"):
+        return f"{word!r} is one argument too many; {help_}"
+    typed, known = word.partition("=")[0], options_of(options)
+    exact = known.get(typed.strip("-").replace("-", "_"), "")  # what functions call it
+    if exact and not exact.startswith("--"):
+        return f"{typed} is no option of `galton {name}`; its value has a place of its own, without a name; {help_}"
+    meant = f"; did you mean {exact}?" if exact else did_you_mean(typed, known.values())
+    return f"{typed} is no option of `galton {name}`{meant or f'; {help_}'}"
+
+
+def _in_a_line(box: str, name: str) -> str:
+    """The first part of a box that tyro drew, where it says what is wrong."""
+    first = re.split(r"─{3,}", re.sub(r"\A.*\n", "", box))[0]
+    told = " ".join(word for word in first.split() if word not in ("│", "(required)"))
+    return f"{told.removeprefix('Error parsing ').rstrip('.')}; `galton {name} --help` lists the options"

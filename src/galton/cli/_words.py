@@ -1,0 +1,86 @@
+"""What the command line calls things: each argument by the option that fills it."""
+
+import contextlib
+import dataclasses
+import functools
+import importlib
+import re
+from collections.abc import Iterator, Sequence
+from typing import Annotated, get_args, get_origin, get_type_hints
+
+from galton.errors import UsageError
+
+ABOUT = r"(?= (?:is|are|has|holds|names|goes|needs)\b)"
+"""What follows the name of an argument where a message begins with it."""
+
+
+class Fills:
+    """In the annotation of an option: what the functions that it is for call it, where that is another name."""
+
+    def __init__(self, *arguments: str) -> None:
+        self.arguments = arguments
+
+
+class Without:
+    """In the annotation of a record of options: its fields that are no options, since the command has its own."""
+
+    def __init__(self, *fields: str) -> None:
+        self.fields = fields
+
+
+@functools.cache
+def options_of(record: type) -> dict[str, str]:
+    """The option that fills each argument: all fields of a record of options and of the records in it, as typed.
+
+    What has a place instead of a name keeps its plain word; so does nothing that an outer record has already named.
+    """
+    from tyro.conf import Positional  # `galton --help` needn't load it
+
+    placed = get_args(Positional[int])[1:]
+    known: dict[str, str] = {}
+    inner: dict[str, str] = {}
+    for name, hint in get_type_hints(record, include_extras=True).items():
+        kind, *marks = get_args(hint) if get_origin(hint) is Annotated else (hint,)
+        if dataclasses.is_dataclass(kind) or hasattr(kind, "_fields"):
+            hidden = [field for mark in marks if isinstance(mark, Without) for field in mark.fields]
+            inner |= {field: option for field, option in options_of(kind).items() if field not in hidden}
+            continue
+        typed = name if any(mark in placed for mark in marks) else "--" + name.replace("_", "-")
+        arguments = [argument for mark in marks if isinstance(mark, Fills) for argument in mark.arguments]
+        known |= dict.fromkeys([name, *arguments], typed)
+    return inner | known
+
+
+def resaid(message: str, record: type) -> str:
+    """A message about arguments in the words of the command line.
+
+    The argument that it begins with becomes its option, and so do others that no plain word could be. What follows a
+    colon was said of something else, such as a file, and stays.
+    """
+    options = options_of(record)
+    subject, colon, rest = message.partition(": ")
+    names = "|".join(map(re.escape, options))
+    compound = "|".join(name for name in map(re.escape, options) if "_" in name)
+    subject = re.sub(rf"^(?:{names}){ABOUT}", lambda found: options[found[0]], subject)
+    if compound:
+        alone = rf"(?<![\w./'\"\[=-])(?:{compound})(?![\w/'\"\](=-]|\.\w)"
+        subject = re.sub(alone, lambda found: options[found[0]], subject)
+    return subject + colon + rest
+
+
+@contextlib.contextmanager
+def in_its_words(record: type | None) -> Iterator[None]:
+    """Say what goes wrong inside in the words of these options; None where there are none."""
+    try:
+        yield
+    except UsageError as error:
+        if record is not None:
+            error.args = (resaid(str(error), record),)
+        raise
+
+
+def run_command(module: str, arguments: Sequence[str]) -> None:
+    """Run the command in that module: its `main`, whose errors are said in the words of its `Options`."""
+    command = importlib.import_module(module)
+    with in_its_words(vars(command).get("Options")):
+        command.main(arguments)

@@ -1,0 +1,169 @@
+"""A film whatever the environment, the model or its settings do: what can't be played is said in a line."""
+
+import json
+import shutil
+from pathlib import Path
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.spaces import Box
+from PIL import Image
+
+from galton import A2C, BrokenEnvironmentError, UsageError
+from galton.cli import watch
+
+FINE = (np.zeros(2, np.float32), 1.0, False, False, {})
+
+
+class Watched(gymnasium.Env):
+    """Answers as it is told, at its second step."""
+
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 10}  # noqa: RUF012, as Gymnasium has it
+    action_space = Box(-1.0, 1.0, (1,))
+
+    def __init__(self, render_mode=None, answer=FINE, begun=FINE[0], n_observed=2):
+        self.render_mode, self.answer, self.begun, self.t = render_mode, answer, begun, 0
+        self.observation_space = Box(-1.0, 1.0, (n_observed,))
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        self.t = 0
+        if isinstance(self.begun, Exception):
+            raise self.begun
+        return self.begun, {}
+
+    def step(self, action):
+        self.t += 1
+        if self.t < 2:
+            return FINE
+        if isinstance(self.answer, Exception):
+            raise self.answer
+        return self.answer
+
+    def render(self):
+        picture = np.zeros((8, 8, 3), np.uint8)
+        picture[self.t % 8] = 255
+        return picture
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _registered():
+    gymnasium.register("Watched-v0", Watched, disable_env_checker=True)
+    yield
+    del gymnasium.registry["Watched-v0"]
+
+
+@pytest.fixture(scope="module")
+def saved(tmp_path_factory):
+    model = A2C("Watched-v0", n_bins=5, net_arch=(4,))
+    return model.save(tmp_path_factory.mktemp("watched") / "model.safetensors")
+
+
+@pytest.fixture
+def run(saved, tmp_path):
+    """A run folder with a model, and no settings yet."""
+    shutil.copy(saved, tmp_path / "model.safetensors")
+    return tmp_path
+
+
+def film(run, *arguments):
+    watch.main([str(run), "--max-steps", "4", "--out", str(run / "film.gif"), *arguments])
+
+
+def changed(reply, **parts):
+    names = ("observation", "reward", "terminated", "truncated", "info")
+    return tuple(parts.get(name, value) for name, value in zip(names, reply, strict=True))
+
+
+def test_the_run_is_played_with_its_own_settings(run, capsys):
+    (run / "config.json").write_text(json.dumps({"env": "Watched-v0", "env_kwargs": {}}))
+    film(run, "--episodes", "2")
+    assert "return 4.00, 4.00 in 10 frames" in capsys.readouterr().out
+    with Image.open(run / "film.gif") as frames:
+        assert frames.n_frames == 10
+
+
+BROKEN = {
+    "raises": (ArithmeticError("on purpose"), "Watched-v0, episode 0, step 2: step raised ArithmeticError: on purpose"),
+    "four parts": (FINE[:4], r"episode 0, step 2: step returned \(.*; it must return \(observation, reward"),
+    "none": (None, "step 2: step returned None"),
+    "reward": (changed(FINE, reward="much"), "step 2: the reward is 'much'; it must be one number"),
+    "nan": (changed(FINE, reward=np.nan), "step 2: the reward is nan, which is not finite"),
+    "flag": (changed(FINE, terminated="no"), "step 2: terminated is 'no'; it must be True or False"),
+    "shape": (changed(FINE, observation=np.zeros(3)), r"step 2: the observation is array\(.*the space is Box"),
+    "not finite": (changed(FINE, observation=np.full(2, np.inf)), "step 2: .*the observation is inf, which is not fin"),
+}
+
+
+@pytest.mark.parametrize("name", BROKEN)
+def test_an_environment_that_breaks_is_blamed_with_episode_and_step(name, run, monkeypatch):
+    answer, message = BROKEN[name]
+    monkeypatch.setattr(Watched.__init__, "__defaults__", (None, answer, FINE[0], 2))
+    with pytest.raises(BrokenEnvironmentError, match=message):
+        film(run, "--env", "Watched-v0")
+    assert [path.name for path in run.iterdir()] == ["model.safetensors"]
+
+
+def test_a_reset_that_raises_is_blamed(run, monkeypatch):
+    monkeypatch.setattr(Watched.__init__, "__defaults__", (None, FINE, KeyError("seed"), 2))
+    with pytest.raises(BrokenEnvironmentError, match="Watched-v0, episode 0: reset raised KeyError: 'seed'"):
+        film(run, "--env", "Watched-v0")
+
+
+def test_another_environment_than_the_models_is_refused_before_it_is_played(run):
+    with pytest.raises(UsageError, match=r"env has observations Box.*; the model's are Box"):
+        film(run, "--env", "Watched-v0", "--env-kwargs", '{"n_observed": 3}')
+    with pytest.raises(UsageError, match=r"env has actions Box.*; the model's are Box"):
+        film(run, "--env", "Pendulum-v1")
+
+
+SETTINGS = {
+    "no JSON": ("{", "can't be read"),
+    "empty": ("", "can't be read"),
+    "a list": ("[1]", "holds no settings"),
+    "bytes": (b"\xff\xfe\x00", "can't be read"),
+    "brackets": ("[" * 100_000, "can't be read"),
+    "an env that is no name": ('{"env": 5}', "env is 5 in .*; it must be a name"),
+    "no env": ("{}", "env is not known"),
+    "odd arguments": ('{"env": "Watched-v0", "env_kwargs": 5}', "env_kwargs is '5'; it must be a JSON object"),
+    "wrong arguments": ('{"env": "Watched-v0", "env_kwargs": {"mass": 1}}', "can't be made for watching"),
+    "a long env": ('{"env": "%s-v0"}' % ("x" * 300), "can't be made for watching"),
+}
+
+
+@pytest.mark.parametrize("name", SETTINGS)
+def test_broken_settings_beside_the_model_are_named_and_not_needed(name, run):
+    content, message = SETTINGS[name]
+    (run / "config.json").write_bytes(content if isinstance(content, bytes) else content.encode())
+    with pytest.raises(UsageError, match=message):
+        film(run)
+    film(run, "--env", "Watched-v0", "--env-kwargs", "{}")
+    assert (run / "film.gif").exists()
+
+
+def test_settings_that_can_not_be_read_are_not_passed_over_where_something_is_wanted_of_them(run):
+    (run / "config.json").write_text("{")
+    with pytest.raises(UsageError, match=r"can't be read: .*; give --env and --env-kwargs"):
+        film(run, "--env", "Watched-v0")
+
+
+@pytest.mark.parametrize("name", ["nowhere", "x" * 300, "a/" * 3000, ""])
+def test_a_run_that_is_not_there_is_named(name):
+    with pytest.raises(UsageError, match=r"^(run|path) is "):
+        watch.main([name])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("--seed", "-1"), "seed is -1"),
+        (("--seed", "4294967296"), "seed is 4294967296; it must be less than"),
+        (("--episodes", "0"), "episodes is 0"),
+        (("--max-steps", "0"), "max_steps is 0"),
+        (("--out", "film.png"), "its name must end in .mp4 or .gif"),
+    ],
+)
+def test_wrong_numbers_are_refused_before_anything_is_loaded(arguments, message):
+    with pytest.raises(UsageError, match=message):
+        watch.main([str(Path("nowhere")), *arguments])
