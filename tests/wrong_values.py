@@ -44,7 +44,7 @@ LINES = [
     ("bin_sample = [['center']]", "bin_sample is ['center']; choose from center, uniform"),
     ('eta = "0.5"', "eta is '0.5'; it must be a number"),
     ("eta = true", "eta is True; it must be a number"),
-    ("eta = nan", "eta is nan; it must be greater than 0"),
+    ("eta = nan", "eta is nan; it must be finite, and greater than 0"),
     ("learn_rate = 0.5", "'learn_rate' is no setting"),
 ]
 """Lines of a grid, and what is said of each."""

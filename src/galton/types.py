@@ -72,8 +72,8 @@ def make_config(fields: dict[str, Any]) -> Config:
 
 Number = float | Float[Array, "*runs"]
 """One number, or one for each run."""
-NotNegative = Annotated[Number, Within(lambda x: np.isfinite(x) & (x >= 0), "0 or more")]
-Positive = Annotated[Number, Within(lambda x: np.isfinite(x) & (x > 0), "greater than 0")]
+NotNegative = Annotated[Number, Within(lambda x: np.isfinite(x) & (x >= 0), "finite, and 0 or more")]
+Positive = Annotated[Number, Within(lambda x: np.isfinite(x) & (x > 0), "finite, and greater than 0")]
 Share = Annotated[Number, Within(lambda x: (x >= 0) & (x <= 1), "between 0 and 1")]
 
 

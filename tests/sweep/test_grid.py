@@ -81,7 +81,7 @@ def test_a_grid_is_read_from_toml(tmp_path):
         ('[[grid]]\nlose = "gaussian"', "'lose' is no setting; choose from loss, n_bins"),
         ('[[grid]]\nloss = "mse"', "loss is 'mse'; choose from gaussian"),
         ("[[grid]]\neta = []", "eta is an empty list"),
-        ("[[grid]]\neta = [0.5, -1]", "eta is -1.0; it must be greater than 0"),
+        ("[[grid]]\neta = [0.5, -1]", "eta is -1.0; it must be finite, and greater than 0"),
         ('[[grid]]\neta = "wide"', "eta is 'wide'; it must be a number"),
         ("[[grid]]\nn_bins = [1]", "n_bins is 1; it must be an integer of at least 2"),
     ],

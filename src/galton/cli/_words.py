@@ -8,6 +8,7 @@ import re
 from collections.abc import Iterator, Sequence
 from typing import Annotated, get_args, get_origin, get_type_hints
 
+from galton.cli._interrupts import leaving_at_once
 from galton.errors import UsageError
 
 ABOUT = r"(?= (?:is|are|has|holds|names|goes|needs)\b)"
@@ -81,6 +82,7 @@ def in_its_words(record: type | None) -> Iterator[None]:
 
 def run_command(module: str, arguments: Sequence[str]) -> None:
     """Run the command in that module: its `main`, whose errors are said in the words of its `Options`."""
-    command = importlib.import_module(module)
+    with leaving_at_once("interrupted; nothing was written"):
+        command = importlib.import_module(module)
     with in_its_words(vars(command).get("Options")):
         command.main(arguments)

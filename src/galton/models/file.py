@@ -53,6 +53,7 @@ class Described(Protocol):
 class ModelFile(NamedTuple):
     """What a file says of a model, beside its arrays."""
 
+    path: Path
     env_name: str
     config: Config
     hypers: Hypers
@@ -104,17 +105,19 @@ def save(path: Path, model: Described, arrays: dict[str, np.ndarray]) -> Path:
     return path
 
 
-def read(path: Path) -> tuple[ModelFile, dict[str, np.ndarray]]:
-    """What a file says of its model, and the arrays beside it.
+def read(path: Path, opener: str) -> tuple[ModelFile, dict[str, np.ndarray]]:
+    """What a file says of its model, and the arrays beside it, for the class of that name.
 
     Raises:
-        UsageError: no such file; NewerVersionError: a newer version of Galton wrote it.
+        UsageError: no such file, or one for another class; NewerVersionError: a newer version of Galton wrote it.
         CheckpointError: a file that is damaged or not a model.
     """
+    path = existing(path)
     settings, arrays = checkpoint.read(path)
     settings = saved.checked(path, settings, arrays)
     try:
         model = ModelFile(
+            path,
             settings["env"],
             saved.config_of(settings),
             saved.hypers_of(settings),
@@ -130,10 +133,12 @@ def read(path: Path) -> tuple[ModelFile, dict[str, np.ndarray]]:
         resolve(model.config, model.actions.low, model.actions.high)
     except saved.MALFORMED as error:
         raise saved.unusable(path, error) from None
+    fits = opener in ("Model", model.label)
+    require(fits, f"path is {path}, which holds a model of {model.label}; load it with galton.{model.label}.load")
     return model, arrays
 
 
-def learner_of(path: Path, agent: Agent, model: ModelFile, arrays: dict[str, np.ndarray]) -> Learner:
+def learner_of(model: ModelFile, agent: Agent, arrays: dict[str, np.ndarray]) -> Learner:
     """What the model had learnt; CheckpointError if the arrays are not those of its settings, or not finite."""
     try:
         checkpoint.check_numbers(arrays, "run/learner/", never_negative=("count", "nu", "variance", "n"))
@@ -144,7 +149,7 @@ def learner_of(path: Path, agent: Agent, model: ModelFile, arrays: dict[str, np.
         # NamedTuples and dictionaries have the same names in a checkpoint.
         learner = checkpoint.unflatten(arrays, like)["run"]["learner"]
     except saved.MALFORMED as error:
-        raise saved.unusable(path, error) from None
+        raise saved.unusable(model.path, error) from None
     first: Learner = jax.tree.map(lambda rows: jnp.asarray(rows[0]), learner)
     return first
 

@@ -1,5 +1,7 @@
 """What somebody who comes from Stable-Baselines3 types first, and what to type here."""
 
+from galton.errors import require
+
 POLICIES = ("MlpPolicy", "CnnPolicy", "MultiInputPolicy", "MlpLstmPolicy")
 """The names that SB3's models take before the environment."""
 
@@ -23,6 +25,12 @@ HINTS = {
     "tb_log_name": "give callback=galton.callbacks.TensorBoard(folder)",
 }
 """Arguments of SB3's that are not there, and what takes their place."""
+
+
+def refuse_policy(model: str, env: object, loss: object) -> None:
+    """Raise UsageError where a model was given SB3's policy in the place of the environment."""
+    given = isinstance(env, str) and env in POLICIES
+    require(not given, f"env is {env!r}; {model} takes no such policy: {model}({loss!r}, ...) is enough")
 
 
 def unexpected(function: str, name: str, known: str = "") -> TypeError:

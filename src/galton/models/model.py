@@ -19,7 +19,7 @@ from galton.errors import require, require_integer
 from galton.models import file
 from galton.models.acting import exploit, explore, returns_on
 from galton.models.environment import check_copies, check_same_spaces, spaces_of, usual_copies
-from galton.models.hints import POLICIES, unexpected
+from galton.models.hints import refuse_policy, unexpected
 from galton.models.learning import check_divergence, learn, updates_for
 from galton.models.settings import Settings, split, unusual
 from galton.models.state import Arrays, Loaded, Run, copied
@@ -63,8 +63,7 @@ class Model:
         verbose: int = 0,
         **settings: Unpack[Settings],
     ) -> None:
-        name = type(self).__name__
-        require(env not in POLICIES, f"env is {env!r}; {name} takes no such policy: {name}({loss!r}, ...) is enough")
+        refuse_policy(type(self).__name__, env, loss)
         task = find(env, **(env_kwargs or {}))
         n_copies = usual_copies(task) if n_envs is None else n_envs
         self._begin(task, *split(find_algorithm(algorithm), loss, n_copies, dict(settings), env), seed)
@@ -96,11 +95,9 @@ class Model:
         self._interval, self.verbose = self.agent.algorithm.log_interval, 0
 
     def __repr__(self) -> str:
-        what, settings = (
-            f"{self.config.loss} on {self.env_name}",
-            unusual(self.agent.algorithm, self.config, self.hypers),
-        )
-        return f"<galton.{type(self).__name__}: {what}, {settings}, seed={self.seed}, {self.num_timesteps:,} steps>"
+        settings = unusual(self.agent.algorithm, self.config, self.hypers)
+        what = f"{self.config.loss} on {self.env_name}, {settings}, seed={self.seed}"
+        return f"<galton.{type(self).__name__}: {what}, {self.num_timesteps:,} steps>"
 
     @property
     def env(self) -> Environment | HostTask | None:
@@ -249,18 +246,15 @@ class Model:
         Warns:
             InexactResume: the file has no states of the environments, so their episodes start anew.
         """
-        path = file.existing(Path(path))
-        found, arrays = file.read(path)
-        fits = cls.__name__ in ("Model", found.label)
-        require(fits, f"path is {path}, which holds a model of {found.label}; load it with galton.{found.label}.load")
+        found, arrays = file.read(Path(path), cls.__name__)
         model = cls.__new__(cls)
         model._describe(found.config, found.hypers, found.seed, found.actions, found.observations)
         model._interval, model.n_predictions = found.updates_per_log, found.n_predictions
-        learner = file.learner_of(path, model.agent, found, arrays)
+        learner = file.learner_of(found, model.agent, arrays)
         model._run = Loaded(found.env_name, found.num_timesteps, learner, arrays)
         if env is None:
             require(not env_kwargs, f"env_kwargs is {env_kwargs}; give env with it")
-        elif cause := model._go_on(find(env, **(env_kwargs or {})), path, arrays):
+        elif cause := model._go_on(find(env, **(env_kwargs or {})), found.path, arrays):
             message = f"{model.env_name} goes on from the start of new episodes: {cause}"
             warnings.warn(message, file.InexactResume, stacklevel=2)
         return model
@@ -298,8 +292,7 @@ class Model:
     def set_parameters(self, parameters: Params) -> None:
         """Go on with other parameters, such as `get_parameters` of another model; Adam's moments stay.
 
-        Raises:
-            UsageError: names or shapes other than the model's own, or numbers that are not finite.
+        UsageError: names or shapes other than the model's own, or numbers that are not finite.
         """
         self._run.set_parameters(parameters)
 
