@@ -1,7 +1,7 @@
 """What PPO reaches on MuJoCo with tuned settings: the deterministic policy's return after 1M steps, five seeds each.
 
-Settings were chosen on seeds 100 and up, by hand and only for the Gaussian; TUNED says what was tried. The scores are of
-seeds 0 to 4. Each task is kept as it ends, so the command goes on where it stopped, and ends with a table:
+Settings were chosen on seeds 100 and up, by hand and only for the Gaussian; TUNED says what was tried. The scores are
+of seeds 0 to 4. Each task is kept as it ends, so the command goes on where it stopped, and ends with a table:
 
     python benchmarks/ppo_scores.py [--tasks HalfCheetah-v5 ...] [--losses gaussian ...] [--out FILE]
 """
@@ -36,8 +36,8 @@ LOSSES = {
 TUNED: dict = {"Ant-v5": {"gaussian": {"log_std_init": -2.0}}}
 """What differs from these, by task and loss.
 
-Tried, return of each seed: HalfCheetah σ₀ = e⁻·⁵ 5,288 and 6,879 (100, 101); Ant σ₀ = e⁻·⁵ 855 and 1,410 (100, 101), e⁻² 2,543
-(100); Reacher σ₀ = e⁻·⁵ −4.2 and −4.0 (100, 101). Nothing else was tried. Hopper and Walker2d took the shared settings untried.
+Tried, with the return of each seed: on HalfCheetah log σ₀ = −0.5, 5,288 (100) and 6,879 (101); on Ant log σ₀ = −0.5, 855
+(100) and 1,410 (101), and −2, 2,543 (100); on Reacher log σ₀ = −0.5, −4.2 (100) and −4.0 (101). Nothing else was tried.
 """
 
 
@@ -97,9 +97,8 @@ def summarise(out):
         own |= {seed: value for seed, value in runs if seed < 5}
     for (task, loss, log_std), own in returns.items():
         if len(own) > 1:
-            print(
-                f"{task} {loss}, log σ₀ {log_std:g}: {mean_interval(np.array(list(own.values()))):,.1f} ({len(own)} runs)"
-            )
+            interval = mean_interval(np.array(list(own.values())))
+            print(f"{task} {loss}, log σ₀ {log_std:g}: {interval:,.1f} ({len(own)} runs)")
 
 
 if __name__ == "__main__":
