@@ -37,7 +37,8 @@ TUNED: dict = {"Ant-v5": {"gaussian": {"log_std_init": -2.0}}}
 """What differs from these, by task and loss.
 
 Tried, with the return of each seed: on HalfCheetah log σ₀ = −0.5, 5,288 (100) and 6,879 (101); on Ant log σ₀ = −0.5,
-855 (100) and 1,410 (101), and −2, 2,543 (100); on Reacher log σ₀ = −0.5, −4.2 (100) and −4.0 (101). Nothing else was tried.
+855 (100) and 1,410 (101), and −2, 2,543 (100); on Reacher log σ₀ = −0.5, −4.2 (100) and −4.0 (101). Nothing else was
+tried.
 """
 
 

@@ -102,16 +102,15 @@ def _resumed(options: Options, env: Environment | HostTask) -> Model:
     with warnings.catch_warnings(record=True) as told:
         warnings.simplefilter("always", InexactResume)
         model = Model.load(out / MODEL, env)
+    there, wanted = _environments(options, env)
+    config = dataclasses.replace(options.training.config, loss=options.loss)
+    own = {"env": there, "seed": model.seed} | vars(model.config) | model.hypers._asdict()
+    asked = {"env": wanted, "seed": options.seed} | vars(config) | options.training.hypers._asdict()
+    for name, value in asked.items():
+        same = value == own[name]
+        require(same, f"{name} is {value}, but the run in {out} has {own[name]}; give the same options to resume it")
     for warning in told:
         print(f"galton: {warning.message}", file=sys.stderr)
-    asked = dataclasses.replace(options.training.config, loss=options.loss)
-    for what, own, other in (
-        ("env", *_environments(options, env)),
-        ("config", model.config, asked),
-        ("hypers", model.hypers, options.training.hypers),
-        ("seed", model.seed, options.seed),
-    ):
-        require(own == other, f"{what} is {other}, but the run in {out} has {own}; give the same options to resume it")
     return model
 
 
