@@ -17,8 +17,9 @@ from galton.cli import _film as film
 from galton.cli._modules import search_here
 from galton.cli._reading import read_options
 from galton.cli.train import MODEL
-from galton.envs.host.answers import blame, one_flag, one_number, parts
+from galton.envs.host.answers import FAULTS, blame, one_flag, one_number, parts
 from galton.envs.host.gymnasium import GymnasiumTask
+from galton.envs.host.mujoco_log import mujoco_warns
 from galton.envs.registry import is_known, read_constants
 from galton.errors import UsageError, require, require_integer
 from galton.models import Model
@@ -116,8 +117,9 @@ def _make(name: str, kwargs: dict[str, Any]) -> film.Env:
         for variable, value in (("MUJOCO_GL", "egl"), ("SDL_VIDEODRIVER", "dummy")):
             os.environ[variable] = os.environ.get(variable) or value
     try:
-        return gymnasium.make(name, **kwargs | {"render_mode": "rgb_array"})
-    except Exception as error:
+        with mujoco_warns():
+            return gymnasium.make(name, **kwargs | {"render_mode": "rgb_array"})
+    except FAULTS as error:
         raise UsageError(f"env is {name}, which can't be made for watching: {error}") from error
 
 
