@@ -153,6 +153,34 @@ def test_one_that_names_steps_may_stop_and_those_behind_it_still_log_the_end():
     assert steps == [30] == [run.num_timesteps]
 
 
+@pytest.mark.parametrize("at", [0, 1, 2])
+def test_the_end_is_logged_by_all_wherever_the_one_that_stops_stands(at):
+    run, steps = A2C("lqr", n_bins=10, net_arch=(8,), n_steps=10), [[], []]
+    callbacks = [lambda model, log, own=own: own.append(model.num_timesteps) for own in steps]
+    callbacks.insert(at, Timed(30, stops=True))
+    run.learn(100, callbacks, progress_bar=False, log_interval=1000)
+    assert steps == [[30], [30]]
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda folder: Evaluate(50, env="NoSuchEnvironment-v0"), "NoSuchEnvironment-v0"),
+        (lambda folder: Evaluate(50, env="mountain-car"), "env has actions"),
+        (lambda folder: Evaluate(50, env=7), "env"),
+        (lambda folder: Evaluate(50, best_model=""), "best_model is '.', which names no file"),
+        (lambda folder: Evaluate(50, best_model=folder / "file" / "best"), "best_model is .*which can't be written"),
+        (lambda folder: Checkpoint(folder / "file" / "run", every=50), "path is .*which can't be written"),
+    ],
+)
+def test_what_could_only_fail_later_is_refused_before_training(make, message, tmp_path):
+    (tmp_path / "file").touch()
+    run = A2C("lqr", n_bins=10, net_arch=(8,), n_steps=10)
+    with pytest.raises(UsageError, match=message):
+        run.learn(100, make(tmp_path), progress_bar=False)
+    assert run.num_timesteps == 0
+
+
 @pytest.mark.parametrize("log_interval", [1, 7, 1000])
 def test_training_does_not_depend_on_who_looks_at_it(log_interval):
     def params(callback):

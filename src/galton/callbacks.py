@@ -19,8 +19,12 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
+from galton.envs.base import Environment
+from galton.envs.find import find
+from galton.envs.fitting import check_same_spaces
 from galton.errors import UsageError, require, require_integer
 from galton.saving import files
+from galton.training.evaluate import copies
 
 Log = dict[str, float]
 
@@ -65,9 +69,16 @@ class Evaluate:
         self.best = -math.inf
 
     def check(self, model: Any) -> None:
-        """Raise UsageError if the model's environment has no copies to play on."""
+        """Raise UsageError for an environment that can't be played on, or a file that can't be written."""
         if self.env is None:
             model.population.check_evaluation(self.n_episodes)
+        else:
+            task = find(self.env)
+            check_same_spaces(task, model.actions, model.observations)
+            if not isinstance(task, Environment):
+                copies(task, self.n_episodes).close()
+        if self.best_model is not None:
+            files.check_place("best_model", Path(self.best_model))
 
     def __call__(self, model: Model, log: Log) -> None:
         """Evaluate, and save the model if its mean return is the best so far."""
@@ -95,6 +106,11 @@ class Checkpoint:
 
     def __post_init__(self) -> None:
         require_integer("every", self.every, 1)
+
+    def check(self, model: Any) -> None:
+        """Raise UsageError for a file that can't be written."""
+        del model
+        files.check_place("path", Path(self.path))
 
     def __call__(self, model: Model, log: Log) -> None:
         """Save the model."""

@@ -20,7 +20,6 @@ except KeyboardInterrupt:
     sys.exit(5)
 """
 LOOP = "[(time.sleep(0.01), check()) for _ in range(3000)]"
-LATE = "time.sleep(0.5)"
 
 
 def run(code, *signals):
@@ -35,10 +34,26 @@ def run(code, *signals):
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-@pytest.mark.parametrize("busy", [LOOP, LATE], ids=["asked", "at the end"])
-def test_one_is_raised_where_the_code_asks_or_at_the_end(busy, number):
-    code, out, err = run(DEFERRED.format(busy=busy), number)
+def test_one_is_raised_where_the_code_asks(number):
+    code, out, err = run(DEFERRED.format(busy=LOOP), number)
     assert (code, out, err) == (5, "ready\nraised\n", "galton: stopping soon\n")
+
+
+def test_one_that_comes_when_the_work_is_done_takes_nothing_back():
+    code, out, err = run(DEFERRED.format(busy="time.sleep(0.5)"), signal.SIGINT)
+    assert (code, out, err) == (0, "ready\n", "galton: stopping soon\n")
+
+
+def test_other_signals_that_python_handles_are_none():
+    code = "import signal; signal.signal(signal.SIGUSR1, lambda *_: None)\n" + DEFERRED
+    done = run(code.format(busy="[(time.sleep(0.01), check()) for _ in range(100)]"), signal.SIGUSR1, signal.SIGUSR1)
+    assert done == (0, "ready\n", "")
+
+
+def test_what_is_ignored_stays_so():
+    code = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)\n" + DEFERRED
+    busy = "[(time.sleep(0.01), check()) for _ in range(100)]"
+    assert run(code.format(busy=busy), signal.SIGINT, signal.SIGINT) == (0, "ready\n", "")
 
 
 @pytest.mark.parametrize("second", [signal.SIGINT, signal.SIGTERM])
@@ -71,6 +86,34 @@ with leaving_at_once("interrupted; nothing was written"):
     {busy}
 """
     assert run(code, signal.SIGINT) == (130, "ready\n", "galton: interrupted; nothing was written\n")
+
+
+LEARNING = """
+import sys, time
+import galton
+galton.use_all_cores()
+model = galton.A2C("lqr", n_bins=10, net_arch=(8,))
+model.learn(2_000, progress_bar=False)
+print("ready", flush=True)
+for _ in range(2):
+    try:
+        model.learn(10**9, progress_bar=False)
+    except KeyboardInterrupt:
+        step = model.num_timesteps
+        assert galton.A2C.load(model.save(sys.argv[1]), "lqr").num_timesteps == step > 2_000
+print("saved", flush=True)
+"""
+
+
+def test_learning_in_a_script_of_ones_own_that_is_interrupted_can_be_saved_and_goes_on(tmp_path):
+    code = LEARNING.replace("sys.argv[1]", repr(str(tmp_path / "model")))
+    process = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    assert process.stdout.readline() == "ready\n"
+    for _ in range(2):
+        time.sleep(3)
+        process.send_signal(signal.SIGINT)
+    out, err = process.communicate(timeout=120)
+    assert (process.returncode, out) == (0, "saved\n"), err
 
 
 def test_it_goes_on_without_a_standard_error():

@@ -6,7 +6,7 @@ import jax
 import numpy as np
 import pytest
 
-from galton import A2C, PPO, UsageError
+from galton import A2C, PPO, DivergenceError, InexactResume, UsageError
 from galton.callbacks import Print
 
 from ..swing import stateful_swing, swing
@@ -126,6 +126,7 @@ def test_parameters_are_copies_and_can_be_put_into_another_model():
         (lambda p: jax.tree.map(lambda x: x[..., None], p), "has shape"),
         (lambda p: jax.tree.map(lambda x: x * np.nan, p), "not all finite"),
         (lambda p: jax.tree.map(lambda x: "a", p), "has shape|not all finite"),
+        (lambda p: jax.tree.map(lambda x: np.full(x.shape, 1e300), p), "not all finite numbers of float32"),
         (lambda p: {}, "differ"),
     ],
 )
@@ -176,3 +177,26 @@ def test_set_env_refuses_other_spaces_and_keeps_the_environment():
     with pytest.raises(UsageError, match="n_envs is 2, but one environment was given"):
         model.set_env(swing())
     assert model.learn(10, **QUIET).num_timesteps == 10
+
+
+def test_a_model_that_diverged_goes_on_with_parameters_that_are_right():
+    model = A2C("lqr", "gaussian", **SMALL)
+    good = model.get_parameters()
+    huge = jax.tree.map(lambda x: np.full_like(x, 1e30), good)
+    model.set_parameters(huge)
+    with pytest.raises(DivergenceError):
+        model.learn(50, **QUIET)
+    with pytest.raises(DivergenceError):
+        model.learn(50, **QUIET)
+    model.set_parameters(good)
+    assert model.learn(50, **QUIET).num_timesteps > 50
+
+
+def test_a_model_whose_environment_was_closed_is_saved_without_it(tmp_path):
+    env = stateful_swing()
+    model = A2C(env, **SMALL | {"n_envs": 1}).learn(50, **QUIET)
+    env.unwrapped.get_state = lambda: 1 / 0
+    with pytest.warns(UserWarning, match="ZeroDivisionError.*goes on in new episodes"):
+        path = model.save(tmp_path / "model")
+    with pytest.warns(InexactResume):
+        A2C.load(path, stateful_swing).close()

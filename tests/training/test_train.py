@@ -8,6 +8,7 @@ import pytest
 from galton import LOSSES, Config, Hypers, UsageError, train
 from galton.envs import LQR, Bandit, MountainCar
 
+from ..swing import swing
 from .probes import Probe
 
 CONFIG = Config(n_bins=20, net_arch=(16, 16))
@@ -191,3 +192,14 @@ def test_a_group_of_runs_is_never_squeezed():
     result = run(seeds=[5])
     assert result.log.training_return.shape == (1, 4)
     assert jnp.shape(result.learner.params["critic"][-1]["bias"]) == (1, 1)
+
+
+def test_an_environment_that_can_not_be_copied_is_refused_before_training_where_evaluation_needs_copies():
+    env, config = swing(), Config(n_bins=10, net_arch=(8,))
+    steps = []
+    env.unwrapped.step = lambda action: steps.append(1) or (np.zeros(2, np.float32), 0.0, False, False, {})
+    with pytest.raises(UsageError, match="only one copy of it was given"):
+        train(env, config, Hypers(), [0], 40)
+    assert steps == []
+    assert train(env, config, Hypers(), [0], 40, n_eval_episodes=0).steps[-1] == 40
+    assert len(steps) == 40

@@ -25,7 +25,7 @@ def leaving_at_once(told: str) -> Iterator[None]:
 
 @contextlib.contextmanager
 def deferred(told: str) -> Iterator[Callable[[], None]]:
-    """A function that raises KeyboardInterrupt if the user asked to stop since; the end of the block calls it too.
+    """A function that raises KeyboardInterrupt if the user asked to stop since.
 
     The first interrupt is answered with these words, the second ends the process at once.
     """
@@ -43,24 +43,28 @@ def deferred(told: str) -> Iterator[Callable[[], None]]:
 
     with _watching(act):
         yield check
-        check()
 
 
 @contextlib.contextmanager
 def _watching(act: Callable[[int], None]) -> Iterator[None]:
-    """A time in which a thread calls `act(n)` at the n-th interrupt, whatever the main thread is doing."""
+    """A time in which a thread calls `act(n)` at the n-th interrupt, whatever the main thread is doing.
+
+    One that is ignored, as Ctrl-C is by what a script runs in the background, stays so.
+    """
     reader, writer = socket.socketpair()
     writer.setblocking(False)
 
     def watch() -> None:
         n = 0
-        while reader.recv(1):
-            n += 1
-            act(n)
+        while number := reader.recv(1):  # of any signal that Python handles
+            if number[0] in heard:
+                n += 1
+                act(n)
         reader.close()
 
+    heard = [number for number in (signal.SIGINT, signal.SIGTERM) if signal.getsignal(number) != signal.SIG_IGN]
     threading.Thread(target=watch, daemon=True).start()
-    previous = {number: signal.signal(number, lambda *_: None) for number in (signal.SIGINT, signal.SIGTERM)}
+    previous = {number: signal.signal(number, lambda *_: None) for number in heard}
     outer = signal.set_wakeup_fd(writer.fileno(), warn_on_full_buffer=False)
     try:
         yield
@@ -73,6 +77,9 @@ def _watching(act: Callable[[int], None]) -> Iterator[None]:
 
 def _leave(told: str) -> None:
     _say(told)
+    with contextlib.suppress(OSError, ValueError, AttributeError):
+        if sys.stdout.isatty():  # a progress bar hides the cursor
+            os.write(sys.stdout.fileno(), b"\x1b[?25h")
     os._exit(EXIT_CODE)
 
 

@@ -52,13 +52,13 @@ def main(arguments: Sequence[str]) -> None:
     )
     require_integer("seeds", options.seeds, 1)
     training, seeds = options.training, range(options.seeds)
+    use_all_cores()  # before the environment's module computes something
     env = training.find(options.env)
     known = env if isinstance(env, Environment) else None
     out = options.out or Path("runs", f"compare-{folder_name(options.env, options.algorithm)}")
     check_size(env, training.config, len(seeds), training.eval_episodes)
     training.check(seeds)
     console = plain_console()
-    use_all_cores()
     results: dict[str, Result] = {}
     rows: list[Row] = []
     try:

@@ -28,7 +28,20 @@ RESUMABLE = ("sweep", "reproduce", "report")
 EXIT_CODES = {BrokenEnvironmentError: 1, CheckpointError: 2, UsageError: 2}
 """What the command ends with, by whose fault it was: an environment's, or that of an argument or a file."""
 
-SIZES = ("net-arch", "n-bins", "n-envs", "n-steps", "eval-episodes", "seeds", "trials", "logs", "shard-width", "gpus")
+SIZES = (
+    "net-arch",
+    "n-bins",
+    "n-envs",
+    "n-steps",
+    "eval-episodes",
+    "seeds",
+    "trials",
+    "logs",
+    "shard-width",
+    "gpus",
+    "max-steps",
+    "episodes",
+)
 """The options that decide how much memory is needed. What they are by default fits any machine."""
 
 HELP = f"""\

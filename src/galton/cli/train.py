@@ -22,7 +22,7 @@ from galton.envs.registry import is_known, read_constants
 from galton.errors import DivergenceError, UsageError, require
 from galton.losses import find_loss
 from galton.models import InexactResume, Model
-from galton.saving.result_folder import check_free, claimed, read_settings, replacing, told, write_settings
+from galton.saving.result_folder import CONFIG, check_free, claimed, read_settings, replacing, told, write_settings
 from galton.training.size import check_size
 
 MODEL, BEST = "model.safetensors", "best_model.safetensors"
@@ -63,10 +63,11 @@ def main(arguments: Sequence[str]) -> None:
     out, steps, label = options.folder, options.training.steps, find_loss(options.loss).label
     options.training.check([options.seed])
     require(options.save_every >= 1, f"save_every is {options.save_every}; it must be at least 1")
+    require(not (options.resume and options.overwrite), "resume and overwrite are both given; give one of them")
+    use_all_cores()  # before the environment's module computes something
     env = options.training.find(options.env)
     check_size(env, options.training.config, 1, options.training.eval_episodes)
     _check_folder(options)
-    use_all_cores()
     with claimed(out), live_progress(plain_console()) as follow:
         _check_folder(options)  # nobody else can change it now
         model = _resumed(options, env) if options.resume else _new(options, env)
@@ -128,7 +129,7 @@ def _environments(options: Options, env: Environment | HostTask) -> tuple[object
 
 
 def _learn(model: Model, options: Options, show: Show) -> None:
-    """Train what is missing. However it ends, a model that has learnt something is kept."""
+    """Train what is missing. However it ends, what was learnt is kept, or the earlier run that it has not replaced."""
     first, last = model.num_timesteps, options.training.steps
     record = _Record(options, first)
     calls: list[callbacks.Callback] = [record, _Watching(show)]
@@ -140,12 +141,13 @@ def _learn(model: Model, options: Options, show: Show) -> None:
         raise UsageError(str(error)) from None
     except KeyboardInterrupt:
         step = model.num_timesteps
-        if not step:
+        if not (step and record.keeps):
             raise
-        print(f"galton: interrupted at step {step:,}; the same command with --resume goes on", file=sys.stderr)
-        sys.exit(130)
+        if step < last:
+            print(f"galton: interrupted at step {step:,}; the same command with --resume goes on", file=sys.stderr)
+            sys.exit(130)
     finally:
-        if _step(model):
+        if _step(model) and record.keeps:
             record.save(model)
 
 
@@ -179,6 +181,11 @@ class _Record:
         self._calls = self._calls or list(self._due())
         for call in self._calls:
             call(model, log)
+
+    @property
+    def keeps(self) -> bool:
+        """Whether there is a folder to keep the model in, or room for one: an earlier run has it until then."""
+        return self._begun or not (self._options.overwrite and (self._options.folder / CONFIG).exists())
 
     def save(self, model: Model) -> None:
         """Write the model, as it is now, into the run folder."""

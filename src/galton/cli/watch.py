@@ -17,13 +17,13 @@ from galton.cli import _film as film
 from galton.cli._modules import search_here
 from galton.cli._reading import read_options
 from galton.cli.train import MODEL
+from galton.envs.fitting import check_same_spaces
 from galton.envs.host.answers import FAULTS, blame, one_flag, one_number, parts
 from galton.envs.host.gymnasium import GymnasiumTask
 from galton.envs.host.mujoco_log import mujoco_warns
 from galton.envs.registry import is_known, read_constants
 from galton.errors import UsageError, require, require_integer
 from galton.models import Model
-from galton.models.environment import check_same_spaces
 from galton.saving.result_folder import CONFIG, read_settings
 from galton.training.train import check_seed
 

@@ -35,20 +35,25 @@ class Calls:
 
     def meanwhile(self, seconds: float) -> bool:
         """Ask those that want to be asked between two updates whether to go on, so many seconds after the beginning."""
-        asked: list[Callable[[Any, float], bool | None]] = [
-            one.meanwhile for one in self._callbacks if hasattr(one, "meanwhile")
+        asked: list[Callable[[Any, float], bool | None] | None] = [
+            getattr(one, "meanwhile", None) for one in self._callbacks
         ]
-        verdicts = [meanwhile(self._model, seconds) for meanwhile in asked]
+        verdicts = [meanwhile(self._model, seconds) for meanwhile in asked if meanwhile]
         return all(verdict is not False for verdict in verdicts)
 
     def after(self, step: int, size: int, log: Log, is_log_point: bool) -> bool:
         """Call those that are due after an update of that size, the last before this step; whether to go on."""
-        going, n_names = True, len(log)
+        going, n_names, waiting = True, len(log), []
         for one in self._callbacks:
             every = _every(one)
             due = step // every > (step - size) // every if every else is_log_point or not going or len(log) > n_names
             if due:
                 going = one(self._model, log) is not False and going
+            elif not every:
+                waiting.append(one)
+        if not going:  # the end of `learn`, which is a log point for those too that came before the one that said so
+            for one in waiting:
+                one(self._model, log)
         return going
 
 

@@ -13,7 +13,7 @@ from galton.envs.host.observations import Observations
 from galton.envs.host.space_json import from_json, to_json
 from galton.errors import CheckpointError, UsageError, require
 from galton.records import written
-from galton.saving import checkpoint
+from galton.saving import checkpoint, files
 from galton.saving import model_file as saved
 from galton.training.log import Tally
 from galton.training.population import Population
@@ -76,7 +76,7 @@ def with_suffix(path: Path) -> Path:
     Raises:
         UsageError: the path has no name.
     """
-    require(path.name not in ("", ".."), f"path is {str(path)!r}, which names no file; give a name such as runs/model")
+    files.check_name("path", path)
     return path if path.suffix else path.with_suffix(".safetensors")
 
 

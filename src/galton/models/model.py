@@ -12,13 +12,13 @@ from jaxtyping import Float
 from galton.algorithms import Agent, find_algorithm, resolve
 from galton.envs.base import Environment
 from galton.envs.find import find
+from galton.envs.fitting import check_copies, check_same_spaces, spaces_of, usual_copies
 from galton.envs.host.action_box import ActionBox
 from galton.envs.host.base import HostTask, Space
 from galton.envs.host.observations import Observations
 from galton.errors import require, require_integer
 from galton.models import file
 from galton.models.acting import exploit, explore, returns_on
-from galton.models.environment import check_copies, check_same_spaces, spaces_of, usual_copies
 from galton.models.hints import refuse_policy, unexpected
 from galton.models.learning import check_divergence, learn, updates_for
 from galton.models.settings import Settings, split, unusual

@@ -111,7 +111,9 @@ class Run:
         for path, array in own.items():
             other, name = np.asarray(given[path]), f"parameters{jax.tree_util.keystr(path)}"
             require(other.shape == array.shape, f"{name} has shape {other.shape}; it must be {array.shape}")
-            require(other.dtype.kind in "fiu" and bool(np.isfinite(other).all()), f"{name} is not all finite numbers")
+            with np.errstate(over="ignore"):
+                finite = other.dtype.kind in "fiu" and bool(np.isfinite(other.astype(array.dtype)).all())
+            require(finite, f"{name} is not all finite numbers of {array.dtype}")
         params = jax.tree.map(lambda array, other: np.asarray(other, array.dtype), self.learner.params, parameters)
         learner = self.learner._replace(params=params)
         self.population.put(jax.tree.map(lambda x: np.asarray(x)[None], learner))

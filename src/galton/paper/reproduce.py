@@ -42,8 +42,9 @@ def load(out: str) -> Trained:
 
 
 def _measured(store: Store, file: str) -> pa.Table:
+    data = store.read(file)
     try:
-        table = from_bytes(store.read(file))
+        table = from_bytes(data)
         record = record_of(table)
     except (pa.ArrowException, OSError, KeyError, TypeError, ValueError) as error:
         raise UsageError(f"{file} in {store.url} is not what was measured, or was damaged: {error}") from None
@@ -64,7 +65,7 @@ def _check_provenance(where: str, record: Mapping[str, Any], example: dict[str, 
 def of_no_figure(out: str) -> list[str]:
     """The files of a folder's data that no figure knows, such as those of a study that was not imported."""
     known = {f"{name}.parquet" for name in (*all_sweeps(), *FIGURES)}
-    return [file for file in Store(f"{out}/{DATA}").names("") if file not in known]
+    return [file for file in Store(f"{out}/{DATA}").names("") if file.endswith(".parquet") and file not in known]
 
 
 def refuse_other_budgets(sweeps: Iterable[Sweep], measured: Iterable[str], budget: Budget, out: str) -> None:

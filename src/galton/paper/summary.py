@@ -73,18 +73,19 @@ class Summary:
             FileNotFoundError: no such file.
             UsageError: something else is there.
         """
+        data = store.read(name)
         try:
-            table = from_bytes(store.read(name))
+            table = from_bytes(data)
             record = record_of(table)
             study = Study.of_record(record["study"])
             check(table, study)
             columns.check_record(record, {"provenance": {}})
             return cls(study, record["provenance"], table.replace_schema_metadata(None))
-        except FileNotFoundError:
-            raise
         except NewerVersionError as error:
             raise NewerVersionError(f"{name} in {store.url} can't be read: {error}") from None
         except (pa.ArrowException, OSError, *MALFORMED) as error:
+            if isinstance(error, MemoryError):
+                raise
             told = error if isinstance(error, UsageError) else f"{type(error).__name__}: {error}"
             raise UsageError(
                 f"{name} in {store.url} is no summary of a sweep, or was damaged: {told}; remove it, and make it again "

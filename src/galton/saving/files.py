@@ -8,6 +8,8 @@ import secrets
 from collections.abc import Iterator
 from pathlib import Path
 
+from galton.errors import UsageError, require
+
 SCRATCH = ".writing-"
 """How the names of files begin that are not whole yet; machine and process follow."""
 
@@ -42,6 +44,24 @@ def replacing(path: Path) -> Iterator[Path]:
     finally:
         with contextlib.suppress(OSError):
             scratch.unlink(missing_ok=True)
+
+
+def check_name(name: str, path: Path) -> None:
+    """Raise UsageError, which calls the path by this name, where it names no file."""
+    require(
+        path.name not in ("", ".."), f"{name} is {str(path)!r}, which names no file; give a name such as runs/model"
+    )
+
+
+def check_place(name: str, path: Path) -> None:
+    """Raise UsageError, which calls the path by this name, where no file can be made; its folder is."""
+    check_name(name, path)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        writable = os.access(path.parent, os.W_OK)
+    except OSError as error:
+        raise UsageError(f"{name} is {path}, which can't be written: {error.strerror}; name another") from None
+    require(writable, f"{name} is {path}, which can't be written: its folder is read-only; name another")
 
 
 def append_line(path: Path, text: str) -> None:

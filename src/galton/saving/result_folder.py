@@ -46,11 +46,15 @@ def check_free(path: Path, overwrite: bool, instead: str = "--overwrite") -> Non
     with told(path):
         require(path.is_dir() or not path.exists(), f"out is {path}, which is a file; name a folder")
         require(not path.is_mount(), f"out is {path}, where a disk is mounted; name a folder in it")
+        require(
+            not (path.is_dir() and Path.cwd().is_relative_to(path)),
+            f"out is {path}, which the current folder is in; name another, or go elsewhere first",
+        )
         if not path.exists() or not any(path.iterdir()):
             return
     require(overwrite, f"out is {path}, which is in use; name another folder or give {instead}")
     require(
-        (path / CONFIG).exists() and not Path.cwd().is_relative_to(path),
+        (path / CONFIG).exists(),
         f"out is {path}, which is not a folder of results and is not overwritten; name another",
     )
 
@@ -73,6 +77,7 @@ def claimed(path: Path) -> Iterator[None]:
                 raise OSError(errno.EROFS, f"no file can be made in {path.parent}") from None
             raise UsageError(f"out is {path}, which another process is filling; name another folder") from None
     try:
+        files.clear(path)
         for stale in path.parent.glob(f".{glob.escape(path.name)}.galton-*/"):
             _discard(stale, path)
         yield

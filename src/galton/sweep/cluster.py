@@ -106,7 +106,7 @@ def start(kind: str, jobs: Jobs, folder: Path, tls: Path | None = None) -> Itera
         carrier = _carrier(client)
 
         def width() -> int:
-            none_came = submitted.refusals and not submitted.n_taken
+            none_came = len(submitted.refusals) >= jobs.n and not submitted.n_taken
             require(not none_came, f"cluster is {kind!r}, which took no job: {' '.join(submitted.refusals[:1])}")
             return carrier.width()
 
@@ -132,7 +132,7 @@ def _noting(job: type, submitted: Submitted) -> type:
                 submitted.n_taken += 1
             except (OSError, RuntimeError, ValueError) as error:
                 await distributed.deploy.spec.ProcessInterface.start(self)
-                submitted.refusals.append(str(error).strip().splitlines()[-1])
+                submitted.refusals.append((str(error).strip() or type(error).__name__).splitlines()[-1])
 
         async def close(self) -> None:
             await super().close()

@@ -33,6 +33,8 @@ def deterministic_action(
 def copies(task: HostTask, n_copies: int, n_threads: int = 1) -> HostEnvironments:
     """That many copies of a task to evaluate on; UsageError if training has one of them."""
     envs = task.make(n_copies, n_threads)
+    if any(moves.are_watched for moves in envs.moves):
+        envs.close()
     require(
         not any(moves.are_watched for moves in envs.moves),
         f"{task.name} is being trained on and can't be copied, and evaluation would move it in the middle of an "

@@ -75,8 +75,9 @@ class Group:
             self._start_anew()
         elif self._watch.others_moved():
             warnings.warn(
-                f"{self._task.name} was reset or stepped by somebody else since training did, which begins a new "
-                "episode there; give whoever evaluates an environment of its own",
+                f"{self._task.name} was reset or stepped by somebody else since training left it at step "
+                f"{int(self.runs.step[0]):,}, and training begins a new episode there; give whoever evaluates an "
+                "environment of its own",
                 SharedEnvironment,
                 stacklevel=2,
             )
@@ -151,6 +152,7 @@ class Group:
         if self._evaluator is None or self._evaluator_episodes != n_episodes:
             if self._evaluator:
                 self._evaluator.close()
+                self._evaluator = None
             self._evaluator = copies(self._task, len(self._seeds) * n_episodes, self._n_threads)
             self._evaluator_episodes = n_episodes
 
@@ -168,7 +170,8 @@ class Group:
 
     def put(self, learner: Learner) -> None:
         """Go on with something else learnt, each leaf `[P, ...]`."""
-        self.runs = self.runs._replace(learner=self._place(learner))
+        never = jnp.full_like(self.runs.diverged_at, -1)
+        self.runs = self.runs._replace(learner=self._place(learner), diverged_at=never)
 
     def reseed(self, seeds: UInt[np.ndarray, " P"]) -> None:
         """Draw all that is random from here on from other seeds; environments go on with their own generators."""
@@ -178,10 +181,17 @@ class Group:
     def snapshot(self) -> Snapshot:
         """What `restore` goes on from; `environments` is None where they can't tell their states."""
         own = {"observation": self._observation, "length": self._length, "return": self._return}
-        astray = self._interrupted or self._watch.others_moved()
-        state = None if astray else self._envs.get_state()
+        state = None if self._interrupted or self._watch.others_moved() else self._state()
         environments = None if state is None else own | {key: self._split(value) for key, value in state.items()}
         return {"run": jax.tree.map(np.asarray, without_keys(self.runs)), "environments": environments}
+
+    def _state(self) -> dict[str, np.ndarray] | None:
+        """The state of the environments; None, with a warning, where one that is broken or closed can't tell it."""
+        try:
+            return self._envs.get_state()
+        except BrokenEnvironmentError as error:
+            warnings.warn(f"{error}; so this is without the environments, and goes on in new episodes", stacklevel=2)
+            return None
 
     def restore(self, snapshot: Snapshot) -> None:
         """Go back to a snapshot; without states, to the start of new episodes with the normaliser as it was."""

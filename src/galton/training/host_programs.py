@@ -63,11 +63,11 @@ def host_programs(agent: Agent) -> HostPrograms:
 
     return HostPrograms(
         jax.jit(begin_all, static_argnums=0),
-        jax.jit(jax.vmap(observe), donate_argnums=0),
+        jax.jit(jax.vmap(observe)),
         jax.jit(jax.vmap(prepare)),
         jax.jit(jax.vmap(act, (0, 0, 0, 0, None, 0))),
         jax.jit(jax.vmap(normalization.receive)),
-        jax.jit(over_runs(agent, functools.partial(learn, agent), (0, 0, 0, 0)), donate_argnums=0),
+        jax.jit(over_runs(agent, functools.partial(learn, agent), (0, 0, 0, 0))),
         jax.jit(jax.vmap(functools.partial(read_log, agent))),
         jax.jit(jax.vmap(functools.partial(deterministic_action, agent))),
     )

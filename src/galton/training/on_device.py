@@ -160,7 +160,8 @@ class DevicePopulation:
     def put(self, learner: Learner) -> None:
         """Go on with something else learnt, each leaf `[R, ...]`."""
         padded = self._place(jax.tree.map(lambda x: np.asarray(x)[self._padded], learner))
-        self._state = self._state._replace(run=self._state.run._replace(learner=padded))
+        never = jnp.full_like(self._state.run.diverged_at, -1)
+        self._state = self._state._replace(run=self._state.run._replace(learner=padded, diverged_at=never))
 
     def reseed(self, seeds: Sequence[int]) -> None:
         """Draw all that is random from here on from other seeds; the environments' noise is part of it."""
@@ -214,7 +215,7 @@ def _compile(env: Environment, agent: Agent, hypers: Hypers, on_runs: NamedShard
     batch = _placed(jax.eval_shape(advance, state, hypers, n)[1], on_runs)
     return _Programs(
         begin_all.lower(seeds, numbers).compile(),
-        jax.jit(advance, donate_argnums=0).lower(state, hypers, n).compile(),
+        jax.jit(advance).lower(state, hypers, n).compile(),
         jax.jit(log).lower(state.run, batch, hypers).compile(),
     )
 

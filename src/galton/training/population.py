@@ -58,7 +58,7 @@ class Population(Protocol):
         """Raise UsageError unless `evaluate` can play that many episodes: where it is known, before training."""
 
     def put(self, learner: Learner) -> None:
-        """Go on with something else learnt, each leaf `[R, ...]`."""
+        """Go on with something else learnt, each leaf `[R, ...]`, also where a run had diverged."""
 
     def reseed(self, seeds: Sequence[int]) -> None:
         """Draw all that is random from here on from other seeds. Episodes that have begun go on."""

@@ -102,6 +102,8 @@ def train(
     population = populate(env, config, all_hypers, seeds, devices)
     updates_per_log = int(steps[0]) // (config.n_steps * config.n_envs)
     try:
+        if n_eval_episodes:
+            population.check_evaluation(n_eval_episodes)
         trained = _train(population, steps, updates_per_log, n_eval_episodes, on_log, meanwhile)
     finally:
         population.close()

@@ -7,6 +7,7 @@ import tyro
 
 from galton.cli._reading import read_options
 from galton.cli.sweep._folder import Folder, load
+from galton.devices import use_all_cores
 from galton.sweep.shard import discard, finished, read, work
 from galton.sweep.store import Store
 
@@ -22,6 +23,7 @@ class Options(Folder):
 def main(arguments: Sequence[str]) -> None:
     """Train the shard, unless it is done."""
     options = read_options(Options, "sweep shard", arguments)
+    use_all_cores()  # before a module that the plan names computes something
     store = Store(options.out)
     plan = load(store, options.imports, to_train=True)
     plan.get(options.index)
