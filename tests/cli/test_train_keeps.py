@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from galton import A2C
-from galton.callbacks import Checkpoint, Evaluate, JSONLines, TensorBoard
+from galton.callbacks import Evaluate, JSONLines, TensorBoard
 from galton.cli import train
 from galton.cli._options import Training
 from galton.envs.find import find
@@ -61,7 +61,7 @@ FAILURES = {
     "the log's file": lambda patch: patch.setattr(JSONLines, "__init__", no_room),
     "TensorBoard's file": lambda patch: patch.setattr(TensorBoard, "__init__", no_room),
     "an evaluation": lambda patch: patch.setattr(Evaluate, "__call__", no_room),
-    "a save on the way": lambda patch: patch.setattr(Checkpoint, "__call__", no_room),
+    "a save on the way": lambda patch: patch.setattr(train._Saving, "__call__", no_room),
     "the first update": lambda patch: patch.setattr(Model, "advance", no_room),
     "the making of the model": lambda patch: patch.setattr(Model, "of", no_room),
     "the end": lambda patch: patch.setattr(Model, "save", fails_from(2, Model.save)),
@@ -87,7 +87,7 @@ def test_there_is_a_whole_run_at_any_time(failure, earlier, tmp_path, monkeypatc
         files.write(out / name, data)
     FAILURES[failure](monkeypatch)
     with pytest.raises((UsageError, OSError), match="No space left"):
-        galton_train(out, seed=5, tensorboard=True, overwrite=True)
+        galton_train(out, seed=5, tensorboard=True, overwrite=True, save_every=25)
     monkeypatch.undo()
     assert [path.name for path in tmp_path.iterdir()] == ["run"]
     if content(out) != earlier:

@@ -1,3 +1,5 @@
+from pathlib import Path
+
 import pytest
 
 from galton import UsageError
@@ -144,6 +146,11 @@ def test_only_folders_of_results_are_overwritten(tmp_path, monkeypatch):
         pass
     fill(tmp_path, "mine")
     monkeypatch.chdir(tmp_path / "thesis")
-    with pytest.raises(UsageError, match="not a folder of results"), result_folder(tmp_path, overwrite=True):
+    with pytest.raises(UsageError, match="the current folder is in"), result_folder(tmp_path, overwrite=True):
+        pass
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "empty").mkdir()
+    monkeypatch.chdir(tmp_path / "empty")
+    with pytest.raises(UsageError, match="the current folder is in"), result_folder(Path("."), overwrite=False):
         pass
     assert (tmp_path / "thesis" / "chapter").read_text() == "precious"

@@ -208,4 +208,4 @@ def test_a_batch_system_that_takes_no_job_ends_the_command(tmp_path):
     (tmp_path / "sbatch").chmod(0o755)
     done = sweep("--cluster", "slurm", "--jobs", "2", folder=tmp_path, path=f"{tmp_path}:/bin:/usr/bin")
     assert (done.returncode, done.stdout) == (2, "")
-    assert done.stderr == "galton: cluster is 'slurm', which took no job: sbatch: error: invalid account\n"
+    assert done.stderr == "galton: --cluster is 'slurm', which took no job: sbatch: error: invalid account\n"
