@@ -151,6 +151,6 @@ def test_only_folders_of_results_are_overwritten(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "empty").mkdir()
     monkeypatch.chdir(tmp_path / "empty")
-    with pytest.raises(UsageError, match="the current folder is in"), result_folder(Path("."), overwrite=False):
+    with pytest.raises(UsageError, match="the current folder is in"), result_folder(Path(), overwrite=False):
         pass
     assert (tmp_path / "thesis" / "chapter").read_text() == "precious"
