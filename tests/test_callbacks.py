@@ -276,6 +276,16 @@ def test_stop_on_reward_ends_training(model):
     assert learn(model, [Evaluate(20, 1), StopOnReward(-1e9)]) == 20
 
 
+@pytest.mark.parametrize(
+    "callbacks",
+    [[StopOnReward(-1e9)], [StopOnReward(-1e9), Evaluate(20, 1)], [Evaluate(20, 1), StopOnReward(0.0, "eval/mean")]],
+    ids=["no evaluation", "before it", "misspelt"],
+)
+def test_a_stop_that_never_saw_its_number_says_so(model, callbacks):
+    with pytest.warns(UserWarning, match="which was in no log, so StopOnReward could not stop"):
+        assert learn(model, callbacks) == 100
+
+
 def test_stop_after_counts_from_the_beginning_of_each_learn(model):
     stop = StopAfter(10.0)
     for elapsed in (1.0, 9.9, 10.0, 1.0):

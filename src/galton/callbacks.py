@@ -4,7 +4,8 @@
 - Any other is called at log points: every `log_interval` updates, at the end of `learn`, and where a callback before
   it in the list has added to the log. So an evaluation goes before what writes the log down.
 - One that has a method `meanwhile(model, seconds)`, seconds since `learn` began, is also asked about twice a second.
-- One that has a method `check(model)` is asked when `learn` begins, and raises UsageError for what it can't do.
+- One that has a method `check(model)` is asked when `learn` begins, and raises UsageError for what it can't do. One
+  that has a method `end(model)` is told when `learn` has ended.
 """
 
 import contextlib
@@ -12,6 +13,7 @@ import dataclasses
 import json
 import math
 import time
+import warnings
 import weakref
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -124,12 +126,23 @@ class StopOnReward:
 
     threshold: float
     metric: str = "eval/mean_reward"
-    """A key of the log; points without it are passed over."""
+    """A key of the log; points without it are passed over, and you are warned if all were."""
+
+    def __post_init__(self) -> None:
+        self._known = False
 
     def __call__(self, model: Model, log: Log) -> bool:
         """Go on while the number is below the threshold or not in the log."""
         del model
+        self._known |= self.metric in log
         return not log.get(self.metric, -math.inf) >= self.threshold
+
+    def end(self, model: Model) -> None:
+        """Warn if the number was never in the log."""
+        del model
+        if not self._known:
+            told = f"metric is {self.metric}, which was in no log, so StopOnReward could not stop"
+            warnings.warn(f"{told}; what adds it, such as Evaluate, goes before it in the list", stacklevel=2)
 
 
 @dataclasses.dataclass

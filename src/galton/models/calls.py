@@ -56,6 +56,12 @@ class Calls:
                 one(self._model, log)
         return going
 
+    def end(self) -> None:
+        """Tell those that want to know that `learn` has ended."""
+        for one in self._callbacks:
+            if end := getattr(one, "end", None):
+                end(self._model)
+
 
 def next_call(step: int, every: int, size: int) -> int:
     """The end of the first update of that size, after this step, with which a multiple of `every` has been reached."""

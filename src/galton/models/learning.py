@@ -78,6 +78,7 @@ def learn(model: Learning, n_updates: int, callback: object, progress_bar: bool,
                 going = ours.after(step, size, log, is_log_point or step == last or not going) and going
             show(step - first)
         theirs.end()
+        ours.end()
 
 
 def check_divergence(agent: Agent, population: Population) -> None:
