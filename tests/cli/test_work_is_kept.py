@@ -109,7 +109,7 @@ def trained(tmp_path_factory):
 def test_results_are_shown_where_nothing_can_be_written(trained, monkeypatch, capsys):
     """A sweep that has its results needs nothing written; another shows them too, and says why it can't keep them."""
     monkeypatch.setattr(files, "write", no_room)
-    plan = _folder.load(trained)
+    plan = _folder.load(trained, ())
     _folder.conclude(trained, plan)
     shown = capsys.readouterr().out
     assert "learning rate" in shown
@@ -128,6 +128,6 @@ def test_results_of_more_runs_replace_those_that_are_there(trained):
 
 
 def test_status_shows_a_folder_as_it_is_called(trained, capsys, monkeypatch):
-    monkeypatch.setattr(status.tyro, "cli", lambda *_, **__: _folder.Folder(trained.url))
+    monkeypatch.setattr(status, "read_options", lambda *_: _folder.Folder(trained.url))
     status.main([])
     assert f"{trained.url}: bandit\n" in capsys.readouterr().out
