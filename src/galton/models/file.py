@@ -33,7 +33,7 @@ class Described(Protocol):
     hypers: Hypers
     seed: int
     n_predictions: int
-    """How many batches of sampled actions it was asked for."""
+    """How many batches of sampled actions it was asked for; each has a key of its own."""
     actions: ActionBox
     observations: Observations
 

@@ -90,8 +90,7 @@ class Model:
         check_one_run(hypers)
         self.config, self.hypers, self.seed = config, hypers, seed
         self.agent: Agent = resolve(config, actions.low, actions.high)
-        self.actions, self.observations = actions, observations
-        self.n_predictions = 0  # each batch of sampled actions has a key of its own
+        self.actions, self.observations, self.n_predictions = actions, observations, 0
         self._interval, self.verbose = self.agent.algorithm.log_interval, 0
 
     def __repr__(self) -> str:
@@ -290,9 +289,9 @@ class Model:
         return copied(self.learner.params)
 
     def set_parameters(self, parameters: Params) -> None:
-        """Go on with other parameters, such as `get_parameters` of another model; Adam's moments stay.
+        """Go on with other parameters, such as another model's; Adam's moments stay.
 
-        UsageError: names or shapes other than the model's own, or numbers that are not finite.
+        Raises UsageError for other names or shapes than its own, and for numbers that are not finite.
         """
         self._run.set_parameters(parameters)
 

@@ -1,5 +1,6 @@
 """Many runs of one configuration, trained side by side."""
 
+import contextlib
 import dataclasses
 import math
 import time
@@ -78,8 +79,7 @@ def train(
     """Train R runs side by side, one per seed.
 
     Args:
-        env: one of our records (hashable, pure JAX), or what `galton.envs.find` makes a task of: a name, a
-            Gymnasium id, a function that makes a Gymnasium environment.
+        env: what `galton.envs.find` takes: a record of ours, a name, a Gymnasium id, a function that makes one.
         config: shared by all runs.
         hypers: each field a number for all runs or an array `[R]`.
         seeds: R integers; a run is determined by its seed and its settings.
@@ -99,14 +99,9 @@ def train(
     steps = log_points(config, total_timesteps, n_logs)
     require(steps[-1] < 2**31, f"total_timesteps is {total_timesteps}; one run counts up to 2³¹ − 1 steps")
     all_hypers = Hypers._make(np.broadcast_to(np.asarray(h, np.float32), len(seeds)) for h in hypers)
-    population = populate(env, config, all_hypers, seeds, devices)
     updates_per_log = int(steps[0]) // (config.n_steps * config.n_envs)
-    try:
-        if n_eval_episodes:
-            population.check_evaluation(n_eval_episodes)
+    with contextlib.closing(populate(env, config, all_hypers, seeds, devices)) as population:
         trained = _train(population, steps, updates_per_log, n_eval_episodes, on_log, meanwhile)
-    finally:
-        population.close()
     return Result(config, all_hypers, np.asarray(seeds), steps, *trained)
 
 
@@ -119,6 +114,8 @@ def _train(
     meanwhile: Callable[[int], None] | None,
 ) -> tuple[Log, Int[np.ndarray, " R"], Learner, float, float]:
     """Train from log point to log point: log, divergences, learner, and the seconds of compiling and of training."""
+    if n_eval_episodes:
+        population.check_evaluation(n_eval_episodes)
     compiled, start, logs = population.compile_seconds, time.perf_counter(), []
     pieces = Pieces(population.advance)
     for step in steps:
