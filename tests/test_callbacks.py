@@ -387,6 +387,7 @@ def test_weights_and_biases_says_what_to_install(monkeypatch):
         (lambda path: Checkpoint("x", every=-1), "every is -1"),
         (lambda path: StopAfter(0.0), "seconds is 0.0"),
         (lambda path: StopAfter(math.nan), "seconds is nan"),
+        (lambda path: StopOnReward(math.nan), "threshold is nan"),
         (lambda path: JSONLines(path), "can't be written"),
         (lambda path: JSONLines(path / "new" / "/dev/null/x"), "can't be written"),
     ],
@@ -394,3 +395,15 @@ def test_weights_and_biases_says_what_to_install(monkeypatch):
 def test_bad_arguments_are_named(make, message, tmp_path):
     with pytest.raises(UsageError, match=message):
         make(tmp_path)
+
+
+@pytest.mark.parametrize("verdict", [False, np.bool_(False)])
+def test_a_comparison_of_numpys_stops_too(model, verdict):
+    assert learn(model, lambda model, log: verdict) == 20
+    model.learn(20, progress_bar=False)
+
+
+@pytest.mark.parametrize("path", ["run-{steps}", "run-{step:08d}", "run-{}", "{step}/{x}"])
+def test_a_brace_that_means_nothing_is_refused(path):
+    with pytest.raises(UsageError, match="is all that can stand in braces"):
+        Checkpoint(path)

@@ -108,6 +108,8 @@ class Checkpoint:
 
     def __post_init__(self) -> None:
         require_integer("every", self.every, 1)
+        unknown = str(self.path).replace("{step}", "")
+        require("{" not in unknown, f"path is {self.path}; {{step}} is all that can stand in braces")
 
     def check(self, model: Any) -> None:
         """Raise UsageError for a file that can't be written."""
@@ -129,6 +131,8 @@ class StopOnReward:
     """A key of the log; points without it are passed over, and you are warned if all were."""
 
     def __post_init__(self) -> None:
+        require(isinstance(self.threshold, int | float), f"threshold is {self.threshold!r}; it must be a number")
+        require(not math.isnan(self.threshold), "threshold is nan, which no number reaches")
         self._known = False
 
     def __call__(self, model: Model, log: Log) -> bool:
@@ -152,7 +156,8 @@ class StopAfter:
     seconds: float
 
     def __post_init__(self) -> None:
-        require(self.seconds > 0, f"seconds is {self.seconds}; it must be greater than 0")
+        fits = isinstance(self.seconds, int | float) and self.seconds > 0
+        require(fits, f"seconds is {self.seconds!r}; it must be a number greater than 0")
 
     def __call__(self, model: Model, log: Log) -> bool:
         """Go on while there is time."""

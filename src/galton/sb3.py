@@ -70,13 +70,24 @@ class Facade:
         return getattr(self._model, name)
 
     def get_env(self) -> object:
-        """What stands for the training environment: its spaces and its number of copies, in the class SB3 looks for."""
+        """SB3's own VecEnv, if the model is trained on one; else what has its spaces and its number of copies."""
+        if self._source is not None:
+            return self._source
         from stable_baselines3.common.vec_env import DummyVecEnv
 
         return DummyVecEnv([lambda: _Spaces(self._model)] * self._model.config.n_envs)
 
-    def get_vec_normalize_env(self) -> None:
-        """Normalising is the model's own, in `predict` and `save`."""
+    def get_vec_normalize_env(self) -> object:
+        """The VecNormalize that the model is trained on, if it is; else normalising is the model's, in `predict`."""
+        from stable_baselines3.common.vec_env import unwrap_vec_normalize
+
+        return None if self._source is None else unwrap_vec_normalize(self._source)
+
+    @property
+    def _source(self) -> Any:
+        """SB3's VecEnv that the model is trained on, if it is one."""
+        source = getattr(self._model.env, "source", None)
+        return source if is_instance_of(source, "stable_baselines3", "VecEnv") else None
 
 
 class _Spaces(Env):

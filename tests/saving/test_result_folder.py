@@ -1,3 +1,4 @@
+import json
 from pathlib import Path
 
 import pytest
@@ -7,14 +8,18 @@ from galton.saving.result_folder import check_free, claimed, read_settings, resu
 
 
 def fill(folder, text):
-    (folder / "config.json").write_text(text)
+    (folder / "config.json").write_text(json.dumps({"versions": {}, "text": text}))
+
+
+def text_of(folder):
+    return json.loads((folder / "config.json").read_text())["text"]
 
 
 def test_the_folder_appears_whole(tmp_path):
     with result_folder(tmp_path / "out", overwrite=False) as folder:
         fill(folder, "new")
         assert not (tmp_path / "out").exists()
-    assert (tmp_path / "out" / "config.json").read_text() == "new"
+    assert text_of(tmp_path / "out") == "new"
     assert list(tmp_path.iterdir()) == [tmp_path / "out"]
 
 
@@ -30,17 +35,34 @@ def test_an_error_leaves_what_was_there(error, tmp_path):
 
     with pytest.raises(error):
         fail()
-    assert (tmp_path / "out" / "config.json").read_text() == "old"
+    assert text_of(tmp_path / "out") == "old"
     assert list(tmp_path.iterdir()) == [tmp_path / "out"]
 
 
 def test_overwriting_replaces_everything(tmp_path):
     (tmp_path / "out").mkdir()
     fill(tmp_path / "out", "old")
-    (tmp_path / "out" / "other").write_text("old")
+    (tmp_path / "out" / "metrics.jsonl").write_text("old")
     with result_folder(tmp_path / "out", overwrite=True) as folder:
         fill(folder, "new")
     assert [path.name for path in (tmp_path / "out").iterdir()] == ["config.json"]
+
+
+@pytest.mark.parametrize("other", ["notes.txt", "src", "analysis.ipynb", "model.safetensors.bak", "videos"])
+def test_a_folder_with_something_else_in_it_is_not_overwritten(other, tmp_path):
+    fill(tmp_path, "old")
+    (tmp_path / other).mkdir()
+    with pytest.raises(UsageError, match=f"which also holds {other}"), result_folder(tmp_path, overwrite=True):
+        pass
+    assert text_of(tmp_path) == "old"
+
+
+@pytest.mark.parametrize("settings", ['{"theirs": 1}', '{"versions": 3}', "[]", "{}", "junk"])
+def test_a_config_json_of_somebody_elses_makes_no_folder_of_results(settings, tmp_path):
+    (tmp_path / "config.json").write_text(settings)
+    with pytest.raises(UsageError, match=r"config\.json|not a folder of results"), result_folder(tmp_path, True):
+        pass
+    assert (tmp_path / "config.json").read_text() == settings
 
 
 def test_an_empty_folder_is_free(tmp_path):
@@ -70,7 +92,7 @@ def test_results_survive_when_somebody_fills_the_folder_meanwhile(tmp_path):
 
     with pytest.raises(UsageError, match="the results are in"):
         meet()
-    assert {(path / "config.json").read_text() for path in tmp_path.iterdir()} == {"ours", "theirs"}
+    assert {text_of(path) for path in tmp_path.iterdir()} == {"ours", "theirs"}
 
 
 def test_the_remains_of_a_killed_process_are_cleared_and_nothing_else(tmp_path):
@@ -102,7 +124,7 @@ def test_what_a_process_killed_between_two_renames_set_aside_is_put_back(tmp_pat
 
     with pytest.raises(UsageError, match="which is in use"):
         fail()
-    assert (tmp_path / "out" / "config.json").read_text() == "precious"
+    assert text_of(tmp_path / "out") == "precious"
 
 
 def test_settings_come_back_with_what_made_them(tmp_path):
@@ -116,7 +138,7 @@ def test_settings_come_back_with_what_made_them(tmp_path):
 
 @pytest.mark.parametrize("text", ["", "{", "[1]", '"env"', "[" * 100_000])
 def test_settings_that_are_something_else_are_a_usage_error(tmp_path, text):
-    fill(tmp_path, text)
+    (tmp_path / "config.json").write_text(text)
     with pytest.raises(UsageError, match=r"config\.json"):
         read_settings(tmp_path)
 

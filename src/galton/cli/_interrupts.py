@@ -12,6 +12,9 @@ import sys
 import threading
 from collections.abc import Callable, Iterator
 
+ASKING = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
+"""The signals that ask a process to end: Ctrl-C, a batch system's, a terminal's that is closed."""
+
 EXIT_CODE = 130
 """What a shell shows for a command that Ctrl-C ended."""
 
@@ -62,7 +65,7 @@ def _watching(act: Callable[[int], None]) -> Iterator[None]:
                 act(n)
         reader.close()
 
-    heard = [number for number in (signal.SIGINT, signal.SIGTERM) if signal.getsignal(number) != signal.SIG_IGN]
+    heard = [number for number in ASKING if signal.getsignal(number) != signal.SIG_IGN]
     threading.Thread(target=watch, daemon=True).start()
     previous = {number: signal.signal(number, lambda *_: None) for number in heard}
     outer = signal.set_wakeup_fd(writer.fileno(), warn_on_full_buffer=False)

@@ -5,10 +5,12 @@ or too little memory; 130 interrupted; 141 done, but nobody read the output to i
 Whatever becomes of the output, a command does its work and keeps it.
 """
 
+import atexit
 import importlib
 import signal
 import sys
 
+from galton.cli._interrupts import ASKING
 from galton.cli._output import Lasting, lasting_output
 from galton.cli._words import run_command
 from galton.errors import BrokenEnvironmentError, CheckpointError, UsageError, unknown
@@ -64,7 +66,13 @@ def main() -> None:
             code: int | str | None = _run(name, arguments)
         except SystemExit as left:  # tyro's
             code = left.code
+    atexit.register(_ignore_interrupts)  # all is done; what was registered last is called first
     sys.exit(_unread(stdout) if not code and stdout and stdout.lost else code)
+
+
+def _ignore_interrupts() -> None:
+    for number in ASKING:
+        signal.signal(number, signal.SIG_IGN)
 
 
 def _unread(stdout: Lasting) -> int:
@@ -82,7 +90,9 @@ def _run(name: str, arguments: list[str]) -> int:
     if name == "--version":
         print(importlib.import_module("importlib.metadata").version("galton"))
         return 0
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # so that it cleans up as Ctrl-C does
+    for number in ASKING:
+        if signal.getsignal(number) != signal.SIG_IGN:
+            signal.signal(number, signal.default_int_handler)  # so that it cleans up as Ctrl-C does
     try:
         if name not in COMMANDS:
             raise unknown("command", name, COMMANDS)

@@ -76,9 +76,9 @@ def main(arguments: Sequence[str]) -> None:
             f"steps is {steps}, which the run in {out} has reached; name more to go on with it",
         )
         _learn(model, options, follow(f"{label} on {options.env}", steps, 1))
-    last = known(out / METRICS)
+    last = known(out / METRICS) | ({} if options.training.eval_episodes else {"eval/mean_reward": math.nan})
     training_return, evaluation_return, speed = (
-        f"{last[name]:,.2f}" if name in last else "not known"
+        f"{last[name]:,.2f}" if math.isfinite(last.get(name, math.nan)) else "not known"
         for name in ("rollout/ep_rew_mean", "eval/mean_reward", "time/fps")
     )
     print(f"training return {training_return}, evaluation return {evaluation_return}, {speed} steps/s")
@@ -105,8 +105,11 @@ def _resumed(options: Options, env: Environment | HostTask) -> Model:
         model = Model.load(out / MODEL, env)
     there, wanted = _environments(options, env)
     config = dataclasses.replace(options.training.config, loss=options.loss)
-    own = {"env": there, "seed": model.seed} | vars(model.config) | model.hypers._asdict()
-    asked = {"env": wanted, "seed": options.seed} | vars(config) | options.training.hypers._asdict()
+    logs = read_settings(out).get("logs", options.training.logs)
+    own = {"env": there, "seed": model.seed, "logs": logs, "algorithm": model.config.algorithm}
+    own |= vars(model.config) | model.hypers._asdict()
+    asked = {"env": wanted, "seed": options.seed, "logs": options.training.logs, "algorithm": options.algorithm}
+    asked |= vars(config) | options.training.hypers._asdict()
     for name, value in asked.items():
         same = value == own[name]
         require(same, f"{name} is {value}, but the run in {out} has {own[name]}; give the same options to resume it")

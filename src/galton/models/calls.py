@@ -4,6 +4,8 @@ import inspect
 from collections.abc import Callable, Sequence
 from typing import Any
 
+import numpy as np
+
 from galton.callbacks import Callback, Log
 from galton.errors import UsageError, require, require_integer
 
@@ -39,7 +41,7 @@ class Calls:
             getattr(one, "meanwhile", None) for one in self._callbacks
         ]
         verdicts = [meanwhile(self._model, seconds) for meanwhile in asked if meanwhile]
-        return all(verdict is not False for verdict in verdicts)
+        return not any(map(_stops, verdicts))
 
     def after(self, step: int, size: int, log: Log, is_log_point: bool) -> bool:
         """Call those that are due after an update of that size, the last before this step; whether to go on."""
@@ -48,7 +50,7 @@ class Calls:
             every = _every(one)
             due = step // every > (step - size) // every if every else is_log_point or not going or len(log) > n_names
             if due:
-                going = one(self._model, log) is not False and going
+                going = not _stops(one(self._model, log)) and going
             elif not every:
                 waiting.append(one)
         if not going:  # the end of `learn`, which is a log point for those too that came before the one that said so
@@ -66,6 +68,11 @@ class Calls:
 def next_call(step: int, every: int, size: int) -> int:
     """The end of the first update of that size, after this step, with which a multiple of `every` has been reached."""
     return -(-(step // every + 1) * every // size) * size
+
+
+def _stops(verdict: object) -> bool:
+    """Whether a callback said to stop: False, Python's or that of a comparison of NumPy's."""
+    return isinstance(verdict, bool | np.bool) and not verdict
 
 
 def _every(callback: Callback) -> int | None:

@@ -105,6 +105,7 @@ class Run:
 
     def set_parameters(self, parameters: Params) -> None:
         """Go on with other parameters; UsageError unless they are finite and have the names and shapes of these."""
+        require(isinstance(parameters, dict), f"parameters is {parameters!r:.80}; give what get_parameters returns")
         own, given = (dict(jax.tree.leaves_with_path(tree)) for tree in (self.learner.params, parameters))
         differ = [jax.tree_util.keystr(path) for path in own.keys() ^ given.keys()]
         require(not differ, f"parameters differ from the model's own in {', '.join(sorted(differ))}")

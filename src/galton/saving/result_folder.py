@@ -19,6 +19,13 @@ from galton.saving.provenance import machine, versions
 CONFIG = "config.json"
 """What the results were made with; the file by which a folder of results is known."""
 
+FILES = (
+    CONFIG,
+    *("metrics.jsonl", "model.safetensors", "best_model.safetensors", "tensorboard", "video.mp4", "video.gif"),
+    *("summary.json", "curves.parquet", "learning_curves.png", "learning_curves.svg"),
+)
+"""What commands write into folders of results. One that holds anything else is somebody's, and is not replaced."""
+
 
 @contextlib.contextmanager
 def result_folder(path: Path, overwrite: bool) -> Iterator[Path]:
@@ -53,10 +60,11 @@ def check_free(path: Path, overwrite: bool, instead: str = "--overwrite") -> Non
         if not path.exists() or not any(path.iterdir()):
             return
     require(overwrite, f"out is {path}, which is in use; name another folder or give {instead}")
-    require(
-        (path / CONFIG).exists(),
-        f"out is {path}, which is not a folder of results and is not overwritten; name another",
-    )
+    ours = isinstance(read_settings(path).get("versions"), dict)
+    require(ours, f"out is {path}, which is not a folder of results and is not overwritten; name another")
+    with told(path):
+        others = sorted(file.name for file in path.iterdir() if file.name not in FILES and file.name[0] != ".")
+    require(not others, f"out is {path}, which also holds {', '.join(others[:5])}; move that away, or name another")
 
 
 @contextlib.contextmanager

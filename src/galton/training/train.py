@@ -11,7 +11,7 @@ import jax
 import numpy as np
 from jaxtyping import Float, Int
 
-from galton.errors import require, require_integer
+from galton.errors import require, require_integer, unknown
 from galton.training.log import Log
 from galton.training.pieces import Pieces
 from galton.training.population import Population, populate
@@ -48,7 +48,10 @@ class Result:
         NaN for a diverged run. Points without a finished episode don't count; if all lack one, the last before
         them does.
         """
-        return final(np.asarray(self.log.columns()[metric]), self.diverged_at, fraction)
+        columns = self.log.columns()
+        if metric not in columns:
+            raise unknown("metric", metric, columns)
+        return final(np.asarray(columns[metric]), self.diverged_at, fraction)
 
 
 def final(

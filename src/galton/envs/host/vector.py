@@ -31,7 +31,7 @@ class VectorTask:
     n_threads = 1
 
     def __init__(self, source: Any) -> None:
-        self._source = source
+        self.source = source
         self.name = type(source).__name__
         self.given: int = source.num_envs
         if isinstance(source, VectorEnv):
@@ -57,9 +57,9 @@ class VectorTask:
             "to that, and evaluate on an environment of its own: evaluate(env=...) or Evaluate(env=...) takes an id or "
             "a function that makes it",
         )
-        of_gymnasium = isinstance(self._source, VectorEnv)
+        of_gymnasium = isinstance(self.source, VectorEnv)
         reset, step = (reset_gymnasium, step_gymnasium) if of_gymnasium else (reset_sb3, step_sb3)
-        return VectorEnvs(self.name, self._source, self._actions, self._observations, reset, step)
+        return VectorEnvs(self.name, self.source, self._actions, self._observations, reset, step)
 
 
 def reset_gymnasium(envs: VectorEnvs, seeds: list[int]) -> object:
