@@ -16,6 +16,7 @@ from stable_baselines3.common.callbacks import (
 from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.monitor import Monitor
+from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 
 from galton import A2C
 
@@ -148,3 +149,17 @@ def test_ours_and_theirs_run_together_and_one_that_never_stops_does_not_hide_ano
     assert model.num_timesteps == first + 24
     assert len(logs) == 3
     assert len([entry for entry in callbacks[0].seen if entry[0] == "step"]) == 10
+
+
+def test_an_evaluation_is_normalised_as_training_is_and_its_statistics_are_saved(tmp_path):
+    env, test = (VecNormalize(DummyVecEnv([drift] * n), norm_reward=n == 2) for n in (2, 1))
+    test.training = False
+    model = A2C(env, n_bins=5, net_arch=(4,), n_steps=4)
+    callbacks = [
+        EvalCallback(test, eval_freq=8, verbose=0),
+        CheckpointCallback(8, str(tmp_path), save_vecnormalize=True),
+    ]
+    model.learn(64, callbacks, progress_bar=False)
+    np.testing.assert_array_equal(test.obs_rms.mean, env.obs_rms.mean)
+    assert env.obs_rms.count > 60
+    assert list(tmp_path.glob("*vecnormalize*.pkl"))
