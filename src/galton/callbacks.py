@@ -117,7 +117,7 @@ class Checkpoint:
         files.check_place("path", Path(self.path))
 
     def __call__(self, model: Model, log: Log) -> None:
-        """Save the model."""
+        """Save the model, with its step where the path has `{step}`."""
         del log
         model.save(str(self.path).replace("{step}", str(model.num_timesteps)))
 
