@@ -262,7 +262,7 @@ def content(folder):
     return {path.name: path.read_bytes() for path in folder.iterdir()}
 
 
-def test_an_earlier_run_stays_until_the_new_one_has_learnt_something(tmp_path):
+def test_an_earlier_run_stays_until_the_first_log_point_of_the_new_one(tmp_path):
     (tmp_path / "failing.py").write_text(FAILING)
     out = tmp_path / "run"
     assert galton("train", "bandit", "--steps", "100", "--out", out).returncode == 0
@@ -271,16 +271,17 @@ def test_an_earlier_run_stays_until_the_new_one_has_learnt_something(tmp_path):
     for code, words, arguments in (
         (2, "--steps is 99999999999; one run counts up to", ["bandit", "--steps", "99999999999"]),
         (1, "on purpose", ["failing:Failing-v0", "--env-kwargs", '{"after": 5}', "--steps", "400"]),
+        (1, "on purpose", ["failing:Failing-v0", "--env-kwargs", '{"after": 50}', "--steps", "400", "--logs", "1"]),
     ):
         done = galton("train", *arguments, *options, cwd=tmp_path)
         assert (done.returncode, words in done.stderr) == (code, True), done.stderr
         assert content(out) == before
         assert {path.name for path in tmp_path.iterdir()} - {"__pycache__"} == {"failing.py", "run"}
-    late = ["failing:Failing-v0", "--env-kwargs", '{"after": 50}', "--steps", "400", "--logs", "1"]
+    late = ["failing:Failing-v0", "--env-kwargs", '{"after": 50}', "--steps", "400", "--logs", "10"]
     assert galton("train", *late, *options, cwd=tmp_path).returncode == 1
     assert read(out / "model.safetensors")[0]["step"] == 40, "what was learnt before the environment broke"
     assert json.loads((out / "config.json").read_text())["env"] == "failing:Failing-v0"
-    assert set(content(out)) == {"config.json", "model.safetensors"}, "no log point was reached"
+    assert set(content(out)) == {"config.json", "model.safetensors", "metrics.jsonl"}
 
 
 def test_two_processes_do_not_train_in_one_run_folder(tmp_path):

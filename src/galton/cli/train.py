@@ -42,7 +42,7 @@ class Options:
     out: Path | None = None
     """The run folder, by default runs/ENV-LOSS-SEED, or runs/ENV-ALGORITHM-LOSS-SEED."""
     overwrite: bool = False
-    """Replace a run that the folder holds."""
+    """Replace a run that the folder holds, once the new one has come to its first log point."""
     resume: bool = False
     """Go on with the run that the folder holds, up to `steps` in all. The result is that of a run without a break
     where the environment can be put back into its state; else its episodes start anew, and you are told."""
