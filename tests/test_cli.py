@@ -337,7 +337,8 @@ def test_an_interrupt_leaves_nothing_half_written(number, delay, tmp_path):
     """While it compiles, and while it trains."""
     out = tmp_path / "out"
     out.mkdir()
-    (out / "config.json").write_text("mine")
+    mine = json.dumps({"versions": {}, "text": "mine"})
+    (out / "config.json").write_text(mine)
     process = subprocess.Popen(
         [GALTON, "compare", "lqr", "--out", out, "--overwrite"],
         stderr=subprocess.PIPE,
@@ -355,7 +356,7 @@ def test_an_interrupt_leaves_nothing_half_written(number, delay, tmp_path):
     assert stderr.splitlines()[-1] == "galton: interrupted; nothing was written"
     assert "Traceback" not in stderr
     assert [path.name for path in tmp_path.rglob("*")] == ["out", "config.json"]
-    assert (out / "config.json").read_text() == "mine"
+    assert (out / "config.json").read_text() == mine
 
 
 def test_two_processes_do_not_fill_one_folder(tmp_path):

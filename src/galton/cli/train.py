@@ -105,16 +105,19 @@ def _resumed(options: Options, env: Environment | HostTask) -> Model:
         model = Model.load(out / MODEL, env)
     there, wanted = _environments(options, env)
     config = dataclasses.replace(options.training.config, loss=options.loss)
-    logs = read_settings(out).get("logs", options.training.logs)
-    own = {"env": there, "seed": model.seed, "logs": logs, "algorithm": model.config.algorithm}
+    own = {"env": there, "seed": model.seed, "algorithm": model.config.algorithm}
     own |= vars(model.config) | model.hypers._asdict()
-    asked = {"env": wanted, "seed": options.seed, "logs": options.training.logs, "algorithm": options.algorithm}
+    asked = {"env": wanted, "seed": options.seed, "algorithm": options.algorithm}
     asked |= vars(config) | options.training.hypers._asdict()
     for name, value in asked.items():
         same = value == own[name]
         require(same, f"{name} is {value}, but the run in {out} has {own[name]}; give the same options to resume it")
     for warning in told:
         print(f"galton: {warning.message}", file=sys.stderr)
+    other_logs = read_settings(out).get("logs", options.training.logs) != options.training.logs
+    if other_logs and _interval_asked(options.training, model) != _interval(options.training, model):
+        every = model.log_interval
+        print(f"galton: the run keeps its log points, every {every:,} steps, whatever --logs is", file=sys.stderr)
     return model
 
 
@@ -164,9 +167,13 @@ def _step(model: Model) -> int:
 
 def _interval(training: Training, model: Model) -> int:
     """Updates between log points: as many as make the wanted number of points, or as the run had."""
-    size = model.config.n_steps * model.config.n_envs
     if model.num_timesteps:
-        return model.log_interval // size
+        return model.log_interval // (model.config.n_steps * model.config.n_envs)
+    return _interval_asked(training, model)
+
+
+def _interval_asked(training: Training, model: Model) -> int:
+    size = model.config.n_steps * model.config.n_envs
     return math.ceil(math.ceil(training.steps / size) / training.logs)
 
 
