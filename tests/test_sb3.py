@@ -152,7 +152,7 @@ def test_ours_and_theirs_run_together_and_one_that_never_stops_does_not_hide_ano
 
 
 def test_an_evaluation_is_normalised_as_training_is_and_its_statistics_are_saved(tmp_path):
-    env, test = (VecNormalize(DummyVecEnv([drift] * n), norm_reward=n == 2) for n in (2, 1))
+    env, test = (VecNormalize(DummyVecEnv([lambda: Monitor(drift())] * n), norm_reward=n == 2) for n in (2, 1))
     test.training = False
     model = A2C(env, n_bins=5, net_arch=(4,), n_steps=4)
     callbacks = [
