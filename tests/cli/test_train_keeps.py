@@ -151,22 +151,6 @@ def test_a_folder_that_is_a_disk_of_its_own_is_refused_at_once():
         galton_train("/proc")
 
 
-def test_a_model_whose_state_is_lost_is_not_saved_and_hides_no_error(tmp_path, monkeypatch):
-    """JAX lets go of what it was given where memory runs out in the middle."""
-
-    def advance(model, _):
-        monkeypatch.setattr(Model, "num_timesteps", property(gone))
-        raise RuntimeError("RESOURCE_EXHAUSTED: Out of memory")
-
-    def gone(_):
-        raise RuntimeError("Array has been deleted")
-
-    monkeypatch.setattr(Model, "advance", advance)
-    with pytest.raises(RuntimeError, match="Out of memory"):
-        galton_train(tmp_path / "run")
-    assert list(tmp_path.iterdir()) == []
-
-
 LIMITED = """
 import resource
 resource.setrlimit(resource.RLIMIT_FSIZE, (9_000, 9_000))

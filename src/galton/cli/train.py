@@ -153,16 +153,8 @@ def _learn(model: Model, options: Options, show: Show) -> None:
             print(f"galton: interrupted at step {step:,}; the same command with --resume goes on", file=sys.stderr)
             sys.exit(130)
     finally:
-        if _step(model) and record.keeps:
+        if model.num_timesteps and record.keeps:
             record.save(model)
-
-
-def _step(model: Model) -> int:
-    """How far the model is; 0 where JAX let go of its state because memory ran out."""
-    try:
-        return model.num_timesteps
-    except RuntimeError:
-        return 0
 
 
 def _interval(training: Training, model: Model) -> int:
