@@ -14,6 +14,8 @@ Params = dict[str, Any]
 """A nested dictionary of arrays."""
 Count = Annotated[int, AtLeast(1)]
 """How many of something that there must be."""
+Rule = Literal["mode", "mean", "median"]
+"""How a softmax policy that does not explore chooses its action."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -36,7 +38,7 @@ class Config:
     """What a softmax policy samples from: itself, or the Gaussian with its moments (§5.2.3)."""
     bin_sample: Literal["center", "uniform"] = "center"
     """Which action of a sampled bin is taken: its center (§4.1) or any (footnote 3)."""
-    deterministic_action: Literal["mode", "mean", "median"] = "mode"
+    deterministic_action: Rule = "mode"
     """The action of a softmax policy that does not explore."""
     normalize_advantage: bool = False
     """Standardise the advantages of each batch."""

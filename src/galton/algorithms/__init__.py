@@ -19,7 +19,7 @@ ALGORITHMS: dict[str, Algorithm] = {
     "ppo": ppo.ALGORITHM,
 }
 
-__all__ = ["ALGORITHMS", "Agent", "Algorithm", "Scalars", "find_algorithm", "refuse_others", "resolve"]
+__all__ = ["ALGORITHMS", "Agent", "Algorithm", "Scalars", "find_algorithm", "policy_of", "refuse_others", "resolve"]
 
 
 def resolve(config: Config, low: Float[np.ndarray, " d"], high: Float[np.ndarray, " d"]) -> Agent:
@@ -28,10 +28,7 @@ def resolve(config: Config, low: Float[np.ndarray, " d"], high: Float[np.ndarray
     Raises:
         UsageError: an unknown name, choices that don't fit together, or a setting that its algorithm can't use.
     """
-    loss, algorithm = find_loss(config.loss), find_algorithm(config.algorithm)
-    name = loss.policy if config.policy == "auto" else config.policy
-    if name not in POLICIES:
-        raise unknown("policy", config.policy, ("auto", *POLICIES))
+    loss, algorithm, name = find_loss(config.loss), find_algorithm(config.algorithm), policy_of(config)
     fitting = [known for known, policy in POLICIES.items() if loss.family in ("density", policy.family)]
     require(
         name in fitting,
@@ -41,6 +38,14 @@ def resolve(config: Config, low: Float[np.ndarray, " d"], high: Float[np.ndarray
     algorithm.check(config)
     box = (tuple(float(x) for x in np.asarray(bound, np.float32)) for bound in (low, high))
     return Agent(config, loss, POLICIES[name].create, algorithm, *box)
+
+
+def policy_of(config: Config) -> str:
+    """The key in POLICIES of a configuration's policy; UsageError lists the names if there is none."""
+    name = find_loss(config.loss).policy if config.policy == "auto" else config.policy
+    if name not in POLICIES:
+        raise unknown("policy", config.policy, ("auto", *POLICIES))
+    return name
 
 
 def refuse_others(algorithm: Algorithm, settings: Config | Hypers) -> None:

@@ -10,7 +10,7 @@ from jaxtyping import Array, Float, Key
 
 from galton.losses import Loss
 from galton.policies import Policy
-from galton.types import Config, Hypers, Learner, Transition
+from galton.types import Config, Hypers, Learner, Rule, Transition
 
 Box = Float[np.ndarray, " d"]
 Scalars = dict[str, Float[Array, ""]]
@@ -77,3 +77,9 @@ class Agent:
     def policy(self) -> Policy:
         """The policy for actions in this box."""
         return self.make_policy(self.config, np.array(self.low, np.float32), np.array(self.high, np.float32))
+
+    def acting_by(self, rule: Rule | None) -> "Agent":
+        """The same agent with another deterministic action; None is its own."""
+        if rule is None:
+            return self
+        return dataclasses.replace(self, config=dataclasses.replace(self.config, deterministic_action=rule))

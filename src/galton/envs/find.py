@@ -10,6 +10,7 @@ from galton.envs.host.answers import shown
 from galton.envs.host.base import HostTask
 from galton.envs.host.gymnasium import GymnasiumTask
 from galton.envs.host.vector import VectorTask, is_sb3
+from galton.envs.rescaled import rescaled
 from galton.errors import UsageError, did_you_mean, require
 
 
@@ -19,13 +20,16 @@ def find(env: object, **kwargs: object) -> Environment | HostTask:
     Args:
         env: a name in ENVS, a Gymnasium id (also `module:Id`), a function that makes a Gymnasium environment,
             a Gymnasium environment or vector environment, an SB3 VecEnv, one of our records, or a task.
-        kwargs: the constants of a name or an id.
+        kwargs: the constants of a name or an id; of any, `action_scale` makes the box that policies see so many times
+            as large, and what is done there the action over it.
 
     Raises:
         UsageError: something else, or an environment that Galton can't use, with the reason.
     """
     if isinstance(env, str):
-        return _find_by_name(env, kwargs)
+        scale = kwargs.pop("action_scale", None)
+        found = _find_by_name(env, kwargs)
+        return found if scale is None else rescaled(found, scale)
     require(
         not kwargs,
         f"env_kwargs is {kwargs}; it goes with a name or an id, not with an environment that is there",

@@ -18,7 +18,7 @@ from galton.paper.curves import draw_best
 from galton.paper.figure import FigureStudy
 from galton.paper.measures import CLASSIFICATION, final_return
 from galton.paper.summary import Summary
-from galton.paper.sweeps import AGAIN, FRESH, MAIN, Budget, Done, Sweep
+from galton.paper.sweeps import AGAIN, MAIN, Budget, Done, Sweep, on_fresh_seeds
 from galton.paper.trained import Trained
 from galton.paper.verdicts import claim
 from galton.sweep.study import Study
@@ -33,7 +33,7 @@ def _with(name: str, constant: str, value: float | int) -> Sweep:
         main = done[_BANDIT.name]
         losses = ("gaussian", "hl-gauss") if budget == "smoke" else tuple(main.best)
         settings = tuple(main.best[loss].setting for loss in losses)
-        return dataclasses.replace(main.study, settings=settings, env_kwargs=json.dumps({constant: value}), seed=FRESH)
+        return on_fresh_seeds(dataclasses.replace(main.study, env_kwargs=json.dumps({constant: value})), settings)
 
     return Sweep(f"bandit-{name}-{value:g}", study, winners_of=_BANDIT)
 

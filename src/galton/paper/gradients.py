@@ -47,6 +47,7 @@ class Effort(NamedTuple):
 EFFORTS: dict[Budget, Effort] = {
     "smoke": Effort(("mountain-car",), ("gaussian", "hl-gauss"), seeds=1, steps=400, points=2),
     "small": Effort(("mountain-car", "lqr"), tuple(LOSSES), seeds=4, steps=50_000, points=12),
+    "grid": Effort(("mountain-car", "lqr"), tuple(LOSSES), seeds=6, steps=500_000, points=20),
     "paper": Effort(("mountain-car", "lqr"), tuple(LOSSES), seeds=6, steps=500_000, points=20),
 }
 """Compiling takes the smoke test's time, some ten seconds a loss: it has one loss of each proposition."""

@@ -31,7 +31,8 @@ INTRODUCTION = (
 BUDGETS = {
     "smoke": "A few hundred steps: the numbers mean nothing, and no verdict does.",
     "small": "A part of the grid, few trials.",
-    "paper": "The paper's grid and trials.",
+    "grid": "App. C.2's grid, or on Ant a part of it, with few trials.",
+    "paper": "App. C.2's grid and trials.",
 }
 """What to think of the numbers of each budget."""
 

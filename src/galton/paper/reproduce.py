@@ -9,7 +9,7 @@ from galton.errors import UsageError, require
 from galton.paper.figure import FigureStudy
 from galton.paper.registry import FIGURES, all_sweeps
 from galton.paper.summary import Summary
-from galton.paper.sweeps import Budget, Sweep, needed
+from galton.paper.sweeps import Budget, Sweep, needed, unpaired
 from galton.paper.trained import Trained
 from galton.saving.provenance import machine, versions
 from galton.sweep import columns, engine, results
@@ -111,7 +111,7 @@ def train(sweeps: Iterable[Sweep], budget: Budget, out: str, carry_out: CarryOut
     for sweep in needed(sweeps):
         name, study = sweep.name, sweep.study(budget, done)
         if name in done:
-            if done[name].study != study:
+            if done[name].study not in (study, unpaired(study)):
                 raise UsageError(
                     f"out is {out}, whose {name} is of another study than this version and budget {budget!r} ask for; "
                     f"name another folder, or remove {DATA}/{name}.parquet there"

@@ -18,6 +18,7 @@ from galton.sweep.parquet import from_bytes, record_of, to_bytes, with_record
 from galton.sweep.results import Best, best_settings
 from galton.sweep.store import Store
 from galton.sweep.study import Setting, Study
+from galton.training.log import MEAN_ACTION_RETURN
 from galton.training.train import final
 
 _KEYS = ("setting", "trial", "seed", "final_training_return", "final_evaluation_return", "diverged_at", "steps")
@@ -26,6 +27,8 @@ _KEYS_KEPT = ("setting", "trial", "diverged_at", "steps", "final_training_return
 """Those of them that a summary has."""
 CURVES = ("training_return", "evaluation_return", "entropy")
 """The metrics that are kept of each log point; of the others only their final means are."""
+CURVES_TOO = (MEAN_ACTION_RETURN,)
+"""Those that are kept where they were logged."""
 
 
 Provenance = Mapping[str, Any]
@@ -49,7 +52,7 @@ class Summary:
         for metric in metrics:
             curves = _matrix(results, metric)
             content[f"final_{metric}"] = pa.array(final(curves, diverged_at).astype(np.float32))
-            if metric in CURVES:
+            if metric in (*CURVES, *CURVES_TOO):
                 as_read = pa.list_(pa.field("element", pa.float32()), curves.shape[1])
                 content[metric] = pa.FixedSizeListArray.from_arrays(_shorten(curves).ravel(), type=as_read)
         content["steps"] = results.column("steps")
@@ -61,7 +64,11 @@ class Summary:
             with_record(self.table, {"study": self.study.record(), "provenance": dict(self.provenance)}),
             compression_level=19,
             use_dictionary=["setting", "trial", "diverged_at", "steps.list.element"],
-            column_encoding={f"{metric}.list.element": "BYTE_STREAM_SPLIT" for metric in CURVES},
+            column_encoding={
+                f"{metric}.list.element": "BYTE_STREAM_SPLIT"
+                for metric in (*CURVES, *CURVES_TOO)
+                if metric in self.table.column_names
+            },
         )
         store.write(name, data)
 
@@ -137,7 +144,7 @@ def check(table: pa.Table, study: Study) -> None:
     )
     require((diverged_at >= -1).all(), "its diverged_at are no steps")
     for name in table.column_names:
-        if name in CURVES:
+        if name in (*CURVES, *CURVES_TOO):
             columns.curves(table, name, np.float32, steps.shape[1])
         elif name not in _KEYS_KEPT[:4]:
             require(name.startswith("final_"), f"it has a column {name}, which no summary has")

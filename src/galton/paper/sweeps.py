@@ -1,7 +1,7 @@
 """What is trained for figures: the record of a sweep, and the grids of the paper's tasks at three budgets."""
 
 import dataclasses
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Literal
 
 from galton.paper.summary import Summary
@@ -9,11 +9,13 @@ from galton.sweep.grid import expand, paper_blocks, paper_grid, task_defaults
 from galton.sweep.study import Setting, Study
 from galton.tasks import TASKS
 
-Budget = Literal["smoke", "small", "paper"]
+Budget = Literal["smoke", "small", "grid", "paper"]
 Done = Mapping[str, Summary]
 """The summaries of the sweeps that are done, by name."""
 FRESH = 1
 """The seed of the studies that judge what others, of seed 0, have chosen."""
+FRESH_TRIALS = {"reacher": 10, "half-cheetah": 10, "ant": 6}
+"""Runs on fresh seeds at budget grid, where those of the grid itself are few."""
 CENTRED_ETAS = [0.75, 1.0, 2.0, 4.0]
 """The η of centred HL-Gauss, which the paper does not have: wider than those of its grid."""
 
@@ -37,12 +39,29 @@ def best_of_each_loss(summary: Summary) -> tuple[Setting, ...]:
     return tuple(best.setting for best in summary.best.values())
 
 
+def on_fresh_seeds(study: Study, settings: tuple[Setting, ...], trials: int | None = None) -> Study:
+    """A study of these settings by which they are judged: seeds that chose nothing, trial t the same for all settings.
+
+    The deterministic policy is the mode's and the mean's.
+    """
+    trials = study.trials if trials is None else trials
+    return dataclasses.replace(
+        study, settings=settings, trials=trials, seed=FRESH, common_seeds=True, eval_mean=study.eval_episodes > 0
+    )
+
+
+def unpaired(study: Study) -> Study:
+    """The same study as 0.1.0 trained it: every run has a seed of its own, and no mean is evaluated."""
+    return dataclasses.replace(study, common_seeds=False, eval_mean=False)
+
+
 def again(sweep: Sweep, winners: Callable[[Summary], tuple[Setting, ...]] = best_of_each_loss) -> Sweep:
     """A sweep's winners on fresh seeds, by which they are judged: the mean of the best of many flatters."""
 
-    def study(_: Budget, done: Done) -> Study:
+    def study(budget: Budget, done: Done) -> Study:
         main = done[sweep.name]
-        return dataclasses.replace(main.study, settings=winners(main), seed=FRESH)
+        trials = FRESH_TRIALS.get(sweep.name) if budget == "grid" else None
+        return on_fresh_seeds(main.study, winners(main), trials)
 
     return Sweep(f"{sweep.name}-again", study, winners_of=sweep)
 
@@ -60,7 +79,9 @@ def main_settings(task: str, budget: Budget) -> tuple[Setting, ...]:
     """The grid of a task's main sweep: the paper's, centred HL-Gauss beside it, or a part of both."""
     known, base = TASKS[task], task_defaults(TASKS[task].env)
     rates, bins, etas, wide = list(known.learning_rates), [100], [0.25, 0.75], CENTRED_ETAS
-    if budget == "paper":
+    if (task, budget) == ("ant", "grid"):
+        grid, wide = expand(_part_of_the_grid(rates), base), [2.0]
+    elif budget in ("grid", "paper"):
         grid = paper_grid(known.env, base)
     else:
         rates, bins = (rates[-3:], bins) if budget == "small" else (rates[1:3], [20])
@@ -72,8 +93,18 @@ def main_settings(task: str, budget: Budget) -> tuple[Setting, ...]:
     return grid + expand([centred], base)
 
 
+def _part_of_the_grid(rates: Sequence[float]) -> list[dict[str, object]]:
+    """All learning rates, with k from 50 to 200 and three η, but not crossed: what Ant can afford."""
+    return [
+        {"loss": "gaussian", "learning_rate": rates},
+        {"loss": "hl-one-hot", "learning_rate": rates, "n_bins": [50, 200]},
+        {"loss": "hl-gauss", "learning_rate": rates, "n_bins": 100, "eta": [0.05, 0.25, 0.75]},
+    ]
+
+
 _TRIALS: dict[Budget, dict[str, int]] = {
     "paper": dict.fromkeys(TASKS, 20) | {"bandit": 50},
+    "grid": dict.fromkeys(TASKS, 5) | {"bandit": 20, "half-cheetah": 3, "ant": 3},
     "small": dict.fromkeys(TASKS, 5) | {"bandit": 20, "ant": 3},
     "smoke": dict.fromkeys(TASKS, 2),
 }
@@ -84,8 +115,14 @@ def task_study(task: str, budget: Budget, settings: tuple[Setting, ...]) -> Stud
     known, trials = TASKS[task], _TRIALS[budget][task]
     if budget == "smoke":
         return Study(known.env, settings, trials, steps=400, logs=4, eval_episodes=1)
-    logs = 50 if task == "bandit" else known.n_logs
-    return Study(known.env, settings, trials, known.total_timesteps, logs, known.n_eval_episodes)
+    logs, episodes = (50 if task == "bandit" else known.n_logs), known.n_eval_episodes
+    if budget in ("grid", "paper"):
+        logs, episodes = _EVALUATED.get(task, (logs, episodes))
+    return Study(known.env, settings, trials, known.total_timesteps, logs, episodes)
+
+
+_EVALUATED = {"reacher": (50, 10), "half-cheetah": (25, 5), "ant": (25, 5)}
+"""Log points and episodes at each of them where they cost: of HalfCheetah and Ant an eighth of the steps."""
 
 
 def _main(task: str) -> Sweep:

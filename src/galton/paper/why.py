@@ -65,7 +65,7 @@ def _sweep(task: str) -> Sweep:
         blocks = [{"learning_rate": rates, "n_bins": bins} | loss | CHANGES[name] for name in names for loss in losses]
         settings = expand(blocks, task_defaults(TASKS[task].env))
         main = task_study(task, budget, settings[:1])
-        trials = {"smoke": 2, "small": 3, "paper": 5}[budget]
+        trials = {"smoke": 2, "small": 3, "grid": 5, "paper": 5}[budget]
         logs = main.logs if smoke else 125  # for batches of 20 and 160
         return dataclasses.replace(main, settings=settings, trials=trials, logs=logs)
 

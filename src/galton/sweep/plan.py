@@ -18,6 +18,8 @@ from galton.sweep.study import Study, canonical
 from galton.types import Config, Hypers
 
 FILE = "plan.parquet"
+COMMON = "common"
+"""What stands for the setting in the seeds of a study whose settings share them."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -72,9 +74,9 @@ class Plan:
         Raises:
             UsageError: the study differs in something that all runs share.
         """
-        ours, theirs = self.study.constants(), study.constants()
-        for name, value in theirs.items():
-            require(ours[name] == value, f"{name} is {value!r}, but the plan has {ours[name]!r}; name another folder")
+        for name in self.study.constants() | study.constants():
+            ours, theirs = getattr(self.study, name), getattr(study, name)
+            require(ours == theirs, f"{name} is {theirs!r}, but the plan has {ours!r}; name another folder")
         place = {known: i for i, known in enumerate(self.study.settings)}
         for wanted in study.settings:
             place.setdefault(wanted, len(place))
@@ -90,7 +92,7 @@ class Plan:
         setting, trial, group = setting[order], trial[order], group[order]
         place_in_group = np.arange(len(group)) - np.searchsorted(group, group)
         shard = self.n_shards - 1 + np.cumsum(place_in_group % self.shard_width == 0)
-        names = [s.name for s in settings]
+        names = [COMMON if study.common_seeds else s.name for s in settings]
         seeds = [fold_in(study.seed, names[s], t) for s, t in zip(setting.tolist(), trial.tolist(), strict=True)]
         return Plan(
             dataclasses.replace(study, settings=settings, trials=trials),

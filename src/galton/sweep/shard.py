@@ -100,6 +100,7 @@ def work(url: str, index: int, name: str | None = None) -> Report:
         study.steps,
         n_logs=study.logs,
         n_eval_episodes=study.eval_episodes,
+        eval_mean=study.eval_mean,
         devices=jax.devices()[:1],  # a split would change the last bits
     )
     table = tabulate(shard, result)

@@ -93,6 +93,11 @@ class Study:
     """The study's seed: another one gives every run a fresh seed."""
     imports: tuple[str, ...] = ()
     """Modules that every worker imports first: where losses, policies and environments of your own are registered."""
+    common_seeds: bool = False
+    """Whether trial t of every setting has the same seed: first episodes, the environment's noise and the critic's
+    start are then drawn alike, and settings are compared in pairs. Otherwise every run has a seed of its own."""
+    eval_mean: bool = False
+    """Whether evaluation plays once more by the mean of the policy's distribution (see `train`)."""
 
     def __post_init__(self) -> None:
         check_fields(self)
@@ -120,7 +125,12 @@ class Study:
     def constants(self) -> dict[str, object]:
         """What every run shares, for JSON."""
         record = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
-        return {name: value for name, value in record.items() if name not in ("settings", "trials")}
+        later = {field.name: field.default for field in dataclasses.fields(self) if field.name not in _FIRST_FIELDS}
+        return {
+            name: value
+            for name, value in record.items()
+            if name not in ("settings", "trials") and not (name in later and value == later[name])
+        }
 
     def record(self) -> dict[str, object]:
         """The whole study, for JSON."""
@@ -143,6 +153,12 @@ class Study:
         columns = settings["same"] | settings["different"]
         check_hypers(Hypers(**{name: values for name, values in columns.items() if name in Hypers._fields}))
         return cls(settings=tuple(_settings(**settings)), trials=record["trials"], **constants)
+
+
+_FIRST_FIELDS = frozenset(
+    {"env", "settings", "trials", "steps", "logs", "eval_episodes", "env_kwargs", "seed", "imports"}
+)
+"""The fields that version 0.1.0 wrote, always; later ones are left out where they have their defaults."""
 
 
 def import_all(modules: Iterable[str]) -> None:

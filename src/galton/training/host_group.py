@@ -17,7 +17,7 @@ from galton.training.evaluate import copies, play
 from galton.training.host_programs import host_programs
 from galton.training.log import Finished, Log
 from galton.training.run import RunState, Snapshot, Tree, reseeded, with_keys, without_keys
-from galton.types import Hypers, Learner, Params, Transition
+from galton.types import Hypers, Learner, Params, Rule, Transition
 
 
 class Group:
@@ -41,7 +41,8 @@ class Group:
         device: jax.Device,
         n_threads: int,
     ) -> None:
-        self._task, self._config, self._device, self._seeds = task, agent.config, device, seeds
+        self._task, self._agent, self._config = task, agent, agent.config
+        self._device, self._seeds = device, seeds
         self._shape, self._n_threads = (len(seeds), agent.config.n_envs), n_threads
         self._sizes = Observations(task.name, task.observation_space).size, len(agent.low)
         self._programs = host_programs(agent)
@@ -156,13 +157,13 @@ class Group:
             self._evaluator = copies(self._task, len(self._seeds) * n_episodes, self._n_threads)
             self._evaluator_episodes = n_episodes
 
-    def evaluate(self, n_episodes: int) -> Float[np.ndarray, "P n_episodes"]:
+    def evaluate(self, n_episodes: int, rule: Rule | None = None) -> Float[np.ndarray, "P n_episodes"]:
         """Undiscounted returns of whole episodes of the deterministic policy, on the copies made for them."""
         assert self._evaluator
-        learner = self.runs.learner
+        learner, exploit = self.runs.learner, host_programs(self._agent.acting_by(rule)).exploit
 
         def act(observation: np.ndarray) -> np.ndarray:
-            action = np.asarray(self._programs.exploit(learner, self._split(observation), self._hypers))
+            action = np.asarray(exploit(learner, self._split(observation), self._hypers))
             return action.reshape(len(observation), -1)
 
         seeds = self._environment_seeds(1, int(self.runs.step[0]), n=n_episodes)

@@ -2,13 +2,16 @@
 
 import collections
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from galton.algorithms import Scalars
+
+MEAN_ACTION_RETURN = "mean_action_return"
+"""What `train` calls the evaluation by the mean of the policy's distribution, where it is asked for."""
 
 
 class Finished(NamedTuple):
@@ -46,6 +49,13 @@ class Log(NamedTuple):
     scalars: Mapping[str, Float[Array, "*batch"]]
     """What the algorithm told of its updates since the last log point, means by name, and a diagnosis of the last
     rollout."""
+
+    def having(self, name: str, values: Float[np.ndarray, "*batch"]) -> "Log":
+        """The same log with other values, or further ones, of that name."""
+        known: Any = values
+        if name in self._fields:
+            return self._replace(**{name: known})
+        return self._replace(scalars=collections.OrderedDict(self.scalars) | {name: known})
 
     def columns(self) -> dict[str, Float[Array | np.ndarray, "*batch"]]:
         """All that is recorded, by name: the four numbers of every log, then the algorithm's scalars."""

@@ -31,7 +31,7 @@ from galton.training.run import (
     with_keys,
     without_keys,
 )
-from galton.types import Hypers, Learner, Transition
+from galton.types import Hypers, Learner, Rule, Transition
 
 
 class DeviceState(NamedTuple):
@@ -147,10 +147,10 @@ class DevicePopulation:
             self._state = self._state._replace(run=run)
         return self._fetch(log)
 
-    def evaluate(self, n_episodes: int) -> Float[np.ndarray, "R n_episodes"]:
+    def evaluate(self, n_episodes: int, rule: Rule | None = None) -> Float[np.ndarray, "R n_episodes"]:
         """Undiscounted returns of whole episodes without exploration."""
-        run = self._state.run
-        program, seconds = _compile_evaluation(self._env, self._agent, n_episodes, self._shapes, self._on_runs)
+        run, agent = self._state.run, self._agent.acting_by(rule)
+        program, seconds = _compile_evaluation(self._env, agent, n_episodes, self._shapes, self._on_runs)
         self.compile_seconds += seconds()
         return np.asarray(self._fetch(program(run.evaluation_key, run.step, run.learner, self._hypers)))
 

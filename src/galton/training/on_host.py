@@ -18,7 +18,7 @@ from galton.envs.host.base import HostTask
 from galton.training.host_group import Group
 from galton.training.log import Log
 from galton.training.run import Snapshot, Tree
-from galton.types import Hypers, Learner
+from galton.types import Hypers, Learner, Rule
 
 Answer = TypeVar("Answer")
 
@@ -81,10 +81,10 @@ class HostPopulation:
         """What is recorded of the updates since the last log, each number `[R]`, without evaluation."""
         return self._join(self._each(Group.log, begin_next))
 
-    def evaluate(self, n_episodes: int) -> Float[np.ndarray, "R n_episodes"]:
+    def evaluate(self, n_episodes: int, rule: Rule | None = None) -> Float[np.ndarray, "R n_episodes"]:
         """Undiscounted returns of whole episodes without exploration, on copies made for evaluation."""
         self.check_evaluation(n_episodes)
-        return np.concatenate(self._each(Group.evaluate, n_episodes))
+        return np.concatenate(self._each(Group.evaluate, n_episodes, rule))
 
     def check_evaluation(self, n_episodes: int) -> None:
         """Make the copies that evaluation plays on, and keep them for it; UsageError if there can be none."""

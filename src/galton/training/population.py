@@ -17,7 +17,7 @@ from galton.training.on_device import DevicePopulation
 from galton.training.on_host import HostPopulation
 from galton.training.run import Snapshot
 from galton.training.size import check_size
-from galton.types import Config, Hypers, Learner, check_config, check_hypers, without_units
+from galton.types import Config, Hypers, Learner, Rule, check_config, check_hypers, without_units
 
 
 @runtime_checkable
@@ -51,8 +51,11 @@ class Population(Protocol):
         With begin_next=False this one only looks: the next log has the same updates again.
         """
 
-    def evaluate(self, n_episodes: int) -> Float[np.ndarray, "R n_episodes"]:
-        """Undiscounted returns of whole episodes without exploration; training is not touched by it."""
+    def evaluate(self, n_episodes: int, rule: Rule | None = None) -> Float[np.ndarray, "R n_episodes"]:
+        """Undiscounted returns of whole episodes without exploration; training is not touched by it.
+
+        The rule says which deterministic action is taken; None is the configuration's. The episodes are the same.
+        """
 
     def check_evaluation(self, n_episodes: int) -> None:
         """Raise UsageError unless `evaluate` can play that many episodes: where it is known, before training."""

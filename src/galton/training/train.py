@@ -4,18 +4,19 @@ import contextlib
 import dataclasses
 import math
 import time
-from collections.abc import Callable, Sequence
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
 
 import jax
 import numpy as np
 from jaxtyping import Float, Int
 
+from galton.algorithms import policy_of
 from galton.errors import require, require_integer, unknown
-from galton.training.log import Log
+from galton.policies import POLICIES
+from galton.training.log import MEAN_ACTION_RETURN, Log
 from galton.training.pieces import Pieces
 from galton.training.population import Population, populate
-from galton.types import Config, Hypers, Learner, check_config, check_hypers
+from galton.types import Config, Hypers, Learner, Rule, check_config, check_hypers
 
 
 @dataclasses.dataclass(frozen=True)
@@ -75,6 +76,7 @@ def train(
     *,
     n_logs: int = 100,
     n_eval_episodes: int = 10,
+    eval_mean: bool = False,
     on_log: Callable[[int, Log], None] | None = None,
     meanwhile: Callable[[int], None] | None = None,
     devices: Sequence[jax.Device] | None = None,
@@ -89,6 +91,8 @@ def train(
         total_timesteps: per run; rounded up to whole updates and log points.
         n_logs: log points, at most one per update.
         n_eval_episodes: episodes of each evaluation at each log point; 0 turns evaluation off.
+        eval_mean: whether each evaluation plays the same episodes once more by the mean of the policy's distribution,
+            for the log's `mean_action_return`; a Gaussian, whose action that is anyway, plays them once.
         on_log: called at each log point with the steps so far and the log's `[R]` arrays.
         meanwhile: called about twice a second with the steps so far; what it raises ends training.
         devices: the JAX devices that the runs are split over; by default all of this process.
@@ -104,8 +108,18 @@ def train(
     all_hypers = Hypers._make(np.broadcast_to(np.asarray(h, np.float32), len(seeds)) for h in hypers)
     updates_per_log = int(steps[0]) // (config.n_steps * config.n_envs)
     with contextlib.closing(populate(env, config, all_hypers, seeds, devices)) as population:
-        trained = _train(population, steps, updates_per_log, n_eval_episodes, on_log, meanwhile)
+        rules = _rules(config, eval_mean) if n_eval_episodes else {}
+        trained = _train(population, steps, updates_per_log, n_eval_episodes, rules, on_log, meanwhile)
     return Result(config, all_hypers, np.asarray(seeds), steps, *trained)
+
+
+def _rules(config: Config, eval_mean: bool) -> dict[str, Rule | None]:
+    """The columns of the log that evaluation fills, and by which action; None is the configuration's own."""
+    rules: dict[str, Rule | None] = {"evaluation_return": None}
+    if eval_mean:
+        has_one = POLICIES[policy_of(config)].family == "density" or config.deterministic_action == "mean"
+        rules[MEAN_ACTION_RETURN] = None if has_one else "mean"
+    return rules
 
 
 def _train(
@@ -113,6 +127,7 @@ def _train(
     steps: Int[np.ndarray, " L"],
     updates_per_log: int,
     n_eval_episodes: int,
+    rules: Mapping[str, Rule | None],
     on_log: Callable[[int, Log], None] | None,
     meanwhile: Callable[[int], None] | None,
 ) -> tuple[Log, Int[np.ndarray, " R"], Learner, float, float]:
@@ -128,10 +143,9 @@ def _train(
             if meanwhile:
                 meanwhile(population.step)
         log = population.log()
-        if n_eval_episodes:
-            returns = population.evaluate(n_eval_episodes).mean(1)
-            known: Any = np.where(population.diverged_at < 0, returns, np.nan)
-            log = log._replace(evaluation_return=known)
+        played = {rule: population.evaluate(n_eval_episodes, rule).mean(1) for rule in dict.fromkeys(rules.values())}
+        for name, rule in rules.items():
+            log = log.having(name, np.where(population.diverged_at < 0, played[rule], np.nan))
         logs.append(log)
         if on_log:
             on_log(int(step), log)

@@ -41,6 +41,10 @@ class Options:
     """Runs of each setting."""
     seed: int = 0
     """Of the study: another one gives every run a fresh seed."""
+    common_seeds: bool = False
+    """Give trial t of every setting the same seed, so that settings are compared in pairs."""
+    eval_mean: bool = False
+    """Evaluate once more by the mean of the policy's distribution, for the column mean_action_return."""
     out: str | None = None
     """The folder, by default runs/sweep-ENV or runs/sweep-ENV-ALGORITHM, with -optuna behind it for Optuna's search;
     or an address that fsspec opens, such as s3://bucket/folder."""
@@ -80,6 +84,8 @@ class Options:
             training.env_kwargs,
             self.seed,
             self.imports,
+            self.common_seeds,
+            self.eval_mean,
         )
 
 
