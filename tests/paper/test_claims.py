@@ -7,8 +7,7 @@ import pyarrow as pa
 import pytest
 
 from galton.analysis.statistics import Interval
-from galton.paper import bandit, controls, profiles, propositions, returns, sensitivity
-from galton.paper.gradients import Sample
+from galton.paper import bandit, controls, profiles, returns, sensitivity
 from galton.paper.measures import better, by_setting, final_return, over_regression
 from galton.paper.registry import FIGURES
 from galton.paper.report import claims
@@ -225,36 +224,6 @@ def test_a_run_that_diverged_counts_as_the_worst():
     np.testing.assert_array_equal(first, np.nanmin(summary.curves("training_return")))
 
 
-def gradients(sharp, wide):
-    """Propositions' samples where the Gaussian's bound is so many times classification's, at two looks."""
-    rows = []
-    for loss, reading in (("gaussian", "sigma^2"), ("gaussian", "sigma"), ("hl-one-hot", ""), ("hl-gauss", "")):
-        looks = [(False, 1.0, 0, 1.0), (False, 1.0, 100, wide)] + [(True, f, 100, 1.0) for f in (1.0, 0.01)]
-        for swept, factor, step, growth in looks:
-            for seed in range(4):
-                gaussian = loss == "gaussian"
-                bound = (3.0 * growth if gaussian else growth**0.1) + 0.01 * seed
-                norm = 0.5 / factor**sharp if gaussian else 0.5
-                sample = Sample(1.0, 0.5 * factor, 1.0, 0.5, 0.5, norm, max(bound, norm))
-                keys = {"task": "lqr", "loss": loss, "reading": reading, "step": step, "seed": seed, "sample": 0}
-                rows.append(keys | {"swept": swept, "factor": factor} | sample._asdict())
-    return Trained({}, {propositions.NAME: pa.Table.from_pylist(rows)})
-
-
-def test_gradients():
-    explodes, level = gradients(1.0, 2.0), gradients(0.0, 2.0)
-    assert propositions.bounds_hold(explodes).verdict == "holds"
-    assert propositions.bounds_hold(explodes).number == "0 of 64 above the bound"
-    assert propositions.bound_is_smaller(explodes).verdict == "holds"
-    assert propositions.bound_varies_less(explodes).verdict == "holds"
-    assert propositions.sigma_explodes(explodes).verdict == "holds"
-    assert propositions.sigma_explodes(level).verdict == "does not hold"
-    shrinking = gradients(1.0, 0.1)
-    assert propositions.bound_is_smaller(shrinking).verdict == "holds"
-    assert "In the end as the paper says: none." in propositions.bound_is_smaller(shrinking).why
-    assert propositions.bound_varies_less(shrinking).verdict == "holds"
-
-
 def test_a_small_grid_has_no_vote_beside_the_papers():
     data = made_up.data(lambda *_: 1.0, ("lqr", "acrobot"))
     lqr = dataclasses.replace(data.sweeps["lqr"], provenance=made_up.PROVENANCE | {"budget": "paper"})
@@ -288,12 +257,12 @@ def test_what_is_removed_leaves_less_than_half():
 
 def test_without_data_nothing_is_decided():
     found = claims(Trained({}))
-    assert len(found) == 25
+    assert len(found) == 29
     assert {claim.verdict for claim in found} == {"not decidable here"}
 
 
 def test_claims_stand_in_the_order_of_the_paper_and_rest_on_their_figures():
-    assert sorted(place for figure in FIGURES.values() for place in figure.claims) == list(range(1, 26))
+    assert sorted(place for figure in FIGURES.values() for place in figure.claims) == list(range(1, 30))
     found = claims(Trained({}))
     assert [claim.source for claim in found[:5]] == ["§1, §5.2.1", "Abstract, §5.2.1", "§5.2.1", "§1", PROPOSITIONS]
     assert [claim.section for claim in found[:5]] == ["figure-2", "figure-2", "figure-9", "figure-2", "propositions"]

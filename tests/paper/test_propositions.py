@@ -1,287 +1,44 @@
-"""Both sides of the propositions, sample by sample, against finite differences and closed forms in float64."""
+"""The propositions' figure and table show what the samples say."""
 
-import functools
-from itertools import pairwise
-
-import jax
-import jax.numpy as jnp
 import numpy as np
 import pyarrow as pa
-import pytest
-from scipy.stats import norm
 
-from galton import LOSSES, Config, Hypers, targets
-from galton.algorithms import actor_critic, resolve
-from galton.losses import surrogate
-from galton.networks import features, mlp
-from galton.paper import bounds, gradients, propositions
-from galton.paper.bounds import crossings, findings
-from galton.paper.gradients import READINGS, Sample, measure, sharpen
+from galton.losses import LOSSES
+from galton.paper import propositions
 from galton.paper.propositions import FIGURE
 from galton.paper.trained import Trained
-from galton.theory import output_lipschitz
-from galton.types import Learner, Transition
 
-T, N, K = 4, 2, 6
-LOW, HIGH = np.array([-1.0, 0.0], np.float32), np.array([1.0, 3.0], np.float32)
-HYPERS = Hypers(gamma=0.9, gae_lambda=0.8, eta=0.7)
-SERIES = [("gaussian", "sigma^2"), ("gaussian", "sigma"), *((loss, "") for loss in LOSSES if loss != "gaussian")]
+from .samples import SHARED, plain, table
 
 
-def normal(rng, *shape):
-    return jnp.asarray(rng.normal(size=shape), jnp.float32)
-
-
-def network(rng, scale, *sizes):
-    """Layers with entries of about scale / √(what they see)."""
-    return [
-        {"kernel": scale / n_in**0.5 * normal(rng, n_in, n_out), "bias": 0.3 * normal(rng, n_out)}
-        for n_in, n_out in pairwise(sizes)
-    ]
-
-
-def setup(loss, seed=0, scale=1.0):
-    """A learner, and a batch of any actions."""
-    rng = np.random.default_rng(seed)
-    policy, _ = program(loss)
-    params = {"actor": network(rng, scale, 3, 5, 4, policy.n_outputs), "critic": network(rng, scale, 3, 5, 4, 1)}
-    if loss == "gaussian":
-        params["log_std"] = jnp.array([-0.7, 0.4])
-        action = normal(rng, T, N, 2)
-    else:
-        action = policy.bins.decode(jnp.asarray(rng.integers(K, size=(T, N, 2))))
-    ends = jnp.asarray(rng.random((2, T, N)) < 0.2)
-    observation, reward, following = normal(rng, T, N, 3), normal(rng, T, N), normal(rng, T, N, 3)
-    batch = Transition(observation, action, reward, following, ends[0], ends[1] & ~ends[0])
-    return Learner(params, None, None), batch
-
-
-@functools.cache
-def program(loss):
-    """The policy; (learner, batch) → samples by reading."""
-    config = Config(loss=loss, n_bins=K, n_steps=T, n_envs=N, net_arch=(5, 4))
-    agent = resolve(config, LOW, HIGH)
-
-    def look(learner, batch):
-        readings = [reading for name, reading in SERIES if name == loss]
-        return {reading: measure(agent, learner, batch, HYPERS, reading) for reading in readings}
-
-    return agent.policy, jax.jit(look)
-
-
-def loss_by_hand(name, reading, theta, bias, log_std, s, a):
-    """Of one sample, in float64: θ is the list of what the gradient is taken in."""
-    (w1, b1, w2, b2, w3), k = theta, K
-    outputs = np.tanh(np.tanh(s @ w1 + b1) @ w2 + b2) @ w3 + bias
-    if name == "gaussian":
-        return ((a - outputs) ** 2 / (2 * np.exp(log_std) ** READINGS[reading])).sum()
-    logits = outputs.reshape(2, k)
-    log_probs = logits - np.log(np.exp(logits).sum(1, keepdims=True))
-    centers = np.arange(k) + 0.5  # in bin widths
-    cdf = norm.cdf((np.arange(k + 1) - centers[:, None]) / HYPERS.eta)
-    table = np.eye(k) if name == "hl-one-hot" else np.diff(cdf) / (cdf[:, -1:] - cdf[:, :1])
-    target = table[((a - LOW) / ((HIGH - LOW) / k)).astype(int)]
-    return -(target * log_probs).sum(), log_probs, table
-
-
-def norm_by_hand(name, reading, learner, s, a, advantage):
-    """By central differences in each entry of θ."""
-    actor = jax.tree.map(lambda x: np.asarray(x, np.float64), learner.params["actor"])
-    theta = [actor[0]["kernel"], actor[0]["bias"], actor[1]["kernel"], actor[1]["bias"], actor[2]["kernel"]]
-    log_std = np.asarray(learner.params.get("log_std", 0.0), np.float64)
-    expected = 0.0
-
-    def value(theta):
-        found = loss_by_hand(name, reading, theta, actor[2]["bias"], log_std, s, a)
-        if name == "gaussian":
-            return found
-        loss, log_probs, _ = found
-        # The centred target's second part is held fixed, at the policy as it is.
-        return loss + (expected * log_probs).sum() if name == "hl-gauss-centred" else loss
-
-    if name == "hl-gauss-centred":
-        _, log_probs, table = loss_by_hand(name, reading, theta, actor[2]["bias"], log_std, s, a)
-        expected = np.exp(log_probs) @ table
-    squares = 0.0
-    for part in theta:
-        for i in np.ndindex(part.shape):
-            here = part[i]
-            sides = []
-            for part[i] in (here + 1e-5, here - 1e-5):
-                sides.append(value(theta))
-            part[i] = here
-            squares += ((sides[0] - sides[1]) / 2e-5) ** 2
-    return abs(advantage) * squares**0.5
-
-
-@pytest.mark.parametrize(("loss", "reading"), SERIES)
-def test_the_norm_is_that_of_finite_differences(loss, reading):
-    learner, batch = setup(loss)
-    samples = program(loss)[1](learner, batch)[reading]
-    s, a = (np.asarray(actor_critic.flatten(x), np.float64) for x in (batch.observation, batch.action))
-    for i in range(T * N):
-        expected = norm_by_hand(loss, reading, learner, s[i], a[i], float(samples.advantage[i]))
-        np.testing.assert_allclose(samples.norm[i], expected, rtol=1e-4)
-
-
-@pytest.mark.parametrize("loss", LOSSES)
-def test_the_samples_gradients_average_to_the_surrogates(loss):
-    policy, look = program(loss)
-    learner, batch = setup(loss)
-    reading = "sigma^2" if loss == "gaussian" else ""
-    advantage = look(learner, batch)[reading].advantage
-    s, a = actor_critic.flatten(batch.observation), actor_critic.flatten(batch.action)
-    params, actor = learner.params, learner.params["actor"]
-
-    def loss_of(outputs, action):
-        return LOSSES[loss].function(policy.distribution(outputs, params, HYPERS), action, HYPERS)
-
-    @jax.jit
-    def both():
-        whole = jax.grad(lambda theta: surrogate(advantage, loss_of(mlp(theta, s), a)))(actor)
-        each = jax.vmap(
-            lambda s, a, advantage: gradients.sample_gradient(lambda o: loss_of(o, a), actor, s, advantage)[0]
-        )(s, a, advantage)
-        return whole, each
-
-    whole, each = both()
-    assert "bias" not in each[-1]
-    del whole[-1]["bias"]
-    jax.tree.map(lambda w, e: np.testing.assert_allclose(w, e.mean(0), atol=1e-5), whole, each)
-
-
-@pytest.mark.parametrize(("loss", "reading"), SERIES)
-def test_the_bound_is_never_crossed_and_its_factors_are_those_of_the_paper(loss, reading):
-    _, look = program(loss)
-    for seed in range(10):
-        for scale in (0.3, 1.0, 3.0):
-            learner, batch = setup(loss, seed, scale)
-            samples = look(learner, batch)[reading]
-            assert (np.asarray(samples.norm) <= np.asarray(samples.bound) * (1 + 1e-5)).all()
-            assert np.median(np.asarray(samples.norm) / np.asarray(samples.bound)) > 0.1
-    last = samples.last_factor
-    if loss == "gaussian":
-        outputs = mlp(learner.params["actor"], actor_critic.flatten(batch.observation))
-        std = jnp.exp(learner.params["log_std"])
-        distance = jnp.abs(actor_critic.flatten(batch.action) - outputs)
-        np.testing.assert_allclose(last, distance.sum(-1), rtol=1e-5)
-        np.testing.assert_allclose(samples.sigma, std.mean(), rtol=1e-6)
-        last = (distance / std ** READINGS[reading]).sum(-1)
-    shared = jnp.abs(samples.advantage) * (samples.lipschitz + samples.feature_norm)
-    np.testing.assert_allclose(samples.bound, shared * last, rtol=1e-4)
-
-
-@pytest.mark.parametrize("loss", ["hl-one-hot", "hl-gauss"])
-def test_a_softmaxs_bound_is_proposition_1_summed_over_dimensions(loss):
-    policy, look = program(loss)
-    learner, batch = setup(loss)
-    samples = look(learner, batch)[""]
-    actor = learner.params["actor"]
-
-    def eq_7(s, a, advantage):
-        probs, index = policy.distribution(mlp(actor, s), {}, HYPERS).probs, policy.bins.encode(a)
-        q = jax.nn.one_hot(index, K) if loss == "hl-one-hot" else targets.hl_gauss_of_center(K, index, HYPERS.eta)
-        shared = jnp.abs(advantage) * (output_lipschitz(actor, s) + jnp.linalg.norm(features(actor, s)))
-        return sum(shared * jnp.abs(q[j] - probs[j]).sum() for j in range(2))
-
-    expected = jax.jit(jax.vmap(eq_7))(*map(actor_critic.flatten, (batch.observation, batch.action)), samples.advantage)
-    np.testing.assert_allclose(samples.bound, expected, rtol=1e-4)
-
-
-def test_sharpening_scales_sigma_or_the_logits():
-    learner, batch = setup("gaussian")
-    np.testing.assert_allclose(
-        jnp.exp(sharpen(learner, 0.01).params["log_std"]), 0.01 * jnp.exp(learner.params["log_std"]), rtol=1e-5
-    )
-    learner, batch = setup("hl-gauss")
-    logits, sharper = (mlp(x.params["actor"], batch.observation) for x in (learner, sharpen(learner, 3.0)))
-    np.testing.assert_allclose(sharper, 3 * logits, rtol=1e-5, atol=1e-6)
-
-
-def made_up(**changed):
-    """A table as `collect` makes it, with l + ‖f‖ = 2 everywhere: at step 40 all advantages are thrice those at 0."""
-    rows = []
-    for task in ("mountain-car", "lqr"):
-        for loss, reading in SERIES:
-            power = READINGS.get(reading, 0)
-            for swept, factor, step in ((False, 1.0, 0), (False, 1.0, 40), (True, 1.0, 40), (True, 0.01, 40)):
-                for seed in range(2):
-                    for sample in range(3):
-                        advantage = (sample - 1) * (1 + step / 20)
-                        sigma, last = 0.5 * factor, 0.5 * factor if power else 1.5
-                        bound = abs(advantage) * 2 * last / sigma**power
-                        numbers = Sample(advantage, sigma, last, 0.5, 1.5, 0.25 * bound, bound)
-                        keys = {"task": task, "loss": loss, "reading": reading, "step": step, "seed": seed}
-                        if not swept or loss in ("gaussian", "hl-gauss"):
-                            rows.append(keys | {"sample": sample, "swept": swept, "factor": factor} | numbers._asdict())
-    return pa.Table.from_pylist(rows)
-
-
-def test_findings_of_known_samples():
-    found = findings(made_up())
-    assert len(found) == 2 * len(SERIES)
-    printed, likelihood = found["lqr", "gaussian", "sigma"], found["lqr", "gaussian", "sigma^2"]
-    softmax, centred = found["lqr", "hl-gauss", ""], found["lqr", "hl-gauss-centred", ""]
-    assert printed.tightness == pytest.approx(0.25)
-    ratios = (printed.per_advantage, likelihood.per_advantage, softmax.per_advantage)
-    assert ratios == (pytest.approx(2), pytest.approx(4), pytest.approx(3))
-    assert softmax.last_per_advantage == pytest.approx(3)
-    assert printed.variation == pytest.approx(0, abs=1e-6)
-    assert (printed.exponent, likelihood.exponent) == (pytest.approx(0, abs=1e-6), pytest.approx(-1))
-    assert softmax.exponent == pytest.approx(0, abs=1e-6)
-    assert np.isnan(centred.exponent)
-
-
-def test_a_look_counts_for_the_steps_around_it():
-    """At steps 0, 10 and 100 the bound is 1, 2 and 9 times |A|; they stand for 5, 50 and 45 steps."""
-    rows = []
-    for step, ratio in ((0, 1.0), (10, 2.0), (100, 9.0)):
-        for advantage in (-1.0, 3.0):
-            sample = Sample(advantage, 1.0, 1.0, 1.0, 1.0, 0.1, ratio * abs(advantage))
-            keys = {"task": "lqr", "loss": "gaussian", "reading": "sigma", "step": step, "seed": 0, "sample": 0}
-            rows.append(keys | {"swept": False, "factor": 1.0} | sample._asdict())
-    found = findings(pa.Table.from_pylist(rows))["lqr", "gaussian", "sigma"]
-    mean = 0.05 * 1 + 0.5 * 2 + 0.45 * 9
-    spread = (0.05 * (1 - mean) ** 2 + 0.5 * (2 - mean) ** 2 + 0.45 * (9 - mean) ** 2) ** 0.5
-    assert found.per_advantage == pytest.approx(mean)
-    assert found.last_per_advantage == pytest.approx(9)
-    assert found.variation == pytest.approx(spread / mean)
-
-
-def test_a_crossing_is_counted():
-    table = made_up()
-    assert crossings(table) == 0
-    norms = table.column("norm").to_numpy().copy()
-    norms[0] = table.column("bound")[0].as_py() * (1 + 1e-4)
-    norms[7] = np.nan
-    norms[1] = 1e-3  # where the advantage and so the bound is 0
-    planted = table.set_column(table.column_names.index("norm"), "norm", pa.array(norms))
-    assert crossings(planted) == 3
+def trained(samples):
+    return Trained({}, {propositions.NAME: samples})
 
 
 def test_the_figure_has_a_row_per_task_and_names_its_series():
-    table = made_up()
-    figure = FIGURE.draw(Trained({}, {propositions.NAME: table}))
+    known = table(plain)
+    figure = FIGURE.draw(trained(known))
     assert len(figure.axes) == 8
     labels = {loss.label for loss in LOSSES.values()} | {propositions.PRINTED_LABEL}
-    missing = {1: {propositions.PRINTED_LABEL}, 3: {"HL-1-Hot", "Centred HL-Gauss (ours)"}}
+    missing = {0: {propositions.PRINTED_LABEL}, 3: {"HL-1-Hot", "Centred HL-Gauss (ours)"}}
     for i, axes in enumerate(figure.axes):
         gids = {artist.get_gid() for artist in axes.get_children()} - {None}
-        drawn = labels - missing.get(i % 4, set())
-        assert gids == drawn | ({f"{label}: norm" for label in drawn} if i % 4 > 1 else set())
+        assert gids == labels - missing.get(i % 4, set())
         assert axes.get_title().startswith(("Mountain Car: ", "LQR: "))
-    one = table.filter(pa.array(np.array(table.column("task").to_pylist()) == "lqr"))
-    assert len(FIGURE.draw(Trained({}, {propositions.NAME: one})).axes) == 4
+        assert axes.get_ylabel()
+    one = known.filter(pa.array(np.array(known.column("task").to_pylist()) == "lqr"))
+    assert len(FIGURE.draw(trained(one)).axes) == 4
 
 
-@pytest.mark.slow
-def test_collect_measures_real_training():
-    table = gradients.collect("smoke")
-    assert crossings(table) == 0
-    rows = bounds.read(table)
-    assert set(rows["step"]) == {0, 400}
-    assert set(zip(rows["loss"], rows["reading"], strict=True)) == {*SERIES[:2], ("hl-gauss", "")}
-    for _, look in bounds.parts(rows, "loss", "reading", "step", "swept", "factor"):
-        assert look["sample"].tolist() == list(range(20))
-    assert findings(table)["mountain-car", "gaussian", "sigma^2"].exponent == pytest.approx(-1, abs=0.1)
-    FIGURE.draw(Trained({}, {propositions.NAME: table}))
+def test_the_figure_divides_each_sample_by_its_own_advantage():
+    """The advantages of `plain` grow; its bound per advantage does not."""
+    _, bound, norm, _ = FIGURE.draw(trained(table(plain, ("lqr",)))).axes
+    for axes, expected in ((bound, 2 * SHARED), (norm, SHARED / 2)):
+        (line,) = [line for line in axes.get_lines() if line.get_gid() == "Gaussian"]
+        np.testing.assert_allclose(line.get_ydata(), expected)
+
+
+def test_the_table_has_a_row_for_each_series_and_a_cell_for_each_finding():
+    made = propositions.bounds(trained(table(plain)))
+    assert len(made.rows) == 10
+    assert made.rows[0] == ["Mountain Car", "Gaussian", "2", "0.25", "4", "2", "1", "0", "0", "−1"]

@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
+from jaxtyping import Float, Int
 
 from galton.losses import LOSSES
 from galton.paper.gradients import Sample
@@ -16,15 +17,22 @@ Series = tuple[str, str, str]
 
 
 def read(table: pa.Table) -> Rows:
-    """The columns in float64, |A|, and three that may be NaN: norm / bound, and each over |A| (l + ‖f‖)."""
+    """The columns in float64, and quotients of them, sample by sample; NaN where what divides is 0.
+
+    The quotients are the tightness, norm / bound, and of both sides, X being norm or bound: `X/|A|`, without the
+    advantage that weights any loss, and `own X`, X / |A| (l + ‖f‖), without all that the two propositions share. The
+    own bound is |a − μ| / σ² (or / σ) or Σ|q − π|, each summed over action dimensions.
+    """
     rows = {name: np.asarray(table.column(name).to_numpy()) for name in table.column_names}
     rows |= {name: rows[name].astype(np.float64) for name in Sample._fields}
-    rows["|advantage|"] = np.abs(rows["advantage"])
-    shared = rows["|advantage|"] * (rows["lipschitz"] + rows["feature_norm"])
+    advantage = np.abs(rows["advantage"])
+    shared = advantage * (rows["lipschitz"] + rows["feature_norm"])
     for name, (a, b) in {
         "tightness": (rows["norm"], rows["bound"]),
-        "shared_norm": (rows["norm"], shared),
-        "shared_bound": (rows["bound"], shared),
+        "norm/|A|": (rows["norm"], advantage),
+        "bound/|A|": (rows["bound"], advantage),
+        "own norm": (rows["norm"], shared),
+        "own bound": (rows["bound"], shared),
     }.items():
         rows[name] = np.divide(a, b, out=np.full(len(b), np.nan), where=b > 0)
     return rows
@@ -50,72 +58,80 @@ def of_the_paper(table: pa.Table) -> pa.Table:
     return table.filter(pc.is_in(table.column("loss"), pa.array([name for name in LOSSES if LOSSES[name].in_paper])))
 
 
-class Finding(NamedTuple):
-    """What the samples of a loss in one reading on one task say.
+def look_means(rows: Rows, name: str, by: str = "step") -> Float[np.ndarray, "seeds looks"]:
+    """The mean over samples of a column for each seed and look (or other value of `by`), both in rising order."""
+    seeds, seed = np.unique(rows["seed"], return_inverse=True)
+    looks, look = np.unique(rows[by], return_inverse=True)
+    known = ~np.isnan(rows[name])
+    cell, shape = (seed * len(looks) + look)[known], (len(seeds), len(looks))
+    total = np.bincount(cell, rows[name][known], minlength=len(seeds) * len(looks))
+    count = np.bincount(cell, minlength=len(total))
+    return np.divide(total, count, out=np.full(len(total), np.nan), where=count > 0).reshape(shape)
 
-    An average over training gives each look the steps around it.
+
+class Finding(NamedTuple):
+    """What the samples of a loss in one reading on one task say, seed by seed.
+
+    What is averaged over training is the mean of each look's samples, which stands for the steps around the look.
     """
 
-    tightness: float
-    """Median of norm / bound over all looks."""
-    per_advantage: float
-    """Mean bound / mean |A| over training: |A| is a factor of both propositions and differs with what was learnt."""
-    last_per_advantage: float
-    """The same at the last look alone, at the end of training."""
-    variation: float
-    """Standard deviation / mean of a run's mean bound / mean |A| over training; mean over seeds."""
-    exponent: float
-    """The p in norm / |A| (l + ‖f‖) ∝ σ^p while the trained policies are made sharper; NaN where they were not."""
+    tightness: Float[np.ndarray, " seeds"]
+    """Median of norm / bound over the samples of all looks."""
+    bound: Float[np.ndarray, " seeds"]
+    """bound / |A|, averaged over training."""
+    own_bound: Float[np.ndarray, " seeds"]
+    """The factor of the bound that the propositions do not share, averaged over training."""
+    norm: Float[np.ndarray, " seeds"]
+    """norm / |A|, averaged over training."""
+    deviation: Float[np.ndarray, " seeds"]
+    """Standard deviation of a look's mean bound / |A| over training."""
+    variation: Float[np.ndarray, " seeds"]
+    """The same divided by its mean: the coefficient of variation."""
+    exponent: Float[np.ndarray, " seeds"]
+    """The p in own norm ∝ σ^p while the trained policies are made sharper; NaN where they were not."""
 
 
 def findings(table: pa.Table) -> dict[Series, Finding]:
-    """What the samples of each series say, all seeds together."""
+    """What the samples of each series say."""
     series = dict(parts(read(table), "task", "loss", "reading", "swept"))
-    return {
-        (task, loss, reading): Finding(
-            tightness=float(np.nanmedian(rows["tightness"])),
-            per_advantage=_mean(rows, "bound") / _mean(rows, "|advantage|"),
-            last_per_advantage=_mean(last := _last(rows), "bound") / _mean(last, "|advantage|"),
-            variation=float(np.mean([_variation(run) for _, run in parts(rows, "seed")])),
-            exponent=_exponent(series.get((task, loss, reading, True))),
+    found = {}
+    for (task, loss, reading, swept), rows in series.items():
+        if swept:
+            continue
+        bound, share = look_means(rows, "bound/|A|"), shares(np.unique(rows["step"]))
+        mean = bound @ share
+        deviation = np.sqrt((bound - mean[:, None]) ** 2 @ share)
+        found[task, loss, reading] = Finding(
+            tightness=np.array([np.nanmedian(run["tightness"]) for _, run in parts(rows, "seed")]),
+            bound=mean,
+            own_bound=look_means(rows, "own bound") @ share,
+            norm=look_means(rows, "norm/|A|") @ share,
+            deviation=deviation,
+            variation=deviation / mean,
+            exponent=_exponents(series.get((task, loss, reading, True)), len(mean)),
         )
-        for (task, loss, reading, swept), rows in series.items()
-        if not swept
-    }
+    return found
 
 
-def findings_by_seed(table: pa.Table) -> dict[Series, list[Finding]]:
-    """What the samples of each series say, each seed's by themselves."""
-    each = [findings(table.filter(pc.equal(table.column("seed"), seed))) for seed in np.unique(table.column("seed"))]
-    return {series: [found[series] for found in each] for series in each[0]}
+def shares(steps: Int[np.ndarray, " looks"]) -> Float[np.ndarray, " looks"]:
+    """The share of training that lies nearer to each look than to the others."""
+    if len(steps) == 1:
+        return np.ones(1)
+    ends = np.concatenate([steps[:1], (steps[1:] + steps[:-1]) / 2, steps[-1:]])
+    return np.diff(ends) / (steps[-1] - steps[0])
 
 
-def _curve(rows: Rows, name: str) -> tuple[np.ndarray, np.ndarray]:
-    """Mean at each look, and how much of training lies nearer to it than to the others."""
-    steps, means = zip(*((step, point[name].mean()) for (step,), point in parts(rows, "step")), strict=True)
-    ends = np.array([steps[0], *np.convolve(steps, [0.5, 0.5], "valid"), steps[-1]])
-    return np.array(means), np.diff(ends) if len(steps) > 1 else np.ones(1)
+def smaller_from(
+    ours: Float[np.ndarray, "seeds looks"], theirs: Float[np.ndarray, "seeds looks"], steps: Int[np.ndarray, " looks"]
+) -> int | None:
+    """The step of the look from which on the median over seeds is smaller than theirs to the end, if there is one."""
+    not_smaller = np.flatnonzero(~(np.median(ours, axis=0) < np.median(theirs, axis=0)))
+    first = not_smaller[-1] + 1 if len(not_smaller) else 0
+    return int(steps[first]) if first < len(steps) else None
 
 
-def _mean(rows: Rows, name: str) -> float:
-    means, share = _curve(rows, name)
-    return float(np.average(means, weights=share))
-
-
-def _last(rows: Rows) -> Rows:
-    return {name: column[rows["step"] == rows["step"].max()] for name, column in rows.items()}
-
-
-def _variation(run: Rows) -> float:
-    bound, share = _curve(run, "bound")
-    ratio = bound / _curve(run, "|advantage|")[0]
-    mean = np.average(ratio, weights=share)
-    return float(np.sqrt(np.average((ratio - mean) ** 2, weights=share)) / mean)
-
-
-def _exponent(rows: Rows | None) -> float:
+def _exponents(rows: Rows | None, n_seeds: int) -> Float[np.ndarray, " seeds"]:
     if rows is None:
-        return float("nan")
-    points = [(part["sigma"].mean(), np.nanmean(part["shared_norm"])) for _, part in parts(rows, "factor")]
-    sigma, norm = np.log([point for point in points if point[0] > 0]).T
-    return float(np.polyfit(sigma, norm, 1)[0])
+        return np.full(n_seeds, np.nan)
+    each = zip(look_means(rows, "sigma", "factor"), look_means(rows, "own norm", "factor"), strict=True)
+    return np.array([np.polyfit(np.log(sigma[sigma > 0]), np.log(norm[sigma > 0]), 1)[0] for sigma, norm in each])
