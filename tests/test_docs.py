@@ -4,9 +4,11 @@ import pkgutil
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import galton
+from galton.envs.lqr import LQR
 
 ROOT = Path(__file__).parents[1]
 SOURCE = Path(galton.__file__).parent
@@ -44,3 +46,30 @@ def test_the_page_of_equations_is_read():
 )
 def test_a_link_between_documents_leads_somewhere(document, target):
     assert (document.parent / target).exists()
+
+
+LQRS = {
+    "as above": LQR(),
+    "R = 0.1 I": LQR(R=0.1 * np.eye(2)),
+    "R = 0.01 I": LQR(R=0.01 * np.eye(2)),
+    "spectral radius 1.02": LQR(A=np.array(LQR().A) * 1.02 / 0.98),
+    "200 steps": LQR(max_episode_steps=200),
+}
+
+
+def at_rest(lqr):
+    """The mean return of u = 0: x has the second moments S, S' = A S Aᵀ + noise."""
+    second_moment, total = np.eye(2) / 3, 0.0
+    for _ in range(lqr.max_episode_steps):
+        total -= np.trace(np.array(lqr.Q) @ second_moment)
+        second_moment = np.array(lqr.A) @ second_moment @ np.array(lqr.A).T + lqr.noise_std**2 * np.eye(2)
+    return total
+
+
+def test_the_page_has_the_returns_of_each_lqr():
+    lines = (ROOT / "docs" / "paper.md").read_text().replace("−", "-").replace(",", "").splitlines()
+    rows = {cells[1].strip(): cells[2:6] for line in lines if len(cells := line.split("|")) == 7}
+    for name, lqr in LQRS.items():
+        random, rest, best = lqr.random_return, at_rest(lqr), lqr.optimal_return
+        expected = [f"{random:.2f}", f"{rest:.2f}", f"{best:.2f}", f"{(rest - random) / (best - random):.0%}"]
+        assert [cell.strip() for cell in rows[name]] == expected
