@@ -132,8 +132,8 @@ HYPOTHESES: dict[str, Hypothesis] = {
     ),
     "f": Hypothesis(
         "The critic",
-        "The critic is learned by regressing to observed returns (§5.1, App. C.2); whether those are bootstrapped, and whether the "
-        "gradients of actor and critic are clipped together, is not said.",
+        "The critic is learned by regressing to observed returns (§5.1, App. C.2); whether those are bootstrapped, and "
+        "whether the gradients of actor and critic are clipped together, is not said.",
         "With a critic that is not late the bias of HL-Gauss is small, and an actor whose step the critic's error does "
         "not shorten learns sooner.",
         (

@@ -46,8 +46,8 @@ def _sweep(task: str, scale: float) -> Sweep:
 SWEEPS = {
     (task, scale): _sweep(task, scale) for task in SCALE_TASKS for scale in SCALES if scale != 1 or task == "bandit"
 }
-"""The sweeps by task and scale. Scale 1 is the main experiment on fresh seeds; where the box is not [−1, 1] the Gaussian
-in its units is trained there too."""
+"""The sweeps by task and scale. Scale 1 is the main experiment on fresh seeds; where the box is not [−1, 1], the
+Gaussian in its units is trained there too."""
 
 
 def at_scale_one(task: str) -> tuple[Sweep, ...]:
