@@ -1,6 +1,7 @@
 """Propositions 1 and 2 in training: the figure and its table (§4.3)."""
 
 from functools import partial
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -22,7 +23,8 @@ from galton.tasks import TASKS
 NAME = norms.NAME
 """The figure's name, under which `Trained.tables` has what it measures."""
 PRINTED_LABEL = "Gaussian, loss as §4.3 prints it"
-Look = tuple[str, str, str]
+Look = tuple[str, str, Any]
+"""Label, colour and line style of a series."""
 
 
 def draw(table: pa.Table) -> Figure:
