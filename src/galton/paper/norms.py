@@ -5,7 +5,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from galton.analysis.statistics import Interval, difference_interval, mean_interval
+from galton.analysis.statistics import Comparison, against, compare
 from galton.losses import LOSSES
 from galton.page.page import Claim
 from galton.paper.bounds import (
@@ -22,7 +22,7 @@ from galton.paper.bounds import (
 from galton.paper.gradients import READINGS
 from galton.paper.measures import CLASSIFICATION
 from galton.paper.trained import Trained
-from galton.paper.verdicts import NOT_TRAINED, UNKNOWN, claim, named
+from galton.paper.verdicts import NOT_TRAINED, UNKNOWN, claim, summed_up
 from galton.tasks import TASKS
 
 NAME = "propositions"
@@ -59,11 +59,11 @@ def _findings(trained: Trained) -> Mapping[Series, Finding]:
     return findings(of_the_paper(trained.tables[NAME])) if NAME in trained.tables else {}
 
 
-def against_gaussian(trained: Trained, reading: str, field: str) -> dict[str, Interval]:
+def against_gaussian(trained: Trained, reading: str, field: str) -> dict[str, Comparison]:
     """The logarithm of a field of the findings: the Gaussian's less classification's, by task and loss."""
     found = _findings(trained)
     return {
-        f"{TASKS[task].title} {LOSSES[ours].label}": difference_interval(
+        f"{TASKS[task].title} {LOSSES[ours].label}": compare(
             np.log10(getattr(gaussian, field)), np.log10(getattr(found[task, ours, ""], field))
         )
         for (task, loss, its), gaussian in found.items()
@@ -90,7 +90,7 @@ def bound_is_smaller(trained: Trained, reading: str) -> Claim:
         f"Classification has a smaller bound on the gradient's norm: against {_FOR[reading]}.",
         f"bound ÷ |A| {_MEASURED}",
         against_gaussian(trained, reading, "bound"),
-        f"Of the one factor that the bounds do not share, {_OWN[reading]} against Σ|q − π|: {named(own)}." * bool(own),
+        summed_up(f"Of the one factor that the bounds do not share, {_OWN[reading]} against Σ|q − π|", own),
         "|a − μ| / σ averages √(2/π) an action dimension, whatever σ is: as printed nothing grows."
         * (reading == PRINTED),
         _from_when(trained, reading),
@@ -123,7 +123,7 @@ def bound_varies_less(trained: Trained, reading: str) -> Claim:
         "standard deviation, over the steps of training, of a look's mean bound ÷ |A|: log₁₀(Gaussian ÷ "
         "classification), a number a seed",
         against_gaussian(trained, reading, "deviation"),
-        f"Relative to its mean (coefficient of variation): {named(relative)}." * bool(relative),
+        summed_up("Relative to its mean (coefficient of variation)", relative),
     )
 
 
@@ -135,7 +135,7 @@ def sigma_explodes(trained: Trained) -> Claim:
         "p − ½, where norm ÷ |A| (l + ‖f‖) ∝ σ⁻ᵖ as trained policies are made sharper; ½ divides level (0) from 1/σ "
         "(1)",
         {
-            f"{TASKS[task].title} {_SIGN[reading]}": mean_interval(-found.exponent - 0.5)
+            f"{TASKS[task].title} {_SIGN[reading]}": against(-found.exponent, 0.5)
             for (task, loss, reading), found in _findings(trained).items()
             if loss == "gaussian"
         },

@@ -135,13 +135,13 @@ FIGURE = FigureStudy(
     table=bounds,
     claims={
         5: norms.bounds_hold,
+        5.1: partial(norms.norm_is_smaller, reading=LIKELIHOOD),
+        5.2: partial(norms.norm_is_smaller, reading=PRINTED),
         6: partial(norms.bound_is_smaller, reading=LIKELIHOOD),
+        6.1: partial(norms.bound_is_smaller, reading=PRINTED),
         7: partial(norms.bound_varies_less, reading=LIKELIHOOD),
+        7.1: partial(norms.bound_varies_less, reading=PRINTED),
         8: norms.sigma_explodes,
-        26: partial(norms.norm_is_smaller, reading=LIKELIHOOD),
-        27: partial(norms.norm_is_smaller, reading=PRINTED),
-        28: partial(norms.bound_is_smaller, reading=PRINTED),
-        29: partial(norms.bound_varies_less, reading=PRINTED),
     },
     measure=collect,
 )
