@@ -34,9 +34,13 @@ class Claim:
     """What the verdict rests on, as text that may have several lines."""
     section: str | None = None
     """The name of the section whose figure it rests on."""
+    count: tuple[int, int] | None = None
+    """Of how many units that can be decided (tasks, losses) how many are as it says, (k, n); None where none can."""
 
     def __post_init__(self) -> None:
         require(self.verdict in VERDICTS, f"verdict is {self.verdict!r}; it must be one of {', '.join(VERDICTS)}")
+        k, n = self.count or (0, 1)
+        require(0 <= k <= n and n > 0, f"count is {self.count}; it must be k of n, with 0 ≤ k ≤ n and n at least 1")
 
 
 @dataclasses.dataclass(frozen=True)

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 from galton.analysis.plots import draw_level, draw_series, finish, fit, look_of, over_steps, panels
 from galton.analysis.statistics import mean_interval
-from galton.paper.measures import optimum
+from galton.paper.scale import optimum
 from galton.paper.summary import Summary
 from galton.tasks import TASKS
 
