@@ -67,5 +67,5 @@ def test_a_scale_that_is_no_positive_number_is_refused(scale):
     if scale is None:
         assert find("lqr", action_scale=None) == find("lqr")
         return
-    with pytest.raises(UsageError, match="action_scale is .*; it must be a finite number greater than 0"):
+    with pytest.raises(UsageError, match=r"action_scale is .*; it must be a finite number greater than 0"):
         find("lqr", action_scale=scale)

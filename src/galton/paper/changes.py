@@ -3,13 +3,13 @@
 import dataclasses
 import json
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any, NamedTuple
 
 from galton.envs.lqr import LQR
 from galton.losses import LOSSES
 from galton.paper.summary import Summary
-from galton.paper.sweeps import Budget, Done, Sweep, on_fresh_seeds, task_study
+from galton.paper.sweeps import FRESH_TRIALS, MAIN, Budget, Done, Sweep, best_of_each_loss, on_fresh_seeds, task_study
 from galton.sweep.grid import expand, task_defaults
 from galton.sweep.results import mean_returns
 from galton.sweep.study import Setting, Study
@@ -17,7 +17,6 @@ from galton.tasks import TASKS
 
 Fields = Mapping[str, Any]
 
-ANALYTIC = tuple(task for task in TASKS if TASKS[task].in_jax)
 CONTROL = ("lqr", "mountain-car", "acrobot")
 """The analytic tasks with more than one step."""
 
@@ -114,7 +113,11 @@ HYPOTHESES: dict[str, Hypothesis] = {
             _lqr("LQR, R = 0.1", "r-0.1", {"R": _scaled(LQR().R, 0.1)}),
             _lqr("LQR, R = 0.01", "r-0.01", {"R": _scaled(LQR().R, 0.01)}),
             _lqr("LQR, spectral radius 1.02", "radius-1.02", {"A": _scaled(LQR().A, 1.02 / 0.98)}),
-            _lqr("LQR, 200 steps", "steps-200", {"max_episode_steps": 200}),
+            _lqr(
+                "LQR, spectral radius 1, 200 steps",
+                "radius-1-steps-200",
+                {"A": _scaled(LQR().A, 1 / 0.98), "max_episode_steps": 200},
+            ),
         ),
     ),
     "e": Hypothesis(
@@ -209,13 +212,40 @@ def _again(sweep: Sweep, task: str, changes: list[Change]) -> Sweep:
 
 def best_under(chosen: Summary, change: Change, task: str, budget: Budget) -> dict[str, Setting]:
     """Each loss's setting with the highest mean final training return under a change (App. C.2)."""
+    return _best(chosen, change.settings(task, budget))
+
+
+def best_without_lowest(chosen: Summary) -> dict[str, Setting]:
+    """Each loss's best setting among those of a grid that do not have its lowest learning rate."""
+    settings = chosen.study.settings
+    lowest = min(setting.hypers.learning_rate for setting in settings)
+    return _best(chosen, [setting for setting in settings if setting.hypers.learning_rate > lowest] or settings)
+
+
+def _best(chosen: Summary, settings: Iterable[Setting]) -> dict[str, Setting]:
     means = mean_returns(chosen.study, chosen.table)
     found: dict[str, Setting] = {}
-    for setting in change.settings(task, budget):
+    for setting in settings:
         loss = setting.config.loss
         if setting in means and (loss not in found or means[setting] > means[found[loss]]):
             found[loss] = setting
     return found
+
+
+def _without_lowest(task: str) -> Sweep:
+    """The winners without the lowest learning rate that are not the main experiment's winners anyway."""
+
+    def study(budget: Budget, done: Done) -> Study:
+        chosen = done[task]
+        winners = [*best_without_lowest(chosen).values()]
+        new = [setting for setting in winners if setting not in best_of_each_loss(chosen)] or winners[:1]
+        return on_fresh_seeds(chosen.study, tuple(new), FRESH_TRIALS[task] if budget == "grid" else None)
+
+    return Sweep(f"{task}-without-lowest-rate", study, winners_of=MAIN[task])
+
+
+WITHOUT_LOWEST = {task: _without_lowest(task) for task in FRESH_TRIALS}
+"""Hypothesis (h): MuJoCo as it would be judged if the grid began at the second learning rate."""
 
 
 SWEEPS: dict[tuple[str, str], Sweep] = {

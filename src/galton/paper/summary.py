@@ -2,7 +2,7 @@
 
 import dataclasses
 import functools
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -117,6 +117,36 @@ class Summary:
     def rows(self, *settings: Setting) -> Bool[np.ndarray, " R"]:
         """Which rows are runs of these settings."""
         return np.isin(self.setting, [self.study.settings.index(setting) for setting in settings])
+
+    def part(self, settings: Sequence[Setting], trials: int | None = None) -> "Summary":
+        """The runs of these settings, in their order, as a summary of their own; or only so many trials of each."""
+        trials = self.study.trials if trials is None else min(trials, self.study.trials)
+        place = np.full(len(self.study.settings), -1, np.int32)
+        place[[self.study.settings.index(setting) for setting in settings]] = np.arange(len(settings))
+        rows = (place[self.setting] >= 0) & (self.table.column("trial").to_numpy() < trials)
+        table = self.table.filter(pa.array(rows))
+        setting = pa.array(place[table.column("setting").to_numpy()])
+        table = table.set_column(table.column_names.index("setting"), "setting", setting)
+        study = dataclasses.replace(self.study, settings=tuple(settings), trials=trials)
+        return Summary(study, self.provenance, table)
+
+    def joined(self, other: "Summary") -> "Summary":
+        """These runs and those of another sweep with the same log points, as many trials as both have.
+
+        Trials are pairs only where both sweeps had common seeds, and the same.
+        """
+        trials = min(self.study.trials, other.study.trials)
+        parts = [each.part(each.study.settings, trials) for each in (self, other)]
+        n = len(self.study.settings)
+        shifted = pa.array((parts[1].setting + n).astype(np.int32))
+        ours, theirs = parts[0].table, parts[1].table
+        theirs = theirs.set_column(theirs.column_names.index("setting"), "setting", shifted)
+        names = [name for name in ours.column_names if name in theirs.column_names]
+        table = pa.concat_tables([ours.select(names), theirs.select(names)])
+        is_paired = all(each.study.common_seeds for each in (self, other)) and self.study.seed == other.study.seed
+        settings = (*self.study.settings, *other.study.settings)
+        study = dataclasses.replace(self.study, settings=settings, trials=trials, common_seeds=is_paired)
+        return Summary(study, self.provenance, table)
 
     def final(self, metric: str) -> Float[np.ndarray, " R"]:
         """A metric's mean over the last 5% of each run; NaN for a diverged one."""

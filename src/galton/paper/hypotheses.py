@@ -1,0 +1,172 @@
+"""What makes the paper's result appear? The same claims, judged where one thing is changed."""
+
+from collections.abc import Callable, Collection, Iterator, Mapping
+from typing import NamedTuple
+
+from galton.page.page import Cell, Claim, Matrix
+from galton.paper import bandit, changes, rescaling, returns, why
+from galton.paper.changes import HYPOTHESES, Change
+from galton.paper.figure import FigureStudy
+from galton.paper.rescaling import SCALES
+from galton.paper.sweeps import AGAIN, MAIN, Sweep
+from galton.paper.trained import Judged, Trained
+from galton.sweep.grid import task_defaults
+from galton.tasks import TASKS
+
+CLAIMS: dict[str, Callable[[Trained], Claim]] = {
+    "ends higher": returns.ends_higher,
+    "ends higher, deterministic": returns.ends_higher_without_noise,
+    "learns faster": returns.learns_faster,
+    "learns sooner": returns.learns_sooner,
+    "Acrobot is the exception": returns.acrobot,
+}
+"""The claims that changes are to move: what the page calls them, and what judges them."""
+
+
+class Row(NamedTuple):
+    """One line of the table: a change, and what was trained under it."""
+
+    name: str
+    trained: Trained
+    """As if the main experiment had been this."""
+
+
+def rows(trained: Trained) -> Iterator[Row]:
+    """The main experiment, then every change under which something was trained."""
+    yield Row("as in the main experiment", trained)
+    yield Row("(a) bandit in units of the box", in_the_box(trained))
+    for scale in SCALES:
+        if scale != 1:
+            yield Row(f"(b) action box × {scale:g}", rescaled(trained, scale, in_box=False))
+    yield Row(f"(b) × {SCALES[-1]:g}, the Gaussian in units of the box", rescaled(trained, SCALES[-1], in_box=True))
+    for letter, hypothesis in HYPOTHESES.items():
+        for change in hypothesis.changes:
+            yield Row(f"({letter}) {change.name}", under(trained, change))
+    yield Row("(h) MuJoCo without the learning rate 1e-4", without_lowest(trained))
+    for name in why.CHANGES:
+        if why.CHANGES[name]:
+            yield Row(name, as_before(trained, name))
+
+
+def table(trained: Trained) -> Matrix:
+    """Change × claim: of how many tasks each holds."""
+    found = {row.name: row.trained for row in rows(trained) if row.trained.judged}
+    return Matrix(
+        "change",
+        ["tasks", *CLAIMS],
+        {
+            name: [Cell(_tasks(each)), *(_cell(judge(each)) for judge in CLAIMS.values())]
+            for name, each in found.items()
+        },
+    )
+
+
+def _tasks(trained: Trained) -> str:
+    known = [TASKS[task].title for task in trained.judged]
+    return "all" if len(known) == len(TASKS) else ", ".join(known)
+
+
+def _cell(claim: Claim) -> Cell:
+    """How many of how many are clearly as the paper says, and how many the contrary."""
+    if claim.count is None:
+        return Cell("—")
+    k, n = claim.count
+    contrary = sum(line.startswith("✗") for line in claim.number.splitlines())
+    return Cell(f"{k} of {n}" + (f", {contrary} contrary" if contrary else ""), claim.verdict)
+
+
+def under(trained: Trained, change: Change) -> Trained:
+    """What was trained, with the change in the place of the main experiment, on the tasks where it was made.
+
+    The losses that it leaves alone are the main experiment's.
+    """
+    found: dict[str, Judged] = {}
+    for task in change.tasks:
+        pair = _pair(trained, changes.SWEEPS[task, change.ground], changes.AGAIN[task, change.ground])
+        if pair is not None and task in trained.judged:
+            winners = changes.best_under(pair.chosen, change, task, pair.chosen.provenance["budget"])
+            found[task] = _beside(
+                Judged(*(each.part([*winners.values()]) for each in pair)), trained.judged[task], change.losses
+            )
+    return as_main(found)
+
+
+def in_the_box(trained: Trained) -> Trained:
+    """The bandit whose actions are in units of its box."""
+    pair = _pair(trained, bandit.BOXED.main, bandit.BOXED.again)
+    return as_main({} if pair is None else {"bandit": pair})
+
+
+def rescaled(trained: Trained, scale: float, in_box: bool) -> Trained:
+    """The tasks with their action box times the scale, the Gaussian in units of the action or of the box."""
+    found: dict[str, Judged] = {}
+    for task in rescaling.SCALE_TASKS:
+        done = trained.of(rescaling.SWEEPS[task, scale])
+        if done is not None and task in trained.judged:
+            other = "gaussian" if in_box else rescaling.IN_THE_BOX
+            settings = [setting for setting in done.study.settings if rescaling.name_of(setting) != other]
+            losses = {setting.config.loss for setting in settings}
+            best = trained.judged[task].chosen.best
+            chosen = trained.judged[task].chosen.part([best[loss].setting for loss in best if loss in losses])
+            found[task] = Judged(chosen, done.part(settings))
+    return as_main(found)
+
+
+def without_lowest(trained: Trained) -> Trained:
+    """MuJoCo's grids without their lowest learning rate."""
+    found: dict[str, Judged] = {}
+    for task, sweep in changes.WITHOUT_LOWEST.items():
+        done = trained.of(sweep)
+        if done is not None and task in trained.judged:
+            main = trained.judged[task]
+            winners = changes.best_without_lowest(main.chosen)
+            new = [setting for setting in winners.values() if setting in done.study.settings]
+            changed = [setting.config.loss for setting in new]
+            found[task] = _beside(Judged(main.chosen.part(new), done.part(new)), main, changed)
+    return as_main(found)
+
+
+def as_before(trained: Trained, name: str) -> Trained:
+    """The winners of `why` under one of its changes."""
+    found: dict[str, Judged] = {}
+    for task, sweep in why.SWEEPS.items():
+        pair = _pair(trained, sweep, why.AGAIN[task])
+        if pair is not None:
+            base = task_defaults(TASKS[task].env)
+            own = [setting for setting in pair.again.study.settings if why.change_of(setting, base) == name]
+            found |= {task: Judged(*(each.part(own) for each in pair))} if own else {}
+    return as_main(found)
+
+
+def _pair(trained: Trained, sweep: Sweep, again: Sweep) -> Judged | None:
+    chosen, judged = trained.of(sweep), trained.of(again)
+    return Judged(chosen, judged) if chosen is not None and judged is not None else None
+
+
+def _beside(own: Judged, main: Judged, changed: Collection[str]) -> Judged:
+    """The winners under a change, and those of the main experiment of the losses that were not changed."""
+    others = [best.setting for loss, best in main.again.best.items() if loss not in changed]
+    return Judged(*(each.joined(of.part(others)) for each, of in zip(own, main, strict=True))) if others else own
+
+
+def as_main(found: Mapping[str, Judged]) -> Trained:
+    """These in the place of the main experiment and its winners on fresh seeds."""
+    chosen = {MAIN[task].name: judged.chosen for task, judged in found.items()}
+    return Trained(chosen | {AGAIN[task].name: judged.again for task, judged in found.items()})
+
+
+FIGURE = FigureStudy(
+    "What makes the paper's result appear?",
+    "The table judges the same claims again where one thing is changed: of how many tasks each clearly holds, and on "
+    "how many the contrary. Below, hypothesis (b): final training return on fresh seeds where the action box is "
+    "times 1/8 to 8 and the environment divides by as much. A softmax policy knows nothing of it; a Gaussian whose "
+    "first σ is 1 does, unless its units are the box's.",
+    rescaling.draw,
+    (
+        *(sweep for key in changes.SWEEPS for sweep in (changes.SWEEPS[key], changes.AGAIN[key])),
+        *rescaling.SWEEPS.values(),
+        *changes.WITHOUT_LOWEST.values(),
+        *bandit.BOXED.sweeps,
+    ),
+    table=table,
+)
