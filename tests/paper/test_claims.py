@@ -12,6 +12,7 @@ from galton.paper.registry import FIGURES
 from galton.paper.report import claims
 from galton.paper.scale import rest
 from galton.paper.summary import Summary
+from galton.paper.sweeps import needed
 from galton.paper.trained import Trained
 
 from . import made_up
@@ -330,6 +331,14 @@ def test_without_data_nothing_is_decided():
     found = claims(Trained({}))
     assert {claim.verdict for claim in found} == {"not decidable here"}
     assert {claim.count for claim in found} == {None}
+
+
+@pytest.mark.parametrize("name", SWEEPS)
+def test_every_claim_can_be_judged_from_any_one_sweep(name):
+    """And from those whose winners it trains; the smoke test's runs are too few to decide anything."""
+    data = made_up.data(lambda *_: 1.0, [sweep.name for sweep in needed([SWEEPS[name]])])
+    for some in (Trained({name: data.sweeps[name]}), data):
+        assert {claim.verdict for claim in claims(some)} == {"not decidable here"}
 
 
 def test_claims_stand_in_the_order_of_the_paper_and_rest_on_their_figures():

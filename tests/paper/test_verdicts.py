@@ -83,6 +83,7 @@ def test_a_unit_may_tell_something_else_than_the_difference():
 
 def test_large_numbers_have_no_decimals():
     assert rounded(Interval(*np.float64([608.3, 230.1, 986.5]))) == "+608 ± 378"
+    assert rounded(Interval(*np.float64([-1897.2, -3076.0, -718.4])), "") == "−1,897 ± 1,179"
     assert rounded(Interval(*np.float64([0.5, 0.25, 0.75])), "") == "0.50 ± 0.25"
     assert rounded(Interval(*np.float64([0.5, np.nan, np.nan]))) == "+0.50"
 

@@ -15,6 +15,14 @@ from galton.errors import require
 from galton.page.drawing import draw
 
 VERDICTS = ("holds", "holds in part", "does not hold", "not decidable here")
+MARKS = {
+    "✓": "as the paper says",
+    "✗": "clearly the contrary",
+    "≈": "no clear difference",
+    "∅": "null task",
+    "?": "too few runs",
+}
+"""What became of one unit of a claim (a task, a loss), by the mark that its line begins with."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -27,7 +35,7 @@ class Claim:
     test: str
     """What was compared with what."""
     number: str
-    """What was found, as text that may have several lines."""
+    """What was found, as text that may have several lines: one for each unit, which begins with its mark."""
     verdict: str
     """What became of the claim: one of VERDICTS."""
     why: str

@@ -55,7 +55,7 @@ def readme_table(trained: Trained) -> str:
     for task, judged in trained.judged.items():
         best = optimum(task)
         named = TASKS[task].title + ("" if best is None else f" (optimum {_plain(best)})")
-        named += f" ({trained.nulls[task]})" if task in trained.nulls else ""
+        named += " (null)" if task in trained.nulls else ""
         cells = [named, str(judged.again.study.trials)]
         for loss in losses:
             text = rounded(mean_interval(final_return(judged.again, loss)), "") if loss in judged.again.best else "—"

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from galton.analysis.statistics import ALPHA, Comparison, Interval, holm
-from galton.page.page import Claim
+from galton.page.page import MARKS, Claim
 from galton.paper.scale import Scale
 from galton.paper.trained import Trained
 from galton.tasks import TASKS
@@ -16,14 +16,6 @@ UNKNOWN = "not decidable here"
 NOT_TRAINED = "What it needs was not trained."
 A_TENTH = 0.1
 """The share of the way from rest to the best below which a difference is called little."""
-MARKS = {
-    "✓": "as the paper says",
-    "✗": "clearly the contrary",
-    "≈": "no clear difference",
-    "∅": "null task",
-    "?": "too few runs",
-}
-"""What became of each unit of a claim, by the mark before its line."""
 
 
 class Unit(NamedTuple):
@@ -89,7 +81,7 @@ def told(found: Comparison) -> str:
 def rounded(value: Interval, plus: str = "+") -> str:
     """An interval as text, with fewer decimals where its numbers are large."""
     largest = np.nanmax(np.abs([*value])) if np.isfinite([*value]).any() else 0.0
-    return f"{value:{plus}.{2 if largest < 100 else 0}f}"
+    return f"{value:{plus}{'.2f' if largest < 100 else ',.0f'}}"
 
 
 def marks(units: Mapping[str, Found], unless_contrary: bool = False) -> dict[str, str]:
