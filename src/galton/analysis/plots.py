@@ -29,12 +29,18 @@ _COLORS = ("#000000", "#E69F00", "#0072B2", "#009E73", "#D55E00", "#CC79A7", "#5
 RUN = "run:"
 """How the gid of a single run's line begins; the name of its series follows."""
 
-_LEGEND_ENTRY = 1.9
+LineStyle = str | tuple[float, tuple[float, ...]]
+LEVELS: dict[str, LineStyle] = {"optimum": "--", "solved": (0, (8, 3)), "doing nothing": ":"}
+"""The line styles of levels that panels of a task show."""
+_DASH_DOT: LineStyle = (0, (5, 1.2, 1.2, 1.2))
+"""Of what is not the paper's: gaps short enough to be followed where curves lie upon one another."""
+_LEGEND_ENTRY = 1.8
 """How many inches the longest name takes in the legend."""
 _STYLE: Any = {
     "axes.spines.top": False,
     "axes.spines.right": False,
     "axes.grid": True,
+    "axes.axisbelow": True,
     "grid.color": "#e6e6e6",
     "font.size": 10,
     "legend.frameon": False,
@@ -56,13 +62,23 @@ def panels(n: int, columns: int = 4, height: float = 2.7) -> tuple[Figure, list[
     return figure, axes[:n]
 
 
+def grid(rows: int, columns: int) -> tuple[Figure, list[Axes]]:
+    """A figure of small panels that stay in their rows and columns, by rows; without panels it is empty."""
+    if not rows or not columns:
+        return Figure(), []
+    with mpl.rc_context(_STYLE | {"font.size": 8}):
+        figure = Figure(figsize=(1.65 * columns + 0.6, 1.75 * rows + 0.8), layout=ConstrainedLayoutEngine())
+        axes = list(np.ravel(figure.subplots(rows, columns, sharex="col")))
+    return figure, axes
+
+
 def draw_series(
     axes: Axes,
     x: Real[np.ndarray, " L"] | Sequence[float],
     interval: Interval,
     name: str,
     color: ColorType,
-    linestyle: str = "-",
+    linestyle: LineStyle = "-",
     marker: str = "",
     single_runs: Float[np.ndarray, "R L"] | None = None,
 ) -> None:
@@ -93,28 +109,39 @@ def draw_marks(axes: Axes, intervals: Sequence[Interval], name: str, color: Colo
         artist.set_gid(name)
 
 
-def draw_level(axes: Axes, value: float, name: str, linestyle: str) -> None:
+def draw_level(axes: Axes, value: float, name: str, linestyle: LineStyle) -> None:
     """Draw a level as a line all along the x axis."""
     axes.axhline(value, color="#777777", linestyle=linestyle, linewidth=1, label=name, gid=name)
 
 
-def look_of(loss: str) -> tuple[str, str, str]:
+def look_of(loss: str) -> tuple[str, str, LineStyle]:
     """Label, colour and line style: what is not the paper's is dash-dotted."""
     color = _COLORS[[*LOSSES].index(loss) % len(_COLORS)]
-    return LOSSES[loss].label, color, "-" if LOSSES[loss].in_paper else "-."
+    return LOSSES[loss].label, color, "-" if LOSSES[loss].in_paper else _DASH_DOT
 
 
-def finish(figure: Figure, axes: Sequence[Axes]) -> None:
-    """One legend below all panels, of every name in them, in as many columns as fit."""
+def label_rows(axes: Sequence[Axes], words: str) -> None:
+    """Name the y axis of each row's first panel."""
+    for panel in axes:
+        place = panel.get_subplotspec()
+        if place is not None and place.is_first_col():
+            panel.set_ylabel(words)
+
+
+def finish(figure: Figure, axes: Sequence[Axes], order: Sequence[str] = ()) -> None:
+    """One legend below all panels, of every name in them, in as many columns as fit; in this order, or as drawn."""
     found: dict[str, Artist] = {}
     for panel in axes:
         for handle, label in zip(*panel.get_legend_handles_labels(), strict=True):
             found.setdefault(label, handle)
     if not found:
         return
-    columns = max(1, int(figure.get_figwidth() / _LEGEND_ENTRY))
+    found = {label: found[label] for label in (*order, *found) if label in found}
+    size = axes[0].xaxis.label.get_fontsize()
+    columns = min(len(found), max(1, int(figure.get_figwidth() / (_LEGEND_ENTRY * size / 10))))
     with mpl.rc_context(_STYLE):
-        figure.legend(list(found.values()), list(found), loc="outside lower center", ncols=min(len(found), columns))
+        handles = list(found.values())
+        figure.legend(handles, list(found), loc="outside lower center", ncols=columns, fontsize=size)
 
 
 def settle(figure: Figure) -> None:
