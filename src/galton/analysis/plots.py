@@ -26,16 +26,17 @@ from galton.saving import files
 
 _COLORS = ("#000000", "#E69F00", "#0072B2", "#009E73", "#D55E00", "#CC79A7", "#56B4E9", "#F0E442")
 """Okabe and Ito's, told apart by readers of every colour vision: the losses' by their place in LOSSES."""
+_MARKERS = "osD^vP*X"
 RUN = "run:"
 """How the gid of a single run's line begins; the name of its series follows."""
 
 LineStyle = str | tuple[float, tuple[float, ...]]
-LEVELS: dict[str, LineStyle] = {"optimum": "--", "solved": (0, (8, 3)), "doing nothing": ":"}
+LEVELS: dict[str, LineStyle] = {"optimum": "--", "solved": (0.0, (8.0, 3.0)), "doing nothing": ":"}
 """The line styles of levels that panels of a task show."""
-_DASH_DOT: LineStyle = (0, (5, 1.2, 1.2, 1.2))
+_DASH_DOT: LineStyle = (0.0, (5.0, 1.2, 1.2, 1.2))
 """Of what is not the paper's: gaps short enough to be followed where curves lie upon one another."""
-_LEGEND_ENTRY = 1.8
-"""How many inches the longest name takes in the legend."""
+_HANDLE, _LETTER = 0.07, 0.0088
+"""How many inches a legend's entry takes, without its name and for each letter of it, by point of the font's size."""
 _STYLE: Any = {
     "axes.spines.top": False,
     "axes.spines.right": False,
@@ -78,35 +79,49 @@ def draw_series(
     interval: Interval,
     name: str,
     color: ColorType,
-    linestyle: LineStyle = "-",
+    linestyle: str = "-",
     marker: str = "",
     single_runs: Float[np.ndarray, "R L"] | None = None,
 ) -> None:
     """A curve and its band, named; and the runs behind it, for the page."""
-    axes.plot(x, interval.mean, label=name, gid=name, lw=1.6, color=color, ls=linestyle, marker=marker, ms=4)
+    dashes = _DASH_DOT if linestyle == "-." else linestyle
+    axes.plot(x, interval.mean, label=name, gid=name, lw=1.6, color=color, ls=dashes, marker=marker, ms=4)
     axes.fill_between(x, interval.low, interval.high, gid=name, color=color, alpha=0.18, linewidth=0)
     if single_runs is not None:
         for run in single_runs:
             axes.plot(x, run, gid=RUN + name, lw=0.6, color=color, alpha=0.35, ls=linestyle)
 
 
-def draw_marks(axes: Axes, intervals: Sequence[Interval], name: str, color: ColorType, shift: float) -> None:
+def draw_marks(
+    axes: Axes,
+    intervals: Sequence[Interval],
+    name: str,
+    color: ColorType,
+    shift: float,
+    marker: str = "o",
+    hollow: bool = False,
+) -> None:
     """A mark with its interval at 0, 1, …, drawn so far to the right, so that series stand side by side."""
     mean, low, high = np.array(intervals).T
-    beside = Affine2D().translate(shift, 0) + axes.transData
     line, _, bars = axes.errorbar(
         range(len(mean)),
         mean,
         [mean - low, high - mean],
-        fmt="o",
+        fmt=marker,
         ms=4,
-        lw=1.2,
+        lw=0.8 if hollow else 1.2,
         color=color,
+        mfc="none" if hollow else color,
         label=name,
-        transform=beside,
+        transform=Affine2D().translate(shift, 0) + axes.transData,
     )
     for artist in (line, *bars):
         artist.set_gid(name)
+
+
+def marker_of(loss: str) -> str:
+    """The shape of a loss's marks, which tells it from others without its colour."""
+    return _MARKERS[[*LOSSES].index(loss) % len(_MARKERS)]
 
 
 def draw_level(axes: Axes, value: float, name: str, linestyle: LineStyle) -> None:
@@ -114,10 +129,10 @@ def draw_level(axes: Axes, value: float, name: str, linestyle: LineStyle) -> Non
     axes.axhline(value, color="#777777", linestyle=linestyle, linewidth=1, label=name, gid=name)
 
 
-def look_of(loss: str) -> tuple[str, str, LineStyle]:
+def look_of(loss: str) -> tuple[str, str, str]:
     """Label, colour and line style: what is not the paper's is dash-dotted."""
     color = _COLORS[[*LOSSES].index(loss) % len(_COLORS)]
-    return LOSSES[loss].label, color, "-" if LOSSES[loss].in_paper else _DASH_DOT
+    return LOSSES[loss].label, color, "-" if LOSSES[loss].in_paper else "-."
 
 
 def label_rows(axes: Sequence[Axes], words: str) -> None:
@@ -137,11 +152,20 @@ def finish(figure: Figure, axes: Sequence[Axes], order: Sequence[str] = ()) -> N
     if not found:
         return
     found = {label: found[label] for label in (*order, *found) if label in found}
-    size = axes[0].xaxis.label.get_fontsize()
-    columns = min(len(found), max(1, int(figure.get_figwidth() / (_LEGEND_ENTRY * size / 10))))
+    size = float(axes[0].xaxis.label.get_fontsize())
+    columns = _columns([size * (_HANDLE + _LETTER * len(label)) for label in found], figure.get_figwidth())
     with mpl.rc_context(_STYLE):
         handles = list(found.values())
         figure.legend(handles, list(found), loc="outside lower center", ncols=columns, fontsize=size)
+
+
+def _columns(widths: Sequence[float], room: float) -> int:
+    """Into how many columns entries of these widths go, filled one after the other, in so much room."""
+    for n in range(len(widths), 1, -1):
+        rows = -(-len(widths) // n)
+        if sum(max(widths[i : i + rows]) for i in range(0, len(widths), rows)) <= room:
+            return n
+    return 1
 
 
 def settle(figure: Figure) -> None:

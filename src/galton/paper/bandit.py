@@ -74,7 +74,7 @@ def draw(trained: Trained) -> Figure:
             panel.set_xscale("log", base=2)
             panel.xaxis.set_major_formatter("{x:g}")
     main = _fresh(trained, _BANDIT_AGAIN, _BANDIT)
-    drawn = [interval for panel, control in zip(curves, under.values()) for interval in _draw_control(panel, control, main)]
+    drawn = [curve for i, done in enumerate(under.values()) for curve in _draw_control(curves[i], done, main)]
     for panel, (label, control) in zip(curves, under.items(), strict=True):
         fit_curves(panel, drawn, draw_levels(panel, "bandit"))
         panel.set_title(numbered(f"Bandit: {label}", control), fontsize=10)

@@ -35,12 +35,14 @@ def heading(task: str) -> str:
 
 def shown(trained: Trained) -> dict[str, Summary]:
     """By task the runs that learning curves show: the winners' on fresh seeds, where there are any."""
-    return {task: trained.judged[task].again if task in trained.judged else trained.grids[task] for task in trained.grids}
+    return {
+        task: trained.judged[task].again if task in trained.judged else trained.grids[task] for task in trained.grids
+    }
 
 
-def numbered(title: str, summary: Summary) -> str:
-    """The title with the number of runs behind each curve, and a word where these are not the grid's winners alone."""
-    chosen = {best.setting for best in summary.best.values()} != {*summary.study.settings}
+def numbered(title: str, summary: Summary, every: bool = False) -> str:
+    """The title with the number of runs; with a word where a sweep of more than the winners chose these by them."""
+    chosen = not every and {best.setting for best in summary.best.values()} != {*summary.study.settings}
     return f"{title}, n = {summary.study.trials}" + (", of the grid" if chosen else "")
 
 
@@ -57,9 +59,7 @@ def runs_of(summary: Summary, loss: str, metric: str) -> Float[np.ndarray, "tria
     return summary.curves(metric)[summary.rows(summary.best[loss].setting)]
 
 
-def draw_best(
-    axes: Axes, best_of: Mapping[str, Summary], metric: str, single_runs: bool = True
-) -> list[Interval]:
+def draw_best(axes: Axes, best_of: Mapping[str, Summary], metric: str, single_runs: bool = True) -> list[Interval]:
     """Mean and band of each loss's best setting, from the sweep that it is the best of; the axis is not fitted yet."""
     drawn: list[Interval] = []
     for loss, summary in best_of.items():

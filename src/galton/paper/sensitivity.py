@@ -86,7 +86,7 @@ def _tell_missing(axes: Axes, name: str, values: Sequence[float]) -> None:
 
 
 def _colors(values_of: Sequence[Sequence[float]]) -> dict[float, str]:
-    """A colour for each value, dark to light: values that tasks share have one, and tasks that share none begin anew."""
+    """A colour for each value, dark to light: values that tasks share have one, those of other tasks begin anew."""
     scales: list[set[float]] = []
     for values in map(set, values_of):
         shared = [scale for scale in scales if scale & values]
@@ -103,7 +103,7 @@ def _tell_equal(axes: Axes, curves: Mapping[float, Interval], name: str) -> None
     """Name the values whose curves lie upon one another, of which a reader sees but one."""
     to_shares = axes.get_yaxis_transform() - axes.transAxes
     shown = {
-        value: to_shares.transform(np.stack([np.linspace(0, 1, len(curve.mean)), curve.mean], axis=1))
+        value: to_shares.transform(np.stack([np.linspace(0, 1, np.size(curve.mean)), curve.mean], axis=1))
         for value, curve in curves.items()
     }
     groups: list[list[float]] = []
@@ -164,8 +164,8 @@ def _figure(
         f"Sensitivity of {label}",
         f"Training return of {label} with one hyperparameter held ({names}: a row each) and all other settings of the "
         "grid averaged: the mean, and the 95% band of drawing each setting's trials again. Where others are averaged "
-        "in, no curve can be better than Figure 2's. Above stands how much of App. C.2's grid was trained. A task's panels have one y axis. Colours are those of a "
-        f"hyperparameter's values, dark for the smallest. {AXES}",
+        "in, no curve can be better than Figure 2's. Above stands how much of App. C.2's grid was trained. A task's "
+        "panels have one y axis. Colours are those of a hyperparameter's values, dark for the smallest. " + AXES,
         lambda trained: draw(trained.grids, loss, fields),
         (*MAIN.values(),),
         number,
