@@ -8,7 +8,7 @@ from jaxtyping import Float, Int, Real, Shaped
 from galton.analysis.statistics import Interval
 
 
-def mean_band(strata: Sequence[Shaped[np.ndarray, "_ *rest"]], n_resamples: int = 1000, seed: int = 0) -> Interval:
+def mean_band(strata: Sequence[Shaped[np.ndarray, "_ *rest"]], n_resamples: int = 500, seed: int = 0) -> Interval:
     """The mean of the strata's means, and the percentiles of that mean when runs are drawn again within each stratum.
 
     Args:

@@ -49,14 +49,24 @@ _STYLE: Any = {
 }
 
 
-def panels(n: int, columns: int = 4, height: float = 2.7) -> tuple[Figure, list[Axes]]:
-    """A figure of n panels in rows of so many columns; without panels it is empty."""
+def panels(
+    n: int, columns: int = 4, height: float = 2.7, width: float = 3.1, size: float = 10
+) -> tuple[Figure, list[Axes]]:
+    """A figure of n panels in rows of so many columns; without panels it is empty.
+
+    Args:
+        n: how many.
+        columns: how many in a row, at most.
+        height: of a panel, in inches.
+        width: of a panel, in inches.
+        size: of its text, in points.
+    """
     if not n:
         return Figure(), []
     columns = min(n, columns)
     rows = -(-n // columns)
-    with mpl.rc_context(_STYLE):
-        figure = Figure(figsize=(3.1 * columns + 0.4, height * rows + 0.5), layout=ConstrainedLayoutEngine())
+    with mpl.rc_context(_STYLE | {"font.size": size}):
+        figure = Figure(figsize=(width * columns + 0.4, height * rows + 0.5), layout=ConstrainedLayoutEngine())
         axes = list(np.ravel(figure.subplots(rows, columns)))
         for spare in axes[n:]:
             spare.remove()
@@ -170,9 +180,11 @@ def _columns(widths: Sequence[float], room: float) -> int:
 
 def settle(figure: Figure) -> None:
     """Lay it out for good: every drawing of it is the same, and none has to do it again."""
-    with mpl.rc_context(_STYLE):
-        figure.draw_without_rendering()
-    figure.set_layout_engine("none")
+    engine = figure.get_layout_engine()
+    with mpl.rc_context(_STYLE | {"figure.autolayout": False, "figure.constrained_layout.use": False}):
+        if engine is not None:
+            engine.execute(figure)
+        figure.set_layout_engine(None)  # with "none" each drawing would begin with one that nobody sees
 
 
 def over_steps(axes: Axes, last: float) -> None:
