@@ -1,6 +1,5 @@
 """The head of the page: whether classification ends higher, on which tasks, with and without exploration."""
 
-import functools
 from collections.abc import Mapping, Sequence
 
 from matplotlib.figure import Figure
@@ -16,9 +15,9 @@ from galton.paper.trained import Trained
 from galton.paper.verdicts import Found, Unit, by_task, marks, rounded
 from galton.tasks import TASKS
 
-_KINDS = ("training return", "deterministic return")
+_KINDS = ("training", "deterministic")
 _COLORS = {"✓": VERDICTS[0], "✗": VERDICTS[2]}
-_WORDS = {"✓": "higher", "✗": "lower", "≈": "no clear difference", "?": "too few runs"}
+_WORDS = {"✓": "higher", "✗": "lower", "≈": "neither clearly", "?": "too few runs"}
 
 
 def answer(trained: Trained, claims: Sequence[Claim]) -> Answer:
@@ -27,12 +26,12 @@ def answer(trained: Trained, claims: Sequence[Claim]) -> Answer:
     given = {kind: marks(units) for kind, units in found.items()}
     return Answer(
         [_sentence(given[_KINDS[0]]), " ".join([*_further(trained, given[_KINDS[1]]), _counted(claims)])],
-        Matrix("task", [*_KINDS, "verdict"], _rows(found, given), narrow=True),
-        "Final return on fresh seeds: the classification loss that was better on the grid − the Gaussian, mean and 95% "
-        "interval. Green and red where a rank test is clear once it is adjusted for all tasks (Holm). The deterministic "
-        "policy acts without exploration.",
+        Matrix("final return", [*_KINDS, "verdict"], _rows(found, given), narrow=True),
+        "On fresh seeds, the classification loss that was better on the grid − the Gaussian: mean and 95% interval. A "
+        "colour says that a rank test, adjusted for all tasks (Holm), is clear. The deterministic policy acts without "
+        "exploration.",
         curves(trained) if trained.grids else None,
-        "Training return of the best settings on fresh seeds; more of it in Figure 2.",
+        "Training return of the best settings on fresh seeds: Figure 2 in small.",
     )
 
 
@@ -43,7 +42,7 @@ def _gaps(trained: Trained, kind: str) -> dict[str, Found]:
         judged = trained.judged[task]
         kinds = [metric for metric in reversed(DETERMINISTIC) if metric in judged.again.table.column_names]
         metric = "training_return" if kind == _KINDS[0] else kinds[0]
-        return {"": over_regression(judged, functools.partial(final_return, metric=metric))}
+        return {"": over_regression(judged, final_return, metric)}
 
     return by_task(trained, trained.judged, judge)
 
@@ -91,7 +90,9 @@ def _further(trained: Trained, given: Mapping[str, str]) -> list[str]:
     """Sentences on the deterministic policy, and on the tasks that were left out."""
     n = sum(mark in "✓✗≈" for mark in given.values())
     higher, lower = (sum(each == mark for each in given.values()) for mark in "✓✗")
-    without = f"Without the noise of exploration it is {higher} of {n} higher and {lower} lower."
+    without = (
+        f"By the deterministic policy, without the noise of exploration, {higher} of {n} end higher and {lower} lower."
+    )
     left_out = [
         f"{TASKS[task].title} is left out ({why})." for task, why in trained.nulls.items() if task in trained.judged
     ]
@@ -114,11 +115,11 @@ def _named(titles: Sequence[str]) -> str:
 def curves(trained: Trained) -> Figure:
     """The training return of the paper's losses on each task, small."""
     by_task = shown(trained)
-    figure, axes = panels(len(by_task), columns=4, height=1.75, width=1.9, size=7.5)
+    figure, axes = panels(len(by_task), columns=4, height=1.6, width=1.72, size=7)
     for panel, (task, summary) in zip(axes, by_task.items(), strict=True):
         of_paper = {loss: summary for loss in summary.best if LOSSES[loss].in_paper}
         fit_curves(panel, draw_best(panel, of_paper, "training_return", single_runs=False), draw_levels(panel, task))
-        panel.set_title(f"{TASKS[task].title}, n = {summary.study.trials}", fontsize=8)
+        panel.set_title(f"{TASKS[task].title}, n = {summary.study.trials}", fontsize=7.5)
         panel.set_xlabel("steps")
     finish(figure, axes)
     return figure

@@ -1,6 +1,6 @@
 """How what is on the page was made: a row for each sweep and for each table of measurements."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from galton.page.page import Section, Table
@@ -38,25 +38,54 @@ def section(trained: Trained) -> Section:
     records = {name: summary.provenance for name, summary in trained.sweeps.items()}
     records |= {name: record_of(table) for name, table in trained.tables.items()}
     names = [name for name in (*all_sweeps(), *FIGURES) if name in records]
-    machines, versions = (_keys([records[name][part] for name in names]) for part in ("machines", "versions"))
+    machines, versions = (_keyed([value for name in names for value in records[name][of]]) for of in _KEYED)
     rows = []
     for name in names:
         made = records[name]
         of_study = _study(trained.sweeps[name]) if name in trained.sweeps else ["—"] * 5
         minutes = f"{_minutes(made):,.0f}" if "train_seconds" in made else "—"
-        keys = [", ".join(keys[_shown(value)] for value in made[part]) for keys, part in (
-            (machines, "machines"), (versions, "versions")
-        )]  # fmt: skip
+        keys = [_keys_of(made[of], keyed) for of, keyed in zip(_KEYED, (machines, versions), strict=True)]
         rows.append([name, *of_study, made["budget"], minutes, *keys, _word(name)])
     budgets = dict.fromkeys(records[name]["budget"] for name in names)
     paragraphs = [
         "A row is trained again by: galton reproduce WORD --budget BUDGET --out DIR. Sweeps of seed 0 choose settings, "
         "those of seed 1 judge them; in pairs means that trial t has the same seed in all settings.",
-        *(f"Budget {budget}: {BUDGETS[budget]}." for budget in budgets),
-        *(f"On {key}: {value}." for value, key in machines.items()),
-        *(f"With {key}: {value}." for value, key in versions.items()),
+        " ".join(f"Budget {budget}: {BUDGETS[budget]}." for budget in budgets),
+        f"Machines: {_told(machines)}.",
+        f"Versions: {_told(versions)}.",
     ]
     return Section(NAME, "How all of this was made", table=Table(_HEADINGS, rows), paragraphs=paragraphs)
+
+
+_KEYED = ("machines", "versions")
+Value = str | tuple[tuple[str, str], ...]
+"""A machine, or the versions of packages."""
+
+
+def _keyed(values: Sequence[object]) -> dict[Value, str]:
+    """A letter for each of the values, in order."""
+    found = dict.fromkeys(map(_value, values))
+    return {value: chr(ord("A") + i) if i < 26 else str(i) for i, value in enumerate(found)}
+
+
+def _keys_of(values: Sequence[object], keyed: Mapping[Value, str]) -> str:
+    return ", ".join(dict.fromkeys(keyed[_value(value)] for value in values))
+
+
+def _value(value: object) -> Value:
+    return tuple((name, str(of)) for name, of in value.items() if of) if isinstance(value, dict) else str(value)
+
+
+def _told(keyed: Mapping[Value, str]) -> str:
+    """Each value after its letter; of versions what all share once, in the end."""
+    pairs = [{*value} for value in keyed if not isinstance(value, str)]
+    shared = set.intersection(*pairs) if len(pairs) > 1 else set()
+    told = []
+    for value, key in keyed.items():
+        own = value if isinstance(value, str) else ", ".join(" ".join(pair) for pair in value if pair not in shared)
+        told.append(f"{key} {own}")
+    common = ", ".join(" ".join(pair) for value in [*keyed][:1] for pair in value if pair in shared)
+    return "; ".join(told) + (f"; all with {common}" if common else "")
 
 
 def _study(summary: Summary) -> list[str]:
@@ -70,18 +99,6 @@ def _study(summary: Summary) -> list[str]:
 
 def _minutes(made: Mapping[str, Any]) -> float:
     return float(made["train_seconds"] + made["compile_seconds"]) / 60
-
-
-def _keys(values: list[list[object]]) -> dict[str, str]:
-    """A letter for each of the values, in order."""
-    found = dict.fromkeys(_shown(value) for of_one in values for value in of_one)
-    return {value: chr(ord("A") + i) if i < 26 else str(i) for i, value in enumerate(found)}
-
-
-def _shown(value: object) -> str:
-    if isinstance(value, dict):
-        return ", ".join(f"{name} {version}" for name, version in value.items() if version)
-    return str(value)
 
 
 def _word(name: str) -> str:
