@@ -71,7 +71,7 @@ def draw(name: str, figure: Figure) -> Drawing:
     swatches = {artist: _swatch(groups[tags[artist]], artist) for artist in artists}
     frames = [_points(figure, axes.bbox) for axes in shown]
     parts = _panels(figure, shown, frames, legends)
-    boxes = [box for _, box in parts] or [np.array([0, 0, *figure.get_size_inches() * 72])]
+    boxes = [box for _, box in parts] or [_whole(figure, shown, legends)]
     contents = [[groups[tags[axes]] for axes in members] for members, _ in parts] or [[*root]]
     contents[0][:0] = root.findall("defs") if parts else []
     wide = len({round(left) for left, *_ in boxes}) * (boxes[0][2] - boxes[0][0])
@@ -219,6 +219,13 @@ def _panels(
     outer = [_points(figure, axes.get_tightbbox() or axes.bbox) for axes in shown]
     margins = _MARGIN + np.max([(far - near) * outwards for far, near in zip(outer, frames, strict=True)], axis=0)
     return [([shown[i] for i in some], frames[some[0]] + margins * outwards) for some in members.values()]
+
+
+def _whole(figure: Figure, shown: Sequence[Axes], legends: Sequence[Legend]) -> Box:
+    """The whole figure, but for the room below its axes that legends had which are not shown."""
+    width, height = figure.get_size_inches() * 72
+    ends = [_points(figure, axes.get_tightbbox() or axes.bbox)[3] + _MARGIN for axes in shown]
+    return np.array([0, 0, width, min(height, max(ends)) if legends else height])
 
 
 def _has_labels(axis: Axis) -> bool:

@@ -24,7 +24,7 @@ _HEADINGS = (
     "trials",
     "steps",
     "seed",
-    "evaluation",
+    "episodes per steps",
     "budget",
     "core minutes",
     "on",
@@ -49,7 +49,8 @@ def section(trained: Trained) -> Section:
     budgets = dict.fromkeys(records[name]["budget"] for name in names)
     paragraphs = [
         "A row is trained again by: galton reproduce WORD --budget BUDGET --out DIR. Sweeps of seed 0 choose settings, "
-        "those of seed 1 judge them; in pairs means that trial t has the same seed in all settings.",
+        "those of seed 1 judge them; in pairs means that trial t has the same seed in all settings. So many episodes of "
+        "the deterministic policy were played after so many steps; twice means by the most likely and by the mean action.",
         " ".join(f"Budget {budget}: {BUDGETS[budget]}." for budget in budgets),
         f"Machines: {_told(machines)}.",
         f"Versions: {_told(versions)}.",
@@ -91,9 +92,9 @@ def _told(keyed: Mapping[Value, str]) -> str:
 def _study(summary: Summary) -> list[str]:
     """Its size, seeds and evaluation, as the table's cells."""
     study = summary.study
-    every = f"{study.eval_episodes} episodes every {study.steps // study.logs:,}" if study.eval_episodes else "none"
+    per = f"{study.eval_episodes} per {study.steps // study.logs:,}" if study.eval_episodes else "none"
     seeds = f"{study.seed}, in pairs" if study.common_seeds else f"{study.seed}"
-    evaluated = every + (", also by the mean" if study.eval_mean else "")
+    evaluated = per + (", twice" if study.eval_mean else "")
     return [f"{len(study.settings):,}", f"{study.trials}", f"{study.steps:,}", seeds, evaluated]
 
 
