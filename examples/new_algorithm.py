@@ -32,7 +32,7 @@ def update(agent, learner, batch, hypers, key):
             return parts.total, parts
 
         gradient, parts = jax.grad(objective, has_aux=True)(learner.params)
-        learner, grad_norm = actor_critic.step(learner, gradient, hypers)
+        learner, grad_norm = actor_critic.step(agent, learner, gradient, hypers)
         return learner, actor_critic.scalars(parts, grad_norm) | {"largest_weight": weight.max()}
 
     learner, told = jax.lax.scan(step, learner, length=N_STEPS)

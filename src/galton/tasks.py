@@ -50,6 +50,7 @@ TASKS = {
         learning_rates=(0.01, 0.05, 0.1, 1.0),
         etas=(0.1, 0.25, 0.5, 0.75, 1.0),
         config={"n_steps": 5, "net_arch": ()},
+        at_rest=0.0,
     ),
     "lqr": Task("lqr", "LQR", d=2, at_rest=-26.03),
     "mountain-car": Task("mountain-car", "Mountain Car", d=1, at_rest=0.0, solved=90.0),

@@ -57,6 +57,8 @@ class Config:
     ratio: Literal["auto", "smoothed", "true"] = "auto"
     """What PPO clips: the ratio of what the loss measures, or the actions' own likelihood ratio; auto is smoothed for a
     loss with a bias, plain HL-Gauss, and true for all others."""
+    clip_separately: bool = False
+    """Scale the gradients of actor and critic down to max_grad_norm each, not the two joined."""
 
     def __post_init__(self) -> None:
         check_fields(self)
@@ -95,7 +97,7 @@ class Hypers(NamedTuple):
     ent_coef: NotNegative = 0.0
     """Weight of the entropy bonus."""
     max_grad_norm: Positive = 0.5
-    """The gradient, actor's and critic's joined, is scaled down to this norm."""
+    """The gradient, actor's and critic's joined unless clip_separately says otherwise, is scaled down to this norm."""
     decay_steps: NotNegative = 0.0
     """The learning rate falls linearly to 0 over so many environment steps; 0: it stays."""
     log_std_init: Annotated[Number, Within(np.isfinite, "finite")] = 0.0

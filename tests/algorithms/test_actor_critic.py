@@ -25,19 +25,36 @@ def test_init_gaussian_enters_as_the_last_bias():
 
 
 def test_a_step_along_a_gradient_that_is_not_finite_moves_no_parameter_and_the_norm_tells():
-    _, learner, _ = setup("gaussian")
+    agent, learner, _ = setup("gaussian")
     gradient = jax.tree.map(jnp.ones_like, learner.params)
     gradient["critic"][0]["bias"] = gradient["critic"][0]["bias"].at[0].set(jnp.inf)
-    after, norm = actor_critic.step(learner, gradient, Hypers())
+    after, norm = actor_critic.step(agent, learner, gradient, Hypers())
     assert not np.isfinite(norm)
     jax.tree.map(np.testing.assert_array_equal, after.params, learner.params)
     assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(after.optimizer))
 
 
 def test_where_training_is_left_off_a_step_changes_nothing_at_all():
-    _, learner, _ = setup("gaussian")
+    agent, learner, _ = setup("gaussian")
     gradient = jax.tree.map(jnp.ones_like, learner.params)
     for going in (False, True):
-        after, _ = actor_critic.step(learner, gradient, Hypers(), jnp.array(going))
+        after, _ = actor_critic.step(agent, learner, gradient, Hypers(), jnp.array(going))
         same = jax.tree.map(lambda a, b: bool((a == b).all()), after, learner)
         assert all(jax.tree.leaves(same)) == (not going)
+
+
+def test_actor_and_critic_are_clipped_apart_or_joined():
+    """After one step Adam's first moment is a tenth of the gradient that it was given."""
+    for separately, norms in ((False, {"actor": 5.0, "critic": 5.0}), (True, {"actor": 3.0, "critic": 4.0})):
+        agent, learner, _ = setup("hl-gauss", clip_separately=separately)
+        size = {name: sum(leaf.size for leaf in jax.tree.leaves(learner.params[name])) for name in norms}
+        long = {"actor": 3.0, "critic": 4.0}
+        gradient = {
+            name: jax.tree.map(lambda leaf, x=long[name] / size[name] ** 0.5: jnp.full_like(leaf, x), part)
+            for name, part in learner.params.items()
+        }
+        after, norm = actor_critic.step(agent, learner, gradient, Hypers(max_grad_norm=0.5))
+        np.testing.assert_allclose(norm, 5.0, rtol=1e-5)
+        for name, of in norms.items():
+            moment = np.concatenate([np.ravel(leaf) for leaf in jax.tree.leaves(after.optimizer.mu[name])])
+            np.testing.assert_allclose(np.linalg.norm(moment), 0.1 * 0.5 * long[name] / of, rtol=1e-4)

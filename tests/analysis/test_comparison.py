@@ -56,6 +56,15 @@ def test_the_share_of_the_optimum_is_zero_at_random_and_one_at_the_optimum():
         assert row.share_of_optimum == pytest.approx(share, abs=1e-6)
 
 
+def test_where_doing_nothing_is_worth_more_than_random_actions_it_is_zero():
+    env = LQR()
+    halfway = (env.optimal_return - 26.03) / 2
+    (row,) = summarise({"gaussian": result("gaussian", [halfway - 1] * 2)}, env, at_rest=-26.03)
+    assert row.share_of_optimum == pytest.approx(0.5)
+    (row,) = summarise({"gaussian": result("gaussian", [env.random_return - 1] * 2)}, env, at_rest=-1e6)
+    assert row.share_of_optimum == pytest.approx(0, abs=1e-6)
+
+
 def test_without_a_known_optimum_there_is_no_share(results):
     rows = summarise(results, MountainCar())
     assert all(row.share_of_optimum is None for row in rows)

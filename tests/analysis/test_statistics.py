@@ -13,11 +13,15 @@ from scipy import stats
 from galton import UsageError
 from galton.analysis.statistics import (
     Interval,
+    against,
+    compare,
     difference_interval,
     fill_forward,
+    holm,
     mean_interval,
     performance_profile,
     stratified_bootstrap,
+    within,
 )
 
 NAN = np.nan
@@ -85,6 +89,92 @@ def test_difference_interval_is_welchs():
     assert np.isnan(difference_interval(np.ones(1), b).low)
 
 
+def samples(n, m, shift):
+    rng = np.random.default_rng(n + m)
+    return rng.normal(shift, 1, n), rng.normal(0, 3, m)
+
+
+def test_independent_samples_are_compared_by_welch_and_by_mann_and_whitney():
+    a, b = samples(12, 9, 1.0)
+    found = compare(a, b)
+    assert found.difference == difference_interval(a, b)
+    assert found.p == pytest.approx(stats.mannwhitneyu(a, b, method="exact").pvalue)
+    assert found.above == pytest.approx(np.mean([x > y for x in a for y in b]))
+    assert compare(np.array([1.0, 2.0]), np.array([1.0, 0.0])).above == 3.5 / 4  # a tie counts half
+    np.testing.assert_allclose(np.hstack(-found), np.hstack(compare(b, a)))
+
+
+def test_pairs_are_compared_by_their_differences():
+    a, noise = samples(12, 12, 5.0)
+    b = a + 0.1 + 0.01 * noise
+    found = compare(a, b, paired=True)
+    scipys = stats.ttest_rel(a, b).confidence_interval(0.95)
+    np.testing.assert_allclose(found.difference[1:], scipys)
+    assert found.p == pytest.approx(stats.wilcoxon(a, b, method="exact").pvalue)
+    assert found.p < 0.01 < 0.5 < compare(a, b).p
+
+
+def test_seven_pairs_are_too_few_for_signed_ranks():
+    a, b = samples(7, 7, 1.0)
+    assert compare(a, b, paired=True).p == compare(a, b).p
+    assert compare(a, b, paired=True).difference != compare(a, b).difference
+
+
+@pytest.mark.parametrize(
+    ("n", "m", "decides"), [(3, 3, False), (4, 4, True), (2, 6, False), (0, 9, False), (3, 5, True)]
+)
+def test_too_few_runs_have_no_p(n, m, decides):
+    a, b = samples(n, m, 100.0)
+    assert np.isnan(compare(a, b).p) != decides
+    assert np.isnan(within(a, b, 200.0).p) != decides
+
+
+def test_diverged_runs_are_left_out_of_a_comparison_and_out_of_pairs():
+    a, b = samples(9, 9, 1.0)
+    with_nan, other = np.append(a, NAN), np.append(b, 3.0)
+    assert compare(with_nan, b) == compare(a, b)
+    assert compare(with_nan, other, paired=True) == compare(a, b, paired=True)
+    assert against(with_nan, 1.0) == against(a, 1.0)
+
+
+def test_a_sample_is_compared_with_a_number_by_student():
+    a, _ = samples(9, 9, 1.0)
+    found, scipys = against(a, 0.5), stats.ttest_1samp(a, 0.5)
+    assert found.p == pytest.approx(scipys.pvalue)
+    np.testing.assert_allclose(np.array(found.difference[1:]) + 0.5, scipys.confidence_interval(0.95))
+    assert found.above == (a > 0.5).mean()
+    assert against(np.full(4, 2.0), 2.0).p == 1
+    assert against(np.full(4, 2.0), 1.0).p == 0
+    assert np.isnan(against(a[:2]).p)
+
+
+def test_alike_is_a_difference_whose_interval_is_inside_the_margin():
+    a, b = samples(20, 20, 0.3)
+    mean, low, high = compare(a, b).difference
+    inside = within(a, b, 4.0)
+    assert inside.above == 1
+    assert inside.p == pytest.approx(stats.ttest_ind(a - 4 * np.sign(mean), b, equal_var=False).pvalue)
+    np.testing.assert_allclose(inside.difference.mean, 4 - abs(mean))
+    np.testing.assert_allclose(inside.difference.low, 4 - max(abs(low), abs(high)))
+    outside = within(a + 10, b, 4.0)
+    assert outside.above == 0
+    assert outside.p < 0.001
+    assert outside.difference.high < 0
+    assert within(a + 4, b, 4.0).p > 0.5
+
+
+def test_holms_adjustment_worked_out_by_hand():
+    """Sorted .005, .01, .03, .04 times 4, 3, 2, 1 are .02, .03, .06, .04, and none may be below one before it."""
+    np.testing.assert_allclose(holm([0.01, 0.04, NAN, 0.03, 0.005]), [0.03, 0.06, NAN, 0.06, 0.02])
+    np.testing.assert_allclose(holm([0.5, 0.9]), [1.0, 1.0])
+    assert holm([]).size == 0
+
+
+def test_holm_rarely_rejects_anything_true():
+    p = np.random.default_rng(3).uniform(size=(2000, 6))
+    assert np.mean([(holm(row.tolist()) < 0.05).any() for row in p]) == pytest.approx(0.05, abs=0.015)
+
+
 def test_intervals_read_as_mean_and_half_width_or_as_both_ends():
     assert f"{mean_interval(np.array([-1.0, -3.0])):.1f}" == "−2.0 ± 12.7"
     assert f"{Interval(np.float64(1), np.float64(0.05), np.float64(2.05)):+.1f}" == "+1.0 ± 1.0"
@@ -150,6 +240,7 @@ def test_one_run_of_a_task_has_no_interval():
     [
         (lambda: performance_profile([], TAUS), "scores has no tasks; give"),
         (lambda: performance_profile([X[:, 0], X[:0, 1]], TAUS), r"scores\[1\] has shape \(0,\); give"),
+        (lambda: compare(X[:, 0], X[:3, 1], paired=True), "a has 10 runs and b 3; pairs need as many"),
         (lambda: stratified_bootstrap(X, interquartile_mean, 0), "n_resamples is 0; it must be"),
         (lambda: stratified_bootstrap(X, interquartile_mean, seed=-1), "seed is -1; it must be"),
     ],

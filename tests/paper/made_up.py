@@ -1,12 +1,16 @@
 """Sweeps that nobody trained, with returns that tests choose."""
 
+import dataclasses
+
 import numpy as np
 import pyarrow as pa
 
 from galton.paper.registry import all_sweeps
+from galton.paper.scale import rest
 from galton.paper.summary import CURVES, Summary
 from galton.paper.trained import Trained
 from galton.paper.why import METRICS
+from galton.tasks import TASKS
 
 LOGGED = tuple(dict.fromkeys((*CURVES, *METRICS, "sigma")))
 """What figures and tables show, and a metric that they don't."""
@@ -20,13 +24,13 @@ PROVENANCE = {
 }
 
 
-def results(study, final_of, n_logs=6, noise=0.01, diverged=(), seed=0):
-    """A table as `collect` makes it: curves that rise from −1 to what `final_of(setting)` says."""
+def results(study, final_of, n_logs=6, noise=0.01, diverged=(), seed=0, start=-1):
+    """A table as `collect` makes it: curves that rise from `start` to what `final_of(setting)` says."""
     rng = np.random.default_rng(seed)
     setting = np.repeat(np.arange(len(study.settings)), study.trials)
     trial = np.tile(np.arange(study.trials), len(study.settings))
     ends = np.array([final_of(study.settings[i]) for i in setting]) + noise * rng.normal(size=len(setting))
-    curves = -1 + (ends[:, None] + 1) * np.linspace(0, 1, n_logs) ** 0.5
+    curves = start + (ends[:, None] - start) * np.linspace(0, 1, n_logs) ** 0.5
     diverged_at = np.where(np.isin(np.arange(len(setting)), diverged), 1, -1).astype(np.int32)
     curves[diverged_at >= 0] = np.nan
     lists = {name: pa.FixedSizeListArray.from_arrays(curves.astype(np.float32).ravel(), n_logs) for name in LOGGED}
@@ -50,12 +54,31 @@ def results(study, final_of, n_logs=6, noise=0.01, diverged=(), seed=0):
 SWEEPS = all_sweeps()
 
 
-def data(final_of, names=tuple(SWEEPS), budget="smoke", noise=0.01):
-    """Sweeps by name; `final_of(name, setting)` is where its runs end, give or take noise."""
+def data(final_of, names=tuple(SWEEPS), budget="smoke", noise=0.01, trials=None, above_rest=False):
+    """Sweeps by name; `final_of(name, setting)` is where its runs end, give or take noise.
+
+    With `above_rest` that is so far above what their task earns without learning, where their curves start.
+    """
     done = {}
     for name in SWEEPS:
         if name in names:
             study = SWEEPS[name].study(budget, done)
-            table = results(study, lambda setting, name=name: final_of(name, setting), noise=noise)
+            study = dataclasses.replace(study, trials=trials or study.trials)
+            low = rest(task_named(study.env)) if above_rest else 0
+
+            def ends(setting, name=name, low=low):
+                return low + final_of(name, setting)
+
+            table = results(study, ends, noise=noise, start=low - 1)
             done[name] = Summary.of_results(study, table, PROVENANCE)
     return Trained(done)
+
+
+def task_named(env):
+    """The name in TASKS of the task on an environment."""
+    return next(name for name, task in TASKS.items() if task.env == env)
+
+
+def judgeable(final_of, names=tuple(SWEEPS), budget="smoke", noise=0.01, trials=12):
+    """The same, above rest and with as many trials as it takes to decide something."""
+    return data(final_of, names, budget, noise, trials, above_rest=True)

@@ -1,4 +1,4 @@
-"""Verdicts on sweeps whose outcome is chosen."""
+"""Verdicts on sweeps whose outcome is chosen: returns, stability, order, sensitivity, profiles."""
 
 import dataclasses
 
@@ -6,32 +6,35 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from galton.analysis.statistics import Interval
-from galton.paper import bandit, controls, profiles, propositions, returns, sensitivity
+from galton.paper import order, profiles, propositions, returns, sensitivity, stability
 from galton.paper.gradients import Sample
 from galton.paper.measures import better, by_setting, final_return, over_regression
 from galton.paper.registry import FIGURES
 from galton.paper.report import claims
+from galton.paper.scale import rest
 from galton.paper.summary import Summary
 from galton.paper.trained import Trained
-from galton.paper.verdicts import decided, verdict
 
 from . import made_up
 from .made_up import SWEEPS
 
 PROPOSITIONS = "§4.3, Propositions 1 and 2"
 CLASSIFIED = ("hl-one-hot", "hl-gauss", "hl-gauss-centred")
-
-
-BANDITS = tuple(name for name in SWEEPS if name.startswith("bandit"))
+LQR = ("lqr", "lqr-again")
 
 
 def judged(claim, final_of, **options):
-    return claim(made_up.data(final_of, **options)).verdict
+    return claim(made_up.judgeable(final_of, **options)).verdict
 
 
 def winning(loss):
     return lambda _, setting: 5.0 if setting.config.loss == loss else 1.0
+
+
+def line(claim, name):
+    """The line of a claim's unit, without its mark, and the mark."""
+    (found,) = [text for text in claim.number.splitlines() if text[2:].startswith(name)]
+    return found[0], found[2:]
 
 
 @pytest.mark.parametrize("claim", [returns.ends_higher, returns.learns_faster])
@@ -43,10 +46,47 @@ def test_classification_wins_loses_or_wins_somewhere(claim):
         return winning("hl-gauss" if name.startswith(("lqr", "reacher")) else "gaussian")(name, setting)
 
     tasks = [f"{task}{part}" for task in ("lqr", "reacher", "ant", "bandit") for part in ("", "-again")]
-    assert judged(claim, mixed, names=tasks) == "holds in part"
-    assert judged(claim, mixed) == "does not hold"
-    why = claim(made_up.data(mixed)).why
-    assert why.startswith("As the paper says: LQR, Reacher; the other way round: Bandit, Mountain Car, HalfCheetah")
+    part = claim(made_up.judgeable(mixed, names=tasks))
+    assert (part.verdict, part.count) == ("holds in part", (2, 4))
+    assert line(part, "LQR")[0] == "✓"
+    assert line(part, "Bandit")[0] == "✗"
+    assert claim(made_up.judgeable(mixed)).count == (2, 6)
+
+
+def test_one_task_that_turns_round_turns_its_mark_and_the_verdict():
+    data = made_up.judgeable(winning("hl-gauss"), LQR)
+    assert returns.ends_higher(data).verdict == "holds"
+    turned = with_finals(data, "lqr-again", "training_return", ["hl-gauss"], lambda finals: finals - 10)
+    assert returns.ends_higher(turned).verdict == "does not hold"
+    assert line(returns.ends_higher(turned), "LQR")[0] == "✗"
+
+
+def test_one_run_that_fails_does_not_hide_that_the_others_are_higher():
+    """A t interval of the difference leaves 0 in; ranks don't."""
+
+    def one_fails(finals):
+        return np.concatenate([finals[:-1], finals[-1:] - 40])
+
+    data = made_up.judgeable(winning("hl-gauss"), LQR)
+    worse = with_finals(data, "lqr-again", "training_return", ["gaussian"], one_fails)
+    found = over_regression(worse.judged["lqr"])
+    assert found.difference.low < 0 < found.difference.high
+    assert returns.ends_higher(worse).verdict == "holds"
+
+
+def test_a_task_on_which_nobody_learns_is_listed_and_not_counted():
+    def final_of(name, setting):
+        return -1.0 - 5 * (setting.config.loss == "gaussian") if name.startswith("mountain") else 1.0
+
+    claim = returns.ends_higher(made_up.judgeable(final_of, (*LQR, "mountain-car", "mountain-car-again")))
+    n = len(SWEEPS["mountain-car"].study("smoke", {}).settings) * 12
+    assert line(claim, "Mountain Car") == ("∅", f"Mountain Car null: 0 of {n} runs ever earn more than rest")
+    assert claim.count == (0, 1)
+
+
+def test_three_runs_against_three_decide_nothing():
+    for trials, expected in ((3, "not decidable here"), (4, "holds")):
+        assert judged(returns.ends_higher, winning("hl-gauss"), names=LQR, trials=trials) == expected
 
 
 def test_the_better_loss_is_chosen_by_other_runs_than_it_is_judged_by():
@@ -55,13 +95,9 @@ def test_the_better_loss_is_chosen_by_other_runs_than_it_is_judged_by():
     def lucky(name, setting):
         return 3.0 if setting.config.loss == ("hl-gauss" if name.endswith("-again") else "hl-one-hot") else 1.0
 
-    task = judged_task(lucky)
+    task = made_up.judgeable(lucky, LQR).judged["lqr"]
     assert better(task.chosen, final_return) == "hl-one-hot"
-    assert abs(over_regression(task).mean) < 0.1
-
-
-def judged_task(final_of):
-    return made_up.data(final_of, ("lqr", "lqr-again")).judged["lqr"]
+    assert abs(over_regression(task).difference.mean) < 0.1
 
 
 def with_finals(data, name, metric, losses, change):
@@ -70,30 +106,73 @@ def with_finals(data, name, metric, losses, change):
     rows = summary.rows(*(setting for setting in summary.study.settings if setting.config.loss in losses))
     finals = summary.final(metric)
     finals[rows] = change(finals[rows])
-    column = summary.table.column_names.index(f"final_{metric}")
-    table = summary.table.set_column(column, f"final_{metric}", pa.array(finals.astype(np.float32)))
-    return dataclasses.replace(data, sweeps=data.sweeps | {name: dataclasses.replace(summary, table=table)})
+    return with_column(data, name, f"final_{metric}", pa.array(finals.astype(np.float32)))
+
+
+def with_column(data, name, column, values):
+    """The data where a sweep has another column, or one more."""
+    summary = data.sweeps[name]
+    names = summary.table.column_names
+    table = summary.table.drop_columns([column]) if column in names else summary.table
+    changed = dataclasses.replace(summary, table=table.append_column(column, values))
+    return dataclasses.replace(data, sweeps=data.sweeps | {name: changed})
+
+
+def with_curves(data, name, metric, curves):
+    """The data where a sweep has other curves, or those of one more metric."""
+    flat = pa.array(curves.astype(np.float32).ravel())
+    return with_column(data, name, metric, pa.FixedSizeListArray.from_arrays(flat, curves.shape[1]))
 
 
 def test_without_fresh_seeds_nothing_is_judged():
-    data = made_up.data(winning("hl-gauss"), ("lqr", "mountain-car"))
-    for claim in (returns.ends_higher, returns.learns_faster, returns.more_stable, returns.order_changes):
+    data = made_up.judgeable(winning("hl-gauss"), ("lqr", "mountain-car"))
+    for claim in (returns.ends_higher, returns.learns_sooner, stability.alike_between_seeds, order.order_changes):
         assert claim(data).verdict == "not decidable here"
 
 
 def test_where_the_softmax_loses_its_entropy_is_told_and_where_nobody_gains_that():
-    data = made_up.data(lambda _, s: -5.0 if s.config.loss in CLASSIFIED else -1.0)
+    data = made_up.judgeable(lambda _, s: 1.0 if s.config.loss in CLASSIFIED else 3.0, LQR)
     why = returns.ends_higher(data).why
-    assert ", LQR -5.0 of 6.0 nats" in why  # all that is logged is made up alike; 2 log 20
-    assert "Not clearly above what doing nothing earns: Mountain Car (Gaussian, HL-1-Hot, HL-Gauss), Half" in why
+    assert ", LQR -25.0 of 6.0 nats" in f", {why.split('lower: ')[1]}"  # all that is logged is made up alike; 2 log 20
+    idle = made_up.judgeable(lambda _, s: -1.0 if s.config.loss in CLASSIFIED else 3.0, LQR)
+    assert "acting at random: LQR (HL-1-Hot, HL-Gauss)." in returns.ends_higher(idle).why
 
 
 def test_without_the_noise_of_exploration_the_order_may_be_another():
-    data = made_up.data(winning("hl-gauss"), ("lqr", "lqr-again"))
+    data = made_up.judgeable(winning("hl-gauss"), LQR)
     quiet = with_finals(data, "lqr-again", "evaluation_return", ["gaussian"], lambda finals: finals + 100)
     claim = returns.ends_higher(quiet)
     assert claim.verdict == "holds"
-    assert "By the deterministic policy's return (Figure 8), the other way round: LQR." in claim.why
+    assert "By the deterministic policy's return (most likely action): 1 clearly the contrary (LQR)." in claim.why
+    assert "mean action" not in claim.why
+
+
+def test_where_the_mean_action_was_evaluated_it_is_judged_too():
+    data = made_up.judgeable(winning("hl-gauss"), LQR)
+    evaluated = data.sweeps["lqr-again"].final("evaluation_return")
+    both = with_column(data, "lqr-again", "final_mean_action_return", pa.array(evaluated.astype(np.float32)))
+    curves = data.sweeps["lqr-again"].curves("evaluation_return")
+    both = with_curves(both, "lqr-again", "mean_action_return", curves)
+    told = "By the deterministic policy's return (mean action): 1 as the paper says (LQR)."
+    for claim in (returns.ends_higher, returns.learns_faster, returns.learns_sooner):
+        assert told in claim(both).why
+
+
+def test_who_is_sooner_may_have_less_over_training():
+    """The Gaussian starts low, but is a quarter of the way in step 200, the others in 300."""
+    data = made_up.judgeable(lambda *_: 1.0, LQR)
+    summary, scale = data.sweeps["lqr-again"], data.scales["lqr"]
+    shares = np.repeat([[0.0, 0.2, 0.3, 0.5, 0.5, 0.5]], len(summary.setting), axis=0)
+    shares[summary.rows(summary.best["gaussian"].setting)] = [-9.0, 0.3, 0.3, 0.5, 0.5, 0.5]
+    noise = np.random.default_rng(0).uniform(0, 0.01, shares.shape)
+    curves = scale.rest + (shares + noise) * (scale.best - scale.rest)
+    late = with_curves(data, "lqr-again", "training_return", curves)
+    assert returns.learns_faster(late).verdict == "holds"
+    claim = returns.learns_sooner(late)
+    assert claim.verdict == "does not hold"
+    assert line(claim, "LQR")[1].startswith("LQR 80 and 160, P = 0.00, p < 0.001")
+    never = with_curves(data, "lqr-again", "training_return", np.where(shares < 0, curves, scale.rest))
+    assert "LQR never and never, P = 0.50" in returns.learns_sooner(never).number
 
 
 def test_centred_hl_gauss_counts_for_nothing_in_the_papers_claims():
@@ -102,9 +181,20 @@ def test_centred_hl_gauss_counts_for_nothing_in_the_papers_claims():
 
 @pytest.mark.parametrize(("wild", "expected"), [(["gaussian"], "holds"), (CLASSIFIED, "does not hold")])
 def test_calm_is_how_near_seeds_end_to_one_another(wild, expected):
-    data = made_up.data(lambda *_: 1.0, ("lqr", "lqr-again"), budget="paper")
-    louder = with_finals(data, "lqr-again", "training_return", wild, lambda finals: 1 + 100 * (finals - 1))
-    assert returns.more_stable(louder).verdict == expected
+    data = made_up.judgeable(lambda *_: 1.0, LQR)
+    middle = rest("lqr") + 1
+    louder = with_finals(data, "lqr-again", "training_return", wild, lambda x: middle + 100 * (x - middle))
+    assert stability.alike_between_seeds(louder).verdict == expected
+
+
+@pytest.mark.parametrize(("fallen", "expected"), [(["gaussian"], "holds"), (CLASSIFIED, "does not hold")])
+def test_calm_is_to_keep_what_was_reached(fallen, expected):
+    """The best log point is where it was; the end is 3 below."""
+    data = made_up.judgeable(lambda *_: 1.0, LQR)
+    fallen = with_finals(data, "lqr-again", "training_return", fallen, lambda finals: finals - 3)
+    claim = stability.keeps_what_it_learns(fallen)
+    assert claim.verdict == expected
+    assert "0.18 ± 0.00" in claim.number  # of 16.26 from rest to the optimum
 
 
 def test_acrobot_is_judged_the_other_way_round():
@@ -112,81 +202,87 @@ def test_acrobot_is_judged_the_other_way_round():
     assert judged(returns.acrobot, winning("hl-gauss")) == "does not hold"
 
 
-def noisy(hurt):
-    return lambda name, setting: -9.0 if name == "bandit-noise-10" and setting.config.loss in hurt else 1.0
-
-
-def test_noise_that_hurts_one_side():
-    assert judged(bandit.less_sensitive_to_noise, noisy(["gaussian"])) == "holds"
-    assert judged(bandit.less_sensitive_to_noise, noisy(CLASSIFIED)) == "does not hold"
-    mixed = noisy(["gaussian", "hl-gauss"])
-    assert judged(bandit.less_sensitive_to_noise, mixed, names=BANDITS, budget="small") == "holds in part"
-
-
-def test_dimensions():
-    def harder(name, setting):
-        return (3.0 if setting.config.loss != "gaussian" else 1.0) - (name == "bandit-d-16")
-
-    def easier(name, setting):
-        return 1.0 + (name == "bandit-d-16")
-
-    assert judged(bandit.degrades_with_dimension, harder) == "holds"
-    assert judged(bandit.degrades_with_dimension, easier) == "does not hold"
-    assert judged(bandit.higher_in_all_dimensions, harder) == "holds"
-    assert judged(bandit.higher_in_all_dimensions, winning("gaussian")) == "does not hold"
-
-
-@pytest.mark.parametrize(
-    ("claim", "control", "wanted"),
-    [
-        (controls.starts_as_well, "bandit-init-gaussian-again", {-1: "does not hold", 0: "holds", 1: "holds"}),
-        (controls.converges_faster, "bandit-gaussian-exploration-again", {-1: "does not hold", 1: "holds"}),
-        (controls.no_local_optimum, "bandit-gaussian-exploration-again", {-1: "does not hold", 1: "holds in part"}),
-    ],
-)
-def test_the_two_controls(claim, control, wanted):
-    for gain, expected in wanted.items():
-        assert judged(claim, lambda name, _, gain=gain: 1.0 + gain * (name == control)) == expected
-
-
 def sensitivities(data):
     """What is claimed of Figures 4 to 6."""
-    return [judge(data) for name in ("figure-4", "figure-5", "figure-6") for judge in FIGURES[name].claims.values()]
+    found = [judge(data) for name in ("figure-4", "figure-5", "figure-6") for judge in FIGURES[name].claims.values()]
+    return {claim.words: claim for claim in found}
 
 
 def test_sensitivity_is_read_off_the_marginals():
-    by_rate = made_up.data(lambda _, setting: 1000 * setting.hypers.learning_rate)
-    verdicts = {claim.words: claim.verdict for claim in sensitivities(by_rate)}
-    assert verdicts["HL-Gauss is sensitive to the learning rate."] == "holds"
-    assert verdicts["HL-Gauss is sensitive to η."] == "does not hold"
-    assert verdicts["HL-Gauss is robust to the number of bins."] == "not decidable here"
+    by_rate = sensitivities(made_up.judgeable(lambda _, setting: 10_000 * setting.hypers.learning_rate, ("lqr",)))
+    assert by_rate["HL-Gauss is sensitive to the learning rate."].verdict == "holds"
+    assert by_rate["HL-Gauss is sensitive to η."].verdict == "does not hold"
+    assert by_rate["HL-Gauss is robust to the number of bins."].verdict == "not decidable here"
+    also = "The Gaussian and HL-1-Hot are also sensitive to the learning rate, as HL-Gauss is."
+    assert by_rate[also].verdict == "holds"
+    calm = made_up.judgeable(lambda _, s: 10_000 * s.hypers.learning_rate * (s.config.loss == "hl-gauss"), ("lqr",))
+    assert sensitivities(calm)[also].verdict == "does not hold"
 
 
 def test_a_share_about_a_tenth_is_neither_sensitive_nor_robust():
-    """From −1 to 1 at the narrowest η, the widest of the paper's grid costs so much of it."""
+    """The widest η of the paper's grid costs so much of the way from rest to the optimum, 16.26."""
     etas = sorted({s.hypers.eta for s in SWEEPS["lqr"].study("paper", {}).settings if s.config.loss == "hl-gauss"})
 
     def verdict_of(share):
         def final_of(_, setting):
-            return 1 - 2 * share * (setting.config.loss == "hl-gauss" and setting.hypers.eta == etas[-1])
+            return 16 - 16.26 * share * (setting.config.loss == "hl-gauss" and setting.hypers.eta == etas[-1])
 
-        data = made_up.data(final_of, ("lqr",), budget="paper", noise=0.1)
-        return {claim.words: claim.verdict for claim in sensitivities(data)}["HL-Gauss is sensitive to η."]
+        data = made_up.judgeable(final_of, ("lqr",), budget="paper", noise=0.5)
+        return sensitivities(data)["HL-Gauss is sensitive to η."].verdict
 
     assert verdict_of(0.2) == "holds"
     assert verdict_of(0.1) == "not decidable here"
     assert verdict_of(0.03) == "does not hold"
 
 
+def test_bins_that_matter_as_much_for_both_losses():
+    words = "HL-1-Hot is similarly robust to the number of bins as HL-Gauss."
+
+    def verdict_of(share):
+        """What 200 bins cost HL-1-Hot, of the way from rest to the optimum."""
+
+        def final_of(_, setting):
+            return 16 - 16.26 * share * (setting.config.loss == "hl-one-hot" and setting.config.n_bins == 200)
+
+        return sensitivities(made_up.judgeable(final_of, ("lqr",), budget="paper"))[words].verdict
+
+    assert verdict_of(0.0) == verdict_of(0.05) == "holds"
+    assert verdict_of(0.2) == "does not hold"
+
+
 def test_wide_targets():
-    assert judged(sensitivity.wide_targets, lambda _, s: -s.hypers.eta) == "holds"
-    assert judged(sensitivity.wide_targets, lambda _, s: s.hypers.eta) == "does not hold"
+    assert judged(sensitivity.wide_targets, lambda _, s: 5 - s.hypers.eta) == "holds"
+    assert judged(sensitivity.wide_targets, lambda _, s: 5 + s.hypers.eta) == "does not hold"
 
 
-@pytest.mark.parametrize("claim", [profiles.robust_to_settings, profiles.higher_fraction])
-def test_fractions(claim):
-    assert judged(claim, winning("gaussian")) == "does not hold"
-    assert judged(claim, lambda _, s: 5.0 if s.config.loss in CLASSIFIED else 1.0) == "holds"
+def test_robust_is_how_much_the_learning_rate_matters_not_how_high_runs_end():
+    """A level below the Gaussian's is no spread; a spread is, wherever it lies."""
+
+    def steep(losses, lower):
+        def final_of(_, setting):
+            ours = setting.config.loss in CLASSIFIED
+            moved = 5000 * setting.hypers.learning_rate * (setting.config.loss in losses)
+            return 10 - lower * ours - moved
+
+        return made_up.judgeable(final_of, ("lqr",))
+
+    low = profiles.robust_to_settings(steep(["gaussian"], lower=9))
+    assert low.verdict == "holds"
+    assert "LQR −0.50 ± 0.00" in low.why.split("Level")[1]
+    assert profiles.robust_to_settings(steep(CLASSIFIED, lower=-9)).verdict == "does not hold"
+    assert profiles.robust_to_settings(steep(["hl-gauss", "gaussian"], lower=0)).count == (1, 2)
+
+
+def test_the_level_is_mann_and_whitneys_and_its_interval_covers_19_times_in_20():
+    """P of a normal run, 0.5 higher than another, is 0.638; its settings differ by less than its trials do."""
+    study = dataclasses.replace(SWEEPS["lqr"].study("smoke", {}), trials=15)
+    hits = []
+    for seed in range(200):
+        table = made_up.results(study, lambda s: 0.5 * (s.config.loss in CLASSIFIED), noise=1.0, seed=seed)
+        mean, low, high = profiles.level(Summary.of_results(study, table, made_up.PROVENANCE))
+        hits.append(low < 0.138 < high)
+        assert low < mean < high
+    assert np.mean(hits) == pytest.approx(0.95, abs=0.04)
 
 
 def test_a_higher_fraction_is_of_high_returns():
@@ -197,23 +293,29 @@ def test_a_higher_fraction_is_of_high_returns():
         return 1.0 if setting.config.loss in CLASSIFIED else 5.0 if setting.hypers.learning_rate == rates[-1] else 0.0
 
     assert judged(profiles.higher_fraction, final_of, names=("lqr",)) == "does not hold"
-    assert judged(profiles.robust_to_settings, final_of, names=("lqr",)) == "not decidable here"
+    assert judged(profiles.higher_fraction, winning("gaussian")) == "does not hold"
+    assert judged(profiles.higher_fraction, lambda _, s: 5.0 if s.config.loss in CLASSIFIED else 1.0) == "holds"
+
+
+def ahead(name, setting):
+    return winning("hl-gauss" if name.startswith("lqr") else "hl-one-hot")(name, setting)
 
 
 def test_orders():
-    def ahead(name, setting):
-        return winning("hl-gauss" if name.startswith("lqr") else "hl-one-hot")(name, setting)
+    assert judged(order.order_changes, winning("hl-gauss")) == "does not hold"
+    assert judged(order.order_changes, ahead, names=(*LQR, "reacher", "reacher-again")) == "holds in part"
+    assert judged(order.order_changes, lambda *_: 1.0, names=LQR) == "holds in part"
+    assert judged(order.order_changes, lambda *_: 1.0, names=LQR, noise=5.0) == "not decidable here"
+    near = made_up.judgeable(lambda *of: 16 + 0.05 * ahead(*of), (*LQR, "reacher", "reacher-again"))
+    assert order.order_changes(near).verdict == "holds"
+    assert "HL-Gauss is clearly ahead: LQR. HL-1-Hot: Reacher." in order.order_changes(near).why
 
-    def a_little(name, setting):
-        return 0.02 * ahead(name, setting)
 
-    assert judged(returns.order_changes, winning("hl-gauss")) == "does not hold"
-    assert judged(returns.order_changes, ahead) == "holds in part"
-    assert judged(returns.order_changes, lambda *_: 1.0) == "holds in part"
-    assert judged(returns.order_changes, a_little, noise=1e-4) == "holds"
-    assert "which is HL-1-Hot" not in returns.order_changes(made_up.data(ahead)).why
-    narrow = made_up.data(lambda _, s: -s.hypers.eta, ("lqr", "lqr-again"), budget="paper")
-    assert "On LQR the best η is at most 0.1, which is HL-1-Hot." in returns.order_changes(narrow).why
+def test_hl_gauss_that_is_hl_one_hot_has_no_order():
+    narrow = made_up.judgeable(lambda _, s: 5 - s.hypers.eta, LQR, budget="paper")
+    claim = order.order_changes(narrow)
+    assert claim.verdict == "not decidable here"
+    assert line(claim, "LQR") == ("∅", "LQR the same loss: HL-Gauss's best η is at most 0.1")
 
 
 def test_a_run_that_diverged_counts_as_the_worst():
@@ -231,7 +333,7 @@ def gradients(sharp, wide):
     for loss, reading in (("gaussian", "sigma^2"), ("gaussian", "sigma"), ("hl-one-hot", ""), ("hl-gauss", "")):
         looks = [(False, 1.0, 0, 1.0), (False, 1.0, 100, wide)] + [(True, f, 100, 1.0) for f in (1.0, 0.01)]
         for swept, factor, step, growth in looks:
-            for seed in range(4):
+            for seed in range(6):
                 gaussian = loss == "gaussian"
                 bound = (3.0 * growth if gaussian else growth**0.1) + 0.01 * seed
                 norm = 0.5 / factor**sharp if gaussian else 0.5
@@ -244,7 +346,7 @@ def gradients(sharp, wide):
 def test_gradients():
     explodes, level = gradients(1.0, 2.0), gradients(0.0, 2.0)
     assert propositions.bounds_hold(explodes).verdict == "holds"
-    assert propositions.bounds_hold(explodes).number == "0 of 64 above the bound"
+    assert propositions.bounds_hold(explodes).number == "0 of 96 above the bound"
     assert propositions.bound_is_smaller(explodes).verdict == "holds"
     assert propositions.bound_varies_less(explodes).verdict == "holds"
     assert propositions.sigma_explodes(explodes).verdict == "holds"
@@ -255,61 +357,16 @@ def test_gradients():
     assert propositions.bound_varies_less(shrinking).verdict == "holds"
 
 
-def test_a_small_grid_has_no_vote_beside_the_papers():
-    data = made_up.data(lambda *_: 1.0, ("lqr", "acrobot"))
-    lqr = dataclasses.replace(data.sweeps["lqr"], provenance=made_up.PROVENANCE | {"budget": "paper"})
-    assert [*data.largest_grids] == ["lqr", "acrobot"]
-    assert [*Trained(data.sweeps | {"lqr": lqr}).largest_grids] == ["lqr"]
-    assert Trained({}).largest_grids == {}
-
-
-def test_what_gives_no_gain_can_not_be_explained():
-    def final_of(name, setting):
-        gains = setting.config.loss == "hl-gauss"
-        return 5.0 if gains and "exploration" not in name else 1.0
-
-    bandits = made_up.data(final_of, BANDITS)
-    claim = controls.exploration_is_not_the_reason(bandits)
-    assert claim.verdict == "holds in part"
-    assert claim.why.startswith("As the paper says: HL-Gauss with Init Gaussian; no clear difference: HL-Gauss with")
-    assert "Not clearly more efficient to begin with: HL-1-Hot " in claim.why
-    flat = controls.exploration_is_not_the_reason(made_up.data(lambda *_: 1.0, BANDITS))
-    assert flat.verdict == "not decidable here"
-    assert flat.why.startswith("Not clearly more efficient to begin with: HL-1-Hot ")
-
-
-def test_what_is_removed_leaves_less_than_half():
-    def with_it(gain):
-        return lambda name, _: -20.0 + gain * (name == "bandit-gaussian-exploration-again")
-
-    assert judged(controls.no_local_optimum, with_it(10.0), names=BANDITS) == "holds in part"
-    assert judged(controls.no_local_optimum, with_it(44.0), names=BANDITS) == "holds"
-
-
 def test_without_data_nothing_is_decided():
     found = claims(Trained({}))
-    assert len(found) == 25
     assert {claim.verdict for claim in found} == {"not decidable here"}
+    assert {claim.count for claim in found} == {None}
 
 
 def test_claims_stand_in_the_order_of_the_paper_and_rest_on_their_figures():
-    assert sorted(place for figure in FIGURES.values() for place in figure.claims) == list(range(1, 26))
-    found = claims(Trained({}))
-    assert [claim.source for claim in found[:5]] == ["§1, §5.2.1", "Abstract, §5.2.1", "§5.2.1", "§1", PROPOSITIONS]
-    assert [claim.section for claim in found[:5]] == ["figure-2", "figure-2", "figure-9", "figure-2", "propositions"]
-
-
-def test_what_has_no_interval_is_not_decided():
-    nan = Interval(1.0, np.nan, np.nan)
-    assert decided({"one": nan, "two": Interval(1.0, 0.5, 1.5)}) == {"two": Interval(1.0, 0.5, 1.5)}
-    assert verdict([nan]) == "not decidable here"
-
-
-def test_a_verdict_needs_whole_intervals():
-    assert verdict([Interval(1.0, 0.1, 2.0), Interval(1.0, -0.1, 2.0)]) == "holds in part"
-    assert verdict([Interval(1.0, -0.1, 2.0)]) == "not decidable here"
-    assert verdict([Interval(1.0, -0.1, 2.0), Interval(-1.0, -2.0, -0.1)]) == "does not hold"
-    assert verdict([Interval(1.0, 0.1, 2.0), Interval(-1.0, -2.0, -0.1)]) == "holds in part"
-    assert verdict([Interval(1.0, 0.1, 2.0), *[Interval(-1.0, -2.0, -0.1)] * 2]) == "does not hold"
-    assert verdict([Interval(1.0, np.nan, np.nan), Interval(1.0, 0.1, 2.0)]) == "holds"
-    assert verdict([]) == "not decidable here"
+    places = [place for figure in FIGURES.values() for place in figure.claims]
+    assert len({*places}) == len(places)
+    assert {*range(1, 26)} <= {*places}
+    found = {claim.source: claim.section for claim in reversed(claims(Trained({})))}
+    assert [*found][-1] == "§1, §5.2.1"
+    assert (found["§1, §5.2.1"], found[PROPOSITIONS], found["App. C.4"]) == ("figure-2", "propositions", "figure-7")

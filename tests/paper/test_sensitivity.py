@@ -4,6 +4,7 @@ from matplotlib.colors import to_rgb
 from scipy import stats
 
 from galton.paper.measures import spread
+from galton.paper.scale import Scale
 from galton.paper.sensitivity import _colors, draw, marginals
 from galton.paper.summary import Summary
 
@@ -21,14 +22,17 @@ def test_a_marginal_holds_one_field_and_averages_the_rest():
         assert interval.low[-1] < interval.mean[-1] < interval.high[-1]
 
 
-def test_a_spread_is_the_range_of_marginal_means():
-    data = made_up.data(lambda _, setting: setting.hypers.eta, ("lqr",))
+WAY = Scale(-1.0, 9.0)
+
+
+def test_a_spread_is_the_range_of_marginal_means_of_the_way_from_rest_to_the_best():
+    data = made_up.data(lambda _, setting: setting.hypers.eta, ("lqr",), trials=6)
     summary = data.sweeps["lqr"]
-    eta, rate = (spread(summary, "hl-gauss", field) for field in ("eta", "learning_rate"))
-    assert eta.mean == pytest.approx(0.5 / 1.75, abs=0.02)  # of what is gained: from −1 to 0.75
-    assert eta.low <= eta.mean <= eta.high
-    assert abs(rate.mean) < 0.02
-    assert spread(summary, "hl-gauss", "n_bins") is None
+    eta, rate = (spread(summary, "hl-gauss", field, WAY) for field in ("eta", "learning_rate"))
+    assert eta.shape == (6,)
+    np.testing.assert_allclose(eta, 0.5 / 10, atol=0.005)
+    np.testing.assert_allclose(rate, 0, atol=0.005)
+    assert spread(summary, "hl-gauss", "n_bins", WAY) is None
 
 
 def test_noise_alone_is_no_spread():
@@ -37,14 +41,9 @@ def test_noise_alone_is_no_spread():
     spreads = []
     for seed in range(40):
         table = made_up.results(study, lambda _: 1.0, noise=0.5, seed=seed)
-        interval = spread(Summary.of_results(study, table, made_up.PROVENANCE), "hl-gauss", "learning_rate")
-        spreads.append(interval.mean)
+        summary = Summary.of_results(study, table, made_up.PROVENANCE)
+        spreads.append(spread(summary, "hl-gauss", "learning_rate", WAY).mean())
     assert abs(np.mean(spreads)) < 3 * stats.sem(spreads)
-
-
-def test_nothing_gained_is_no_unit():
-    data = made_up.data(lambda *_: -2.0, ("lqr",))
-    assert spread(data.sweeps["lqr"], "hl-gauss", "eta") is None
 
 
 def test_values_that_tasks_share_have_one_colour_and_others_begin_anew():

@@ -30,7 +30,7 @@ def update(
         return parts.total, parts
 
     gradient, parts = jax.grad(objective, has_aux=True)(learner.params)
-    learner, grad_norm = actor_critic.step(learner, gradient, hypers)
+    learner, grad_norm = actor_critic.step(agent, learner, gradient, hypers)
     return learner, actor_critic.scalars(parts, grad_norm)
 
 

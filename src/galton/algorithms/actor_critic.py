@@ -112,18 +112,22 @@ def objective(
 
 
 def step(
-    learner: Learner, gradient: Params, hypers: Hypers, going: Bool[Array, ""] | bool = True
+    agent: Agent, learner: Learner, gradient: Params, hypers: Hypers, going: Bool[Array, ""] | bool = True
 ) -> tuple[Learner, Float[Array, ""]]:
-    """One Adam step along the gradient, scaled down to max_grad_norm; also the norm before that.
+    """One Adam step along the gradient, scaled down to max_grad_norm; also the norm before that, of all of it.
 
     A gradient that is not finite moves no parameter; the norm tells. Where `going` is False nothing changes at all.
     """
     grad_norm = optax.tree.norm(gradient)
     finite = jnp.isfinite(grad_norm)
-    scale = jnp.minimum(1.0, hypers.max_grad_norm / (grad_norm + 1e-6))
     learning_rate = jnp.where(finite, hypers.learning_rate, 0.0)
-    gradient = jax.tree.map(lambda g: jnp.where(finite, scale * g, 0.0), gradient)
-    move, optimizer = _ADAM.update(gradient, learner.optimizer)
+    of_critic = {"critic": gradient["critic"]}
+    of_actor = {name: part for name, part in gradient.items() if name != "critic"}
+    clipped: Params = {}
+    for part in (of_actor, of_critic) if agent.config.clip_separately else (gradient,):
+        scale = jnp.minimum(1.0, hypers.max_grad_norm / (optax.tree.norm(part) + 1e-6))
+        clipped |= jax.tree.map(lambda g, scale=scale: jnp.where(finite, scale * g, 0.0), part)
+    move, optimizer = _ADAM.update(clipped, learner.optimizer)
     params = jax.tree.map(lambda p, s: p - learning_rate * s, learner.params, move)
     if going is not True:
         old = (learner.params, learner.optimizer)

@@ -121,7 +121,7 @@ def _minibatch(
     gradient, (parts, ratio, log_ratio) = jax.grad(objective, has_aux=True)(learner.params)
     approximate_kl = jnp.mean(jnp.exp(log_ratio) - 1 - log_ratio)
     going = looking & ~(approximate_kl > 1.5 * hypers.target_kl)  # one that is not a number shows in the gradient
-    learner, grad_norm = actor_critic.step(learner, gradient, hypers, going)
+    learner, grad_norm = actor_critic.step(agent, learner, gradient, hypers, going)
     clipped = jnp.clip(ratio, 1 - hypers.clip_range, 1 + hypers.clip_range)
     told = actor_critic.scalars(parts, jnp.where(going, grad_norm, 0.0)) | {
         "policy_loss": -jnp.mean(jnp.minimum(advantage * ratio, advantage * clipped)),

@@ -27,7 +27,7 @@ class Row:
     """Mean return over the last 5% of training, with its interval over runs."""
     evaluation_return: Interval
     share_of_optimum: float | None
-    """Of the evaluation return, on a scale where random actions are 0 and the optimum is 1."""
+    """Of the evaluation return, on a scale where rest is 0 and the optimum is 1 (see `rest_of`)."""
     steps_per_second: float
     compile_seconds: float
     diverged: int
@@ -44,17 +44,28 @@ class Row:
         return {field.name: plain(getattr(self, field.name)) for field in dataclasses.fields(self)}
 
 
-def summarise(results: Results, env: Environment | None) -> list[Row]:
-    """A row per loss, with its share of the optimum where the environment knows it.
+def rest_of(env: Environment | None, at_rest: float | None) -> float | None:
+    """What is earned without learning: the better of doing nothing and of acting at random; None if neither is known.
+
+    Args:
+        env: whose `random_return` is the latter.
+        at_rest: the mean return of doing nothing there, if it is known.
+    """
+    known = (at_rest, None if env is None else env.random_return)
+    return max((value for value in known if value is not None), default=None)
+
+
+def summarise(results: Results, env: Environment | None, at_rest: float | None = None) -> list[Row]:
+    """A row per loss, with its share of the way from rest to the optimum where the environment knows that.
 
     Diverged runs are counted and left out of the means.
     """
-    rows = []
+    rows, rest = [], rest_of(env, at_rest)
     for loss, result in results.items():
         evaluation = mean_interval(result.final("evaluation_return"))
         share = None
-        if env is not None and env.optimal_return is not None and env.random_return is not None:
-            share = float((evaluation.mean - env.random_return) / (env.optimal_return - env.random_return))
+        if env is not None and env.optimal_return is not None and rest is not None:
+            share = float((evaluation.mean - rest) / (env.optimal_return - rest))
             share = None if math.isnan(share) else share
         rows.append(
             Row(

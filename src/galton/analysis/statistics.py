@@ -1,5 +1,6 @@
-"""Means and, after Agarwal et al. (2021, "Statistical precipice"), robuster statistics, with confidence intervals."""
+"""Means, comparisons of two samples and, after Agarwal et al. (2021), robuster statistics, with intervals."""
 
+import math
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
@@ -7,6 +8,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy import stats
 
+from galton.analysis.ranks import least_p, rank_sum_p, signed_rank_p
 from galton.errors import require, require_integer
 
 Numbers = np.float64 | Float[np.ndarray, "*rest"]
@@ -51,18 +53,137 @@ def mean_interval(samples: Float[np.ndarray, "n *rest"]) -> Interval:
     return Interval(mean, mean - half, mean + half)
 
 
-def difference_interval(a: Float[np.ndarray, " n"], b: Float[np.ndarray, " m"]) -> Interval:
-    """Welch's t interval of mean(a) − mean(b), samples independent, variances unequal; NaN samples are left out."""
-    a, b = a[~np.isnan(a)], b[~np.isnan(b)]
-    mean = np.float64(a.mean() - b.mean()) if len(a) and len(b) else np.float64(np.nan)
-    if len(a) < 2 or len(b) < 2:
-        return Interval(mean, np.float64(np.nan), np.float64(np.nan))
+class _Mean(NamedTuple):
+    """An estimate of a mean, with its standard error and degrees of freedom; NaN where these are not known."""
+
+    mean: float
+    error: float
+    freedom: float
+
+    def interval(self) -> Interval:
+        """Student's 95% interval."""
+        half = stats.t.ppf(0.975, self.freedom) * self.error if self.error else self.error
+        return Interval(*(np.float64(bound) for bound in (self.mean, self.mean - half, self.mean + half)))
+
+    def p(self, level: float = 0.0) -> float:
+        """Two-sided p of Student's test that the mean is that."""
+        if self.error == 0:
+            return float(self.mean == level)
+        return float(2 * stats.t.sf(abs(self.mean - level) / self.error, self.freedom))
+
+
+def _mean_difference(a: Float[np.ndarray, " n"], b: Float[np.ndarray, " m"], paired: bool) -> _Mean:
+    """Of known samples: of the pairs' differences, or Welch's, variances unequal."""
+    mean = float(a.mean() - b.mean()) if len(a) and len(b) else math.nan
+    if min(len(a), len(b)) < 2:
+        return _Mean(mean, math.nan, math.nan)
+    if paired:
+        return _Mean(mean, float(stats.sem(a - b)), len(a) - 1)
     var_a, var_b = a.var(ddof=1) / len(a), b.var(ddof=1) / len(b)
     if var_a + var_b == 0:
-        return Interval(mean, mean, mean)
+        return _Mean(mean, 0.0, math.nan)
     freedom = (var_a + var_b) ** 2 / (var_a**2 / (len(a) - 1) + var_b**2 / (len(b) - 1))
-    half = stats.t.ppf(0.975, freedom) * np.sqrt(var_a + var_b)
-    return Interval(mean, mean - half, mean + half)
+    return _Mean(mean, float(np.sqrt(var_a + var_b)), float(freedom))
+
+
+def difference_interval(a: Float[np.ndarray, " n"], b: Float[np.ndarray, " m"]) -> Interval:
+    """Welch's t interval of mean(a) − mean(b), samples independent, variances unequal; NaN samples are left out."""
+    return _mean_difference(*_known(a, b, False), paired=False).interval()
+
+
+class Comparison(NamedTuple):
+    """How the runs of one sample lie to those of another, or to a number."""
+
+    difference: Interval
+    """The mean difference and its 95% t interval."""
+    p: float
+    """Of a two-sided rank test that neither tends to be larger; NaN where so few runs can have no p below 0.05."""
+    above: float
+    """The chance that a run of the first is above one of the second, P(X > Y) + ½ P(X = Y)."""
+
+    def __neg__(self) -> "Comparison":
+        """The second sample compared with the first."""
+        mean, low, high = self.difference
+        return Comparison(Interval(-mean, -high, -low), self.p, 1 - self.above)
+
+
+ALPHA = 0.05
+"""A difference is clear where p, adjusted for the other decisions of its claim, is below this."""
+_PAIRS = 8
+"""With fewer pairs no p of a signed-rank test, 2/2ⁿ at least, survives Holm's adjustment for six decisions."""
+
+
+def compare(a: Float[np.ndarray, " n"], b: Float[np.ndarray, " m"], paired: bool = False) -> Comparison:
+    """Compare two samples, NaN left out.
+
+    Paired, a[i] and b[i] had the same seed: the interval is that of the mean difference and the test Wilcoxon's. Else
+    they are Welch's interval and Mann and Whitney's test; so is the test of fewer than eight pairs, for which ignoring
+    them is the more cautious.
+    """
+    a, b = _known(a, b, paired)
+    if least_p(len(a), len(b)) >= ALPHA:
+        p = math.nan
+    else:
+        p = signed_rank_p(a - b) if paired and len(a) >= _PAIRS else rank_sum_p(a, b)
+    return Comparison(_mean_difference(a, b, paired).interval(), p, _share_above(a, b))
+
+
+def against(values: Float[np.ndarray, " n"], level: float = 0.0) -> Comparison:
+    """Compare the mean of a sample with a number, NaN left out.
+
+    Its p is that of Student's t test, since there is no second sample to rank with: the values should be means
+    themselves. NaN of fewer than three.
+    """
+    values = values[~np.isnan(values)]
+    mean = _mean_difference(values, np.full(len(values), level), paired=True)
+    p = mean.p() if len(values) > 2 else math.nan
+    return Comparison(mean.interval(), p, _share_above(values, np.full(1, level)))
+
+
+def within(a: Float[np.ndarray, " n"], b: Float[np.ndarray, " m"], margin: float, paired: bool = False) -> Comparison:
+    """Whether the means of two samples differ by less than a margin: Schuirmann's two one-sided t tests.
+
+    Its `difference` is what is left of the margin, negative where they differ by more; `above` is whether any is; `p`
+    is that of the test at the nearer end of the margin, the weaker one. NaN where `compare` has too few runs.
+    """
+    a, b = _known(a, b, paired)
+    mean = _mean_difference(a, b, paired)
+    size, low, high = (abs(float(bound)) for bound in mean.interval())
+    least = 0.0 if low + high > 2 * size else min(low, high)
+    left = Interval(*(np.float64(margin - bound) for bound in (size, max(low, high), least)))
+    few = least_p(len(a), len(b)) >= ALPHA
+    return Comparison(left, math.nan if few else max(mean.p(-margin), mean.p(margin)), float(size < margin))
+
+
+def _known(
+    a: Float[np.ndarray, " n"], b: Float[np.ndarray, " m"], paired: bool
+) -> tuple[Float[np.ndarray, " _"], Float[np.ndarray, " _"]]:
+    """Both samples without NaN, pairs without those that lack either."""
+    if not paired:
+        return a[~np.isnan(a)], b[~np.isnan(b)]
+    require(len(a) == len(b), f"a has {len(a)} runs and b {len(b)}; pairs need as many of both")
+    whole = ~(np.isnan(a) | np.isnan(b))
+    return a[whole], b[whole]
+
+
+def holm(p: Sequence[float]) -> Float[np.ndarray, " n"]:
+    """Holm's adjusted p values: below α, they reject with a chance of at most α of rejecting anything true.
+
+    NaN stays NaN, and is not counted among the decisions.
+    """
+    given = np.asarray(p, np.float64)
+    known = np.flatnonzero(~np.isnan(given))
+    order = known[np.argsort(given[known], kind="stable")]
+    adjusted = given.copy()
+    adjusted[order] = np.minimum(np.maximum.accumulate(given[order] * np.arange(len(order), 0, -1)), 1.0)
+    return adjusted
+
+
+def _share_above(a: Float[np.ndarray, " n"], b: Float[np.ndarray, " m"]) -> float:
+    if not len(a) or not len(b):
+        return math.nan
+    pairs = a[:, None] - b[None, :]
+    return float(((pairs > 0) + 0.5 * (pairs == 0)).mean())
 
 
 def stratified_bootstrap(scores: Scores, statistic: Statistic, n_resamples: int = 2000, seed: int = 0) -> Interval:

@@ -16,6 +16,7 @@ from galton.cli._parsing import TrainingOptions, parse
 from galton.cli._progress import live_progress
 from galton.devices import use_all_cores
 from galton.envs.base import Environment
+from galton.envs.registry import read_constants
 from galton.errors import require, require_integer
 from galton.losses import LOSSES, find_loss
 from galton.saving import files
@@ -40,6 +41,11 @@ class Options:
     """The folder for the figure and the numbers, by default runs/compare-ENV, or runs/compare-ENV-ALGORITHM."""
     overwrite: bool = False
     """Replace what the folder holds once the comparison is done."""
+
+    @property
+    def at_rest(self) -> float | None:
+        """What doing nothing earns, where it is known: with the environment's own constants."""
+        return None if read_constants(self.training.env_kwargs) else task_of(self.env).at_rest
 
 
 def main(arguments: Sequence[str]) -> None:
@@ -66,12 +72,12 @@ def main(arguments: Sequence[str]) -> None:
             with live_progress(console) as follow:
                 for loss, label in labels.items():
                     results[loss] = training.run(env, loss, seeds, follow(label, training.steps, len(seeds)))
-            rows = summarise(results, known)
+            rows = summarise(results, known, options.at_rest)
             with told(out):
                 _keep(folder, options, results, rows, known)
     finally:
         if rows:  # a disk that is full takes the files, but not the numbers
-            console.print(table(rows, known))
+            console.print(table(rows, known, options.at_rest))
             print(*verdicts(results), sep="\n")
     print(f"figure and numbers: {out}")
 

@@ -33,6 +33,7 @@ class Settings(TypedDict, total=False):
     ent_coef: float
     vf_coef: float
     max_grad_norm: float
+    clip_separately: bool
     eta: float
     n_bins: int
     log_std_init: float

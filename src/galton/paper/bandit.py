@@ -1,7 +1,5 @@
 """Figure 3: the bandit under noise, in more dimensions, and with the two controls of §5.2.3."""
 
-import dataclasses
-import json
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -11,51 +9,17 @@ from matplotlib.figure import Figure
 from galton.analysis.bands import mean_band
 from galton.analysis.plots import draw_series, finish, label_rows, look_of, panels
 from galton.analysis.scales import fit_curves
-from galton.analysis.statistics import Interval, difference_interval
-from galton.losses import LOSSES
-from galton.page.page import Claim
-from galton.paper import controls
+from galton.analysis.statistics import Interval
+from galton.paper import controls, harder_bandits
 from galton.paper.controls import CONTROLS
 from galton.paper.curves import AXES, BANDS, draw_best, draw_levels, numbered, runs_of
 from galton.paper.figure import FigureStudy
-from galton.paper.measures import CLASSIFICATION, final_return
+from galton.paper.harder_bandits import DIMENSION, NOISE, across, losses_in
 from galton.paper.summary import Summary
-from galton.paper.sweeps import AGAIN, MAIN, Budget, Done, Sweep, on_fresh_seeds
+from galton.paper.sweeps import AGAIN, MAIN, Sweep
 from galton.paper.trained import Trained
-from galton.paper.verdicts import claim
-from galton.sweep.study import Study
 
 _BANDIT, _BANDIT_AGAIN = MAIN["bandit"], AGAIN["bandit"]
-
-
-def _with(name: str, constant: str, value: float | int) -> Sweep:
-    """The sweep of the bandit's winners on a bandit with another constant, on fresh seeds."""
-
-    def study(budget: Budget, done: Done) -> Study:
-        main = done[_BANDIT.name]
-        losses = ("gaussian", "hl-gauss") if budget == "smoke" else tuple(main.best)
-        settings = tuple(main.best[loss].setting for loss in losses)
-        return on_fresh_seeds(dataclasses.replace(main.study, env_kwargs=json.dumps({constant: value})), settings)
-
-    return Sweep(f"bandit-{name}-{value:g}", study, winners_of=_BANDIT)
-
-
-NOISE = {value: _with("noise", "noise_std", value) for value in (0.0, 2.0, 5.0, 10.0)} | {1.0: _BANDIT_AGAIN}
-"""The bandits of Figure 3a by their reward noise, 1 being the bandit's own; the paper doesn't tell its values."""
-DIMENSION = {float(d): _with("d", "d", d) for d in (1, 4, 8, 16)} | {2.0: _BANDIT_AGAIN}
-"""The bandits of Figure 3b by their action dimensions, 2 being the bandit's own."""
-
-
-def across(trained: Trained, bandits: Mapping[float, Sweep]) -> dict[float, Summary]:
-    """The bandits that are done, by their constant and in its order."""
-    found = {value: trained.sweeps[sweep.name] for value, sweep in bandits.items() if sweep.name in trained.sweeps}
-    return dict(sorted(found.items()))
-
-
-def losses_in(bandits: Mapping[float, Summary]) -> list[str]:
-    """The losses that were trained on all of these bandits."""
-    first, *others = bandits.values()
-    return [loss for loss in first.best if all(loss in bandit.best for bandit in others)]
 
 
 def draw(trained: Trained) -> Figure:
@@ -117,63 +81,6 @@ def _share_y(axes: Sequence[Axes]) -> None:
         panel.set_ylim(limits[:, 0].min(), limits[:, 1].max())
 
 
-def less_sensitive_to_noise(trained: Trained) -> Claim:
-    """What §5.2.2 says of Figure 3a: noise costs classification less."""
-    bandits = across(trained, NOISE)
-    gaps: dict[str, Interval] = {}
-    if len(bandits) > 1:
-        calm, noisy = bandits[min(bandits)], bandits[max(bandits)]
-        drops = {loss: final_return(calm, loss) - final_return(noisy, loss) for loss in losses_in(bandits)}
-        gaps = {
-            LOSSES[loss].label: difference_interval(drops["gaussian"], drops[loss])
-            for loss in CLASSIFICATION
-            if loss in drops
-        }
-    return claim(
-        "§5.2.2",
-        "Classification is less sensitive to noise in the reward.",
-        f"bandit, what a noise of {max(bandits, default=0):g} costs in final return: Gaussian's loss − theirs",
-        gaps,
-    )
-
-
-def degrades_with_dimension(trained: Trained) -> Claim:
-    """What §5.2.2 says of Figure 3b: more dimensions cost every loss something."""
-    bandits = across(trained, DIMENSION)
-    gaps: dict[str, Interval] = {}
-    if len(bandits) > 1:
-        few, many = bandits[min(bandits)], bandits[max(bandits)]
-        gaps = {
-            LOSSES[loss].label: difference_interval(final_return(few, loss), final_return(many, loss))
-            for loss in losses_in(bandits)
-            if LOSSES[loss].in_paper
-        }
-    return claim(
-        "§5.2.2",
-        "All methods degrade as actions get more dimensions.",
-        f"bandit, final return: d = {min(bandits, default=0):g} − d = {max(bandits, default=0):g}",
-        gaps,
-    )
-
-
-def higher_in_all_dimensions(trained: Trained) -> Claim:
-    """What §5.2.2 says of Figure 3b: classification stays ahead of the Gaussian."""
-    bandits = across(trained, DIMENSION)
-    return claim(
-        "§5.2.2",
-        "Both classification losses keep a higher final return than the Gaussian at every dimensionality.",
-        "bandit, final return − Gaussian's",
-        {
-            f"{LOSSES[loss].label} d = {d:g}": difference_interval(
-                final_return(bandit, loss), final_return(bandit, "gaussian")
-            )
-            for loss in CLASSIFICATION
-            for d, bandit in bandits.items()
-            if len(bandits) > 1 and loss in losses_in(bandits)
-        },
-    )
-
-
 FIGURE = FigureStudy(
     "The bandit: noise, dimensions, initial policy, exploration",
     "Top: final training return of the settings that win on the bandit itself (noise 1, d = 2), on noisier bandits "
@@ -189,12 +96,14 @@ FIGURE = FigureStudy(
     ),
     number=3,
     claims={
-        9: less_sensitive_to_noise,
-        10: degrades_with_dimension,
-        11: higher_in_all_dimensions,
+        9: harder_bandits.less_sensitive_to_noise,
+        10: harder_bandits.degrades_with_dimension,
+        11: harder_bandits.higher_in_all_dimensions,
+        11.5: harder_bandits.gap_grows_with_dimension,
         12: controls.starts_as_well,
         13: controls.converges_faster,
         14: controls.no_local_optimum,
         15: controls.exploration_is_not_the_reason,
+        16.5: harder_bandits.stops_at_the_next_bin,
     },
 )

@@ -12,7 +12,7 @@ from galton.analysis.plots import LEVELS, draw_level, draw_series, finish, label
 from galton.analysis.scales import fit_curves
 from galton.analysis.statistics import Interval
 from galton.losses import LOSSES
-from galton.paper.measures import optimum
+from galton.paper.scale import optimum
 from galton.paper.summary import Summary
 from galton.paper.trained import Trained
 from galton.sweep.grid import paper_grid, task_defaults

@@ -25,9 +25,9 @@ class FigureStudy:
     """Its number in the paper; None for a figure that the paper does not have."""
     table: Callable[[Trained], Table] | None = None
     """Makes the table of numbers below the figure, where that is drawn."""
-    claims: Mapping[int, Callable[[Trained], Claim]] = dataclasses.field(default_factory=dict)
-    """What the paper says of it, by the place among all claims of the page: the paper's 25 are in its order. They are
-    judged from whatever there is."""
+    claims: Mapping[int | float, Callable[[Trained], Claim]] = dataclasses.field(default_factory=dict)
+    """What the paper says of it, by the place among all claims of the page, which are in the paper's order: 2.5 stands
+    between 2 and 3. They are judged from whatever there is."""
     measure: Callable[[Budget], pa.Table] | None = None
     """Measures what no sweep trains; the figure finds it in `Trained.tables` under its name."""
 

@@ -49,8 +49,9 @@ def section(trained: Trained) -> Section:
     budgets = dict.fromkeys(records[name]["budget"] for name in names)
     paragraphs = [
         "A row is trained again by: galton reproduce WORD --budget BUDGET --out DIR. Sweeps of seed 0 choose settings, "
-        "those of seed 1 judge them; in pairs means that trial t has the same seed in all settings. So many episodes of "
-        "the deterministic policy were played after so many steps; twice means by the most likely and by the mean action.",
+        "those of seed 1 judge them; in pairs means that trial t has the same seed in all settings. Each evaluation "
+        "plays so many episodes by the deterministic policy, once in so many steps; twice means by the most likely and "
+        "by the mean action.",
         " ".join(f"Budget {budget}: {BUDGETS[budget]}." for budget in budgets),
         f"Machines: {_told(machines)}.",
         f"Versions: {_told(versions)}.",

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from galton.analysis.plots import draw_series, finish, look_of, panels
-from galton.analysis.statistics import Interval, difference_interval, mean_interval
+from galton.analysis.statistics import Comparison, Interval, against, compare
 from galton.losses import LOSSES
 from galton.page.page import Claim, Table
 from galton.paper.bounds import (
@@ -148,13 +148,11 @@ def _by_seed(trained: Trained) -> Mapping[Series, list[Finding]]:
     return findings_by_seed(of_the_paper(trained.tables[NAME])) if NAME in trained.tables else {}
 
 
-def _against_gaussian(trained: Trained, of: Callable[[Finding], float]) -> dict[str, Interval]:
+def _against_gaussian(trained: Trained, of: Callable[[Finding], float]) -> dict[str, Comparison]:
     """The logarithm of a finding: the Gaussian's less classification's, by task, loss and reading."""
     found = {series: np.log10([of(seed) for seed in seeds]) for series, seeds in _by_seed(trained).items()}
     return {
-        f"{TASKS[task].title} {LOSSES[ours].label} {_READINGS[reading]}": difference_interval(
-            values, found[task, ours, ""]
-        )
+        f"{TASKS[task].title} {LOSSES[ours].label} {_READINGS[reading]}": compare(values, found[task, ours, ""])
         for (task, loss, reading), values in found.items()
         for ours in CLASSIFICATION
         if loss == "gaussian" and (task, ours, "") in found
@@ -164,7 +162,7 @@ def _against_gaussian(trained: Trained, of: Callable[[Finding], float]) -> dict[
 def bound_is_smaller(trained: Trained) -> Claim:
     """The last sentence of §4.3: whose bound is the smaller one."""
     last = _against_gaussian(trained, lambda finding: finding.last_per_advantage)
-    smaller = [name for name, gap in last.items() if gap.low > 0]
+    smaller = [name for name, gap in last.items() if gap.difference.low > 0]
     return claim(
         "§4.3, §8",
         "Classification has a smaller bound on the gradient's norm.",
@@ -194,7 +192,7 @@ def sigma_explodes(trained: Trained) -> Claim:
         "p − ½, where norm ÷ |A| (l + ‖f‖) ∝ σ⁻ᵖ as trained policies are made sharper; ½ divides level (0) from 1/σ "
         "(1)",
         {
-            f"{TASKS[task].title} {_READINGS[reading]}": mean_interval(-np.array([s.exponent for s in seeds]) - 0.5)
+            f"{TASKS[task].title} {_READINGS[reading]}": against(-np.array([s.exponent for s in seeds]), 0.5)
             for (task, loss, reading), seeds in _by_seed(trained).items()
             if loss == "gaussian"
         },

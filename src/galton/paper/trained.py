@@ -3,12 +3,15 @@
 import dataclasses
 import functools
 from collections.abc import Mapping
-from typing import NamedTuple, get_args
+from typing import NamedTuple
 
 import pyarrow as pa
 
+from galton.paper.scale import Scale, null_because, scale_of
 from galton.paper.summary import Summary
-from galton.paper.sweeps import AGAIN, MAIN, Budget, Sweep
+from galton.paper.sweeps import AGAIN, MAIN, Sweep
+from galton.sweep.grid import paper_grid, task_defaults
+from galton.sweep.study import Setting
 from galton.tasks import TASKS
 
 
@@ -45,8 +48,25 @@ class Trained:
         return {task: Judged(chosen, again) for task, chosen in self.grids.items() if (again := self.of(AGAIN[task]))}
 
     @functools.cached_property
-    def largest_grids(self) -> dict[str, Summary]:
-        """The grids that were done at the largest budget of any: a smaller one says less of what settings do."""
-        budgets = get_args(Budget)
-        most = max((budgets.index(summary.provenance["budget"]) for summary in self.grids.values()), default=0)
-        return {task: summary for task, summary in self.grids.items() if summary.provenance["budget"] == budgets[most]}
+    def whole_grids(self) -> dict[str, Summary]:
+        """The grids that hold all of App. C.2's, by which all settings are judged; where none does, all there are."""
+        whole = {task: grid for task, grid in self.grids.items() if _paper_settings(task) <= {*grid.study.settings}}
+        return whole or self.grids
+
+    @functools.cached_property
+    def nulls(self) -> dict[str, str]:
+        """Why there is nothing to compare, by task, for those on which hardly any run learns anything."""
+        reasons = {task: null_because(task, grid) for task, grid in self.grids.items()}
+        return {task: why for task, why in reasons.items() if why}
+
+    @functools.cached_property
+    def scales(self) -> dict[str, Scale]:
+        """The way from rest to the best, by task, where something is learned."""
+        found = {task: scale_of(task, grid) for task, grid in self.grids.items() if task not in self.nulls}
+        return {task: scale for task, scale in found.items() if scale is not None}
+
+
+@functools.cache
+def _paper_settings(task: str) -> frozenset[Setting]:
+    env = TASKS[task].env
+    return frozenset(paper_grid(env, task_defaults(env)))

@@ -1,0 +1,66 @@
+import itertools
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy import stats
+
+from galton.analysis.ranks import least_p, rank_sum_p, signed_rank_p
+
+FEW = st.lists(st.sampled_from([-1.0, 0.0, 0.5, 2.0, 2.5, 7.0]), min_size=1, max_size=5)
+
+
+def tails(values, observed):
+    """Twice the smaller tail of equally likely values that begins at the observed one."""
+    values = np.array(values)
+    return min(1.0, 2 * min((values <= observed).mean(), (values >= observed).mean()))
+
+
+@settings(deadline=None, max_examples=60)
+@given(a=FEW, b=FEW)
+def test_the_rank_sum_is_compared_with_those_of_every_other_split(a, b):
+    ranks = stats.rankdata(a + b)
+    sums = [sum(split) for split in itertools.combinations(ranks, len(a))]
+    assert rank_sum_p(np.array(a), np.array(b)) == pytest.approx(tails(sums, ranks[: len(a)].sum()))
+
+
+@settings(deadline=None, max_examples=60)
+@given(differences=FEW)
+def test_the_signed_ranks_are_compared_with_those_of_every_other_sign(differences):
+    known = np.array([x for x in differences if x])
+    ranks = stats.rankdata(np.abs(known))
+    sums = [sum(r for r, plus in zip(ranks, signs, strict=True) if plus) for signs in signs_of(len(ranks))]
+    expected = tails(sums, ranks[known > 0].sum()) if len(known) else 1.0
+    assert signed_rank_p(np.array(differences)) == pytest.approx(expected)
+
+
+def signs_of(n):
+    return itertools.product((False, True), repeat=n)
+
+
+@pytest.mark.parametrize(("n", "m"), [(5, 5), (12, 7), (20, 20), (50, 50), (60, 3)])
+def test_without_ties_p_is_scipys(n, m):
+    rng = np.random.default_rng(n)
+    a, b = rng.normal(0.4, 1, n), rng.normal(0, 2, m)
+    scipys = stats.mannwhitneyu(a, b, method="exact" if n + m <= 50 else "asymptotic").pvalue
+    assert rank_sum_p(a, b) == pytest.approx(scipys)
+    assert signed_rank_p(a) == pytest.approx(stats.wilcoxon(a, method="exact" if n <= 50 else "approx").pvalue)
+
+
+def test_the_approximation_goes_on_where_the_exact_test_ends():
+    rng = np.random.default_rng(0)
+    a, b = rng.normal(0.5, 1, 25), rng.normal(0, 1, 25)
+    assert rank_sum_p(a, b) == pytest.approx(stats.mannwhitneyu(a, b, method="asymptotic").pvalue, rel=0.05)
+
+
+def test_what_does_not_differ_has_p_1_and_nothing_has_none():
+    assert rank_sum_p(np.ones(4), np.ones(30)) == rank_sum_p(np.ones(40), np.ones(40)) == 1
+    assert signed_rank_p(np.zeros(9)) == 1
+    assert np.isnan(rank_sum_p(np.ones(0), np.ones(3)))
+    assert np.isnan(signed_rank_p(np.ones(0)))
+
+
+@pytest.mark.parametrize(("n", "m"), [(3, 3), (4, 4), (5, 3), (1, 1)])
+def test_the_least_p_is_that_of_samples_that_do_not_overlap(n, m):
+    assert least_p(n, m) == pytest.approx(rank_sum_p(np.arange(n) + 100.0, np.arange(m) + 0.0))

@@ -1,0 +1,71 @@
+"""An environment in other units of the action."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import galton
+from galton.envs.find import find
+from galton.errors import UsageError
+
+
+def trained(env, scale, loss, **numbers):
+    task = find(env, **({} if scale == 1 else {"action_scale": scale}))
+    bandit = env == "bandit"
+    config = galton.Config(loss=loss, n_bins=20, n_steps=5 if bandit else 20, net_arch=() if bandit else (64, 64))
+    hypers = galton.Hypers(learning_rate=0.05 if bandit else 1e-3, eta=0.75, **numbers)
+    return galton.train(task, config, hypers, [3, 4], 400, n_logs=4, n_eval_episodes=2)
+
+
+def same(one, other):
+    """Whether all that was learnt and logged is equal to the last bit, but for σ, which is in units of the action."""
+    learnt = zip(*(jax.tree.leaves(result.learner) for result in (one, other)), strict=True)
+    logged = [[x for name, x in result.log.columns().items() if name != "sigma"] for result in (one, other)]
+    return all(np.array_equal(a, b, equal_nan=True) for a, b in [*learnt, *zip(*logged, strict=True)])
+
+
+@pytest.mark.parametrize(
+    ("env", "loss", "scale"),
+    [
+        ("bandit", "hl-gauss", 0.125),
+        ("bandit", "hl-gauss-centred", 8.0),
+        ("lqr", "hl-one-hot", 0.125),
+        ("Reacher-v5", "hl-gauss", 8.0),
+    ],
+)
+def test_a_softmax_policy_learns_the_same_to_the_bit_at_any_scale_of_the_box(env, loss, scale):
+    assert same(trained(env, 1, loss), trained(env, scale, loss))
+
+
+def test_a_gaussian_notices_the_scale_unless_its_units_are_the_boxs():
+    usual = trained("lqr", 1, "gaussian")
+    assert not same(usual, trained("lqr", 8.0, "gaussian"))
+    in_box = [trained("lqr", scale, "gaussian", box_units=1.0) for scale in (1, 8.0)]
+    returns = [result.log.training_return for result in in_box]
+    np.testing.assert_allclose(*returns, rtol=1e-3)  # log 8 is rounded, and training amplifies that
+
+
+def test_what_is_done_is_the_action_over_the_scale():
+    plain, wide = find("lqr"), find("lqr", action_scale=4.0)
+    state, noise, action = jnp.array([0.5, -0.25]), jnp.zeros(2), jnp.array([0.75, -0.5])
+    for ours, theirs in zip(wide.step(state, 4 * action, noise), plain.step(state, action, noise), strict=True):
+        np.testing.assert_array_equal(ours, theirs)
+    np.testing.assert_array_equal(wide.action_high, [4.0, 4.0])
+    assert (wide.optimal_return, wide.max_episode_steps) == (plain.optimal_return, plain.max_episode_steps)
+    task = find("Pendulum-v1", action_scale=2.0)
+    assert (task.action_space.low, task.action_space.high) == (-4.0, 4.0)
+    twins = task.make(1), find("Pendulum-v1").make(1)
+    for envs in twins:
+        envs.reset(np.array([1], np.uint32))
+    mine, theirs = (envs.step(np.array([[x]], np.float32)) for envs, x in zip(twins, (3.0, 1.5), strict=True))
+    np.testing.assert_array_equal(mine.reward, theirs.reward)
+
+
+@pytest.mark.parametrize("scale", [0, -1.0, float("inf"), float("nan"), True, "8", None])
+def test_a_scale_that_is_no_positive_number_is_refused(scale):
+    if scale is None:
+        assert find("lqr", action_scale=None) == find("lqr")
+        return
+    with pytest.raises(UsageError, match="action_scale is .*; it must be a finite number greater than 0"):
+        find("lqr", action_scale=scale)
