@@ -1,39 +1,14 @@
 import numpy as np
 import pytest
+from matplotlib.colors import to_rgb
 from scipy import stats
 
-from galton.analysis.statistics import mean_interval
 from galton.paper.measures import spread
 from galton.paper.scale import Scale
-from galton.paper.sensitivity import marginals, stratified_mean
+from galton.paper.sensitivity import _colors, draw, marginals
 from galton.paper.summary import Summary
 
 from . import made_up
-
-
-def test_one_stratum_is_a_plain_mean():
-    sample = np.random.default_rng(0).normal(size=(9, 4))
-    ours, plain = stratified_mean([sample]), mean_interval(sample)
-    np.testing.assert_allclose(ours, plain)
-
-
-def test_strata_of_equal_size_are_a_stratified_sample():
-    rng = np.random.default_rng(1)
-    strata = [rng.normal(mean, 2, 8) for mean in (0, 10, -30)]
-    interval = stratified_mean(strata)
-    error = np.sqrt(sum(stats.sem(stratum) ** 2 for stratum in strata)) / 3
-    assert interval.mean == pytest.approx(np.mean(strata))
-    assert interval.high - interval.mean == pytest.approx(stats.t.ppf(0.975, 21) * error)
-
-
-def test_the_interval_covers_the_strata_s_own_mean_19_times_in_20():
-    rng = np.random.default_rng(2)
-    centers = rng.normal(0, 50, 5)
-    hits = []
-    for _ in range(600):
-        interval = stratified_mean([rng.normal(center, 3, 6) for center in centers])
-        hits.append(interval.low < centers.mean() < interval.high)
-    assert np.mean(hits) == pytest.approx(0.95, abs=0.03)
 
 
 def test_a_marginal_holds_one_field_and_averages_the_rest():
@@ -69,3 +44,25 @@ def test_noise_alone_is_no_spread():
         summary = Summary.of_results(study, table, made_up.PROVENANCE)
         spreads.append(spread(summary, "hl-gauss", "learning_rate", WAY).mean())
     assert abs(np.mean(spreads)) < 3 * stats.sem(spreads)
+
+
+def test_values_that_tasks_share_have_one_colour_and_others_begin_anew():
+    colors = _colors([[0.01, 0.05], [0.05, 0.1], [1.0, 2.0, 3.0]])
+    assert colors[0.01] == colors[1.0]
+    assert len({colors[value] for value in (0.01, 0.05, 0.1)}) == 3
+    assert all(np.mean(to_rgb(color)) < 0.7 for color in colors.values())
+
+
+def test_a_row_per_field_and_a_column_per_task_with_words_where_there_is_one_value():
+    data = made_up.data(lambda _, setting: setting.hypers.eta, ("lqr", "ant"))
+    figure = draw(data.grids, "hl-gauss", ("learning_rate", "n_bins", "eta"))
+    rates, _, etas, missing = figure.axes  # k is nowhere varied
+    assert [axes.get_ylabel() for axes in (rates, etas)] == [
+        "by learning rate\ntraining return",
+        "by η\ntraining return",
+    ]
+    assert missing.texts[0].get_text() == "η 0.25\nalone"
+    assert rates.get_title() == "LQR\n2 trials × 0 of 72 settings"
+    assert rates.texts[-1].get_text() == "learning rate 0.0003–0.0007 coincide"
+    assert etas.texts[-1].get_text() == ""
+    assert rates.get_ylim() == etas.get_ylim()

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from galton.envs.find import find
+from galton.losses import LOSSES
 from galton.paper.why import draw
 from galton.tasks import TASKS
 
@@ -54,6 +55,25 @@ def test_a_mean_far_below_all_others_is_written_down_and_does_not_stretch_the_ax
 
     names = ("why-lqr", "why-lqr-again")
     (axes,) = draw(made_up.data(final, names, budget="paper")).axes
-    assert [text.get_text() for text in axes.texts] == [" ↓ −1000 ± 0"] * 2  # that change alone, and with all others
+    told = [text.get_text() for text in axes.texts]
+    assert told == [" ↓ −1000 ± 0"] * 4  # that change alone and with all others, in training and deterministic
     low, high = axes.get_ylim()
     assert -30 < low < -26.03 < -9.77 < high
+
+
+def test_changes_stand_in_the_order_of_classification_and_losses_differ_by_shape():
+    def final(name, setting):
+        worst = setting.config.n_envs == 8 and setting.config.loss == "gaussian"
+        ends = -20.0 if setting.hypers.gae_lambda == pytest.approx(0.95) else -25.0
+        return ends + (setting.config.loss == "hl-one-hot") - (60 if worst else 0)
+
+    (axes,) = draw(made_up.data(final, ("why-lqr", "why-lqr-again"), budget="paper")).axes
+    changes = [label.get_text().replace("\n", " ") for label in axes.get_xticklabels()]
+    assert changes[0] == "as in the paper"
+    assert {"λ = 0.95", "λ = 0.95 and entropy bonus"} <= {*changes[-3:]}
+    names = {str(line.get_gid()) for line in axes.get_lines()}
+    assert {"Gaussian", "Gaussian: deterministic", "HL-Gauss: deterministic"} <= names
+    shapes = {
+        line.get_marker() for line in axes.get_lines() if line.get_gid() in {loss.label for loss in LOSSES.values()}
+    }
+    assert len(shapes) == len(LOSSES)

@@ -26,15 +26,22 @@ from galton.saving import files
 
 _COLORS = ("#000000", "#E69F00", "#0072B2", "#009E73", "#D55E00", "#CC79A7", "#56B4E9", "#F0E442")
 """Okabe and Ito's, told apart by readers of every colour vision: the losses' by their place in LOSSES."""
+_MARKERS = "osD^vP*X"
 RUN = "run:"
 """How the gid of a single run's line begins; the name of its series follows."""
 
-_LEGEND_ENTRY = 1.9
-"""How many inches the longest name takes in the legend."""
+LineStyle = str | tuple[float, tuple[float, ...]]
+LEVELS: dict[str, LineStyle] = {"optimum": "--", "solved": (0.0, (8.0, 3.0)), "doing nothing": ":"}
+"""The line styles of levels that panels of a task show."""
+_DASH_DOT: LineStyle = (0.0, (5.0, 1.2, 1.2, 1.2))
+"""Of what is not the paper's: gaps short enough to be followed where curves lie upon one another."""
+_HANDLE, _LETTER = 0.07, 0.0088
+"""How many inches a legend's entry takes, without its name and for each letter of it, by point of the font's size."""
 _STYLE: Any = {
     "axes.spines.top": False,
     "axes.spines.right": False,
     "axes.grid": True,
+    "axes.axisbelow": True,
     "grid.color": "#e6e6e6",
     "font.size": 10,
     "legend.frameon": False,
@@ -42,18 +49,38 @@ _STYLE: Any = {
 }
 
 
-def panels(n: int, columns: int = 4, height: float = 2.7) -> tuple[Figure, list[Axes]]:
-    """A figure of n panels in rows of so many columns; without panels it is empty."""
+def panels(
+    n: int, columns: int = 4, height: float = 2.7, width: float = 3.1, size: float = 10
+) -> tuple[Figure, list[Axes]]:
+    """A figure of n panels in rows of so many columns; without panels it is empty.
+
+    Args:
+        n: how many.
+        columns: how many in a row, at most.
+        height: of a panel, in inches.
+        width: of a panel, in inches.
+        size: of its text, in points.
+    """
     if not n:
         return Figure(), []
     columns = min(n, columns)
     rows = -(-n // columns)
-    with mpl.rc_context(_STYLE):
-        figure = Figure(figsize=(3.1 * columns + 0.4, height * rows + 0.5), layout=ConstrainedLayoutEngine())
+    with mpl.rc_context(_STYLE | {"font.size": size}):
+        figure = Figure(figsize=(width * columns + 0.4, height * rows + 0.5), layout=ConstrainedLayoutEngine())
         axes = list(np.ravel(figure.subplots(rows, columns)))
         for spare in axes[n:]:
             spare.remove()
     return figure, axes[:n]
+
+
+def grid(rows: int, columns: int) -> tuple[Figure, list[Axes]]:
+    """A figure of small panels that stay in their rows and columns, by rows; without panels it is empty."""
+    if not rows or not columns:
+        return Figure(), []
+    with mpl.rc_context(_STYLE | {"font.size": 8}):
+        figure = Figure(figsize=(1.65 * columns + 0.6, 1.75 * rows + 0.8), layout=ConstrainedLayoutEngine())
+        axes = list(np.ravel(figure.subplots(rows, columns, sharex="col")))
+    return figure, axes
 
 
 def draw_series(
@@ -67,33 +94,47 @@ def draw_series(
     single_runs: Float[np.ndarray, "R L"] | None = None,
 ) -> None:
     """A curve and its band, named; and the runs behind it, for the page."""
-    axes.plot(x, interval.mean, label=name, gid=name, lw=1.6, color=color, ls=linestyle, marker=marker, ms=4)
+    dashes = _DASH_DOT if linestyle == "-." else linestyle
+    axes.plot(x, interval.mean, label=name, gid=name, lw=1.6, color=color, ls=dashes, marker=marker, ms=4)
     axes.fill_between(x, interval.low, interval.high, gid=name, color=color, alpha=0.18, linewidth=0)
     if single_runs is not None:
         for run in single_runs:
             axes.plot(x, run, gid=RUN + name, lw=0.6, color=color, alpha=0.35, ls=linestyle)
 
 
-def draw_marks(axes: Axes, intervals: Sequence[Interval], name: str, color: ColorType, shift: float) -> None:
+def draw_marks(
+    axes: Axes,
+    intervals: Sequence[Interval],
+    name: str,
+    color: ColorType,
+    shift: float,
+    marker: str = "o",
+    hollow: bool = False,
+) -> None:
     """A mark with its interval at 0, 1, …, drawn so far to the right, so that series stand side by side."""
     mean, low, high = np.array(intervals).T
-    beside = Affine2D().translate(shift, 0) + axes.transData
     line, _, bars = axes.errorbar(
         range(len(mean)),
         mean,
         [mean - low, high - mean],
-        fmt="o",
+        fmt=marker,
         ms=4,
-        lw=1.2,
+        lw=0.8 if hollow else 1.2,
         color=color,
+        mfc="none" if hollow else color,
         label=name,
-        transform=beside,
+        transform=Affine2D().translate(shift, 0) + axes.transData,
     )
     for artist in (line, *bars):
         artist.set_gid(name)
 
 
-def draw_level(axes: Axes, value: float, name: str, linestyle: str) -> None:
+def marker_of(loss: str) -> str:
+    """The shape of a loss's marks, which tells it from others without its colour."""
+    return _MARKERS[[*LOSSES].index(loss) % len(_MARKERS)]
+
+
+def draw_level(axes: Axes, value: float, name: str, linestyle: LineStyle) -> None:
     """Draw a level as a line all along the x axis."""
     axes.axhline(value, color="#777777", linestyle=linestyle, linewidth=1, label=name, gid=name)
 
@@ -104,24 +145,46 @@ def look_of(loss: str) -> tuple[str, str, str]:
     return LOSSES[loss].label, color, "-" if LOSSES[loss].in_paper else "-."
 
 
-def finish(figure: Figure, axes: Sequence[Axes]) -> None:
-    """One legend below all panels, of every name in them, in as many columns as fit."""
+def label_rows(axes: Sequence[Axes], words: str) -> None:
+    """Name the y axis of each row's first panel."""
+    for panel in axes:
+        place = panel.get_subplotspec()
+        if place is not None and place.is_first_col():
+            panel.set_ylabel(words)
+
+
+def finish(figure: Figure, axes: Sequence[Axes], order: Sequence[str] = ()) -> None:
+    """One legend below all panels, of every name in them, in as many columns as fit; in this order, or as drawn."""
     found: dict[str, Artist] = {}
     for panel in axes:
         for handle, label in zip(*panel.get_legend_handles_labels(), strict=True):
             found.setdefault(label, handle)
     if not found:
         return
-    columns = max(1, int(figure.get_figwidth() / _LEGEND_ENTRY))
+    found = {label: found[label] for label in (*order, *found) if label in found}
+    size = float(axes[0].xaxis.label.get_fontsize())
+    columns = _columns([size * (_HANDLE + _LETTER * len(label)) for label in found], figure.get_figwidth())
     with mpl.rc_context(_STYLE):
-        figure.legend(list(found.values()), list(found), loc="outside lower center", ncols=min(len(found), columns))
+        handles = list(found.values())
+        figure.legend(handles, list(found), loc="outside lower center", ncols=columns, fontsize=size)
+
+
+def _columns(widths: Sequence[float], room: float) -> int:
+    """Into how many columns entries of these widths go, filled one after the other, in so much room."""
+    for n in range(len(widths), 1, -1):
+        rows = -(-len(widths) // n)
+        if sum(max(widths[i : i + rows]) for i in range(0, len(widths), rows)) <= room:
+            return n
+    return 1
 
 
 def settle(figure: Figure) -> None:
     """Lay it out for good: every drawing of it is the same, and none has to do it again."""
-    with mpl.rc_context(_STYLE):
-        figure.draw_without_rendering()
-    figure.set_layout_engine("none")
+    engine = figure.get_layout_engine()
+    with mpl.rc_context(_STYLE | {"figure.autolayout": False, "figure.constrained_layout.use": False}):
+        if engine is not None:
+            engine.execute(figure)
+        figure.set_layout_engine(None)  # with "none" each drawing would begin with one that nobody sees
 
 
 def over_steps(axes: Axes, last: float) -> None:

@@ -34,6 +34,8 @@ _WIDTH = 1180
 """CSS pixels for panels side by side: what page.css leaves between the page's margins, and a little less."""
 _MARGIN = 4.0
 """How many points are left free around a panel."""
+_KNOTS = 101
+"""Between how many values a scale is taken to be linear, less one."""
 Curve = Line2D | PathCollection | StepPatch
 
 
@@ -56,7 +58,9 @@ def draw(name: str, figure: Figure) -> Drawing:
     """The figure inline, its ids beginning with the section's name."""
     shown = [axes for axes in figure.axes if axes.get_visible()]
     artists = [artist for axes in shown for artist in _named(axes)]
-    names = list(dict.fromkeys(map(_series, artists)))
+    ordered = [text.get_text() for legend in figure.legends for text in legend.get_texts()]
+    drawn = dict.fromkeys(map(_series, artists))
+    names = list(dict.fromkeys([*(name for name in ordered if name in drawn), *drawn]))
     tags: dict[Artist, str] = {axes: f"{name}.axes-{i}" for i, axes in enumerate(shown)}
     for i, artist in enumerate(artists):
         tags[artist] = f"{name}.{'run' if _is_run(artist) else 'mark'}-{names.index(_series(artist))}-{i}"
@@ -67,7 +71,7 @@ def draw(name: str, figure: Figure) -> Drawing:
     swatches = {artist: _swatch(groups[tags[artist]], artist) for artist in artists}
     frames = [_points(figure, axes.bbox) for axes in shown]
     parts = _panels(figure, shown, frames, legends)
-    boxes = [box for _, box in parts] or [np.array([0, 0, *figure.get_size_inches() * 72])]
+    boxes = [box for _, box in parts] or [_whole(figure, shown, legends)]
     contents = [[groups[tags[axes]] for axes in members] for members, _ in parts] or [[*root]]
     contents[0][:0] = root.findall("defs") if parts else []
     wide = len({round(left) for left, *_ in boxes}) * (boxes[0][2] - boxes[0][0])
@@ -126,12 +130,26 @@ def _panel(axes: Axes, names: Sequence[str], swatches: Mapping[Artist, ET.Elemen
             series.append(entry)
     titles = [axes.get_title(loc) for loc in ("center", "left", "right")]
     return {
-        "title": next(filter(None, titles), ""),
-        "x": {"label": axes.get_xlabel(), "limits": axes.get_xlim(), "scale": axes.get_xscale(), "ticks": _ticks(axes)},
-        "y": {"limits": axes.get_ylim(), "scale": axes.get_yscale()},
+        "title": next(filter(None, titles), "").replace("\n", ", "),
+        "x": {"label": axes.get_xlabel(), "ticks": _ticks(axes)} | _scale(axes.xaxis, axes.get_xlim()),
+        "y": _scale(axes.yaxis, axes.get_ylim()),
         "grids": [_short(grid) for grid in grids],
         "series": series,
     }
+
+
+def _scale(axis: Axis, limits: tuple[float, float]) -> dict[str, object]:
+    """Where values lie on an axis: its limits, and its scale or, of one that is neither linear nor logarithmic, knots.
+
+    Knots are values at equal distances from the first limit to the second.
+    """
+    name = axis.get_scale()
+    if name in ("linear", "log"):
+        return {"limits": limits, "scale": name}
+    transform = axis.get_transform()
+    low, high = transform.transform(np.array(limits))
+    knots = transform.inverted().transform(np.linspace(low, high, _KNOTS))
+    return {"limits": limits, "scale": "knots", "knots": [float(f"{knot:.7g}") for knot in knots]}
 
 
 def _values(artist: Curve, axes: Axes) -> tuple[list[float], list[float]]:
@@ -201,6 +219,13 @@ def _panels(
     outer = [_points(figure, axes.get_tightbbox() or axes.bbox) for axes in shown]
     margins = _MARGIN + np.max([(far - near) * outwards for far, near in zip(outer, frames, strict=True)], axis=0)
     return [([shown[i] for i in some], frames[some[0]] + margins * outwards) for some in members.values()]
+
+
+def _whole(figure: Figure, shown: Sequence[Axes], legends: Sequence[Legend]) -> Box:
+    """The whole figure, but for the room below its axes that legends had which are not shown."""
+    width, height = figure.get_size_inches() * 72
+    ends = [_points(figure, axes.get_tightbbox() or axes.bbox)[3] + _MARGIN for axes in shown]
+    return np.array([0, 0, width, min(height, max(ends)) if legends else height])
 
 
 def _has_labels(axis: Axis) -> bool:

@@ -20,9 +20,20 @@ followSystem();
 const SCALES = { linear: (value) => value, log: Math.log };
 
 // Where on an axis a value lies: 0 at its first limit, 1 at its second.
-function along({ limits, scale }) {
+function along({ limits, scale, knots }) {
+  if (knots) return between(knots);
   const [from, to] = limits.map(SCALES[scale]);
   return (value) => (SCALES[scale](value) - from) / (to - from);
+}
+
+// The same by values that lie at equal distances, in rising or falling order.
+function between(knots) {
+  const last = knots.length - 1, sign = Math.sign(knots[last] - knots[0]);
+  return (value) => {
+    let i = 1;
+    while (i < last && sign * (knots[i] - value) < 0) i++;
+    return (i - 1 + (value - knots[i - 1]) / (knots[i] - knots[i - 1])) / last;
+  };
 }
 
 function words(value) {
@@ -59,7 +70,7 @@ function enliven(figure) {
   });
 
   for (const panel of data.panels) {
-    if (panel.series.length && panel.x.scale in SCALES && panel.y.scale in SCALES) explore(panel);
+    if (panel.series.length) explore(panel);
   }
 
   function explore({ id, title, x, y, box, grids, series }) {

@@ -1,10 +1,10 @@
-"""The report: claims, figures and how they were made, as one HTML file that needs nothing else."""
+"""The report: an answer, claims, figures and how they were made, as one HTML file that needs nothing else."""
 
 import base64
 import dataclasses
 import hashlib
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from importlib import resources
 
 from jinja2 import Environment, StrictUndefined
@@ -23,6 +23,8 @@ MARKS = {
     "?": "too few runs",
 }
 """What became of one unit of a claim (a task, a loss), by the mark that its line begins with."""
+_COLORS = {"✓": 0, "✗": 2}
+"""The verdict whose colour a mark has; the others are grey."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -71,6 +73,49 @@ class Table:
 
 
 @dataclasses.dataclass(frozen=True)
+class Cell:
+    """A cell of a matrix: what it says, and in which colour."""
+
+    text: str
+    verdict: str | None = None
+    """One of VERDICTS, whose sign and colour it has; None for neither."""
+
+    def __post_init__(self) -> None:
+        known = self.verdict is None or self.verdict in VERDICTS
+        require(known, f"verdict is {self.verdict!r}; it must be None or one of {', '.join(VERDICTS)}")
+
+
+@dataclasses.dataclass(frozen=True)
+class Matrix:
+    """A table of verdicts: each row and column has a name; a narrow screen has a card for each row, unless `narrow`."""
+
+    corner: str
+    """What the rows are."""
+    columns: Sequence[str]
+    rows: Mapping[str, Sequence[Cell]]
+    narrow: bool = False
+    """Whether it is a table on narrow screens too, since its cells are short."""
+
+    def __post_init__(self) -> None:
+        for name, row in self.rows.items():
+            fits = len(row) == len(self.columns)
+            require(fits, f"rows has {name!r} with {len(row)} cells; it must be {len(self.columns)}, as columns")
+
+
+@dataclasses.dataclass(frozen=True)
+class Answer:
+    """What a reader finds who has a minute: the head of the page."""
+
+    sentences: Sequence[str]
+    """The first is the answer; the others follow in smaller type."""
+    matrix: Matrix | None = None
+    note: str = ""
+    """What the matrix shows."""
+    figure: Figure | None = None
+    caption: str = ""
+
+
+@dataclasses.dataclass(frozen=True)
 class Section:
     """A figure and all that belongs to it; everything but name and title may be left out."""
 
@@ -79,10 +124,10 @@ class Section:
     title: str
     caption: str = ""
     figure: Figure | None = None
-    facts: Sequence[tuple[str, str]] = ()
-    """How it was made, label and text: settings, versions, machines, command."""
-    table: Table | None = None
+    table: Table | Matrix | None = None
     paragraphs: Sequence[str] = ()
+    is_first: bool = False
+    """Whether it stands before the claims."""
 
     def __post_init__(self) -> None:
         fits = re.fullmatch("[a-z][a-z0-9-]*", self.name) is not None
@@ -91,8 +136,21 @@ class Section:
         )
 
 
-def render(title: str, introduction: Sequence[str], claims: Sequence[Claim], sections: Sequence[Section]) -> str:
+def render(
+    title: str,
+    introduction: Sequence[str],
+    claims: Sequence[Claim],
+    sections: Sequence[Section],
+    answer: Answer | None = None,
+) -> str:
     """The page as HTML: the same for the same input.
+
+    Args:
+        title: the heading.
+        introduction: paragraphs on how to read the claims.
+        claims: what the paper says, with its verdicts.
+        sections: those that stand before the claims, and those that stand after them.
+        answer: the head of the page.
 
     Raises:
         UsageError: two sections have one name, or a claim rests on none of them.
@@ -104,19 +162,23 @@ def render(title: str, introduction: Sequence[str], claims: Sequence[Claim], sec
     for claim in claims:
         known = claim.section is None or claim.section in titles
         require(known, f"section is {claim.section!r} in the claim {claim.words!r}; it must be one of {list(titles)}")
-    drawings = {section.name: draw(section.name, section.figure) for section in sections if section.figure is not None}
-    widths = (
-        f"#{name} .panels {{ max-width: {drawing.width}px }}" for name, drawing in drawings.items() if drawing.width
-    )
+    figures = {section.name: section.figure for section in sections} | {ANSWER: answer.figure if answer else None}
+    drawings = {name: draw(name, figure) for name, figure in figures.items() if figure is not None}
+    widths = (f"{_id(name)} .panels {{ max-width: {d.width}px }}" for name, d in drawings.items() if d.width)
     style, script = "\n".join([_file("page.css"), *widths]), _file("page.js")
     environment = Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=StrictUndefined)
     return environment.from_string(_file("page.html.jinja")).render(
         title=title,
         introduction=introduction,
+        answer=answer,
+        answer_name=ANSWER,
         claims=claims,
         verdicts={verdict: sum(claim.verdict == verdict for claim in claims) for verdict in VERDICTS},
         order={verdict: i for i, verdict in enumerate(VERDICTS)},
-        sections=sections,
+        marks=MARKS,
+        mark_colors={mark: _COLORS.get(mark, len(VERDICTS) - 1) for mark in MARKS},
+        first=[section for section in sections if section.is_first],
+        sections=[section for section in sections if not section.is_first],
         titles=titles,
         drawings=drawings,
         policy=f"default-src 'none'; img-src data:; style-src {_hash(style)}; script-src {_hash(script)}; "
@@ -124,6 +186,15 @@ def render(title: str, introduction: Sequence[str], claims: Sequence[Claim], sec
         style=Markup(style),
         script=Markup(script),
     )
+
+
+ANSWER = "page.answer"
+"""The id of the page's head, which no section can have."""
+
+
+def _id(name: str) -> str:
+    """The selector of the element with this id."""
+    return "#" + name.replace(".", r"\.")
 
 
 def _file(name: str) -> str:

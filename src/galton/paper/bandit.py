@@ -1,18 +1,22 @@
 """Figure 3: the bandit under noise, in more dimensions, and with the two controls of §5.2.3."""
 
+from collections.abc import Mapping, Sequence
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from galton.analysis.plots import draw_series, finish, look_of, panels
-from galton.analysis.statistics import mean_interval
+from galton.analysis.bands import mean_band
+from galton.analysis.plots import draw_series, finish, label_rows, look_of, panels
+from galton.analysis.scales import fit_curves
+from galton.analysis.statistics import Interval
 from galton.paper import controls, harder_bandits
 from galton.paper.controls import CONTROLS
-from galton.paper.curves import draw_best
+from galton.paper.curves import AXES, BANDS, draw_best, draw_levels, numbered, runs_of
 from galton.paper.figure import FigureStudy
 from galton.paper.harder_bandits import DIMENSION, NOISE, across, losses_in
 from galton.paper.summary import Summary
-from galton.paper.sweeps import AGAIN, MAIN
+from galton.paper.sweeps import AGAIN, MAIN, Sweep
 from galton.paper.trained import Trained
 
 _BANDIT, _BANDIT_AGAIN = MAIN["bandit"], AGAIN["bandit"]
@@ -22,38 +26,68 @@ def draw(trained: Trained) -> Figure:
     """Final returns by noise and by dimension, learning curves under the two controls: those that are there."""
     constants = {"noise_std": across(trained, NOISE), "d": across(trained, DIMENSION)}
     constants = {name: bandits for name, bandits in constants.items() if bandits}
-    under = {control.label: done for control in CONTROLS if (done := trained.of(control.sweep))}
+    under = {control.label: done for control in CONTROLS if (done := _fresh(trained, control.again, control.sweep))}
     figure, axes = panels(len(constants) + len(under), columns=2, height=2.9)
-    for panel, (name, bandits) in zip(axes, constants.items(), strict=False):
+    finals, curves = axes[: len(constants)], axes[len(constants) :]
+    for panel, (name, bandits) in zip(finals, constants.items(), strict=True):
         _draw_final(panel, bandits)
-        panel.set_title("Reward noise" if name == "noise_std" else "Action dimensions", fontsize=10)
-        panel.set_xlabel("standard deviation of the noise" if name == "noise_std" else "d")
+        panel.set_xlabel("standard deviation of the reward's noise" if name == "noise_std" else "action dimensions d")
+        title = "Bandit: reward noise" if name == "noise_std" else "Bandit: action dimensions"
+        panel.set_title(f"{title}, n = {min(bandit.study.trials for bandit in bandits.values())}", fontsize=10)
         if name == "d":
             panel.set_xscale("log", base=2)
             panel.xaxis.set_major_formatter("{x:g}")
-    for panel, (label, control) in zip(axes[len(constants) :], under.items(), strict=True):
-        main = {"gaussian": done} if (done := trained.of(_BANDIT)) else {}
-        draw_best(panel, main | dict.fromkeys(control.best, control), "training_return", "bandit")
-        panel.set_title(label, fontsize=10)
-        panel.set_ylabel("training return")
+    main = _fresh(trained, _BANDIT_AGAIN, _BANDIT)
+    drawn = [curve for i, done in enumerate(under.values()) for curve in _draw_control(curves[i], done, main)]
+    for panel, (label, control) in zip(curves, under.items(), strict=True):
+        fit_curves(panel, drawn, draw_levels(panel, "bandit"))
+        panel.set_title(numbered(f"Bandit: {label}", control), fontsize=10)
+    _share_y(finals)
+    label_rows(finals, "final training return")
+    label_rows(curves, "training return")
     finish(figure, axes)
     return figure
 
 
-def _draw_final(axes: Axes, bandits: dict[float, Summary]) -> None:
+def _fresh(trained: Trained, again: Sweep, sweep: Sweep) -> Summary | None:
+    """The winners on fresh seeds, or where these were not trained the grid."""
+    return trained.of(again) or trained.of(sweep)
+
+
+def _draw_final(axes: Axes, bandits: Mapping[float, Summary]) -> None:
     """Draw the final return of each loss's setting against the bandit's constant."""
     for loss in losses_in(bandits):
         finals = [bandit.best[loss].final_training_return.astype(np.float64) for bandit in bandits.values()]
-        draw_series(axes, list(bandits), mean_interval(np.stack(finals, axis=1)), *look_of(loss), marker="o")
-    axes.set_ylabel("final training return")
+        draw_series(axes, list(bandits), mean_band([np.stack(finals, axis=1)]), *look_of(loss), marker="o")
+
+
+def _draw_control(axes: Axes, control: Summary, main: Summary | None) -> list[Interval]:
+    """Draw the learning curves under a control, with the Gaussian's and, thin and dotted, those without it."""
+    gaussian = {"gaussian": main} if main and "gaussian" in main.best else {}
+    drawn = draw_best(axes, gaussian | dict.fromkeys(control.best, control), "training_return")
+    for loss in control.best:
+        if main and loss in main.best:
+            label, color, _ = look_of(loss)
+            drawn.append(mean_band([runs_of(main, loss, "training_return")]))
+            name = f"{label} without it"
+            axes.plot(main.steps, drawn[-1].mean, gid=name, label=name, lw=0.9, ls=":", color=color)
+    return drawn
+
+
+def _share_y(axes: Sequence[Axes]) -> None:
+    """Let panels of one quantity have one range."""
+    limits = np.array([panel.get_ylim() for panel in axes]).reshape(-1, 2)
+    for panel in axes:
+        panel.set_ylim(limits[:, 0].min(), limits[:, 1].max())
 
 
 FIGURE = FigureStudy(
     "The bandit: noise, dimensions, initial policy, exploration",
     "Top: final training return of the settings that win on the bandit itself (noise 1, d = 2), on noisier bandits "
-    "and in more dimensions, all on fresh seeds. Bottom: the main experiment again, its sweep included, with the "
-    "softmax policies starting as the Gaussian does, and sampling from a Gaussian with their own mean and variance; "
-    "the Gaussian's curve is that of the main experiment. Means over trials and 95% confidence intervals.",
+    "and in more dimensions, on one scale. Bottom: the main experiment again, its sweep included, with the softmax "
+    "policies starting as the Gaussian does, and sampling from a Gaussian with their own mean and variance; thin and "
+    "dotted the same losses without that, from Figure 2, and the Gaussian, which has nothing to change. All on fresh "
+    f"seeds: means of n runs, and {BANDS}. {AXES}",
     draw,
     (
         *dict.fromkeys((_BANDIT, _BANDIT_AGAIN, *NOISE.values(), *DIMENSION.values())),

@@ -3,14 +3,29 @@
 from collections.abc import Mapping
 
 import numpy as np
+from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from galton.analysis.plots import draw_level, draw_series, finish, fit, look_of, over_steps, panels
-from galton.analysis.statistics import mean_interval
+from galton.analysis.bands import mean_band
+from galton.analysis.plots import LEVELS, draw_level, draw_series, finish, label_rows, look_of, over_steps, panels
+from galton.analysis.scales import fit_curves
+from galton.analysis.statistics import Interval
+from galton.losses import LOSSES
 from galton.paper.scale import optimum
 from galton.paper.summary import Summary
+from galton.paper.trained import Trained
+from galton.sweep.grid import paper_grid, task_defaults
 from galton.tasks import TASKS
+from galton.training.log import MEAN_ACTION_RETURN
+
+AXES = (
+    "An axis whose numbers crowd is linear near the best return and logarithmic far from it, where early training "
+    "would flatten the rest."
+)
+"""A sentence for the captions of figures with `fit_curves`."""
+BANDS = "a percentile bootstrap of their mean, 95%, which with three runs is their range"
+"""What the bands around learning curves are, for captions."""
 
 
 def heading(task: str) -> str:
@@ -18,35 +33,73 @@ def heading(task: str) -> str:
     return f"{TASKS[task].title} (d = {TASKS[task].d})"
 
 
-def draw_best(axes: Axes, best_of: Mapping[str, Summary], metric: str, task: str) -> None:
-    """Mean and 95% CI of each loss's best setting (App. C.2), from the sweep that it is the best of."""
-    means: list[np.ndarray | np.float64] = []
+def shown(trained: Trained) -> dict[str, Summary]:
+    """By task the runs that learning curves show: the winners' on fresh seeds, where there are any."""
+    return {
+        task: trained.judged[task].again if task in trained.judged else trained.grids[task] for task in trained.grids
+    }
+
+
+def numbered(title: str, summary: Summary, every: bool = False) -> str:
+    """The title with the number of runs; with a word where a sweep of more than the winners chose these by them."""
+    chosen = not every and {best.setting for best in summary.best.values()} != {*summary.study.settings}
+    return f"{title}, n = {summary.study.trials}" + (", of the grid" if chosen else "")
+
+
+def counted(summary: Summary, loss: str | None = None) -> str:
+    """For a panel, how many trials of how much of App. C.2's grid a sweep has; of one loss, or of all the paper's."""
+    study = summary.study
+    grid = {s for s in paper_grid(study.env, task_defaults(study.env)) if loss in (None, s.config.loss)}
+    n = len(grid & {*study.settings})
+    return f"{study.trials} trials × {len(grid) if n == len(grid) else f'{n} of {len(grid)}'} settings"
+
+
+def runs_of(summary: Summary, loss: str, metric: str) -> Float[np.ndarray, "trials L"]:
+    """The learning curves of the loss's best setting (App. C.2)."""
+    return summary.curves(metric)[summary.rows(summary.best[loss].setting)]
+
+
+def draw_best(axes: Axes, best_of: Mapping[str, Summary], metric: str, single_runs: bool = True) -> list[Interval]:
+    """Mean and band of each loss's best setting, from the sweep that it is the best of; the axis is not fitted yet."""
+    drawn: list[Interval] = []
     for loss, summary in best_of.items():
-        runs = summary.curves(metric)[summary.rows(summary.best[loss].setting)]
-        interval = mean_interval(runs)
-        label, color, line = look_of(loss)
-        draw_series(axes, summary.steps, interval, label, color, line, single_runs=runs)
+        runs = runs_of(summary, loss, metric)
+        drawn.append(mean_band([runs]))
+        draw_series(axes, summary.steps, drawn[-1], *look_of(loss), single_runs=runs if single_runs else None)
         over_steps(axes, float(summary.steps[-1]))
-        means.append(interval.mean)
-    fit(axes, [*means, *draw_levels(axes, task)])
+    return drawn
 
 
-def draw_levels(axes: Axes, task: str) -> list[np.ndarray]:
-    """The best that any policy can do, and what the action 0 earns: those that are known."""
-    levels = [(optimum(task), "optimum", "--"), (TASKS[task].at_rest, "doing nothing", ":")]
-    known = [(value, name, line) for value, name, line in levels if value is not None]
-    for level in known:
-        draw_level(axes, *level)
-    return [np.array([value]) for value, *_ in known]
+def draw_by_mean_action(axes: Axes, summary: Summary) -> None:
+    """Draw what softmax policies earn by the mean of their distribution, thinly, where that was logged."""
+    if MEAN_ACTION_RETURN not in summary.table.column_names:
+        return
+    for loss in summary.best:
+        if LOSSES[loss].family == "histogram":
+            label, color, _ = look_of(loss)
+            mean = mean_band([runs_of(summary, loss, MEAN_ACTION_RETURN)]).mean
+            name = f"{label}: mean action"
+            axes.plot(summary.steps, mean, gid=name, label=name, lw=0.9, ls=":", color=color)
 
 
-def best_curves(grids: Mapping[str, Summary], metric: str) -> Figure:
+def draw_levels(axes: Axes, task: str) -> list[float]:
+    """The best that any policy can do, what solves the task, what the action 0 earns: those that are known."""
+    values = {"optimum": optimum(task), "solved": TASKS[task].solved, "doing nothing": TASKS[task].at_rest}
+    known = {name: value for name, value in values.items() if value is not None}
+    for name, value in known.items():
+        draw_level(axes, value, name, LEVELS[name])
+    return [*known.values()]
+
+
+def best_curves(by_task: Mapping[str, Summary], metric: str) -> Figure:
     """The learning curves of each loss's best setting, a panel per task."""
-    figure, axes = panels(len(grids))
-    for panel, (task, summary) in zip(axes, grids.items(), strict=True):
-        draw_best(panel, dict.fromkeys(summary.best, summary), metric, task)
-        panel.set_title(heading(task), fontsize=10)
-    for panel in axes[:1]:
-        panel.set_ylabel("undiscounted return")
+    figure, axes = panels(len(by_task))
+    for panel, (task, summary) in zip(axes, by_task.items(), strict=True):
+        drawn = draw_best(panel, dict.fromkeys(summary.best, summary), metric)
+        fit_curves(panel, drawn, draw_levels(panel, task))
+        if metric == "evaluation_return":
+            draw_by_mean_action(panel, summary)
+        panel.set_title(numbered(heading(task), summary), fontsize=10)
+    label_rows(axes, "undiscounted return")
     finish(figure, axes)
     return figure

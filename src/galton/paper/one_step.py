@@ -65,22 +65,36 @@ def step(loss: str) -> Params:
     return stepped
 
 
-def density(distribution: Distribution, x: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+def density(distribution: Distribution, x: Float[np.ndarray, " n"]) -> Float[Array, " n"]:
     """Of a policy at actions x; a histogram's is that of its bins."""
     action = jnp.asarray(x, float)[:, None]
     if isinstance(distribution, Histogram):
-        return np.asarray(distribution.probs[0, BINS.encode(action)[:, 0]] / BINS.width)
+        return distribution.probs[0, BINS.encode(action)[:, 0]] / BINS.width
     assert isinstance(distribution, Gaussian)
-    return np.asarray(jnp.exp(distribution.log_prob(action)))
+    return jnp.exp(distribution.log_prob(action))
+
+
+@jax.jit
+def densities() -> dict[str, tuple[Array, Array]]:
+    """Each loss's policy before and after the step, at `_at(loss)`; all are compiled together, which takes a second."""
+    return {loss: (density(policy(start(loss)), _at(loss)), density(policy(step(loss)), _at(loss))) for loss in LOSSES}
+
+
+def _at(loss: str) -> Float[np.ndarray, " n"]:
+    """The actions at which a loss's policy is drawn: a histogram's bins, for a Gaussian many."""
+    is_histogram = find_loss(loss).family == "histogram"
+    return np.asarray(BINS.centers[0]) if is_histogram else np.linspace(BINS.low[0], BINS.high[0], 301)
 
 
 def draw() -> Figure:
     """A panel per loss: the policy before the step, the sampled actions with their advantages, the policy after."""
     figure, axes = panels(len(LOSSES), height=2.9)
+    heights = densities()
     for panel, loss in zip(axes, LOSSES, strict=True):
         look = look_of(loss)
-        _draw_policy(panel, policy(start(loss)), ("before the step", "#9a9a9a", "-"), 0.9, 0.0)
-        _draw_policy(panel, policy(step(loss)), look, 1.5, 0.15)
+        before, after = map(np.asarray, heights[loss])
+        _draw_policy(panel, loss, before, ("before the step", "#9a9a9a", "-"), 0.9, 0.0)
+        _draw_policy(panel, loss, after, look, 1.5, 0.15)
         _draw_actions(panel)
         panel.set_title(look[0] + (f", η = {ETAS[loss]:g}" if loss in ETAS else ""), fontsize=10)
     axes[0].set_ylabel("density")
@@ -90,16 +104,19 @@ def draw() -> Figure:
 
 
 def _draw_policy(
-    axes: Axes, distribution: Distribution, look: tuple[str, str, str], width: float, shade: float
+    axes: Axes,
+    loss: str,
+    heights: Float[np.ndarray, " n"],
+    look: tuple[str, str, str],
+    width: float,
+    shade: float,
 ) -> None:
     name, color, linestyle = look
-    if isinstance(distribution, Histogram):
-        heights = density(distribution, BINS.centers[0])
+    if find_loss(loss).family == "histogram":
         axes.stairs(heights, BINS.edges[0], baseline=None, color=color, ls=linestyle, lw=width, gid=name, label=name)
         axes.stairs(heights, BINS.edges[0], fill=True, color=color, alpha=shade, gid=name)
     else:
-        x = np.linspace(BINS.low[0], BINS.high[0], 301)
-        heights = density(distribution, x)
+        x = _at(loss)
         axes.plot(x, heights, color=color, ls=linestyle, lw=width, gid=name, label=name)
         axes.fill_between(x, heights, color=color, alpha=shade, linewidth=0, gid=name)
 

@@ -2,13 +2,16 @@
 
 import numpy as np
 from jaxtyping import Float
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from galton.analysis.plots import draw_series, finish, look_of, panels
-from galton.analysis.statistics import Interval, compare, difference_interval, performance_profile
+from galton.analysis.bands import mean_band
+from galton.analysis.plots import draw_series, finish, label_rows, look_of, panels
+from galton.analysis.scales import from_best
+from galton.analysis.statistics import Interval, compare, difference_interval
 from galton.losses import LOSSES
 from galton.page.page import Claim
-from galton.paper.curves import heading
+from galton.paper.curves import counted, heading
 from galton.paper.figure import FigureStudy
 from galton.paper.measures import CLASSIFICATION, by_setting, spread
 from galton.paper.scale import Scale
@@ -23,28 +26,38 @@ _HIGH = 0.9
 """How much of the way from rest to the best setting counts as high."""
 
 
-def finals(summary: Summary, loss: str) -> np.ndarray:
-    """Final training return of every run of a loss, all settings; NaN for a diverged one."""
+def profile(summary: Summary, loss: str, taus: Float[np.ndarray, " T"]) -> Interval:
+    """The share of a loss's runs, of every setting, that end above each τ; the trials of each setting are resampled."""
     own = [setting for setting in summary.study.settings if setting.config.loss == loss]
-    return np.asarray(summary.final("training_return")[summary.rows(*own)])
+    finals = summary.final("training_return")
+    return mean_band([finals[summary.rows(setting), None] > taus for setting in own])
 
 
 def draw(trained: Trained) -> Figure:
     """The performance profile of each loss over its whole grid, a panel per task that is done."""
     figure, axes = panels(len(trained.grids))
     for panel, (task, summary) in zip(axes, trained.grids.items(), strict=True):
-        everything = summary.final("training_return")
-        known = everything[~np.isnan(everything)]
-        low, high = np.quantile(known, [0.02, 1.0]) if len(known) else (0.0, 0.0)
-        taus = np.linspace(low, high, 200)
-        for loss in summary.best:
-            draw_series(panel, taus, performance_profile([finals(summary, loss)], taus), *look_of(loss))
-        panel.set_title(heading(task), fontsize=10)
+        known = summary.final("training_return")
+        known = known[~np.isnan(known)]
+        if len(known) and np.ptp(known):
+            _from_best(panel, known)
+            scale = panel.get_xaxis_transform() - panel.transAxes
+            taus = scale.inverted().transform(np.stack([np.linspace(0, 1, 160)] * 2, axis=1))[:, 0]
+            for loss in summary.best:
+                draw_series(panel, taus, profile(summary, loss, taus), *look_of(loss))
+        panel.set_title(f"{heading(task)}\n{counted(summary)}", fontsize=9)
         panel.set_xlabel("τ, final training return")
         panel.set_ylim(0, 1.02)
-    axes[0].set_ylabel("share of runs above τ")
+    label_rows(axes, "share of runs above τ")
     finish(figure, axes)
     return figure
+
+
+def _from_best(axes: Axes, finals: Float[np.ndarray, " R"]) -> None:
+    """An x axis from the worst run to the best, on which no tail is hidden."""
+    best, low = float(finals.max()), float(finals.min())
+    unit = max(0.5 * (best - float(np.median(finals))), (best - low) / 1000)
+    from_best(axes, "x", best, unit, (low, best + 0.1 * unit))
 
 
 def robust_to_settings(trained: Trained) -> Claim:
@@ -123,9 +136,10 @@ def _placements(a: Float[np.ndarray, "s n"], b: Float[np.ndarray, "t n"]) -> Flo
 
 FIGURE = FigureStudy(
     "Performance profiles",
-    "Share of all runs of a loss, every setting and trial of its grid, whose final training return exceeds τ, with a "
-    "bootstrapped 95% band. A run that diverged exceeds nothing; the lowest 2% of all are left of the panel. The grids "
-    "differ: the Gaussian's has learning rates alone, centred HL-Gauss's wider η.",
+    "Share of all runs of a loss, every setting and trial of its grid, whose final training return exceeds τ; the 95% "
+    "band is that of drawing each setting's trials again. A run that diverged exceeds nothing. The axis begins with "
+    "the worst run, and is linear near the best and logarithmic far from it. Above each panel stands how much of App. "
+    "C.2's grid was trained. The grids differ: the Gaussian's has learning rates alone, centred HL-Gauss's wider η.",
     draw,
     (*MAIN.values(),),
     number=7,

@@ -10,7 +10,7 @@ from galton.analysis.statistics import Comparison, mean_interval
 from galton.losses import LOSSES
 from galton.page.page import Claim
 from galton.paper import order, stability
-from galton.paper.curves import best_curves
+from galton.paper.curves import AXES, BANDS, best_curves, shown
 from galton.paper.figure import FigureStudy
 from galton.paper.measures import (
     CLASSIFICATION,
@@ -174,12 +174,12 @@ def acrobot(trained: Trained) -> Claim:
 
 TRAINING = FigureStudy(
     "Training return",
-    "Undiscounted training return of each loss's best setting (highest mean final training return): mean over trials "
-    "and 95% confidence interval of the runs that it was chosen by. Claims are judged by others, on fresh seeds, which "
-    "are in the table. The dashed line is the best that any policy can do, where that is known; the dotted line is "
-    "what the action 0 earns, always taken. In the table the mean of a curve is how a loss does over training, and "
-    "the noise of exploration costs what the deterministic policy earns more over training.",
-    lambda trained: best_curves(trained.grids, "training_return"),
+    "Undiscounted training return of each loss's best setting (highest mean final training return on the grid) on "
+    f"fresh seeds, which did not choose it and by which claims are judged: mean of n runs, and {BANDS}. Dashed: the "
+    "best that any policy can do, where that is known. Dotted: what the action 0 earns, always taken. Long dashes: the "
+    f"return from which the task counts as solved. {AXES} In the table the mean of a curve is how a loss does over "
+    "training, and the noise of exploration costs what the deterministic policy earns more over training.",
+    lambda trained: best_curves(shown(trained), "training_return"),
     (*MAIN.values(), *AGAIN.values()),
     number=2,
     table=winners,
@@ -196,18 +196,19 @@ TRAINING = FigureStudy(
 EVALUATION = FigureStudy(
     "Evaluation return",
     "Undiscounted return of the deterministic policy (the Gaussian's mean, the softmax's most likely bin) during "
-    "training, with the settings of Figure 2: mean over trials and 95% confidence interval. Unlike "
-    "training returns they are without the noise of exploration.",
-    lambda trained: best_curves(trained.grids, "evaluation_return"),
-    (*MAIN.values(),),
+    "training, without the noise of exploration: settings, seeds and bands of Figure 2. Thin and dotted, where that "
+    "was measured: the softmax policies by the mean of their distribution, since of a wide one the most likely bin is "
+    f"nearly any. {AXES}",
+    lambda trained: best_curves(shown(trained), "evaluation_return"),
+    (*MAIN.values(), *AGAIN.values()),
     number=8,
 )
 
 IN_THE_APPENDIX = FigureStudy(
     "Training return on the LQR and on Acrobot",
-    "Two panels of Figure 2, as the paper has them in its appendix.",
+    "Two panels of Figure 2 again, the same curves, as the paper has them in its appendix.",
     lambda trained: best_curves(
-        {task: trained.grids[task] for task in _IN_THE_APPENDIX if task in trained.grids}, "training_return"
+        {task: summary for task, summary in shown(trained).items() if task in _IN_THE_APPENDIX}, "training_return"
     ),
     (*(MAIN[task] for task in _IN_THE_APPENDIX), *(AGAIN[task] for task in _IN_THE_APPENDIX)),
     number=9,

@@ -1,76 +1,125 @@
 """Figures 4 to 6: how much a hyperparameter matters, one value held and the rest averaged (App. C.3)."""
 
 import functools
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
-from jaxtyping import Float
 from matplotlib import colormaps
+from matplotlib.axes import Axes
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
-from scipy import stats
 
-from galton.analysis.plots import draw_series, fit, over_steps, panels
+from galton.analysis.bands import mean_band
+from galton.analysis.plots import draw_series, finish, grid, over_steps
+from galton.analysis.scales import fit_curves
 from galton.analysis.statistics import Interval, against, compare, mean_interval, within
 from galton.losses import LOSSES
 from galton.page.page import Claim
-from galton.paper.curves import heading
+from galton.paper.curves import AXES, counted
 from galton.paper.figure import FigureStudy
 from galton.paper.measures import CLASSIFICATION, by_value, spread
-from galton.paper.scale import Scale
+from galton.paper.scale import Scale, optimum
 from galton.paper.summary import Summary
 from galton.paper.sweeps import MAIN
 from galton.paper.trained import Trained
 from galton.paper.verdicts import A_TENTH, Found, by_task, claim, rounded, unit
+from galton.tasks import TASKS
 
 NAMES = {"learning_rate": "learning rate", "n_bins": "k", "eta": "η"}
+_ALIKE = 0.02
+"""Curves that are nowhere further apart than this share of the panel's height lie upon one another."""
 
 
 def marginals(summary: Summary, loss: str, field: str, metric: str) -> dict[float, Interval]:
     """For each value of a field, the mean curve over all settings of a loss that have it, `[L]`.
 
-    The interval is that of the mean over these very settings: trials are the sample, settings are strata.
+    The band is that of the mean over these very settings: trials are the sample, settings are strata.
     """
     curves = summary.curves(metric)
     groups: dict[float, list[np.ndarray]] = {}
     for setting in summary.study.settings:
         if setting.config.loss == loss:
-            runs = curves[summary.rows(setting)]
-            groups.setdefault(float(setting.record()[field]), []).append(runs)
-    return {value: stratified_mean(group) for value, group in sorted(groups.items())}
-
-
-def stratified_mean(strata: list[Float[np.ndarray, "n *rest"]]) -> Interval:
-    """The mean of the strata's means and its 95% interval; NaN samples are left out of theirs."""
-    each = [mean_interval(stratum) for stratum in strata]
-    mean = np.mean([interval.mean for interval in each], axis=0)
-    freedom = np.array([np.maximum((~np.isnan(stratum)).sum(0) - 1, 1) for stratum in strata])
-    errors = np.array([interval.high - interval.mean for interval in each]) / stats.t.ppf(0.975, freedom)
-    half = stats.t.ppf(0.975, freedom.sum(0)) * np.sqrt((errors**2).sum(0)) / len(strata)
-    return Interval(mean, mean - half, mean + half)
+            groups.setdefault(float(setting.record()[field]), []).append(curves[summary.rows(setting)])
+    return {value: mean_band(group) for value, group in sorted(groups.items())}
 
 
 def draw(grids: Mapping[str, Summary], loss: str, fields: tuple[str, ...]) -> Figure:
-    """A row per field, a column per task whose sweep varies it."""
-    found: list[tuple[str, str, dict[float, Interval], Summary]] = []
-    for field in fields:
-        for task, summary in grids.items():
-            curves = marginals(summary, loss, field, "training_return")
-            if len(curves) > 1:
-                found.append((field, task, curves, summary))
-    columns = max((sum(f == field for f, *_ in found) for field in fields), default=1)
-    figure, axes = panels(len(found), columns=min(columns, 4))
-    for panel, (field, task, curves, summary) in zip(axes, found, strict=True):
-        colors = map(to_hex, colormaps["viridis"](np.linspace(0, 0.85, len(curves))))
-        for (value, interval), color in zip(curves.items(), colors, strict=True):
-            draw_series(panel, summary.steps, interval, f"{NAMES[field]} = {value:g}", color)
-        fit(panel, [interval.mean for interval in curves.values()])
-        over_steps(panel, float(summary.steps[-1]))
-        panel.set_title(f"{heading(task)}: {NAMES[field]}", fontsize=10)
-        panel.legend(fontsize=6.5, labelspacing=0.2)
-    for panel in axes[:: min(columns, 4)]:
-        panel.set_ylabel("training return")
+    """A row per field, a column per task; a cell says so where the sweep has one value alone."""
+    found = {
+        (field, task): marginals(summary, loss, field, "training_return")
+        for field in fields
+        for task, summary in grids.items()
+    }
+    rows = [field for field in fields if any(len(found[field, task]) > 1 for task in grids)]
+    figure, axes = grid(len(rows), len(grids))
+    looks = {field: _colors([[*found[field, task]] for task in grids]) for field in rows}
+    for i, (task, summary) in enumerate(grids.items()):
+        column = dict(zip(rows, axes[i :: len(grids)], strict=True))
+        varied = {field: panel for field, panel in column.items() if len(found[field, task]) > 1}
+        for field in column.keys() - varied:
+            _tell_missing(column[field], NAMES[field], [*found[field, task]])
+        for field, panel in varied.items():
+            for value, interval in found[field, task].items():
+                draw_series(panel, summary.steps, interval, f"{NAMES[field]} {value:g}", looks[field][value])
+            fit_curves(panel, [curve for of in varied for curve in found[of, task].values()], _optimum(task))
+            over_steps(panel, float(summary.steps[-1]))
+            _tell_equal(panel, found[field, task], NAMES[field])
+            is_last = field == [*varied][-1]
+            panel.tick_params(labelbottom=is_last)
+            panel.set_xlabel("environment steps" if is_last else "")
+        axes[i].set_title(f"{TASKS[task].title}\n{counted(summary, loss)}", fontsize=7.5)
+    for panel, field in zip(axes[:: len(grids)], rows, strict=True):
+        panel.set_ylabel(f"by {NAMES[field]}\ntraining return")
+    finish(figure, axes, [f"{NAMES[field]} {value:g}" for field in rows for value in sorted(looks[field])])
     return figure
+
+
+def _optimum(task: str) -> list[float]:
+    best = optimum(task)
+    return [] if best is None else [best]
+
+
+def _tell_missing(axes: Axes, name: str, values: Sequence[float]) -> None:
+    """Say in an empty cell which value there is alone."""
+    axes.set_axis_off()
+    told = f"{name} {values[0]:g}\nalone" if values else "not trained"
+    axes.text(0.5, 0.5, told, transform=axes.transAxes, ha="center", va="center", fontsize=8, color="#444444")
+
+
+def _colors(values_of: Sequence[Sequence[float]]) -> dict[float, str]:
+    """A colour for each value, dark to light: values that tasks share have one, those of other tasks begin anew."""
+    scales: list[set[float]] = []
+    for values in map(set, values_of):
+        shared = [scale for scale in scales if scale & values]
+        scales = [scale for scale in scales if scale not in shared] + [values.union(*shared)]
+    return {value: shade for scale in scales for value, shade in zip(sorted(scale), _shades(len(scale)), strict=True)}
+
+
+def _shades(n: int) -> list[str]:
+    """As many colours from dark to light, all of them dark enough for white paper."""
+    return [to_hex(color) for color in colormaps["viridis"](np.linspace(0, 0.78, n))]
+
+
+def _tell_equal(axes: Axes, curves: Mapping[float, Interval], name: str) -> None:
+    """Name the values whose curves lie upon one another, of which a reader sees but one."""
+    to_shares = axes.get_yaxis_transform() - axes.transAxes
+    shown = {
+        value: to_shares.transform(np.stack([np.linspace(0, 1, np.size(curve.mean)), curve.mean], axis=1))
+        for value, curve in curves.items()
+    }
+    groups: list[list[float]] = []
+    for value, curve in shown.items():
+        apart = np.nanmax(np.abs(curve - shown[groups[-1][0]])) if groups else np.inf
+        groups = [*groups[:-1], [*groups[-1], value]] if apart < _ALIKE else [*groups, [value]]
+    told = "\n".join(f"{name} {group[0]:g}–{group[-1]:g} coincide" for group in groups if len(group) > 1)
+    x, y = np.concatenate([*shown.values()]).T
+    corners = {
+        (0.98, 0.04, "right", "bottom"): (x > 0.4) & (y < 0.2),
+        (0.04, 0.98, "left", "top"): (x < 0.6) & (y > 0.8),
+        (0.98, 0.5, "right", "center"): (x > 0.4) & (np.abs(y - 0.5) < 0.1),
+    }
+    right, up, across, along = min(corners, key=lambda corner: int(corners[corner].sum()))
+    axes.text(right, up, told, transform=axes.transAxes, ha=across, va=along, fontsize=6.5, color="#444444")
 
 
 def sensitive(trained: Trained, loss: str, field: str, much: bool, words: str) -> Claim:
@@ -161,9 +210,10 @@ def _figure(
     names = ", ".join(NAMES[field] for field in fields)
     return FigureStudy(
         f"Sensitivity of {label}",
-        f"Training return of {label} with one hyperparameter held ({names}) and all other settings of the grid "
-        "averaged: mean and 95% confidence interval over trials. Where others are averaged in, no curve can be better "
-        "than Figure 2's.",
+        f"Training return of {label} with one hyperparameter held ({names}: a row each) and all other settings of the "
+        "grid averaged: the mean, and the 95% band of drawing each setting's trials again. Where others are averaged "
+        "in, no curve can be better than Figure 2's. Above stands how much of App. C.2's grid was trained. A task's "
+        "panels have one y axis. Colours are those of a hyperparameter's values, dark for the smallest. " + AXES,
         lambda trained: draw(trained.grids, loss, fields),
         (*MAIN.values(),),
         number,

@@ -2,20 +2,23 @@
 
 import dataclasses
 import textwrap
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.typing import ColorType
 
-from galton.analysis.plots import draw_marks, finish, fit, look_of, panels
-from galton.analysis.statistics import mean_interval
+from galton.analysis.bands import mean_band
+from galton.analysis.plots import draw_marks, finish, fit, look_of, marker_of, panels
+from galton.analysis.statistics import Interval, mean_interval
 from galton.losses import LOSSES
 from galton.page.page import Table
-from galton.paper.curves import draw_levels, heading
+from galton.paper.curves import BANDS, draw_levels, heading, numbered
 from galton.paper.figure import FigureStudy
+from galton.paper.measures import CLASSIFICATION
 from galton.paper.summary import Summary
 from galton.paper.sweeps import Budget, Done, Sweep, again, task_study
 from galton.paper.trained import Trained
@@ -140,39 +143,75 @@ def change_of(setting: Setting, base: dict[str, object]) -> str:
 
 
 def draw(trained: Trained) -> Figure:
-    """A panel per task: changes across, returns up, a mark per loss."""
+    """A panel per task: changes across, returns up, a mark per loss for training and one without exploration."""
     found = retrained(trained)
-    figure, axes = panels(len(found), columns=1)
-    figure.set_figwidth(9.5)
+    figure, axes = panels(len(found), columns=1, height=3.0)
+    figure.set_figwidth(10.5)
     for panel, (task, summary) in zip(axes, found.items(), strict=True):
-        _draw_task(panel, task, outcomes(summary))
-    finish(figure, axes)
+        _draw_task(panel, task, summary)
+    finish(figure, axes, [look_of(loss)[0] + word for word, _ in _SHOWN.values() for loss in LOSSES])
     return figure
 
 
-def _draw_task(axes: Axes, task: str, results: Mapping[tuple[str, str], Outcome]) -> None:
+def _draw_task(axes: Axes, task: str, summary: Summary) -> None:
     """A mean far below all others is written down, and does not stretch the axis."""
-    changes = list(dict.fromkeys(change for change, _ in results))
+    results = outcomes(summary)
     losses = list(dict.fromkeys(loss for _, loss in results))
-    finals = {key: mean_interval(outcome.finals["training_return"]) for key, outcome in results.items()}
-    means = np.array([final.mean for final in finals.values()])
-    known = [np.nanmedian(means), *([] if (rest := TASKS[task].at_rest) is None else [rest])]
-    bottom = min(known) - 2 * (np.nanmax(means) - min(known))
-    fit(axes, [means[means >= bottom], *draw_levels(axes, task)])
+    changes = _by_classification({key: outcome.finals["training_return"] for key, outcome in results.items()})
+    marks = {
+        (change, loss, metric): mean_band([summary.final(metric)[summary.rows(outcome.setting)]])
+        for (change, loss), outcome in results.items()
+        for metric in _SHOWN
+    }
+    bottom = _fit_marks(axes, task, np.array([mark.mean for mark in marks.values()]))
     for i, loss in enumerate(losses):
         label, color, _ = look_of(loss)
-        shift = 0.16 * (i - (len(losses) - 1) / 2)
-        intervals = [finals[change, loss] for change in changes]
-        draw_marks(axes, intervals, label, color, shift)
-        for x, interval in enumerate(intervals):
-            if interval.mean < bottom:
-                at = x + shift, axes.get_ylim()[0]
-                axes.annotate(f" ↓ {interval:.0f}", at, color=color, fontsize=8, va="bottom")
+        for metric, (word, aside) in _SHOWN.items():
+            shift = 0.2 * (i - (len(losses) - 1) / 2) + aside
+            intervals = [marks[change, loss, metric] for change in changes]
+            draw_marks(axes, intervals, label + word, color, shift, marker_of(loss), hollow=bool(word))
+            _draw_beyond(axes, intervals, bottom, shift, color, line=bool(word))
     axes.set_xticks(range(len(changes)), [textwrap.fill(change, 14) for change in changes], fontsize=8)
     axes.set_xlim(-0.5, len(changes) - 0.5)
-    axes.set_title(heading(task), fontsize=10)
+    axes.set_title(numbered(heading(task), summary, every=True), fontsize=10)
     axes.set_xlabel("change")
-    axes.set_ylabel("final training return")
+    axes.set_ylabel("final return")
+
+
+_SHOWN = {"training_return": ("", -0.04), "evaluation_return": (": deterministic", 0.04)}
+"""The metrics of the figure, with what follows a loss's name, and where they stand beside its place."""
+
+
+def _by_classification(finals: Mapping[tuple[str, str], Float[np.ndarray, " trials"]]) -> list[str]:
+    """The changes: none first, then by what the better of the paper's classification losses earns."""
+    earned: dict[str, float] = {}
+    for (change, loss), values in finals.items():
+        mean = float(mean_interval(values).mean) if loss in CLASSIFICATION else np.nan
+        earned[change] = float(np.fmax(earned.get(change, np.nan), mean))
+    unchanged, *others = sorted(earned, key=lambda change: change != next(iter(CHANGES)))
+    return [unchanged, *sorted(others, key=lambda change: np.nan_to_num(earned[change], nan=-np.inf))]
+
+
+def _fit_marks(axes: Axes, task: str, means: Float[np.ndarray, " n"]) -> float:
+    """Fit the y axis to these means and the task's levels; the value below which none stretches it."""
+    known = [np.nanmedian(means), *([] if (rest := TASKS[task].at_rest) is None else [rest])]
+    bottom = float(min(known) - 2 * (np.nanmax(means) - min(known)))
+    fit(axes, [means[means >= bottom], np.array(draw_levels(axes, task))])
+    return bottom
+
+
+def _draw_beyond(
+    axes: Axes, intervals: Sequence[Interval], bottom: float, shift: float, color: ColorType, line: int
+) -> None:
+    """An arrow where an interval goes on below the axis; where its mean lies there too its numbers, on that line."""
+    low, _ = axes.get_ylim()
+    for x, interval in enumerate(intervals):
+        at = x + shift, low
+        if interval.mean < bottom:
+            words, aside = f" ↓ {interval:.0f}", (0, 11 * line)
+            axes.annotate(words, at, aside, textcoords="offset points", color=color, fontsize=8, va="bottom")
+        elif interval.low < low:
+            axes.plot(*at, marker=11, color=color, ms=5, clip_on=False)  # points down, from the axis
 
 
 def causes(trained: Trained) -> Table:
@@ -192,10 +231,11 @@ def causes(trained: Trained) -> Table:
 
 FIGURE = FigureStudy(
     "Why: one thing changed at a time",
-    "Final training return of each loss (k = 100; HL-Gauss with η = 0.25, centred HL-Gauss with the better of η = 2 "
-    "and 4, each with the best of three learning rates up to 0.003) under the paper's settings and with one thing "
-    "changed: mean over trials and 95% confidence interval of runs on fresh seeds. Dotted: what the "
-    "action 0 earns, always taken. An arrow gives a mean that lies below the axis.",
+    "Final return of each loss (k = 100; HL-Gauss with η = 0.25, centred HL-Gauss with the better of η = 2 and 4, each "
+    "with the best of three learning rates up to 0.003) under the paper's settings and with one thing changed. Filled: "
+    "in training; hollow: by the deterministic policy. Changes stand in the order of what the better of HL-1-Hot and "
+    f"HL-Gauss earns in training. Means of n runs on fresh seeds, and {BANDS}; a small arrow says that the bar goes on "
+    "below the axis, a number that the mean does too. Dotted: what the action 0 earns, always taken.",
     draw,
     tuple(sweep for task in WHY_TASKS for sweep in (SWEEPS[task], AGAIN[task])),
     table=causes,
