@@ -109,10 +109,19 @@ class LQR:
 
     @property
     def random_return(self) -> float:
-        """E −Σ_t cost under u ~ U(−1, 1)^m: uncorrelated with x, so second moments S of x are all it takes."""
+        """E −Σ_t cost under u ~ U(−1, 1)^m, whose variance is 1/3."""
+        return self._return_under_noise(1 / 3)
+
+    @property
+    def rest_return(self) -> float:
+        """E −Σ_t cost under u = 0."""
+        return self._return_under_noise(0.0)
+
+    def _return_under_noise(self, variance: float) -> float:
+        """E −Σ_t cost where u is noise: uncorrelated with x, so second moments S of x are all it takes."""
         A, B, Q, R = (np.array(matrix) for matrix in (self.A, self.B, self.Q, self.R))  # noqa: N806
         second_moment, total = np.eye(len(A)) / 3, 0.0
         for _ in range(self.max_episode_steps):
-            total -= np.trace(Q @ second_moment) + np.trace(R) / 3
-            second_moment = A @ second_moment @ A.T + B @ B.T / 3 + self.noise_std**2 * np.eye(len(A))
+            total -= np.trace(Q @ second_moment) + variance * np.trace(R)
+            second_moment = A @ second_moment @ A.T + variance * B @ B.T + self.noise_std**2 * np.eye(len(A))
         return float(total)

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 import pyarrow as pa
 from matplotlib.figure import Figure
 
-from galton.page.page import Claim, Table
+from galton.page.page import Claim, Matrix, Table
 from galton.paper.sweeps import Budget, Sweep
 from galton.paper.trained import Trained
 
@@ -23,7 +23,7 @@ class FigureStudy:
     """The sweeps that it needs; figures may share sweeps, which are then trained once."""
     number: int | None = None
     """Its number in the paper; None for a figure that the paper does not have."""
-    table: Callable[[Trained], Table] | None = None
+    table: Callable[[Trained], Table | Matrix] | None = None
     """Makes the table of numbers below the figure, where that is drawn."""
     claims: Mapping[int | float, Callable[[Trained], Claim]] = dataclasses.field(default_factory=dict)
     """What the paper says of it, by the place among all claims of the page, which are in the paper's order: 2.5 stands

@@ -4,7 +4,8 @@ from collections.abc import Callable, Collection, Iterator, Mapping
 from typing import NamedTuple
 
 from galton.page.page import Cell, Claim, Matrix
-from galton.paper import bandit, changes, rescaling, returns, why
+from galton.paper import changes, rescaling, returns, why
+from galton.paper.boxed import cell, in_the_box
 from galton.paper.changes import HYPOTHESES, Change
 from galton.paper.figure import FigureStudy
 from galton.paper.rescaling import SCALES
@@ -21,6 +22,9 @@ CLAIMS: dict[str, Callable[[Trained], Claim]] = {
     "Acrobot is the exception": returns.acrobot,
 }
 """The claims that changes are to move: what the page calls them, and what judges them."""
+
+
+NAME = "hypotheses"
 
 
 class Row(NamedTuple):
@@ -54,25 +58,13 @@ def table(trained: Trained) -> Matrix:
     return Matrix(
         "change",
         ["tasks", *CLAIMS],
-        {
-            name: [Cell(_tasks(each)), *(_cell(judge(each)) for judge in CLAIMS.values())]
-            for name, each in found.items()
-        },
+        {name: [Cell(_tasks(each)), *(cell(judge(each)) for judge in CLAIMS.values())] for name, each in found.items()},
     )
 
 
 def _tasks(trained: Trained) -> str:
     known = [TASKS[task].title for task in trained.judged]
     return "all" if len(known) == len(TASKS) else ", ".join(known)
-
-
-def _cell(claim: Claim) -> Cell:
-    """How many of how many are clearly as the paper says, and how many the contrary."""
-    if claim.count is None:
-        return Cell("—")
-    k, n = claim.count
-    contrary = sum(line.startswith("✗") for line in claim.number.splitlines())
-    return Cell(f"{k} of {n}" + (f", {contrary} contrary" if contrary else ""), claim.verdict)
 
 
 def under(trained: Trained, change: Change) -> Trained:
@@ -89,12 +81,6 @@ def under(trained: Trained, change: Change) -> Trained:
                 Judged(*(each.part([*winners.values()]) for each in pair)), trained.judged[task], change.losses
             )
     return as_main(found)
-
-
-def in_the_box(trained: Trained) -> Trained:
-    """The bandit whose actions are in units of its box."""
-    pair = _pair(trained, bandit.BOXED.main, bandit.BOXED.again)
-    return as_main({} if pair is None else {"bandit": pair})
 
 
 def rescaled(trained: Trained, scale: float, in_box: bool) -> Trained:
@@ -166,7 +152,6 @@ FIGURE = FigureStudy(
         *(sweep for key in changes.SWEEPS for sweep in (changes.SWEEPS[key], changes.AGAIN[key])),
         *rescaling.SWEEPS.values(),
         *changes.WITHOUT_LOWEST.values(),
-        *bandit.BOXED.sweeps,
     ),
     table=table,
 )

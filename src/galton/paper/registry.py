@@ -1,14 +1,16 @@
 """The figures of the page by name, and the sweeps that they need."""
 
 from galton.errors import require
-from galton.paper import bandit, one_step, profiles, propositions, returns, sensitivity, why
+from galton.paper import bandit, boxed, hypotheses, one_step, profiles, propositions, returns, sensitivity, why
 from galton.paper.figure import FigureStudy
 from galton.paper.sweeps import Sweep, needed
 
 FIGURES: dict[str, FigureStudy] = {
+    hypotheses.NAME: hypotheses.FIGURE,
     "figure-1": one_step.FIGURE,
     "figure-2": returns.TRAINING,
     "figure-3": bandit.FIGURE,
+    "figure-3-boxed": boxed.FIGURE,
     "figure-4": sensitivity.HL_GAUSS,
     "figure-5": sensitivity.HL_ONE_HOT,
     "figure-6": sensitivity.GAUSSIAN,

@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 
 from galton.analysis.plots import settle
 from galton.page.page import Claim, Section, render
-from galton.paper import made
+from galton.paper import hypotheses, made
 from galton.paper.answer import answer
 from galton.paper.figure import FigureStudy
 from galton.paper.registry import FIGURES
@@ -29,7 +29,7 @@ INTRODUCTION = (
     "the paper's. It is HL-Gauss without a bias that docs/paper.md derives, on a grid of its own with wider targets, "
     "and no claim counts it.",
 )
-FIRST = ("hypotheses",)
+FIRST = (hypotheses.NAME,)
 """The figures that stand before the claims."""
 
 

@@ -2,9 +2,19 @@
 
 import dataclasses
 import json
+from collections.abc import Mapping
 
+import numpy as np
+from matplotlib.figure import Figure
+
+from galton.analysis.bands import mean_band
+from galton.analysis.plots import draw_series, finish, label_rows, look_of, panels
+from galton.analysis.scales import fit_curves
+from galton.paper.curves import heading
+from galton.paper.measures import Scores, final_return, logged
 from galton.paper.summary import Summary
 from galton.paper.sweeps import AGAIN, MAIN, Budget, Done, Sweep, on_fresh_seeds
+from galton.paper.trained import Trained
 from galton.sweep.study import Setting, Study
 from galton.tasks import TASKS
 
@@ -50,6 +60,59 @@ SWEEPS = {
 Gaussian in its units is trained there too."""
 
 
-def at_scale_one(task: str) -> tuple[Sweep, ...]:
-    """The sweeps that have the task's own units."""
-    return (AGAIN[task], SWEEPS[task, 1.0]) if (task, 1.0) in SWEEPS else (AGAIN[task],)
+def across(trained: Trained, task: str) -> dict[str, dict[float, Summary]]:
+    """The runs of each loss, and of IN_THE_BOX, at each scale that is done: summaries of one setting."""
+    found: dict[str, dict[float, Summary]] = {}
+    done = {scale: trained.of(SWEEPS[task, scale]) for scale in SCALES if (task, scale) in SWEEPS}
+    n = min((summary.study.trials for summary in done.values() if summary is not None), default=0)
+    known = [(scale, summary) for scale, summary in [*done.items(), (1.0, trained.of(AGAIN[task]))] if summary and n]
+    for scale, summary in known:
+        for setting in summary.study.settings:
+            name = name_of(setting)
+            names = (name, IN_THE_BOX) if name == "gaussian" and scale == 1 and task != "bandit" else (name,)
+            for each in names:
+                found.setdefault(each, {}).setdefault(scale, summary.part([setting], n))
+    return {name: dict(sorted(by_scale.items())) for name, by_scale in found.items()}
+
+
+def are_equal(by_scale: Mapping[float, Summary]) -> bool:
+    """Whether all that is kept of the runs is the same to the bit at every scale, but for σ, which is in its units."""
+    first, *others = by_scale.values()
+    names = [name for name in first.table.column_names if name not in ("setting", "final_sigma")]
+    return all(first.table.select(names).equals(other.table.select(names)) for other in others)
+
+
+def draw(trained: Trained) -> Figure:
+    """Final returns by the scale of the box, a column per task: with exploration, and without."""
+    found = {task: across(trained, task) for task in SCALE_TASKS}
+    found = {task: series for task, series in found.items() if any(len(by_scale) > 1 for by_scale in series.values())}
+    figure, axes = panels(2 * len(found), columns=max(1, len(found)))
+    for row, kind in enumerate(("training", "deterministic")):
+        for column, (task, series) in enumerate(found.items()):
+            panel = axes[row * len(found) + column]
+            drawn = []
+            for name, by_scale in series.items():
+                finals = np.stack([_final(summary, kind) for summary in by_scale.values()], 1)
+                drawn.append(mean_band([finals]))
+                draw_series(panel, [*by_scale], drawn[-1], *_look(name), marker="o")
+            panel.set_xscale("log", base=2)
+            panel.set_xticks(SCALES, [f"{scale:g}" for scale in SCALES])
+            panel.set_title(heading(task), fontsize=10)
+            panel.set_xlabel("action box times")
+            fit_curves(panel, drawn)
+        label_rows(axes[row * len(found) : (row + 1) * len(found)], f"{kind} return")
+    finish(figure, axes)
+    return figure
+
+
+def _final(summary: Summary, kind: str) -> Scores:
+    """Final returns; of the deterministic policy by its mean action where that was logged."""
+    metric = "training_return" if kind == "training" else [*logged(summary)][-1]
+    return final_return(summary, summary.study.settings[0].config.loss, metric)
+
+
+def _look(name: str) -> tuple[str, str, str]:
+    if name != IN_THE_BOX:
+        return look_of(name)
+    label, color, _ = look_of("gaussian")
+    return f"{label}, units of the box", color, ":"

@@ -9,6 +9,8 @@ from jaxtyping import Float
 from galton.analysis.comparison import rest_of
 from galton.envs.base import Environment
 from galton.envs.find import find
+from galton.envs.lqr import LQR
+from galton.envs.registry import read_constants
 from galton.paper.summary import Summary
 from galton.sweep.results import mean_returns
 from galton.tasks import TASKS
@@ -35,20 +37,21 @@ class Scale(NamedTuple):
 
 
 @functools.cache
-def _environment(task: str) -> Environment | None:
-    env = find(TASKS[task].env) if TASKS[task].in_jax else None
+def _environment(task: str, constants: str) -> Environment | None:
+    env = find(TASKS[task].env, **read_constants(constants)) if TASKS[task].in_jax else None
     return env if isinstance(env, Environment) else None
 
 
-def optimum(task: str) -> float | None:
-    """The return of the best controller, where it is known."""
-    env = _environment(task)
+def optimum(task: str, constants: str = "{}") -> float | None:
+    """The return of the best controller, where it is known; the environment's constants are those of a Study."""
+    env = _environment(task, constants)
     return None if env is None else env.optimal_return
 
 
-def rest(task: str) -> float | None:
+def rest(task: str, constants: str = "{}") -> float | None:
     """The better of doing nothing and of acting at random, whose returns need no learning; None if neither is known."""
-    return rest_of(_environment(task), TASKS[task].at_rest)
+    env = _environment(task, constants)
+    return rest_of(env, env.rest_return if isinstance(env, LQR) else TASKS[task].at_rest)
 
 
 def scale_of(task: str, grid: Summary) -> Scale | None:
@@ -56,14 +59,15 @@ def scale_of(task: str, grid: Summary) -> Scale | None:
 
     None where rest is not known, or nothing on the grid is better.
     """
-    low, best = rest(task), optimum(task)
+    constants = grid.study.env_kwargs
+    low, best = rest(task, constants), optimum(task, constants)
     high = max(mean_returns(grid.study, grid.table).values(), default=-np.inf) if best is None else best
     return Scale(low, high) if low is not None and low < high < np.inf else None
 
 
 def above_rest(task: str, grid: Summary) -> tuple[int, int]:
     """How many of a grid's runs ever log a training return above rest, and of how many."""
-    low, curves = rest(task), grid.curves("training_return")
+    low, curves = rest(task, grid.study.env_kwargs), grid.curves("training_return")
     return int((curves > (-np.inf if low is None else low)).any(1).sum()), len(curves)
 
 
