@@ -1,6 +1,6 @@
 """What makes the paper's result appear? The same claims, judged where one thing is changed."""
 
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from typing import NamedTuple
 
 from galton.page.page import Cell, Claim, Matrix
@@ -38,18 +38,29 @@ class Row(NamedTuple):
 def rows(trained: Trained) -> Iterator[Row]:
     """The main experiment, then every change under which something was trained."""
     yield Row("as in the main experiment", trained)
-    yield Row("(a) bandit in units of the box", in_the_box(trained))
-    for scale in SCALES:
-        if scale != 1:
-            yield Row(f"(b) action box × {scale:g}", rescaled(trained, scale, in_box=False))
-    yield Row(f"(b) × {SCALES[-1]:g}, the Gaussian in units of the box", rescaled(trained, SCALES[-1], in_box=True))
     for letter, hypothesis in HYPOTHESES.items():
         for change in hypothesis.changes:
             yield Row(f"({letter}) {change.name}", under(trained, change))
-    yield Row("(h) MuJoCo without the learning rate 1e-4", without_lowest(trained))
-    for name in why.CHANGES:
-        if why.CHANGES[name]:
-            yield Row(name, as_before(trained, name))
+        own = _OWN.get(letter)
+        for name, found in own(trained) if own else ():
+            yield Row(f"({letter}) {name}", found)
+    for name in filter(why.CHANGES.get, why.CHANGES):
+        yield Row(name, as_before(trained, name))
+
+
+def _of_scales(trained: Trained) -> Iterator[tuple[str, Trained]]:
+    for scale in SCALES:
+        if scale != 1:
+            yield f"action box × {scale:g}", rescaled(trained, scale, in_box=False)
+    yield f"× {SCALES[-1]:g}, the Gaussian in units of the box", rescaled(trained, SCALES[-1], in_box=True)
+
+
+_OWN: dict[str, Callable[[Trained], Iterable[tuple[str, Trained]]]] = {
+    "a": lambda trained: [("bandit in units of its box", in_the_box(trained))],
+    "b": _of_scales,
+    "h": lambda trained: [("MuJoCo without the learning rate 1e-4", without_lowest(trained))],
+}
+"""The rows of the hypotheses that have sweeps of their own."""
 
 
 def table(trained: Trained) -> Matrix:
@@ -63,8 +74,9 @@ def table(trained: Trained) -> Matrix:
 
 
 def _tasks(trained: Trained) -> str:
-    known = [TASKS[task].title for task in trained.judged]
-    return "all" if len(known) == len(TASKS) else ", ".join(known)
+    if len(trained.judged) == len(TASKS):
+        return "all"
+    return ", ".join(TASKS[task].title + (" (null)" if task in trained.nulls else "") for task in trained.judged)
 
 
 def under(trained: Trained, change: Change) -> Trained:

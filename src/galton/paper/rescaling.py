@@ -97,7 +97,9 @@ def draw(trained: Trained) -> Figure:
                 draw_series(panel, [*by_scale], drawn[-1], *_look(name), marker="o")
             panel.set_xscale("log", base=2)
             panel.set_xticks(SCALES, [f"{scale:g}" for scale in SCALES])
-            panel.set_title(heading(task), fontsize=10)
+            softmax = [by_scale for name, by_scale in series.items() if not name.startswith("gaussian")]
+            equal = sum(map(are_equal, softmax))
+            panel.set_title(f"{heading(task)}\nsoftmax equal to the bit: {equal} of {len(softmax)}", fontsize=9)
             panel.set_xlabel("action box times")
             fit_curves(panel, drawn)
         label_rows(axes[row * len(found) : (row + 1) * len(found)], f"{kind} return")
