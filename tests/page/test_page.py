@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from galton.analysis.plots import draw_level, draw_marks, draw_series, finish, panels
+from galton.analysis.plots import draw_level, draw_marks, draw_series, finish, grid, panels, settle
+from galton.analysis.scales import from_best
 from galton.analysis.statistics import Interval, mean_interval
 from galton.errors import UsageError
-from galton.page.page import VERDICTS, Claim, Section, Table, render
+from galton.page.page import MARKS, VERDICTS, Answer, Cell, Claim, Matrix, Section, Table, render
 
 HOSTILE = "</script><script>alert(1)</script><!-- <img src=x onerror=alert(2)> \"'&amp;"
 STEPS = np.arange(1.0, 6.0) * 1000
@@ -59,7 +60,7 @@ def claim(**changes):
 
 
 def page(claims=(), **changes):
-    plain = Section("curves", "Curves", "A caption.", figure(), [("command", "galton reproduce")])
+    plain = Section("curves", "Curves", "A caption.", figure())
     return render("A title", ["First.", "Second."], claims, [dataclasses.replace(plain, **changes)])
 
 
@@ -67,10 +68,22 @@ def data(document, i=0):
     return json.loads(document.raw["script"][i])
 
 
-def test_the_claims_come_first_then_the_contents_then_the_sections():
-    text = page([claim(), claim(verdict="not decidable here", section=None)])
-    places = [text.index(part) for part in ("A title</h1>", "Second.", "It works.", ">Contents<", "A caption.")]
+def matrix(**changes):
+    rows = {"LQR": [Cell("5 of 6", "holds"), Cell("—")], "Ant": [Cell("0 of 2", "does not hold"), Cell("none")]}
+    return dataclasses.replace(Matrix("task", ["ends higher", "learns faster"], rows), **changes)
+
+
+def test_the_answer_comes_first_then_what_is_first_the_claims_the_contents_and_the_sections():
+    sections = [Section("curves", "Curves", "A caption."), Section("before", "Before", table=matrix(), is_first=True)]
+    answer = Answer(["It depends.", "On much."], matrix(narrow=True), "A note.", figure(), "In small.")
+    text = render("A title", ["First.", "Second."], [claim(section=None)], sections, answer)
+    parts = ["A title</h1>", "It depends.", "5 of 6", "On much.", "A note.", "In small.", ">Before<", ">Claims<"]
+    places = [text.index(part) for part in [*parts, "Second.", "It works.", ">Contents<", "A caption."]]
     assert places == sorted(places)
+
+
+def test_a_claim_leads_to_its_figure():
+    text = page([claim(), claim(verdict="not decidable here", section=None)])
     links = [attributes["href"] for attributes in Document(text).all("a")]
     assert links == ["#curves"] * 3  # of the claim, of the contents, and the download's
 
@@ -82,9 +95,40 @@ def test_each_verdict_is_counted_and_shown_with_a_sign_of_its_own():
     assert len(set(re.findall(r"#page.sign-\d", counts))) == 4
 
 
+def test_each_unit_of_a_claim_has_its_mark_and_the_claim_its_count():
+    lines = [f"{mark} Task {i} +1.0" for i, mark in enumerate(MARKS)]
+    text = page([claim(number="\n".join([*lines, "in all"]), count=(1, 3))])
+    assert '<p class="count">1 of 3</p>' in text
+    units = re.findall(r'<li><b(?: class="verdict-(\d)")?>(.?)</b><span>(.*?)</span>', text)
+    assert [(mark, words) for _, mark, words in units] == [
+        *((mark, f"Task {i} +1.0") for i, mark in enumerate(MARKS)),
+        ("", "in all"),
+    ]
+    assert [color for color, *_ in units] == ["0", "2", "3", "3", "3", ""]
+    legend = re.search(r'<ul class="marks">(.*?)</ul>', text, re.DOTALL)[1]
+    assert all(meaning in legend for meaning in MARKS.values())
+
+
+def test_a_matrix_says_each_cell_with_its_row_and_column():
+    text = page(table=matrix())
+    cells = re.findall(
+        r'<td role="cell" data-label="([^"]+)"(?: class="judged verdict-(\d)")?><span>(.*?)</span>', text
+    )
+    assert [(label, verdict, re.sub("<svg.*</svg> ", "", words)) for label, verdict, words in cells] == [
+        ("ends higher", "0", "5 of 6"),
+        ("learns faster", "", "—"),
+        ("ends higher", "2", "0 of 2"),
+        ("learns faster", "", "none"),
+    ]
+    assert re.findall(r'role="rowheader">([^<]+)<', text) == ["LQR", "Ant"]
+
+
 @pytest.mark.parametrize(
     ("wrong", "named"),
     [
+        (lambda: Cell("x", "maybe"), "verdict is 'maybe'"),
+        (lambda: matrix(columns=["one"]), "rows has 'LQR' with 2 cells; it must be 1"),
+        (lambda: claim(count=(3, 2)), r"count is \(3, 2\); it must be k of n"),
         (lambda: claim(verdict="maybe"), "verdict is 'maybe'"),
         (lambda: Section("Figure 1", "t"), "name is 'Figure 1'"),
         (lambda: Table(["a", "b"], [["1", "2"], ["3"]]), r"\['3'\]; it must be 2"),
@@ -110,7 +154,6 @@ def test_text_from_outside_is_text_and_nothing_else():
                     HOSTILE,
                     HOSTILE,
                     figure((HOSTILE, "HL-Gauss")),
-                    [(HOSTILE, HOSTILE)],
                     Table([HOSTILE], [[HOSTILE]]),
                     [HOSTILE],
                 )
@@ -118,9 +161,18 @@ def test_text_from_outside_is_text_and_nothing_else():
         )
     )
     assert [tag for tag, _ in hostile.elements] == [tag for tag, _ in plain.elements]
-    assert hostile.text.count(HOSTILE) == 21  # each where it was given, titles three times more, and in the drawing
+    assert hostile.text.count(HOSTILE) == 19  # each where it was given, titles three times more, and in the drawing
     assert data(hostile)["names"] == [HOSTILE, "HL-Gauss", "optimum"]
     assert len(hostile.raw["script"]) == 2
+
+
+def test_text_from_outside_is_text_in_the_answer_too():
+    def head(words):
+        answer = Answer([words] * 2, Matrix(words, [words], {words: [Cell(words, "holds")]}), words, figure(), words)
+        return Document(render("t", [], [], [], answer))
+
+    assert [tag for tag, _ in head(HOSTILE).elements] == [tag for tag, _ in head("plain").elements]
+    assert head(HOSTILE).text.count(HOSTILE) == 8
 
 
 def test_nothing_is_fetched_and_only_the_pages_own_style_and_script_are_allowed():
@@ -176,6 +228,39 @@ def test_a_panels_box_and_limits_say_where_its_numbers_are_drawn():
         low, high = panel["y"]["limits"]
         mean = panel["series"][0]["mean"][0]
         assert top + height * (high - mean) / (high - low) == pytest.approx(float(mark[2]), abs=0.1)
+
+
+def test_a_scale_of_another_kind_is_told_by_where_its_values_lie():
+    drawn, (axes,) = panels(1)
+    axes.plot([1.0, 2.0], [-90.0, 9.0], gid="a")
+    from_best(axes, "y", 10.0, 1.0, (-100.0, 10.0))
+    (panel,) = data(Document(page(figure=drawn)))["panels"]
+    assert (panel["x"]["scale"], panel["y"]["scale"]) == ("linear", "knots")
+    knots = np.array(panel["y"]["knots"])
+    assert knots[[0, -1]] == pytest.approx([-100, 10])
+    shares = 1 - np.log1p(10 - knots) / np.log1p(110)
+    np.testing.assert_allclose(shares, np.linspace(0, 1, len(knots)), atol=1e-6)
+
+
+def test_the_legend_has_the_figures_order():
+    drawn, (axes,) = panels(1)
+    for name in ("b", "a", "c"):
+        draw_series(axes, STEPS, mean_interval(RUNS), name, "black")
+    finish(drawn, [axes], ["a", "b"])
+    assert data(Document(page(figure=drawn)))["names"] == ["a", "b", "c"]
+
+
+def test_of_a_figure_that_stays_whole_the_room_of_its_legend_is_cut_off():
+    def height(drawn):
+        return float(re.search(r'viewBox="0.0 0.0 [\d.]+ ([\d.]+)"', page(figure=drawn))[1])
+
+    drawn, axes = grid(2, 2)
+    for panel in axes[:3]:
+        draw_series(panel, STEPS, mean_interval(RUNS), "a", "black")
+    axes[3].set_axis_off()
+    finish(drawn, axes)
+    settle(drawn)
+    assert height(drawn) < drawn.get_figheight() * 72 - 10
 
 
 def test_an_area_under_a_curve_is_no_band_and_unknown_numbers_are_null():

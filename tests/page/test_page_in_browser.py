@@ -1,6 +1,7 @@
 """The page as a reader has it: opened from disk, in a Chromium."""
 
 import csv
+import dataclasses
 import re
 
 import numpy as np
@@ -8,8 +9,9 @@ import pytest
 from playwright.sync_api import sync_playwright
 
 from galton.analysis.plots import draw_level, draw_series, finish, panels
+from galton.analysis.scales import from_best
 from galton.analysis.statistics import Interval
-from galton.page.page import Claim, Section, Table, render
+from galton.page.page import Answer, Cell, Claim, Matrix, Section, Table, render
 
 from . import browser
 
@@ -30,6 +32,7 @@ def draw():
         panel.set_title(f"Task {i}")
         panel.set_xlabel("steps")
     axes[1].set_xscale("log")
+    from_best(axes[2], "y", -17.5, 0.5, (-30.0, -17.0))
     finish(figure, axes)
     return figure
 
@@ -50,15 +53,23 @@ def shared():
 @pytest.fixture(scope="module")
 def file(tmp_path_factory):
     table = Table([f"a heading of column {i}" for i in range(8)], [["−1.25 ± 0.5"] * 8])
-    facts = [("command", "galton reproduce figure-2 --budget paper --out " + "a-long-folder/" * 20)]
+    cells = [Cell("4 of 6", "holds in part"), Cell("0 of 6", "does not hold"), Cell("not trained")]
+    rows = {"a change of which much is said": cells, "another": cells[::-1]}
+    matrix = Matrix("change", [f"the {i} claim of the paper" for i in range(3)], rows)
     sections = [
-        Section("curves", "Learning curves", "A caption of some length. " * 9, draw(), facts, table),
+        Section("curves", "Learning curves", "A caption of some length. " * 9, draw(), table),
+        Section("changes", "Changes", table=matrix, is_first=True),
         Section("bars", "Bars", "Without series.", bars()),
         Section("shared", "With a colour bar", "Which can't be divided.", shared()),
     ]
     claims = [Claim("§5", "It works. " * 12, "Ours − theirs", "1.0 [0.5, 1.5]", "holds", "Above 0.", "curves")]
     path = tmp_path_factory.mktemp("page") / "index.html"
-    path.write_text(render("A title that is longer than a line", ["Words. " * 30], claims, sections), encoding="utf-8")
+    answer = Answer(
+        ["It depends. " * 6, "More. " * 20], dataclasses.replace(matrix, narrow=True, columns=["a", "b", "c"])
+    )
+    answer = dataclasses.replace(answer, figure=draw(), note="A note. " * 9)
+    text = render("A title that is longer than a line", ["Words. " * 30], claims, sections, answer)
+    path.write_text(text, encoding="utf-8")
     return path
 
 
@@ -164,7 +175,7 @@ def test_arrow_keys_walk_along_the_curves(opened):
 
 def test_a_series_goes_from_all_panels_and_comes_back(opened):
     page = opened()
-    button = page.get_by_role("button", name=NAMES[1])
+    button = page.locator("#curves").get_by_role("button", name=NAMES[1])
     marks = page.locator('#curves [data-series="1"]:not(.run)')
     assert marks.count() == 2 * 3
     for shown in (False, True):
@@ -180,11 +191,11 @@ def test_single_runs_are_shown_on_demand_and_go_with_their_series(opened):
     runs = page.locator("#curves .run")
     assert runs.count() == 3 * 2 * 4
     assert not any(run.is_visible() for run in runs.all())
-    page.get_by_role("button", name="Show single runs").click()
+    page.locator("#curves").get_by_role("button", name="Show single runs").click()
     assert all(run.is_visible() for run in runs.all())
-    page.get_by_role("button", name=NAMES[0]).click()
+    page.locator("#curves").get_by_role("button", name=NAMES[0]).click()
     assert sum(run.is_visible() for run in runs.all()) == 3 * 4
-    page.get_by_role("button", name="Show single runs").click()
+    page.locator("#curves").get_by_role("button", name="Show single runs").click()
     assert not any(run.is_visible() for run in runs.all())
     assert page.locator("#bars .runs").count() == 0
 
@@ -219,6 +230,39 @@ def test_the_page_is_as_wide_as_the_screen(opened, viewport):
     assert page.locator(".claims thead").is_visible() == (viewport is not PHONE)
 
 
+def test_the_guide_marks_the_curve_where_it_is_drawn_on_any_scale(opened):
+    page = opened()
+    for i in range(3):
+        hover(page, i, 9300, np.log if i == 1 else float)
+        tops = [circle.bounding_box()["y"] for circle in page.locator("#curves .guide circle").all()]
+        line = page.locator(f"#curves .panels > svg:nth-of-type({i + 1}) .mark[data-series='0'] > path").last
+        end = line.evaluate("path => { const to = path.getPointAtLength(path.getTotalLength()); "
+                            "return new DOMPoint(to.x, to.y).matrixTransform(path.getScreenCTM()).y }")  # fmt: skip
+        assert min(abs(top + 3.5 - end) for top in tops) < 2
+
+
+@pytest.mark.parametrize("viewport", [{"width": 1440, "height": 900}, {"width": 390, "height": 844}])
+def test_the_first_screen_has_the_answer_and_all_rows(opened, viewport):
+    page = opened(viewport)
+    for inside in (".answer .lead", ".answer .matrix"):
+        box = page.locator(inside).bounding_box()
+        assert box["y"] + box["height"] <= viewport["height"]
+    beside = (
+        page.locator(".answer figure").bounding_box()["x"] > page.locator(".answer .matrix").bounding_box()["x"] + 10
+    )
+    assert beside == (viewport["width"] > 1000)
+
+
+def test_on_a_phone_each_row_of_verdicts_is_a_card_that_names_its_columns(opened):
+    page = opened(PHONE)
+    cell = page.locator("#changes td").first
+    assert "the 0 claim of the paper" in cell.evaluate(
+        "cell => getComputedStyle(cell, '::before').content + cell.dataset.label"
+    )
+    assert page.locator("#changes thead").is_hidden()
+    assert page.locator("#page\\.answer thead").is_visible()
+
+
 def luminance(page, selector, what):
     color = page.locator(selector).first.evaluate(f"element => getComputedStyle(element).{what}")
     return np.array([float(part) for part in re.findall(r"[\d.]+", color)[:3]]) / 255 @ [0.2126, 0.7152, 0.0722]
@@ -241,7 +285,7 @@ def test_print_is_light_and_shows_what_was_folded(opened):
     page = opened(color_scheme="dark")
     page.emulate_media(media="print")
     assert luminance(page, "body", "backgroundColor") > 0.5
-    assert page.locator("dd").is_visible()
+    assert page.get_by_text("Words. Words.").is_visible()
     assert page.locator(".theme").is_hidden()
     assert len(page.pdf()) > 20_000
 
@@ -249,7 +293,7 @@ def test_print_is_light_and_shows_what_was_folded(opened):
 def test_without_the_script_there_is_everything_but_what_needs_it(opened):
     page = opened(java_script_enabled=False)
     assert page.locator("#curves .panels svg").count() == 3
-    assert page.get_by_role("button", name=NAMES[0]).is_visible()
+    assert page.locator("#curves").get_by_role("button", name=NAMES[0]).is_visible()
     assert page.locator("#curves .run").first.is_hidden()
     assert page.locator("#curves .tools").is_hidden()
     assert page.locator(".theme").is_hidden()

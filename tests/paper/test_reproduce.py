@@ -12,10 +12,10 @@ from matplotlib.figure import Figure
 
 from galton.cli.reproduce import asked
 from galton.errors import UsageError
-from galton.paper import reproduce
+from galton.paper import made, reproduce
 from galton.paper.figure import FigureStudy
 from galton.paper.registry import FIGURES
-from galton.paper.report import budgets, claims
+from galton.paper.report import claims
 from galton.paper.summary import Summary
 from galton.paper.sweeps import AGAIN, MAIN, Sweep, again
 from galton.paper.verdicts import claim
@@ -212,7 +212,7 @@ def test_a_sweep_from_outside_is_trained_drawn_and_judged(tmp_path, monkeypatch)
     Summary.of_results(study, results, made_up.PROVENANCE).save(data_of(tmp_path), "mine.parquet")
     trained = reproduce.load(str(tmp_path))
     assert [*trained.sweeps] == ["mine"]
-    assert "My grid (2 trials)" in budgets(trained)[0]
+    assert made.section(trained).table.rows[0][:3] == ["mine (My grid)", f"{len(study.settings)}", "2"]
     assert claims(trained)[-1].words == "Mine was trained."
     assert claims(trained)[-1].section == "my-figure"
 

@@ -50,7 +50,7 @@ _STYLE: Any = {
 
 
 def panels(
-    n: int, columns: int = 4, height: float = 2.7, width: float = 3.1, size: float = 10
+    n: int, columns: int = 4, height: float = 2.7, width: float = 3.1, size: float = 10.0
 ) -> tuple[Figure, list[Axes]]:
     """A figure of n panels in rows of so many columns; without panels it is empty.
 

@@ -115,7 +115,7 @@ def _named(titles: Sequence[str]) -> str:
 def curves(trained: Trained) -> Figure:
     """The training return of the paper's losses on each task, small."""
     by_task = shown(trained)
-    figure, axes = panels(len(by_task), columns=4, height=1.6, width=1.64, size=7)
+    figure, axes = panels(len(by_task), columns=4, height=1.6, width=1.64, size=7.0)
     for panel, (task, summary) in zip(axes, by_task.items(), strict=True):
         of_paper = {loss: summary for loss in summary.best if LOSSES[loss].in_paper}
         fit_curves(panel, draw_best(panel, of_paper, "training_return", single_runs=False), draw_levels(panel, task))

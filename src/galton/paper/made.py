@@ -37,7 +37,8 @@ def section(trained: Trained) -> Section:
     """All that was trained and measured, as the last section of the page."""
     records = {name: summary.provenance for name, summary in trained.sweeps.items()}
     records |= {name: record_of(table) for name, table in trained.tables.items()}
-    names = [name for name in (*all_sweeps(), *FIGURES) if name in records]
+    sweeps = all_sweeps()
+    names = [name for name in (*sweeps, *FIGURES) if name in records]
     machines, versions = (_keyed([value for name in names for value in records[name][of]]) for of in _KEYED)
     rows = []
     for name in names:
@@ -45,7 +46,8 @@ def section(trained: Trained) -> Section:
         of_study = _study(trained.sweeps[name]) if name in trained.sweeps else ["—"] * 5
         minutes = f"{_minutes(made):,.0f}" if "train_seconds" in made else "—"
         keys = [_keys_of(made[of], keyed) for of, keyed in zip(_KEYED, (machines, versions), strict=True)]
-        rows.append([name, *of_study, made["budget"], minutes, *keys, _word(name)])
+        called = f"{name} ({sweeps[name].title})" if name in sweeps and sweeps[name].title else name
+        rows.append([called, *of_study, made["budget"], minutes, *keys, _word(name)])
     budgets = dict.fromkeys(records[name]["budget"] for name in names)
     paragraphs = [
         "A row is trained again by: galton reproduce WORD --budget BUDGET --out DIR. Sweeps of seed 0 choose settings, "

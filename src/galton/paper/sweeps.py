@@ -29,7 +29,7 @@ class Sweep:
     study: Callable[[Budget, Done], Study]
     """Makes the study to train, from the budget and from what was trained before."""
     title: str = ""
-    """What the page calls it where it says with which budget it was trained; without one it is not mentioned there."""
+    """What the page calls it beside its name, where it says how it was made."""
     winners_of: "Sweep | None" = None
     """The sweep whose best settings it trains, which is done before it."""
 
