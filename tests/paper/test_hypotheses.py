@@ -6,7 +6,7 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from galton.paper import boxed, changes, hypotheses, rescaling
+from galton.paper import boxed, changes, hypotheses, rescaling, tables
 from galton.paper.changes import HYPOTHESES
 from galton.paper.sweeps import AGAIN, MAIN
 from galton.paper.trained import Trained
@@ -105,3 +105,12 @@ def test_every_sweep_has_a_name_of_its_own_and_the_main_experiment_stays():
     names = [sweep.name for sweep in (*changes.SWEEPS.values(), *changes.AGAIN.values(), *rescaling.SWEEPS.values())]
     assert len(set(names)) == len(names)
     assert not {*names} & {sweep.name for sweep in (*MAIN.values(), *AGAIN.values())}
+
+
+def test_the_tables_that_documents_quote_are_markdown_with_a_sign_for_each_verdict():
+    lines = tables.document(made_up.judgeable(floored)).splitlines()
+    assert "## What makes the paper's result appear?" in lines
+    row = next(line for line in lines if line.startswith("| (c) σ at least 0.1 |"))
+    assert "| ✓ " in row
+    assert {line.count("|") for line in lines if line.startswith("| (")} == {len(hypotheses.CLAIMS) + 3}
+    assert "|" not in tables.document(Trained({}))
