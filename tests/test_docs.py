@@ -9,6 +9,7 @@ import pytest
 
 import galton
 from galton.envs.lqr import LQR
+from galton.paper import reproduce, tables
 
 ROOT = Path(__file__).parents[1]
 SOURCE = Path(galton.__file__).parent
@@ -73,3 +74,12 @@ def test_the_page_has_the_returns_of_each_lqr():
         random, rest, best = lqr.random_return, at_rest(lqr), lqr.optimal_return
         expected = [f"{random:.2f}", f"{rest:.2f}", f"{best:.2f}", f"{(rest - random) / (best - random):.0%}"]
         assert [cell.strip() for cell in rows[name]] == expected
+
+
+def test_tables_of_results_are_quoted_as_they_were_made():
+    folder = str(ROOT / "results" / "paper")
+    known = tables.tables(reproduce.load(folder))
+    for path in (ROOT / "README.md", ROOT / "docs" / "why.md"):
+        text = path.read_text()
+        assert "<!-- table: " in text
+        assert tables.filled(text, known) == text, f"python -m galton.paper.tables {folder} {path}"

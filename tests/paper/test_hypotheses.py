@@ -114,3 +114,10 @@ def test_the_tables_that_documents_quote_are_markdown_with_a_sign_for_each_verdi
     assert "| ✓ " in row
     assert {line.count("|") for line in lines if line.startswith("| (")} == {len(hypotheses.CLAIMS) + 3}
     assert "|" not in tables.document(Trained({}))
+
+
+def test_a_document_gets_its_tables_where_it_names_them():
+    text = "a\n\n<!-- table: one -->\n\n| old |\n|---|\n\nb\n\n<!-- table: other -->\n\n| stays |\n"
+    filled = tables.filled(text, {"one": "| new |\n|---|\n| 1 |"})
+    assert filled == text.replace("| old |\n|---|\n", "| new |\n|---|\n| 1 |\n")
+    assert tables.filled(filled, {"one": "| new |\n|---|\n| 1 |"}) == filled
