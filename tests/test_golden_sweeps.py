@@ -107,7 +107,7 @@ def test_results_are_still_of_the_studies_that_reproduce_asks_for():
 
 def test_all_published_results_open():
     data = reproduce.load(str(PAPER))
-    assert set(all_sweeps()) | set(record("paper.json")["sweeps"]) == set(data.sweeps)
+    assert set(record("paper.json")["sweeps"]) <= set(data.sweeps) <= set(all_sweeps())
     files = {path.stem for path in (PAPER / "data").iterdir()}
     assert files == set(data.sweeps) | {"propositions"}
     assert data.tables["propositions"].num_rows > 0

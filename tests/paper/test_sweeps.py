@@ -52,7 +52,14 @@ def test_winners_train_again_on_fresh_seeds_and_on_other_bandits():
     again = SWEEPS["bandit-again"].study("smoke", done)
     assert again.seed != main.seed
     noisy = SWEEPS["bandit-noise-5"].study("smoke", done)
-    assert noisy == dataclasses.replace(main, settings=noisy.settings, env_kwargs='{"noise_std": 5.0}', seed=again.seed)
+    assert noisy == dataclasses.replace(
+        main,
+        settings=noisy.settings,
+        env_kwargs='{"noise_std": 5.0}',
+        seed=again.seed,
+        common_seeds=True,
+        eval_mean=True,
+    )
     assert set(again.settings) == winners
     assert {setting.config.loss for setting in noisy.settings} == {"gaussian", "hl-gauss"}  # at this budget
     assert set(noisy.settings) < winners

@@ -11,7 +11,7 @@ from galton.analysis import plots
 from galton.cli._modules import import_typed
 from galton.cli._reading import read_options
 from galton.errors import require
-from galton.paper import report, reproduce
+from galton.paper import report, reproduce, tables
 from galton.paper.registry import FIGURES
 from galton.paper.trained import Trained
 from galton.sweep.store import Store
@@ -22,7 +22,7 @@ class Options:
     """Draw the figures and write the page, from the summaries that `galton reproduce` left in a folder."""
 
     folder: tyro.conf.Positional[Path]
-    """The folder; its data are read, figures/ and index.html are written."""
+    """The folder; its data are read, figures/, index.html and tables.md are written."""
     imports: tuple[str, ...] = ()
     """Modules to import first, where figures of your own are registered."""
 
@@ -55,4 +55,5 @@ def write(folder: Path, trained: Trained) -> None:
     for name in {f"{figure}{suffix}" for figure in FIGURES for suffix in (".png", ".svg")} - {*images}:
         store.remove(f"figures/{name}")  # of what a former version drew, or from data that have gone
     store.write("index.html", page.encode())
+    store.write(tables.FILE, tables.document(trained).encode())
     print(f"{len(figures)} figures and the page: {folder / 'index.html'}")

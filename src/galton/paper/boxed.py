@@ -12,6 +12,7 @@ from galton.paper.trained import Trained
 from galton.sweep.study import Study
 
 _PREFIX = "boxed-"
+_UNITS = ("raw units", "units of the box")
 _HALF_WIDTH = 10.0
 """Of the bandit's box: actions in [−1, 1] are a tenth of its own."""
 
@@ -45,9 +46,11 @@ def in_the_box(trained: Trained) -> Trained:
 def table(trained: Trained) -> Matrix:
     """What the paper says of Figure 3, judged in both units."""
     sides = trained, in_the_box(trained)
+    if not sides[1].sweeps:
+        return Matrix("the bandit", _UNITS, {})
     judged = [[judge(side) for judge in bandit.FIGURE.claims.values()] for side in sides]
     rows = {pair[0].words: [cell(claim) for claim in pair] for pair in zip(*judged, strict=True)}
-    return Matrix("the bandit", ["raw units", "units of the box"], rows)
+    return Matrix("the bandit", _UNITS, rows)
 
 
 def cell(claim: Claim) -> Cell:

@@ -258,12 +258,12 @@ def _without_lowest(task: str) -> Sweep:
         chosen = done[task]
         winners = [*best_without_lowest(chosen).values()]
         new = [setting for setting in winners if setting not in best_of_each_loss(chosen)] or winners[:1]
-        return on_fresh_seeds(chosen.study, tuple(new), FRESH_TRIALS[task] if budget == "grid" else None)
+        return on_fresh_seeds(chosen.study, tuple(new), FRESH_TRIALS.get(budget, {}).get(task))
 
     return Sweep(f"{task}-without-lowest-rate", study, winners_of=MAIN[task])
 
 
-WITHOUT_LOWEST = {task: _without_lowest(task) for task in FRESH_TRIALS}
+WITHOUT_LOWEST = {task: _without_lowest(task) for task in TASKS if not TASKS[task].in_jax}
 """Hypothesis (h): MuJoCo as it would be judged if the grid began at the second learning rate."""
 
 

@@ -82,8 +82,9 @@ def _filled(summary: Summary, returns: Float[np.ndarray, "*any"], metric: str) -
 
 
 def better(chosen: Summary, score: Score) -> str:
-    """The classification loss with the higher score where settings were chosen too."""
-    return max(CLASSIFICATION, key=lambda loss: float(score(chosen, loss).mean()))
+    """The classification loss with the higher score where settings were chosen too, of those that were trained."""
+    trained = [loss for loss in CLASSIFICATION if loss in chosen.best]
+    return max(trained, key=lambda loss: float(score(chosen, loss).mean()))
 
 
 def versus(summary: Summary, ours: str, theirs: str, score: Score) -> Comparison:

@@ -111,7 +111,8 @@ def train(sweeps: Iterable[Sweep], budget: Budget, out: str, carry_out: CarryOut
     for sweep in needed(sweeps):
         name, study = sweep.name, sweep.study(budget, done)
         if name in done:
-            if done[name].study not in (study, unpaired(study)):
+            there = done[name].study
+            if there not in (study, unpaired(study, there.trials) if study.common_seeds else study):
                 raise UsageError(
                     f"out is {out}, whose {name} is of another study than this version and budget {budget!r} ask for; "
                     f"name another folder, or remove {DATA}/{name}.parquet there"

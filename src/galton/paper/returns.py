@@ -12,7 +12,6 @@ from galton.paper import order, stability
 from galton.paper.curves import AXES, BANDS, best_curves, shown
 from galton.paper.figure import FigureStudy
 from galton.paper.measures import (
-    CLASSIFICATION,
     better,
     better_by,
     final_return,
@@ -84,7 +83,8 @@ def _idle(trained: Trained, tasks: Iterable[str]) -> str:
     found = []
     for name in tasks:
         if name in trained.scales:
-            finals = {loss: final_return(trained.judged[name].again, loss) for loss in ("gaussian", *CLASSIFICATION)}
+            again = trained.judged[name].again
+            finals = {loss: final_return(again, loss) for loss in again.best if LOSSES[loss].in_paper}
             level = rest(name)
             idle = [
                 LOSSES[loss].label

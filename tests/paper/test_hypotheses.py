@@ -1,0 +1,116 @@
+"""The claims again under each change, on sweeps whose outcome is chosen."""
+
+import dataclasses
+
+import numpy as np
+import pyarrow as pa
+import pytest
+
+from galton.paper import boxed, changes, hypotheses, rescaling, tables
+from galton.paper.changes import HYPOTHESES
+from galton.paper.sweeps import AGAIN, MAIN
+from galton.paper.trained import Trained
+from galton.sweep.grid import task_defaults
+from galton.sweep.study import Setting
+from galton.tasks import TASKS
+
+from . import made_up
+
+CHANGES = [change for hypothesis in HYPOTHESES.values() for change in hypothesis.changes]
+
+
+@pytest.mark.parametrize("change", CHANGES, ids=[change.name for change in CHANGES])
+def test_a_change_sets_what_it_names_and_nothing_else(change):
+    for task in change.tasks:
+        own = dict(change.fields) | dict(change.of_task.get(task, {}))
+        base = Setting.of_record(task_defaults(TASKS[task].env)).record()
+        for setting in change.settings(task, "paper"):
+            record = setting.record()
+            free = {"loss", "learning_rate", "n_bins", "eta"}
+            assert {name: record[name] for name in own if name in record} == {
+                name: value for name, value in own.items() if name in record
+            }
+            assert {name for name in record if record[name] != base.get(name)} <= {*own, *free}
+        assert {setting.config.loss for setting in change.settings(task, "paper")} == {*change.losses}
+
+
+def floored(name, setting):
+    """The Gaussian is ahead, unless σ has a floor."""
+    has_floor = np.isfinite(setting.hypers.log_std_min)
+    return 5.0 if setting.config.loss == "gaussian" and not has_floor else 1.0 if has_floor else 3.0
+
+
+def test_a_floor_turns_the_claim_and_leaves_the_other_losses_as_they_were():
+    trained = made_up.judgeable(floored)
+    table = hypotheses.table(trained)
+    place = table.columns.index("ends higher")
+    main, floor = (table.rows[name][place] for name in ("as in the main experiment", "(c) σ at least 0.1"))
+    assert main.verdict == "does not hold"
+    assert floor.verdict == "holds"
+    under = hypotheses.under(trained, HYPOTHESES["c"].changes[0])
+    for task, judged in under.judged.items():
+        again, main = judged.again, trained.judged[task].again
+        setting = main.best["hl-gauss"].setting
+        assert again.best["hl-gauss"].setting == setting
+        np.testing.assert_array_equal(
+            again.final("training_return")[again.rows(setting)],
+            main.final("training_return")[main.rows(setting)][: again.study.trials],
+        )
+
+
+def test_every_hypothesis_has_a_row_and_every_row_its_tasks():
+    table = hypotheses.table(made_up.judgeable(floored))
+    assert {name[1] for name in table.rows if name.startswith("(")} == {*HYPOTHESES} == {*"abcdefgh"}
+    assert table.rows["(g) η in units of the action"][0].text == "LQR, Mountain Car, Acrobot"
+    assert hypotheses.table(Trained({})).rows == {}
+
+
+def test_the_bandit_in_units_of_its_box_is_judged_by_its_own_runs():
+    def in_the_box(name, setting):
+        ahead = "hl-gauss" if name.startswith("boxed") else "gaussian"
+        return 20.0 if setting.config.loss == ahead else 10.0
+
+    trained = made_up.judgeable(in_the_box)
+    words = next(words for words in boxed.table(trained).rows if words.startswith("Both classification losses"))
+    raw, box = boxed.table(trained).rows[words]
+    assert raw.text.startswith("0 of")
+    assert not box.text.startswith("0 of")
+
+
+def test_runs_are_equal_across_scales_only_if_no_bit_differs():
+    trained = made_up.data(lambda name, setting: 1.0, noise=0.0)
+    series = rescaling.across(trained, "lqr")
+    assert rescaling.are_equal(series["hl-gauss"])
+    one = series["hl-gauss"][8.0]
+    finals = np.nextafter(one.final("entropy").astype(np.float32), np.float32(9))
+    place = one.table.column_names.index("final_entropy")
+    other = dataclasses.replace(one, table=one.table.set_column(place, "final_entropy", pa.array(finals)))
+    assert not rescaling.are_equal(series["hl-gauss"] | {8.0: other})
+
+
+def test_without_the_lowest_rate_the_winners_are_others():
+    def lowest(name, setting):
+        return 5.0 if setting.hypers.learning_rate < 5e-4 and setting.config.loss == "gaussian" else 3.0
+
+    trained = made_up.judgeable(lowest)
+    main, without = trained.judged["reacher"], hypotheses.without_lowest(trained).judged["reacher"]
+    rates = [each.again.best["gaussian"].setting.hypers.learning_rate for each in (main, without)]
+    assert rates[0] < rates[1]
+    assert without.again.best["hl-gauss"].setting.hypers.learning_rate > min(
+        setting.hypers.learning_rate for setting in main.chosen.study.settings
+    )
+
+
+def test_every_sweep_has_a_name_of_its_own_and_the_main_experiment_stays():
+    names = [sweep.name for sweep in (*changes.SWEEPS.values(), *changes.AGAIN.values(), *rescaling.SWEEPS.values())]
+    assert len(set(names)) == len(names)
+    assert not {*names} & {sweep.name for sweep in (*MAIN.values(), *AGAIN.values())}
+
+
+def test_the_tables_that_documents_quote_are_markdown_with_a_sign_for_each_verdict():
+    lines = tables.document(made_up.judgeable(floored)).splitlines()
+    assert "## What makes the paper's result appear?" in lines
+    row = next(line for line in lines if line.startswith("| (c) σ at least 0.1 |"))
+    assert "| ✓ " in row
+    assert {line.count("|") for line in lines if line.startswith("| (")} == {len(hypotheses.CLAIMS) + 3}
+    assert "|" not in tables.document(Trained({}))
