@@ -22,9 +22,9 @@ INTRODUCTION = (
     "are adjusted together (Holm); clear is what stays below p = 0.05, if the mean points the way that the ranks do. "
     "Numbers of a single loss, such as how much a setting moves it, are judged by Student's t test instead. Intervals "
     "are 95% intervals of the mean, each by itself. P is the chance that a run of the first is above one of the "
-    "second. Beside a verdict stands how many of the decisions are clearly as the paper says. A claim holds if all that "
-    "can be decided are, and does not if more are clearly the contrary; in between it holds in part. Tasks on which "
-    "hardly any run learns anything are null, and not counted.",
+    "second. Beside a verdict stands how many of the decisions are clearly as the paper says. A claim holds if all "
+    "that can be decided are, and does not if more are clearly the contrary; in between it holds in part. Tasks on "
+    "which hardly any run learns anything are null, and not counted.",
     "Rest is the better of doing nothing and of acting at random; rest → best is the way from there to the optimum, or "
     "to the best mean final return on the grid where the optimum is not known. Centred HL-Gauss (dash-dotted) is not "
     "the paper's. It is HL-Gauss without a bias that docs/paper.md derives, on a grid of its own with wider targets, "
