@@ -15,7 +15,7 @@ def grid(task, final_of, **options):
 
 
 def test_rest_is_the_better_of_doing_nothing_and_acting_at_random():
-    assert rest("lqr") == TASKS["lqr"].at_rest  # random actions earn −105
+    assert rest("lqr") == pytest.approx(TASKS["lqr"].at_rest, abs=0.01)  # random actions earn −105
     assert rest("bandit") == 0
     assert rest("acrobot") == -500
 

@@ -116,7 +116,7 @@ def another_loss(table):
 @pytest.mark.parametrize(
     ("make", "said"),
     [
-        (provenance(budget="huge"), "its budget is 'huge'; it must be smoke or small or paper"),
+        (provenance(budget="huge"), "its budget is 'huge'; it must be smoke or small or grid or paper"),
         (provenance(budget=7), "its record has budget 7; it must be str"),
         (provenance(budget=None), "its record has no budget"),
         (provenance(versions={"galton": "0"}), "its record has versions {'galton': '0'}; it must be a list of dict"),

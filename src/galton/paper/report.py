@@ -19,11 +19,12 @@ INTRODUCTION = (
     "bins, trained with a cross-entropy towards the sampled bin (HL-1-Hot) or a Gaussian histogram around it "
     "(HL-Gauss). Here all of that is trained again, and what the paper says stands beside what was measured.",
     "A claim has a decision for each task, or for what else its lines name. Each is a rank test, and those of a claim "
-    "are adjusted together (Holm); clear is what stays below p = 0.05. Intervals are 95% intervals of the mean, each "
-    "by itself. P is the chance that a run of the first is above one of the second. Beside a verdict stands how many "
-    "of the decisions are clearly as the paper says. A claim holds if all that can be decided are, and does not if "
-    "more are clearly the contrary; in between it holds in part. Tasks on which hardly any run learns anything are "
-    "null, and not counted.",
+    "are adjusted together (Holm); clear is what stays below p = 0.05, if the mean points the way that the ranks do. "
+    "Numbers of a single loss, such as how much a setting moves it, are judged by Student's t test instead. Intervals "
+    "are 95% intervals of the mean, each by itself. P is the chance that a run of the first is above one of the "
+    "second. Beside a verdict stands how many of the decisions are clearly as the paper says. A claim holds if all "
+    "that can be decided are, and does not if more are clearly the contrary; in between it holds in part. Tasks on "
+    "which hardly any run learns anything are null, and not counted.",
     "Rest is the better of doing nothing and of acting at random; rest → best is the way from there to the optimum, or "
     "to the best mean final return on the grid where the optimum is not known. Centred HL-Gauss (dash-dotted) is not "
     "the paper's. It is HL-Gauss without a bias that docs/paper.md derives, on a grid of its own with wider targets, "
