@@ -175,7 +175,7 @@ def test_gymnasium_ids_are_taken_and_what_they_cant_do_is_said(tmp_path):
         assert np.ptp(np.asarray(frames.convert("L"))) > 0
     done = galton("compare", "Pendulum-v1", "--seeds", "2", *SMALL, "--losses", "gaussian", "--out", tmp_path / "cmp")
     assert done.returncode == 0, done.stderr
-    assert json.loads((tmp_path / "cmp" / "summary.json").read_text())[0]["share_of_optimum"] is None
+    assert json.loads((tmp_path / "cmp" / "summary.json").read_text())[0]["rest_to_optimum"] is None
 
 
 def test_an_id_may_name_the_module_that_registers_it(tmp_path):

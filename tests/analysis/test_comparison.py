@@ -40,7 +40,7 @@ def test_a_row_is_json_with_null_for_what_is_not_known():
     (row,) = summarise({"gaussian": result("gaussian", [-3.0])}, MountainCar())
     record = json.loads(json.dumps(row.record(), allow_nan=False))
     assert record["training_return"] == {"mean": -3.0, "low": None, "high": None}
-    assert record["share_of_optimum"] is None
+    assert record["rest_to_optimum"] is None
 
 
 def test_a_curve_ends_where_its_run_diverged():
@@ -53,21 +53,21 @@ def test_the_share_of_the_optimum_is_zero_at_random_and_one_at_the_optimum():
     env = LQR()
     for value, share in ((env.random_return, 0.0), (env.optimal_return, 1.0)):
         (row,) = summarise({"gaussian": result("gaussian", [value - 1, value - 1])}, env)
-        assert row.share_of_optimum == pytest.approx(share, abs=1e-6)
+        assert row.rest_to_optimum == pytest.approx(share, abs=1e-6)
 
 
 def test_where_doing_nothing_is_worth_more_than_random_actions_it_is_zero():
     env = LQR()
     halfway = (env.optimal_return - 26.03) / 2
     (row,) = summarise({"gaussian": result("gaussian", [halfway - 1] * 2)}, env, at_rest=-26.03)
-    assert row.share_of_optimum == pytest.approx(0.5)
+    assert row.rest_to_optimum == pytest.approx(0.5)
     (row,) = summarise({"gaussian": result("gaussian", [env.random_return - 1] * 2)}, env, at_rest=-1e6)
-    assert row.share_of_optimum == pytest.approx(0, abs=1e-6)
+    assert row.rest_to_optimum == pytest.approx(0, abs=1e-6)
 
 
 def test_without_a_known_optimum_there_is_no_share(results):
     rows = summarise(results, MountainCar())
-    assert all(row.share_of_optimum is None for row in rows)
+    assert all(row.rest_to_optimum is None for row in rows)
 
 
 def test_verdicts_name_what_differs_and_what_does_not(results):

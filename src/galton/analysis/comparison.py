@@ -26,7 +26,7 @@ class Row:
     training_return: Interval
     """Mean return over the last 5% of training, with its interval over runs."""
     evaluation_return: Interval
-    share_of_optimum: float | None
+    rest_to_optimum: float | None
     """Of the evaluation return, on a scale where rest is 0 and the optimum is 1 (see `rest_of`)."""
     steps_per_second: float
     compile_seconds: float

@@ -10,7 +10,7 @@ from galton.losses import LOSSES
 
 def table(rows: list[Row], env: Environment | None, at_rest: float | None) -> Table:
     """A row per loss, with its share of the way to the optimum where that is known, and what the numbers mean."""
-    shares = any(row.share_of_optimum is not None for row in rows)
+    shares = any(row.rest_to_optimum is not None for row in rows)
     view = Table(
         box=box.SIMPLE_HEAD,
         pad_edge=False,
@@ -21,7 +21,7 @@ def table(rows: list[Row], env: Environment | None, at_rest: float | None) -> Ta
     for heading in ("training\nreturn", "evaluation\nreturn", *["rest →\noptimum"] * shares, "steps/s", "diverged"):
         view.add_column(heading, justify="right", no_wrap=True)
     for row in rows:
-        share = f"{row.share_of_optimum:.1%}".replace("-", "−") if row.share_of_optimum is not None else "—"
+        share = f"{row.rest_to_optimum:.1%}".replace("-", "−") if row.rest_to_optimum is not None else "—"
         view.add_row(
             LOSSES[row.loss].label,
             f"{row.training_return:.2f}",
