@@ -38,7 +38,7 @@ def test_the_sentence_counts_the_tasks_each_way():
     )
     assert found.sentences[0].endswith("on 5 clearly lower (Mountain Car, Acrobot, Reacher, HalfCheetah, Ant).")
     assert (
-        "By the deterministic policy, without the noise of exploration, 2 of 7 end higher and 5 lower."
+        "By the deterministic policy, without the noise of exploration, 2 of 7 end clearly higher and 5 lower."
         in found.sentences[1]
     )
     for title, (training, deterministic, verdict) in found.matrix.rows.items():

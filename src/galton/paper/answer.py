@@ -91,7 +91,7 @@ def _further(trained: Trained, given: Mapping[str, str]) -> list[str]:
     n = sum(mark in "✓✗≈" for mark in given.values())
     higher, lower = (sum(each == mark for each in given.values()) for mark in "✓✗")
     without = (
-        f"By the deterministic policy, without the noise of exploration, {higher} of {n} end higher and {lower} lower."
+        f"By the deterministic policy, without the noise of exploration, {higher} of {n} end clearly higher and {lower} lower."
     )
     left_out = [
         f"{TASKS[task].title} is left out ({why})." for task, why in trained.nulls.items() if task in trained.judged
