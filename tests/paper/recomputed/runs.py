@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pyarrow.parquet as pq
+from scipy.linalg import solveh_banded
 
 DATA = Path(__file__).parents[3] / "results" / "paper" / "data"
 CURVES = ("training_return", "evaluation_return", "mean_action_return")
@@ -113,9 +114,8 @@ def forward(curves):
 
 def matrix(table, name):
     """A column of lists of one length."""
-    return np.stack(
-        [part.flatten().to_numpy().reshape(len(part), -1) for part in [table.column(name).combine_chunks()]]
-    )[0]
+    column = table.column(name).combine_chunks()
+    return column.flatten().to_numpy().reshape(len(column), -1)
 
 
 def settings_of(record):
@@ -125,10 +125,14 @@ def settings_of(record):
     return [same | {name: values[i] for name, values in different.items()} for i in range(n)]
 
 
-def read(path):
-    """The sweep that a file holds."""
-    table = pq.ParquetFile(path).read(use_threads=False)
-    record = json.loads(table.schema.metadata[b"galton"])["study"]
+def record_of(table):
+    """The study that a table's metadata describe."""
+    return json.loads(table.schema.metadata[b"galton"])["study"]
+
+
+def sweep_of(table):
+    """The sweep that a file's table holds."""
+    record = record_of(table)
     known = [name for name in CURVES if name in table.column_names]
     number, gone = (table.column(name).to_numpy() for name in ("setting", "diverged_at"))
     steps = matrix(table, "steps")
@@ -146,11 +150,16 @@ def read(path):
     return Sweep(found, json.loads(constants["env_kwargs"]))
 
 
+def tables_in(folder=DATA):
+    """The tables of a folder's sweeps, by the name of the file."""
+    names = {path.stem: path for path in sorted(folder.glob("*.parquet")) if path.stem != "propositions"}
+    assert names, f"no file in {folder}"
+    return {name: pq.ParquetFile(path).read(use_threads=False) for name, path in names.items()}
+
+
 def read_all(folder=DATA):
     """Every sweep of a folder, by the name of its file."""
-    found = {path.stem: read(path) for path in sorted(folder.glob("*.parquet")) if path.stem != "propositions"}
-    assert found, f"nothing in {folder}"
-    return found
+    return {name: sweep_of(table) for name, table in tables_in(folder).items()}
 
 
 def tasks_of(sweeps, prefix=""):
@@ -195,33 +204,37 @@ def levels_of(name, constants):
 
 
 def lqr(given):
-    """Rest and optimum of an LQR, by one least-squares problem for each horizon instead of Riccati's recursion."""
+    """Rest and optimum of an LQR, by one least-squares problem for each horizon instead of Riccati's recursion.
+
+    Its A is ρ times a rotation, and Q, R and B are multiples of I: seen from axes that turn along, it is twice the
+    scalar problem x' = ρ x + 0.1 u + noise, at a cost of x² + r u².
+    """
     turn = 0.98 * np.array([[np.cos(0.1), -np.sin(0.1)], [np.sin(0.1), np.cos(0.1)]])
-    a, r = np.array(given.get("A", turn)), np.array(given.get("R", np.eye(2)))
-    length, variance, width = given.get("max_episode_steps", 100), 0.05**2, 0.1**2
-    powers = [np.linalg.matrix_power(a, t) for t in range(length)]
-    free = [np.trace(power.T @ power) for power in powers]
+    a, (r, _) = np.array(given.get("A", turn)), np.diag(given.get("R", np.eye(2)))
+    length, variance = given.get("max_episode_steps", 100), 0.05**2
+    np.testing.assert_allclose(a.T @ a, a[0] @ a[0] * np.eye(2), atol=1e-12)
+    rho = (a[0] @ a[0]) ** 0.5
+    powers = rho ** np.arange(length)
 
     def without_control(spread):
-        """E −Σ cost under actions of mean 0 and this variance: each disturbance costs what its powers of A make."""
-        kicks = sum(free[: length - 1 - t][s] for t in range(length - 1) for s in range(length - 1 - t))
-        return -(sum(free) / 3 + (variance + width * spread) * kicks + length * spread * np.trace(r))
+        """E −Σ cost under actions of mean 0 and this variance: each disturbance costs what its powers of ρ make."""
+        kicks = sum((powers[: length - 1 - t] ** 2).sum() for t in range(length - 1))
+        return -2 * ((powers**2).sum() / 3 + (variance + 0.01 * spread) * kicks + length * r * spread)
 
-    costs = [cost_to_go(powers[:n], r) for n in range(1, length + 1)]
-    return max(map(without_control, (0.0, 1 / 3))), -float(costs[-1] / 3 + variance * sum(costs[:-1]))
+    costs = [cost_to_go(n, rho, r) for n in range(1, length + 1)]
+    return max(map(without_control, (0.0, 1 / 3))), -2 * (costs[-1] / 3 + variance * sum(costs[:-1]))
 
 
-def cost_to_go(powers, r):
-    """tr P of the horizon n: the least Σ |x|² + uᵀ R u from x, as x varies, with B = 0.1 I and Q = I."""
-    n = len(powers)
+def cost_to_go(n, rho, r):
+    """The least Σ x² + r u² from x = 1 in n steps: of states x₁ to xₙ, each action being (x' − ρ x) / 0.1."""
     if n == 1:
-        return 2.0
-    free = np.concatenate(powers)
-    moved = np.zeros((2 * n, 2 * (n - 1)))
-    for t in range(n - 1):
-        moved[2 * t + 2 :, 2 * t : 2 * t + 2] = 0.1 * np.concatenate(powers[: n - 1 - t])
-    gain = np.linalg.solve(np.kron(np.eye(n - 1), r) + moved.T @ moved, moved.T @ free)
-    return float(np.trace(free.T @ free - free.T @ moved @ gain))
+        return 1.0
+    of_action = r / 0.01
+    bands = np.full((2, n), -of_action * rho)
+    bands[1] = 1 + of_action * (1 + rho**2)
+    bands[1, -1] = of_action  # the state after the last step costs nothing
+    first = solveh_banded(bands, of_action * rho * np.eye(n)[0])[0]
+    return 1 + of_action * rho * (rho - float(first))
 
 
 def null_of(task):
