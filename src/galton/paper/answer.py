@@ -90,12 +90,10 @@ def _further(trained: Trained, given: Mapping[str, str]) -> list[str]:
     """Sentences on the deterministic policy, and on the tasks that were left out."""
     n = sum(mark in "✓✗≈" for mark in given.values())
     higher, lower = (sum(each == mark for each in given.values()) for mark in "✓✗")
-    without = (
-        f"By the deterministic policy, without the noise of exploration, {higher} of {n} end clearly higher and {lower} lower."
-    )
-    left_out = [
-        f"{TASKS[task].title} is left out ({why})." for task, why in trained.nulls.items() if task in trained.judged
-    ]
+    counts = f"{higher} of {n} end clearly higher and {lower} lower"
+    without = f"By the deterministic policy, without the noise of exploration, {counts}."
+    nulls = [(TASKS[task].title, why) for task, why in trained.nulls.items() if task in trained.judged]
+    left_out = [f"{title} is left out ({why})." for title, why in nulls]
     few = [title for title, mark in given.items() if mark == "?"]
     return [*([without] if n else []), *left_out, *([f"Too few runs to decide: {', '.join(few)}."] if few else [])]
 
