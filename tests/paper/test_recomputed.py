@@ -1,165 +1,162 @@
-"""Claims on the committed results once more from the Parquet files, with pyarrow, numpy and scipy alone."""
+"""Winners, claims and hypotheses on the committed results, found again by code that shares nothing with Galton's."""
 
-import json
+import math
 import re
-from pathlib import Path
 
-import numpy as np
-import pyarrow.parquet as pq
 import pytest
-from scipy import stats
 
-from galton.paper import reproduce, returns, stability
-from galton.paper.standings import clear
+from galton.paper import boxed, controls, harder_bandits, hypotheses, reproduce, returns, stability
+from galton.paper.order import order_changes
+from galton.paper.report import claims
+from galton.paper.standings import ahead, clear, decisions, winners
 
-PAPER = Path(__file__).parents[2] / "results" / "paper"
-# What is earned without learning: by simulation, or for the bandit 25 − 5². And the optima, by arithmetic and Riccati.
-REST = {"Bandit": 0.0, "LQR": -26.03, "Acrobot": -500.0, "Reacher": -11.69, "HalfCheetah": -0.23, "Ant": 994.2}
-OPTIMA = {"Bandit": 25.0, "LQR": -9.7719}
-PAIRS = 8
-CLASSIFIED = ("hl-one-hot", "hl-gauss")
+from .recomputed.bandits import BANDITS
+from .recomputed.changes import cell, table
+from .recomputed.claims import GRIDS, TASKS, on_grids, on_tasks, order, paired
+from .recomputed.ranks import compared, holm, marks_of, mean_of
+from .recomputed.runs import DATA, LABELS, TITLES, grids_of, null_of, read_all, tasks_of
 
-
-class Sweep:
-    """A file's runs by loss; of a grid, by the setting of each with the highest mean final training return."""
-
-    def __init__(self, title):
-        table = pq.ParquetFile(PAPER / "data" / f"{title}.parquet").read(use_threads=False)
-        study = json.loads(table.schema.metadata[b"galton"])["study"]
-        self.table, self.paired = table, study["constants"].get("common_seeds", False)
-        losses = (study["settings"]["different"] | study["settings"]["same"])["loss"]
-        setting, finals = (table.column(name).to_numpy() for name in ("setting", "final_training_return"))
-        means = {i: finals[setting == i].astype(float).mean() for i in np.unique(setting)}
-        self.best_mean = max(means.values())
-        self.rows = {}
-        for loss in dict.fromkeys(losses):
-            own = [i for i in means if losses[i] == loss]
-            self.rows[loss] = setting == max(own, key=means.get)
-
-    def final(self, loss, metric="training_return"):
-        return self.table.column(f"final_{metric}").to_numpy()[self.rows[loss]].astype(float)
-
-    def curves(self, loss, metric="training_return"):
-        """NaN, where no episode ended, is what was before it."""
-        found = np.array(self.table.column(metric).to_pylist(), float)[self.rows[loss]]
-        for i in range(1, found.shape[1]):
-            found[:, i] = np.where(np.isnan(found[:, i]), found[:, i - 1], found[:, i])
-        return found
-
-    @property
-    def steps(self):
-        return np.array(self.table.column("steps")[0].as_py())
-
-
-TASKS = {
-    "Bandit": "bandit",
-    "LQR": "lqr",
-    "Acrobot": "acrobot",
-    "Reacher": "reacher",
-    "HalfCheetah": "half-cheetah",
-    "Ant": "ant",
-}
+MODULES = (returns, stability, harder_bandits, controls)
+NUMBER = re.compile(r"never|[+−]?\d[\d,]*\.?\d*")
 
 
 @pytest.fixture(scope="module")
 def sweeps():
-    return {title: (Sweep(name), Sweep(f"{name}-again")) for title, name in TASKS.items()}
+    return read_all()
 
 
 @pytest.fixture(scope="module")
 def trained():
-    return reproduce.load(str(PAPER))
+    found = reproduce.load(str(DATA.parent))
+    assert {*found.judged} == {*TITLES}
+    return found
 
 
-def p_of(a, b, paired):
-    if paired and len(a) >= PAIRS:
-        return stats.wilcoxon(a, b, method="exact" if len(a) <= 50 and (a != b).all() else "auto").pvalue
-    ties = len({*a, *b}) < len(a) + len(b)
-    return stats.mannwhitneyu(a, b, method="asymptotic" if ties or len(a) > 25 else "exact").pvalue
+def claim_named(name):
+    return next(getattr(module, name) for module in MODULES if hasattr(module, name))
 
 
-def judge(samples, paired):
-    """The mark of each task, from what the paper says is above and what it says is below."""
-    p, sign = {}, {}
-    for title, (a, b) in samples.items():
-        above = np.mean([(x > y) + 0.5 * (x == y) for x in a for y in b]) - 0.5
-        sign[title] = np.sign(above) if np.sign(above) == np.sign(a.mean() - b.mean()) else 0
-        if stats.mannwhitneyu(np.arange(len(a)), len(a) + np.arange(len(b)), method="exact").pvalue < 0.05:
-            p[title] = p_of(a, b, paired[title])
-    marks, adjusted = dict.fromkeys(samples, "?"), 0.0
-    for i, title in enumerate(sorted(p, key=p.get)):
-        adjusted = max(adjusted, (len(p) - i) * p[title])
-        marks[title] = {1: "✓", -1: "✗"}.get(sign[title], "≈") if adjusted < 0.05 else "≈"
-    return marks
+def is_printed(text, value):
+    """Whether a number is printed as this text."""
+    if text == "never":
+        return math.isinf(value)
+    plain = text.replace("−", "-").replace(",", "")
+    decimals = len(plain.partition(".")[2])
+    return abs(float(plain) - value) <= 0.5 * 10**-decimals * (1 + 1e-6) + 1e-9
 
 
-def judged(sweeps, titles, better_by, pair, pairs=True):
-    """The marks of some tasks, by the classification loss that is better on the grid, and its pair of samples."""
-    samples = {}
-    for title in titles:
-        grid, again = sweeps[title]
-        loss = max(CLASSIFIED, key=lambda loss: better_by(grid, loss).mean())
-        samples[title] = pair(title, again, loss)
-    return judge(samples, {title: pairs and sweeps[title][1].paired for title in titles})
+def assert_prints(line, found, mark, p):
+    """A line of a claim has this mark, name, numbers and p."""
+    assert line.startswith(f"{mark} {found.name} ")
+    told = line.removeprefix(f"{mark} {found.name} ")
+    if found.null:
+        assert told == found.null
+        return
+    values = [x for number in found.numbers for x in (number if isinstance(number, tuple) else (number,))]
+    texts = NUMBER.findall(told)
+    if not math.isnan(p):
+        assert p < 0.001 if texts[-1] == "0.001" and "p < " in told else is_printed(texts[-1], p)
+        texts = texts[:-1]
+    assert len(texts) == len(values), line
+    assert all(map(is_printed, texts, values)), (line, values)
 
 
-def shown(claim):
-    """The marks of a claim's lines, but for null tasks."""
+def assert_same(claim, found):
+    """The page and the second path agree on a claim."""
+    assert (claim.verdict, claim.count) == (found.verdict, found.count)
     lines = claim.number.splitlines()
-    return {re.match(r"\w+", line[2:])[0]: line[0] for line in lines if line[0] != "∅"}
+    assert len(lines) == len(found.found)
+    for line, each, mark, p in zip(lines, found.found, found.marks, found.adjusted, strict=True):
+        assert_prints(line, each, mark, p)
 
 
-def over_training(sweep, loss):
-    return sweep.curves(loss).mean(1)
+@pytest.mark.parametrize("name", TASKS)
+def test_claims_on_tasks(name, sweeps, trained):
+    claim, (found, notes) = claim_named(name)(trained), on_tasks(tasks_of(sweeps), name)
+    assert_same(claim, found)
+    assert [line for line in claim.why.splitlines() if line.startswith("By the det")] == notes
 
 
-ALL_BUT_ACROBOT = [title for title in TASKS if title != "Acrobot"]
+def test_the_order_of_the_two_classification_losses(sweeps, trained):
+    assert_same(order_changes(trained), order(tasks_of(sweeps))._replace(count=None))
 
 
-def test_who_ends_higher_and_who_has_more_over_training(sweeps, trained):
-    ends = judged(sweeps, ALL_BUT_ACROBOT, Sweep.final, lambda _, s, loss: (s.final(loss), s.final("gaussian")))
-    assert shown(returns.ends_higher(trained)) == ends
-    means = judged(
-        sweeps, ALL_BUT_ACROBOT, over_training, lambda _, s, x: (over_training(s, x), over_training(s, "gaussian"))
-    )
-    assert shown(returns.learns_faster(trained)) == means
+@pytest.mark.parametrize("name", BANDITS)
+@pytest.mark.parametrize("prefix", ["", "boxed-"])
+def test_claims_on_bandits(name, prefix, sweeps, trained):
+    """In raw units and in units of the box; of what is not trained neither path says anything."""
+    judged = claim_named(name)(boxed.in_the_box(trained) if prefix else trained)
+    found = BANDITS[name]({key.removeprefix(prefix): of for key, of in sweeps.items() if key.startswith(prefix)})
+    assert_same(judged, found)
 
 
-def test_who_is_sooner_a_quarter_of_the_way(sweeps, trained):
-    def steps(title, again, loss):
-        rest, best = REST[title], OPTIMA.get(title, sweeps[title][0].best_mean)
-        there = again.curves(loss) >= rest + 0.25 * (best - rest)
-        return np.where(there.any(1), again.steps[there.argmax(1)], 2.0 * again.steps[-1])
-
-    found = judged(
-        sweeps, ALL_BUT_ACROBOT, over_training, lambda *of: (steps(*of[:2], "gaussian"), steps(*of)), pairs=False
-    )
-    assert shown(returns.learns_sooner(trained)) == found
+@pytest.mark.parametrize("words", GRIDS)
+def test_claims_on_whole_grids(words, sweeps, trained):
+    claim = next(claim for claim in claims(trained) if claim.words == words)
+    assert_same(claim, on_grids(grids_of(sweeps), words))
 
 
-def test_who_is_more_stable(sweeps, trained):
-    def apart(again, loss):
-        finals = again.final(loss)
-        return abs(finals - np.median(finals))
-
-    def lost(again, loss):
-        return again.curves(loss).max(1) - again.final(loss)
-
-    for claim, score in ((stability.alike_between_seeds, apart), (stability.keeps_what_it_learns, lost)):
-        found = judged(sweeps, TASKS, Sweep.final, lambda _, s, x, score=score: (score(s, "gaussian"), score(s, x)))
-        assert shown(claim(trained)) == found
+def test_every_claim_of_the_page_is_found_by_a_second_path(trained):
+    """But for those on gradients, which test_norms.py finds again."""
+    known = [claim_named(name)(trained).words for name in (*TASKS, *BANDITS)] + [order_changes(trained).words, *GRIDS]
+    others = {claim.words for claim in claims(trained)} - {*known}
+    assert all("gradient" in words or "bound" in words for words in others)
 
 
-def test_which_losses_are_clearly_ahead_of_the_gaussian(sweeps, trained):
-    samples, paired = {}, {}
-    for title, (_, again) in sweeps.items():
-        for loss in (*CLASSIFIED, "hl-gauss-centred"):
-            samples[TASKS[title], loss] = again.final(loss), again.final("gaussian")
-            paired[TASKS[title], loss] = again.paired
-    assert clear(trained) == judge(samples, paired)
+def test_winners_against_the_gaussian(sweeps, trained):
+    found = {
+        (name, loss): compared("", task.again.final(loss), task.again.final("gaussian"), paired(*task.again.runs))
+        for name, task in tasks_of(sweeps).items()
+        if not null_of(task)
+        for loss in task.again.losses
+        if loss != "gaussian"
+    }
+    marks, adjusted = marks_of([*found.values()])
+    assert clear(trained) == dict(zip(found, marks, strict=True))
+    assert [each.p for each in decisions(trained).values()] == pytest.approx([f.p for f in found.values()], nan_ok=True)
+    assert holm([each.p for each in decisions(trained).values()]) == pytest.approx(adjusted, nan_ok=True)
+    bold = {key for key, mark in zip(found, marks, strict=True) if mark == "✓"}
+    behind = {name: [mark for (of, _), mark in zip(found, marks, strict=True) if of == name] for name, _ in found}
+    assert ahead(trained) == bold | {(name, "gaussian") for name, those in behind.items() if {*those} == {"✗"}}
 
 
-def test_the_null_task_is_one():
-    """Fewer than one run in a hundred of Mountain Car's grid ever has a mean return above that of doing nothing."""
-    curves = np.array(Sweep("mountain-car").table.column("training_return").to_pylist(), float)
-    assert (curves > 0).any(1).mean() < 0.01
+def test_the_table_of_winners(sweeps, trained):
+    rows = {(row[0].removesuffix(" (null)"), row[1]): row for row in winners(trained).rows}
+    place = {name: i for i, name in enumerate(winners(trained).headings)}
+    for name, task in tasks_of(sweeps).items():
+        for loss in task.again.losses:
+            row = rows[TITLES[name], LABELS[loss]]
+            setting = task.grid.of(loss).setting
+            assert f"learning rate {setting['learning_rate']:.3g}" in row[place["best setting"]]
+            assert all(
+                setting[field] == task.again.of(loss).setting[field] for field in ("n_bins", "learning_rate", "eta")
+            )
+            assert row[place["runs"]] == str(task.again.trials)
+            over = task.again.mean(loss)
+            cells = {
+                "as it won": task.grid.final(loss),
+                "on fresh seeds": task.again.final(loss),
+                "evaluation, most likely action": task.again.final(loss, "evaluation_return"),
+                "over training": over,
+                "noise costs": task.again.mean(loss, "evaluation_return") - over,
+            }
+            if task.again.has("mean_action_return"):
+                cells["evaluation, mean action"] = task.again.final(loss, "mean_action_return")
+            for heading, values in cells.items():
+                texts = NUMBER.findall(row[place[heading]])
+                assert all(map(is_printed, texts, mean_of(values))), (row, heading)
+
+
+def test_the_table_of_hypotheses(sweeps, trained):
+    shown = {
+        name: [(each.text, each.verdict) for each in cells[1:]]
+        for name, cells in hypotheses.table(trained).rows.items()
+    }
+    assert shown == {name: [cell(judged) for judged in row] for name, row in table(sweeps).items()}
+
+
+def test_figure_3_in_both_units(sweeps, trained):
+    shown = [[(each.text, each.verdict) for each in cells] for cells in boxed.table(trained).rows.values()]
+    sides = [{name.removeprefix("boxed-"): of for name, of in sweeps.items() if name.startswith("boxed-")}]
+    found = [[cell(judge(side)) for side in (sweeps, *sides)] for judge in BANDITS.values()]
+    assert sorted(map(str, shown)) == (sorted(map(str, found)) if sides[0] else [])

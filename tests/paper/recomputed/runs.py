@@ -1,0 +1,233 @@
+"""The second path, part 1: the runs of a folder of results, read with pyarrow and numpy alone.
+
+Nothing of galton is imported in the modules of this folder: what they find is compared with what the page says.
+"""
+
+import functools
+import json
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pyarrow.parquet as pq
+
+DATA = Path(__file__).parents[3] / "results" / "paper" / "data"
+CURVES = ("training_return", "evaluation_return", "mean_action_return")
+PAPER = ("gaussian", "hl-one-hot", "hl-gauss")
+CLASSIFIED = PAPER[1:]
+LABELS = dict(
+    zip((*PAPER, "hl-gauss-centred"), ("Gaussian", "HL-1-Hot", "HL-Gauss", "Centred HL-Gauss (ours)"), strict=True)
+)
+TITLES = {
+    "bandit": "Bandit",
+    "lqr": "LQR",
+    "mountain-car": "Mountain Car",
+    "acrobot": "Acrobot",
+    "reacher": "Reacher",
+    "half-cheetah": "HalfCheetah",
+    "ant": "Ant",
+}
+STILL = {"mountain-car": 0.0, "acrobot": -500.0, "reacher": -11.69, "half-cheetah": -0.23, "ant": 994.2}
+"""What the action 0 earns, by simulation (docs/paper.md); by arithmetic on the bandit and the LQR."""
+
+
+class Runs(NamedTuple):
+    """The trials of one setting in one sweep."""
+
+    setting: dict
+    finals: dict
+    """By metric, [trials]; NaN where a run diverged."""
+    curves: dict
+    """By metric, [trials, log points]; a point without an episode is the one before, NaN before the first."""
+    steps: np.ndarray
+    seed: int | None
+    """What seeds trial t has in common with other runs; None where each run has its own."""
+
+    def only(self, n):
+        """The first n trials."""
+        finals, curves = ({name: of[:n] for name, of in each.items()} for each in (self.finals, self.curves))
+        return self._replace(finals=finals, curves=curves)
+
+
+class Sweep(NamedTuple):
+    """Settings that were trained together, or that a change puts beside one another."""
+
+    runs: list
+    constants: dict
+    """The constants of the environment."""
+
+    def of(self, loss):
+        """The setting of a loss with the highest mean final training return; one of which a run diverged is last."""
+        return max((runs for runs in self.runs if runs.setting["loss"] == loss), key=mean_final)
+
+    @property
+    def losses(self):
+        return list(dict.fromkeys(runs.setting["loss"] for runs in self.runs))
+
+    def has(self, metric):
+        return all(metric in runs.curves for runs in self.runs)
+
+    @property
+    def trials(self):
+        return len(self.runs[0].finals["training_return"])
+
+    def worst(self, metric):
+        """The worst that any run of the paper's losses did, which is what a run that diverged is taken to earn."""
+        return min(float(np.nanmin(runs.curves[metric])) for runs in self.runs if runs.setting["loss"] in PAPER)
+
+    def filled(self, values, metric):
+        return np.where(np.isnan(values), self.worst(metric), values) if np.isnan(values).any() else values
+
+    def final(self, loss, metric="training_return"):
+        """The final returns of a loss's best setting."""
+        return self.filled(self.of(loss).finals[metric], metric)
+
+    def curve(self, loss, metric="training_return"):
+        return self.filled(self.of(loss).curves[metric], metric)
+
+    def mean(self, loss, metric="training_return"):
+        """The mean return over training, by trial."""
+        return self.curve(loss, metric).mean(1)
+
+
+class Task(NamedTuple):
+    """The runs that chose settings, and those of the winners on fresh seeds."""
+
+    name: str
+    grid: Sweep
+    again: Sweep
+
+
+def mean_final(runs):
+    finals = runs.finals["training_return"]
+    return -np.inf if np.isnan(finals).any() else float(finals.mean())
+
+
+def forward(curves):
+    """Each NaN is the value before it."""
+    found = curves.copy()
+    for i in range(1, found.shape[1]):
+        found[:, i] = np.where(np.isnan(found[:, i]), found[:, i - 1], found[:, i])
+    return found
+
+
+def matrix(table, name):
+    """A column of lists of one length."""
+    return np.stack(
+        [part.flatten().to_numpy().reshape(len(part), -1) for part in [table.column(name).combine_chunks()]]
+    )[0]
+
+
+def settings_of(record):
+    """The settings of a study's record, each as all its fields."""
+    same, different = record["settings"]["same"], record["settings"]["different"]
+    n = len(next(iter(different.values()))) if different else 1
+    return [same | {name: values[i] for name, values in different.items()} for i in range(n)]
+
+
+def read(path):
+    """The sweep that a file holds."""
+    table = pq.ParquetFile(path).read(use_threads=False)
+    record = json.loads(table.schema.metadata[b"galton"])["study"]
+    known = [name for name in CURVES if name in table.column_names]
+    number, gone = (table.column(name).to_numpy() for name in ("setting", "diverged_at"))
+    steps = matrix(table, "steps")
+    lost = (gone[:, None] >= 0) & (steps >= gone[:, None])
+    curves = {name: np.where(lost, np.nan, forward(matrix(table, name).astype(float))) for name in known}
+    finals = {name: table.column(f"final_{name}").to_numpy().astype(float) for name in (*known, "entropy")}
+    constants = record["constants"]
+    seed = constants["seed"] if constants.get("common_seeds") else None
+    found = []
+    for i, setting in enumerate(settings_of(record)):
+        rows = np.flatnonzero(number == i)
+        rows = rows[np.argsort(table.column("trial").to_numpy()[rows])]
+        own, curve = ({name: of[rows] for name, of in each.items()} for each in (finals, curves))
+        found.append(Runs(setting, own, curve, steps[rows[0]], seed))
+    return Sweep(found, json.loads(constants["env_kwargs"]))
+
+
+def read_all(folder=DATA):
+    """Every sweep of a folder, by the name of its file."""
+    found = {path.stem: read(path) for path in sorted(folder.glob("*.parquet")) if path.stem != "propositions"}
+    assert found, f"nothing in {folder}"
+    return found
+
+
+def tasks_of(sweeps, prefix=""):
+    """The main experiment's tasks of which both are done."""
+    names = [name for name in TITLES if {prefix + name, f"{prefix}{name}-again"} <= {*sweeps}]
+    return {name: Task(name, sweeps[prefix + name], sweeps[f"{prefix}{name}-again"]) for name in names}
+
+
+def grids_of(sweeps):
+    """The grids that hold the whole of App. C.2's, or where none does, all."""
+    known = {name: sweeps[name] for name in TITLES if name in sweeps}
+    return {name: grid for name, grid in known.items() if is_whole(name, grid)} or known
+
+
+def is_whole(name, grid):
+    """Whether a grid has 4 learning rates, 3 k and 6 η, or the bandit's 5, crossed."""
+    rates = (0.01, 0.05, 0.1, 1.0) if name == "bandit" else (1e-4, 3e-4, 7e-4, 1e-3)
+    etas = (0.1, 0.25, 0.5, 0.75, 1.0) if name == "bandit" else (0.01, 0.05, 0.1, 0.25, 0.5, 0.75)
+    bins = (50, 100, 200)
+    wanted = {("gaussian", rate) for rate in rates} | {("hl-one-hot", rate, k) for rate in rates for k in bins}
+    wanted |= {("hl-gauss", rate, k, eta) for rate in rates for k in bins for eta in etas}
+    fields = ("loss", "learning_rate", "n_bins", "eta")
+    there = {tuple(runs.setting[field] for field in fields) for runs in grid.runs}
+    return wanted <= {point[:n] for point in there for n in (2, 3, 4)}
+
+
+def ends_of(task):
+    """Rest and the best: (rest, best), or None where one of both is not known or nothing is better than rest."""
+    rest, best = levels_of(task.name, json.dumps(task.grid.constants))
+    best = max(map(mean_final, task.grid.runs)) if best is None else best
+    return (rest, best) if rest < best < np.inf else None
+
+
+@functools.cache
+def levels_of(name, constants):
+    """What is earned without learning, and the optimum or None."""
+    if name == "bandit":
+        return 0.0, 25.0  # the actions 0: 25 − 5²; uniform ones: 25 − (5² + 20²/12)
+    if name == "lqr":
+        return lqr(json.loads(constants))
+    return STILL[name], None
+
+
+def lqr(given):
+    """Rest and optimum of an LQR, by one least-squares problem for each horizon instead of Riccati's recursion."""
+    turn = 0.98 * np.array([[np.cos(0.1), -np.sin(0.1)], [np.sin(0.1), np.cos(0.1)]])
+    a, r = np.array(given.get("A", turn)), np.array(given.get("R", np.eye(2)))
+    length, variance, width = given.get("max_episode_steps", 100), 0.05**2, 0.1**2
+    powers = [np.linalg.matrix_power(a, t) for t in range(length)]
+    free = [np.trace(power.T @ power) for power in powers]
+
+    def without_control(spread):
+        """E −Σ cost under actions of mean 0 and this variance: each disturbance costs what its powers of A make."""
+        kicks = sum(free[: length - 1 - t][s] for t in range(length - 1) for s in range(length - 1 - t))
+        return -(sum(free) / 3 + (variance + width * spread) * kicks + length * spread * np.trace(r))
+
+    costs = [cost_to_go(powers[:n], r) for n in range(1, length + 1)]
+    return max(map(without_control, (0.0, 1 / 3))), -float(costs[-1] / 3 + variance * sum(costs[:-1]))
+
+
+def cost_to_go(powers, r):
+    """tr P of the horizon n: the least Σ |x|² + uᵀ R u from x, as x varies, with B = 0.1 I and Q = I."""
+    n = len(powers)
+    if n == 1:
+        return 2.0
+    free = np.concatenate(powers)
+    moved = np.zeros((2 * n, 2 * (n - 1)))
+    for t in range(n - 1):
+        moved[2 * t + 2 :, 2 * t : 2 * t + 2] = 0.1 * np.concatenate(powers[: n - 1 - t])
+    gain = np.linalg.solve(np.kron(np.eye(n - 1), r) + moved.T @ moved, moved.T @ free)
+    return float(np.trace(free.T @ free - free.T @ moved @ gain))
+
+
+def null_of(task):
+    """What the page says of a task on which fewer than 1% of the runs ever earn more than rest; "" of others."""
+    rest, _ = levels_of(task.name, json.dumps(task.grid.constants))
+    learners = [(runs.curves["training_return"] > rest).any(1) for runs in task.grid.runs]
+    n, of = int(np.concatenate(learners).sum()), sum(map(len, learners))
+    is_null = n < 0.01 * of or ends_of(task) is None
+    return f"null: {n:,} of {of:,} runs ever earn more than rest" if is_null else ""
