@@ -12,7 +12,7 @@ from galton.analysis.statistics import Interval
 
 _BETWEEN, _WIDE = {"x": 0.17, "y": 0.12}, 0.3
 """The least share of the axis between two ticks, and the gap that asks for a finer one between them."""
-_SLIVERS = {0.1: 0.4, 0.3: 0.15}
+_SLIVERS = {0.1: 0.4, 0.35: 0.15}
 """Where a linear axis flattens: all but this share of the later half takes less than this share of it."""
 
 Scale = Callable[[Float[np.ndarray, "*n"]], Float[np.ndarray, "*n"]]
