@@ -28,8 +28,8 @@ def answer(trained: Trained, claims: Sequence[Claim]) -> Answer:
         [_sentence(given[_KINDS[0]]), " ".join([*_further(trained, given[_KINDS[1]]), _counted(claims)])],
         Matrix("final return", [*_KINDS, "verdict"], _rows(found, given), narrow=True),
         "On fresh seeds, the classification loss that was better on the grid − the Gaussian: mean and 95% interval. A "
-        "colour says that a rank test, adjusted for all tasks (Holm), is clear; a few runs that fail move a mean and not "
-        "the ranks. The deterministic policy acts without exploration.",
+        "colour says that a rank test, adjusted for all tasks (Holm), is clear; a few runs that fail move a mean and "
+        "not the ranks. The deterministic policy acts without exploration.",
         curves(trained) if trained.grids else None,
         "Training return of the best settings on fresh seeds: Figure 2 in small.",
     )
