@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from galton.analysis.plots import draw_series, finish, look_of, panels
-from galton.analysis.statistics import difference_interval, mean_interval
+from galton.analysis.statistics import compare, mean_interval
 from galton.cli.reproduce import reproduce
 from galton.paper import FIGURES, FigureStudy, Sweep, claim
 from galton.sweep import Study, expand, task_defaults
@@ -15,7 +15,7 @@ ETAS = [0.1, 0.5, 1.0, 2.0]
 
 def study(budget, _):
     """More trials the larger the budget; the second argument is what was trained before."""
-    trials = {"smoke": 2, "small": 4, "paper": 20}[budget]
+    trials = {"smoke": 2, "small": 4, "grid": 10, "paper": 20}[budget]
     settings = expand([{"loss": "hl-gauss", "eta": ETAS}], task_defaults("bandit"))
     return Study("bandit", settings, trials, steps=1_000, logs=20)
 
@@ -41,11 +41,11 @@ def draw(trained):
 
 
 def wide_is_better(trained):
-    gaps = {}
+    units = {}
     if WIDTHS.name in trained.sweeps:
         by_eta = finals(trained)
-        gaps = {"bandit": difference_interval(by_eta[1.0], by_eta[0.1])}
-    return claim("of our own", "Wide targets end higher.", "final training return: η = 1 − η = 0.1", gaps)
+        units = {"bandit": compare(by_eta[1.0], by_eta[0.1])}
+    return claim("of our own", "Wide targets end higher.", "final training return: η = 1 − η = 0.1", units)
 
 
 FIGURES["eta"] = FigureStudy(

@@ -62,3 +62,11 @@ def test_ticks_are_round_and_apart():
     places = (scale(found) - scale(-33.0)) / (scale(25.0) - scale(-33.0))
     assert np.diff(places).min() >= 0.12
     assert round_numbers(lambda values: np.asarray(values), (0.0, 1.0), 0.3) == pytest.approx([0, 0.5, 1])
+
+
+def test_one_curve_that_falls_does_not_flatten_the_others():
+    _, (axes,) = panels(1)
+    fit_curves(axes, [curve(-150, -15, -70, -90), curve(-100, -26, -24, -23), curve(-100, -27, -24, -22)], [-9.8])
+    worst, late, best = shares(axes, [-23.5, -22, -9.8])
+    assert late - worst > 0.015
+    assert best - late > 0.2

@@ -170,10 +170,9 @@ def finish(figure: Figure, axes: Sequence[Axes], order: Sequence[str] = ()) -> N
 
 
 def _columns(widths: Sequence[float], room: float) -> int:
-    """Into how many columns entries of these widths go, filled one after the other, in so much room."""
+    """Into how many columns entries of these widths go, shared out among them in order, in so much room."""
     for n in range(len(widths), 1, -1):
-        rows = -(-len(widths) // n)
-        if sum(max(widths[i : i + rows]) for i in range(0, len(widths), rows)) <= room:
+        if sum(part.max() for part in np.array_split(widths, n)) <= room:
             return n
     return 1
 

@@ -12,8 +12,8 @@ from galton.analysis.statistics import Interval
 
 _BETWEEN, _WIDE = {"x": 0.17, "y": 0.12}, 0.3
 """The least share of the axis between two ticks, and the gap that asks for a finer one between them."""
-_SLIVER = 0.4
-"""A later half that takes less than this share of a linear axis is drawn on one that is fine near the best."""
+_SLIVERS = {0.1: 0.4, 0.35: 0.15}
+"""Where a linear axis flattens: all but this share of the later half takes less than this share of it."""
 
 Scale = Callable[[Float[np.ndarray, "*n"]], Float[np.ndarray, "*n"]]
 
@@ -31,7 +31,8 @@ def fit_curves(axes: Axes, curves: Sequence[Interval], levels: Sequence[float] =
     late = np.concatenate([*(mean[len(mean) // 2 :] for mean in means), levels])
     bands = np.concatenate([[best], *(np.ravel(curve.high) for curve in curves)])
     top = np.nanmax(bands)
-    if best - np.quantile(late, 0.1) >= _SLIVER * whole:
+    flattened = any(best - np.quantile(late, below) < share * whole for below, share in _SLIVERS.items())
+    if not flattened:
         axes.set_ylim(low - 0.05 * whole, max(best + 0.1 * whole, min(top, best + 0.4 * whole)))
         return
     unit = max(0.5 * (best - np.median(late)), whole / 100)

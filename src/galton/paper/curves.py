@@ -14,8 +14,7 @@ from galton.analysis.statistics import Interval
 from galton.losses import LOSSES
 from galton.paper.scale import optimum
 from galton.paper.summary import Summary
-from galton.paper.trained import Trained
-from galton.sweep.grid import paper_grid, task_defaults
+from galton.paper.trained import Trained, paper_settings
 from galton.tasks import TASKS
 from galton.training.log import MEAN_ACTION_RETURN
 
@@ -49,7 +48,7 @@ def numbered(title: str, summary: Summary, every: bool = False) -> str:
 def counted(summary: Summary, loss: str | None = None) -> str:
     """For a panel, how many trials of how much of App. C.2's grid a sweep has; of one loss, or of all the paper's."""
     study = summary.study
-    grid = {s for s in paper_grid(study.env, task_defaults(study.env)) if loss in (None, s.config.loss)}
+    grid = {setting for setting in paper_settings(study.env) if loss in (None, setting.config.loss)}
     n = len(grid & {*study.settings})
     return f"{study.trials} trials × {len(grid) if n == len(grid) else f'{n} of {len(grid)}'} settings"
 

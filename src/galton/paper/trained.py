@@ -50,7 +50,9 @@ class Trained:
     @functools.cached_property
     def whole_grids(self) -> dict[str, Summary]:
         """The grids that hold all of App. C.2's, by which all settings are judged; where none does, all there are."""
-        whole = {task: grid for task, grid in self.grids.items() if _paper_settings(task) <= {*grid.study.settings}}
+        whole = {
+            task: grid for task, grid in self.grids.items() if paper_settings(grid.study.env) <= {*grid.study.settings}
+        }
         return whole or self.grids
 
     @functools.cached_property
@@ -67,6 +69,6 @@ class Trained:
 
 
 @functools.cache
-def _paper_settings(task: str) -> frozenset[Setting]:
-    env = TASKS[task].env
+def paper_settings(env: str) -> frozenset[Setting]:
+    """The grid of App. C.2 for a task's environment."""
     return frozenset(paper_grid(env, task_defaults(env)))
