@@ -102,7 +102,7 @@ def test_another_budget_in_the_same_folder_is_refused(whole):
 @pytest.mark.parametrize(
     ("arguments", "complaint"),
     [
-        (["reproduce", "figure-11"], "what is 'figure-11'; choose from hypotheses, figure-1, "),
+        (["reproduce", "figure-11"], "what is 'figure-11'; choose from figure-1, "),
         (["report", "nowhere"], "holds no data; make some with: galton reproduce"),
     ],
 )

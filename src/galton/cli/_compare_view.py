@@ -8,7 +8,7 @@ from galton.envs.base import Environment
 from galton.losses import LOSSES
 
 
-def table(rows: list[Row], env: Environment | None, at_rest: float | None) -> Table:
+def table(rows: list[Row], env: Environment | None, at_rest: float | None = None) -> Table:
     """A row per loss, with its share of the way to the optimum where that is known, and what the numbers mean."""
     shares = any(row.rest_to_optimum is not None for row in rows)
     view = Table(

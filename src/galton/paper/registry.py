@@ -6,7 +6,6 @@ from galton.paper.figure import FigureStudy
 from galton.paper.sweeps import Sweep, needed
 
 FIGURES: dict[str, FigureStudy] = {
-    hypotheses.NAME: hypotheses.FIGURE,
     "figure-1": one_step.FIGURE,
     "figure-2": returns.TRAINING,
     "figure-3": bandit.FIGURE,
@@ -19,6 +18,7 @@ FIGURES: dict[str, FigureStudy] = {
     "figure-9": returns.IN_THE_APPENDIX,
     propositions.NAME: propositions.FIGURE,
     "why": why.FIGURE,
+    hypotheses.NAME: hypotheses.FIGURE,
 }
 """The figures by name, in the order of the page.
 
