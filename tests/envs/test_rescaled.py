@@ -30,8 +30,8 @@ def same(one, other):
     [
         ("bandit", "hl-gauss", 0.125),
         ("bandit", "hl-gauss-centred", 8.0),
-        ("lqr", "hl-one-hot", 0.125),
-        ("Reacher-v5", "hl-gauss", 8.0),
+        pytest.param("lqr", "hl-one-hot", 0.125, marks=pytest.mark.slow),
+        pytest.param("Reacher-v5", "hl-gauss", 8.0, marks=pytest.mark.slow),
     ],
 )
 def test_a_softmax_policy_learns_the_same_to_the_bit_at_any_scale_of_the_box(env, loss, scale):
