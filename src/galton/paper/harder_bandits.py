@@ -87,7 +87,8 @@ def less_sensitive_to_noise(trained: Trained) -> Claim:
     return claim(
         "§5.2.2",
         "Classification is less sensitive to noise in the reward.",
-        f"bandit, what a noise of {max(bandits, default=0):g} costs in final return: Gaussian's loss − theirs",
+        f"bandit, what a noise of {max(bandits, default=0):g} instead of {min(bandits, default=0):g} costs in final "
+        "return: Gaussian's loss − theirs",
         _costs(bandits),
         _shortfalls(bandits, "σ"),
     )

@@ -18,17 +18,19 @@ INTRODUCTION = (
     "The paper replaces the regression that hides in Gaussian policy gradients by classification: a softmax over "
     "bins, trained with a cross-entropy towards the sampled bin (HL-1-Hot) or a Gaussian histogram around it "
     "(HL-Gauss). Here all of that is trained again, and what the paper says stands beside what was measured.",
-    "A claim has a decision for each task, or for what else its lines name. Each is a rank test, and those of a claim "
-    "are adjusted together (Holm); clear is what stays below p = 0.05, if the mean points the way that the ranks do. "
-    "Numbers of a single loss, such as how much a setting moves it, are judged by Student's t test instead. Intervals "
-    "are 95% intervals of the mean, each by itself. P is the chance that a run of the first is above one of the "
-    "second. Beside a verdict stands how many of the decisions are clearly as the paper says. A claim holds if all "
-    "that can be decided are, and does not if more are clearly the contrary; in between it holds in part. Tasks on "
-    "which hardly any run learns anything are null, and not counted.",
-    "Rest is the better of doing nothing and of acting at random; rest → best is the way from there to the optimum, or "
-    "to the best mean final return on the grid where the optimum is not known. Centred HL-Gauss (dash-dotted) is not "
-    "the paper's. It is HL-Gauss without a bias that docs/paper.md derives, on a grid of its own with wider targets, "
-    "and no claim counts it.",
+    "A claim has a decision for each task, or for what else its lines name. Each is a rank test (Wilcoxon's for eight "
+    "or more pairs of runs with common seeds, else Mann and Whitney's), and those of a claim are adjusted together "
+    "(Holm); clear is what stays below p = 0.05, if the mean points the way that the ranks do. Numbers of a single "
+    "loss, such as how much a setting moves it, are judged by Student's t test instead, and so is whether two losses "
+    "differ by little. Intervals are 95% intervals of the mean, each by itself. P is the chance that a run of the "
+    "first is above one of the second. A run that diverges counts as the worst of its sweep. Beside a verdict stands "
+    "how many of the decisions are clearly as the paper says. A claim holds if all that can be decided are, and does "
+    "not if more are clearly the contrary; in between it holds in part. Tasks on which fewer than one run in a hundred "
+    "ever earns more than rest are null, and not counted.",
+    "Rest is what doing nothing earns, or acting at random where that is known and better; rest → best is the way from "
+    "there to the optimum, or to the best mean final return of any loss on the grid where the optimum is not known. "
+    "Centred HL-Gauss (dash-dotted) is not the paper's. It is HL-Gauss without a bias that docs/paper.md derives, on a "
+    "grid of its own with wider targets, and no claim compares it.",
 )
 FIRST = (hypotheses.NAME,)
 """The figures that stand before the claims."""

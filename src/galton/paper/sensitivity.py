@@ -135,8 +135,8 @@ def sensitive(trained: Trained, loss: str, field: str, much: bool, words: str) -
     return claim(
         "App. C.3",
         words,
-        "marginal mean final return, best − worst value, rest → best = 1 (values chosen by one half of the trials, "
-        "compared by the other); a tenth divides sensitive from robust",
+        "marginal mean final return, best − worst value, rest → best = 1 (values chosen by every other trial, "
+        "compared by the rest, and the other way round); a tenth divides sensitive from robust",
         by_task(trained, trained.whole_grids, judge),
     )
 
