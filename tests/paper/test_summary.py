@@ -1,3 +1,4 @@
+import dataclasses
 import json
 
 import numpy as np
@@ -161,3 +162,11 @@ def test_a_changed_summary_is_refused_or_gives_the_right_numbers(summary, tmp_pa
         json.loads(json.dumps(found.study.record())) == known["study"]
     )  # what it says of itself, if that is what a study can be
     assert found.best.keys() <= summary.best.keys()
+
+
+def test_rows_in_another_order_are_refused_since_pairs_go_by_their_places(summary, tmp_path):
+    store, rows = Store(str(tmp_path)), np.arange(summary.table.num_rows)
+    rows[[0, 1]] = rows[[1, 0]]
+    dataclasses.replace(summary, table=summary.table.take(rows)).save(store, "one.parquet")
+    with pytest.raises(UsageError, match="its rows must be sorted by setting and trial"):
+        Summary.load(store, "one.parquet")

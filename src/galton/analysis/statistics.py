@@ -61,7 +61,7 @@ class _Mean(NamedTuple):
     freedom: float
 
     def interval(self) -> Interval:
-        """Student's 95% interval."""
+        """The mean and its 95% interval by Student's t with these degrees of freedom."""
         half = stats.t.ppf(0.975, self.freedom) * self.error if self.error else self.error
         return Interval(*(np.float64(bound) for bound in (self.mean, self.mean - half, self.mean + half)))
 

@@ -48,17 +48,17 @@ class Rescaled:
 
     @property
     def observation_low(self) -> Float[np.ndarray, " o"]:
-        """The environment's own."""
+        """The lower bounds of the observations, which no scale of the actions changes."""
         return self.env.observation_low
 
     @property
     def observation_high(self) -> Float[np.ndarray, " o"]:
-        """The environment's own."""
+        """The upper bounds of the observations, which no scale of the actions changes."""
         return self.env.observation_high
 
     @property
     def max_episode_steps(self) -> int:
-        """The environment's own."""
+        """After how many steps the wrapped environment's episodes are cut off."""
         return self.env.max_episode_steps
 
     @property
@@ -113,17 +113,17 @@ class RescaledTask:
 
     @property
     def observation_space(self) -> Space:
-        """The task's own."""
+        """One copy's observation space, which no scale of the actions changes."""
         return self._task.observation_space
 
     @property
     def n_threads(self) -> int:
-        """The task's own."""
+        """How many threads may step different copies of the wrapped task at once."""
         return self._task.n_threads
 
     @property
     def given(self) -> int | None:
-        """The task's own."""
+        """How many copies of the wrapped task the user gave ready-made; None if `make` makes them."""
         return self._task.given
 
     def make(self, n_copies: int, n_threads: int = 1) -> "RescaledEnvironments":
@@ -139,7 +139,7 @@ class RescaledEnvironments:
 
     @property
     def moves(self) -> Sequence[Moves]:
-        """The environments' own."""
+        """The counts of the wrapped copies' moves; empty if nobody else can hold them."""
         return self._envs.moves
 
     def reset(self, seeds: Integer[np.ndarray, " M"]) -> Float[np.ndarray, "M o"]:
@@ -151,7 +151,7 @@ class RescaledEnvironments:
         return self._envs.step(action / self._action_scale)
 
     def get_state(self) -> dict[str, np.ndarray] | None:
-        """The environments' own."""
+        """All that `set_state` needs to go on exactly, as the wrapped copies tell it; None if they can't."""
         return self._envs.get_state()
 
     def set_state(self, state: dict[str, np.ndarray]) -> None:

@@ -166,6 +166,8 @@ def check(table: pa.Table, study: Study) -> None:
     )
     for name, given, n in (("setting", setting, len(study.settings)), ("trial", trial, study.trials)):
         require(((given >= 0) & (given < n)).all(), f"its {name} must be 0 to {n - 1}, as the study has {n}")
+    by_run = setting.astype(np.int64) * study.trials + trial
+    require((np.diff(by_run) >= 0).all(), "its rows must be sorted by setting and trial, for pairs go by their places")
     require(len(set(zip(setting.tolist(), trial.tolist(), strict=True))) == len(setting), "it has one run twice")
     require(len(setting) > 0, "it has no runs")
     steps = columns.curves(table, "steps", np.int32)

@@ -22,7 +22,7 @@ class Unit(NamedTuple):
     """One of the decisions that a claim rests on: a task, a loss, or both."""
 
     text: str
-    """What was found."""
+    """The numbers that were found, as the line of this decision shows them."""
     p: float
     """Of the test that there is no difference, not adjusted; NaN where nothing can be decided."""
     sign: int
