@@ -15,7 +15,7 @@ def boxes(draw):
     return low, low + span, draw(st.sampled_from([2, 3, 10, 100, 257]))
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(boxes())
 def test_decode_then_encode_gives_every_index_back(box):
     bins = Bins(*box)
@@ -23,7 +23,7 @@ def test_decode_then_encode_gives_every_index_back(box):
     np.testing.assert_array_equal(bins.encode(bins.decode(jnp.asarray(index))), index)
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(boxes())
 def test_a_value_on_an_edge_belongs_to_the_bin_above_and_high_to_the_last(box):
     bins = Bins(*box)
@@ -33,7 +33,7 @@ def test_a_value_on_an_edge_belongs_to_the_bin_above_and_high_to_the_last(box):
     )
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(boxes(), st.floats(1e-3, 1e30))
 def test_beyond_the_box_is_the_bin_at_that_end(box, distance):
     bins = Bins(*box)

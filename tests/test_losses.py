@@ -95,7 +95,7 @@ def test_near_a_uniform_policy_the_advantages_sign_is_the_direction_of_the_actio
     assert (sign * (after - before) > 0).all()
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(st.integers(0, 2**31 - 1), st.floats(0.01, 4))
 def test_target_and_policy_differ_by_at_most_two(seed, eta):
     logits, action, _ = batch(seed, n=4)

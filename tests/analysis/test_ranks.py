@@ -17,7 +17,7 @@ def tails(values, observed):
     return min(1.0, 2 * min((values <= observed).mean(), (values >= observed).mean()))
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(a=FEW, b=FEW)
 def test_the_rank_sum_is_compared_with_those_of_every_other_split(a, b):
     ranks = stats.rankdata(a + b)
@@ -25,7 +25,7 @@ def test_the_rank_sum_is_compared_with_those_of_every_other_split(a, b):
     assert rank_sum_p(np.array(a), np.array(b)) == pytest.approx(tails(sums, ranks[: len(a)].sum()))
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(differences=FEW)
 def test_the_signed_ranks_are_compared_with_those_of_every_other_sign(differences):
     known = np.array([x for x in differences if x])

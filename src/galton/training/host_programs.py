@@ -12,6 +12,7 @@ from galton.algorithms import Agent, actor_critic
 from galton.normalization import Normalizer
 from galton.training.evaluate import deterministic_action
 from galton.training.log import Log
+from galton.training.programs import kept
 from galton.training.run import RunState, begin, learn, over_runs, read_log, rollout_key
 from galton.types import Hypers, Params
 
@@ -38,7 +39,7 @@ class HostPrograms(NamedTuple):
     """(learners, observations `[P, n, o]`, hypers) → deterministic actions."""
 
 
-@functools.lru_cache(maxsize=64)
+@kept
 def host_programs(agent: Agent) -> HostPrograms:
     """The programs that train this agent, made once for each agent."""
     config = agent.config

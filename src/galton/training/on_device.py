@@ -17,6 +17,7 @@ from galton.algorithms import Agent
 from galton.envs.base import Environment
 from galton.training.evaluate import evaluate
 from galton.training.log import Log
+from galton.training.programs import kept
 from galton.training.rollout import EpisodeState, Noise, draw_noise, rollout, start_episodes
 from galton.training.run import (
     RunState,
@@ -200,7 +201,7 @@ class _Programs(NamedTuple):
     """(runs, the last rollouts, hypers) → runs and logs."""
 
 
-@functools.lru_cache(maxsize=64)
+@kept
 def _compile(env: Environment, agent: Agent, hypers: Hypers, on_runs: NamedSharding) -> _Programs:
     """The programs for hypers of these shapes."""
     begin_all = jax.jit(_one_after_the_other(functools.partial(begin_on_device, env, agent)))
@@ -220,7 +221,7 @@ def _compile(env: Environment, agent: Agent, hypers: Hypers, on_runs: NamedShard
     )
 
 
-@functools.lru_cache(maxsize=64)
+@kept
 def _compile_evaluation(
     env: Environment, agent: Agent, n_episodes: int, hypers: Hypers, on_runs: NamedSharding
 ) -> tuple[Callable[..., Array], Callable[[], float]]:

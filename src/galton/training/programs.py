@@ -1,0 +1,44 @@
+"""The compiled programs that this process keeps: each maps memory, of which Linux allows only so many pieces."""
+
+import functools
+import gc
+from collections.abc import Callable
+from pathlib import Path
+from typing import ParamSpec, TypeVar
+
+import jax
+
+T = TypeVar("T")
+P = ParamSpec("P")
+
+_MAPS, _MOST = Path("/proc/self/maps"), Path("/proc/sys/vm/max_map_count")
+_KEPT: list[Callable[[], None]] = []
+"""What empties each cache of programs."""
+
+
+def kept(make: Callable[P, T]) -> "functools._lru_cache_wrapper[T]":
+    """Keep what a function compiles for each of its arguments; room is made before it compiles something new."""
+
+    @functools.wraps(make)
+    def with_room(*args: P.args, **kwargs: P.kwargs) -> T:
+        make_room()
+        return make(*args, **kwargs)
+
+    cached = functools.lru_cache(maxsize=64)(with_room)
+    _KEPT.append(cached.cache_clear)
+    return cached
+
+
+def make_room(share: float = 0.5) -> None:
+    """Forget all programs that nobody holds, where this process maps more than a share of the pieces that it may.
+
+    One piece too many ends a process in the middle of compiling; a program has some hundreds. What is forgotten is
+    compiled again where it is needed.
+    """
+    if not (_MAPS.exists() and _MOST.exists()):
+        return  # not Linux
+    if _MAPS.read_bytes().count(b"\n") > share * int(_MOST.read_text()):
+        for forget in _KEPT:
+            forget()
+        jax.clear_caches()
+        gc.collect()
