@@ -95,11 +95,15 @@ class Matrix:
     rows: Mapping[str, Sequence[Cell]]
     narrow: bool = False
     """Whether it is a table on narrow screens too, since its cells are short."""
+    heads: Mapping[str, tuple[str, str]] = dataclasses.field(default_factory=dict)
+    """Title and text of a group of rows, by the name of its first row, above which they stand."""
 
     def __post_init__(self) -> None:
         for name, row in self.rows.items():
             fits = len(row) == len(self.columns)
             require(fits, f"rows has {name!r} with {len(row)} cells; it must be {len(self.columns)}, as columns")
+        for name in self.heads:
+            require(name in self.rows, f"heads has {name!r}; each must be one of rows, {', '.join(self.rows)}")
 
 
 @dataclasses.dataclass(frozen=True)

@@ -97,6 +97,11 @@ class Hypothesis(NamedTuple):
     changes: tuple[Change, ...] = ()
     """Those that are trained as here; (a), (b) and (h) have sweeps of their own."""
 
+    @property
+    def told(self) -> str:
+        """Both as the text of a table."""
+        return f"{self.open} Predicted: {self.predicts[0].lower()}{self.predicts[1:]}"
+
 
 HYPOTHESES: dict[str, Hypothesis] = {
     "a": Hypothesis(

@@ -70,7 +70,21 @@ def table(trained: Trained) -> Matrix:
         "change",
         ["tasks", *CLAIMS],
         {name: [Cell(_tasks(each)), *(cell(judge(each)) for judge in CLAIMS.values())] for name, each in found.items()},
+        heads=_heads(found),
     )
+
+
+def _heads(names: Iterable[str]) -> dict[str, tuple[str, str]]:
+    """What each hypothesis says, above the first of its rows; an earlier study's come last."""
+    firsts: dict[str, str] = {}
+    for name in names:
+        firsts.setdefault(name[1] if name.startswith("(") else _EARLIER if name in why.CHANGES else "", name)
+    told = {letter: (f"({letter}) {each.title}.", each.told) for letter, each in HYPOTHESES.items()} | {_EARLIER: _WHY}
+    return {name: told[group] for group, name in firsts.items() if group in told}
+
+
+_EARLIER = "why"
+_WHY = ("The earlier study, why.", "Three tasks, five runs of each loss on fresh seeds: it can show little.")
 
 
 def _tasks(trained: Trained) -> str:

@@ -96,6 +96,7 @@ def draw(trained: Trained) -> Figure:
                 drawn.append(mean_band([finals]))
                 draw_series(panel, [*by_scale], drawn[-1], *_look(name), marker="o")
             panel.set_xscale("log", base=2)
+            panel.set_xlim(SCALES[0] / 1.25, SCALES[-1] * 1.25)
             panel.set_xticks(SCALES, [f"{scale:g}" for scale in SCALES])
             softmax = [by_scale for name, by_scale in series.items() if not name.startswith("gaussian")]
             equal = sum(map(are_equal, softmax))

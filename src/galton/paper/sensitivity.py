@@ -109,8 +109,9 @@ def _tell_equal(axes: Axes, curves: Mapping[float, Interval], name: str) -> None
     }
     groups: list[list[float]] = []
     for value, curve in shown.items():
-        apart = np.nanmax(np.abs(curve - shown[groups[-1][0]])) if groups else np.inf
-        groups = [*groups[:-1], [*groups[-1], value]] if apart < _ALIKE else [*groups, [value]]
+        apart = np.abs(curve - shown[groups[-1][0]]) if groups else np.array([np.nan])
+        alike = not np.isnan(apart).all() and np.nanmax(apart) < _ALIKE
+        groups = [*groups[:-1], [*groups[-1], value]] if alike else [*groups, [value]]
     told = "\n".join(f"{name} {group[0]:g}–{group[-1]:g} coincide" for group in groups if len(group) > 1)
     x, y = np.concatenate([*shown.values()]).T
     corners = {
