@@ -17,6 +17,7 @@ from galton.analysis.statistics import (
     compare,
     difference_interval,
     fill_forward,
+    fill_start,
     holm,
     mean_interval,
     performance_profile,
@@ -182,7 +183,7 @@ def test_intervals_read_as_mean_and_half_width_or_as_both_ends():
     assert f"{Interval(*np.full(3, -np.inf)):.1f}" == "−inf"
 
 
-@settings(deadline=None, max_examples=50)
+@settings(max_examples=50)
 @given(x=scores(7))
 def test_a_profile_is_the_share_above_with_diverged_runs_below_every_score(x):
     low_x = np.nan_to_num(x, nan=-9.0)
@@ -248,6 +249,14 @@ def test_one_run_of_a_task_has_no_interval():
 def test_errors_name_the_argument_its_value_and_the_remedy(call, message):
     with pytest.raises(UsageError, match=message):
         call()
+
+
+def test_fill_start_carries_the_first_known_value_back_and_nothing_else():
+    nan = np.nan
+    curves = np.array([[nan, nan, 1, nan, 2], [3, nan, nan, 4, nan], [nan, nan, nan, nan, nan]])
+    np.testing.assert_array_equal(
+        fill_start(curves), [[1, 1, 1, nan, 2], [3, nan, nan, 4, nan], [nan, nan, nan, nan, nan]]
+    )
 
 
 def test_fill_forward_carries_the_last_known_value():

@@ -228,6 +228,13 @@ def fill_forward(curves: Float[np.ndarray, "R L"]) -> Float[np.ndarray, "R L"]:
     return np.take_along_axis(curves, last, axis=1)
 
 
+def fill_start(curves: Float[np.ndarray, "R L"]) -> Float[np.ndarray, "R L"]:
+    """Each NaN before a run's first known value replaced by that: no episode had ended until then."""
+    first = (~np.isnan(curves)).argmax(1)[:, None]
+    before = np.arange(curves.shape[1]) < first
+    return np.where(before, np.take_along_axis(curves, first, axis=1), curves)
+
+
 def fill_until(
     curves: Float[np.ndarray, "R L"], steps: Int[np.ndarray, " L"], diverged_at: Int[np.ndarray, " R"]
 ) -> Float[np.ndarray, "R L"]:

@@ -6,7 +6,7 @@ from collections.abc import Callable
 import numpy as np
 from jaxtyping import Float
 
-from galton.analysis.statistics import Comparison, compare
+from galton.analysis.statistics import Comparison, compare, fill_start
 from galton.losses import LOSSES
 from galton.paper.scale import Scale
 from galton.paper.summary import Summary
@@ -63,7 +63,12 @@ def apart(summary: Summary, loss: str) -> Scores:
 
 def curves_of(summary: Summary, loss: str, metric: str) -> Float[np.ndarray, "trials L"]:
     """The curves of a loss's best setting."""
-    return np.asarray(_filled(summary, summary.curves(metric), metric)[summary.rows(summary.best[loss].setting)])
+    return np.asarray(_curves(summary, metric)[summary.rows(summary.best[loss].setting)])
+
+
+def _curves(summary: Summary, metric: str) -> Float[np.ndarray, "runs L"]:
+    """All curves: before a run's first finished episode its first return, after it diverged the sweep's worst."""
+    return _filled(summary, fill_start(summary.curves(metric)), metric)
 
 
 def logged(summary: Summary) -> dict[str, str]:
@@ -121,7 +126,7 @@ def by_setting(summary: Summary, loss: str) -> Float[np.ndarray, "settings trial
 
 def over_training(summary: Summary) -> dict[Setting, float]:
     """The mean training return of each setting that was trained, over all of training and its trials."""
-    means = _filled(summary, summary.curves("training_return"), "training_return").mean(1)
+    means = _curves(summary, "training_return").mean(1)
     found = {setting: means[summary.rows(setting)] for setting in summary.study.settings}
     return {setting: float(runs.mean()) for setting, runs in found.items() if len(runs)}
 

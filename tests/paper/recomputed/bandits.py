@@ -4,7 +4,7 @@ import numpy as np
 
 from .claims import KINDS, paired
 from .ranks import Found, against, compared, judged, marks_of
-from .runs import CLASSIFIED, LABELS, PAPER, Task, ends_of, null_of
+from .runs import CLASSIFIED, LABELS, PAPER, Task, begun, ends_of, null_of
 
 CONTROLS = {"Init Gaussian": "bandit-init-gaussian", "Gaussian Exploration": "bandit-gaussian-exploration"}
 METRICS = {"training_return": "training return", **KINDS}
@@ -85,7 +85,9 @@ def equal_settings(sweeps, control, field, value):
         return {}
     means = []
     for sweep in (under, plain):
-        curves = {id(runs): sweep.filled(runs.curves["training_return"], "training_return") for runs in sweep.runs}
+        curves = {
+            id(runs): sweep.filled(begun(runs.curves["training_return"]), "training_return") for runs in sweep.runs
+        }
         fields = ("loss", "learning_rate", "n_bins", "eta")
         means.append({tuple(r.setting[f] for f in fields): curves[id(r)].mean() for r in sweep.runs})
     assert all(runs.setting[field] == value for runs in under.runs)

@@ -77,6 +77,7 @@ class Sweep(NamedTuple):
         return min(float(np.nanmin(runs.curves[metric])) for runs in self.runs if runs.setting["loss"] in PAPER)
 
     def filled(self, values, metric):
+        """The values, with the worst for what a run that diverged has not."""
         return np.where(np.isnan(values), self.worst(metric), values) if np.isnan(values).any() else values
 
     def final(self, loss, metric="training_return"):
@@ -84,7 +85,7 @@ class Sweep(NamedTuple):
         return self.filled(self.of(loss).finals[metric], metric)
 
     def curve(self, loss, metric="training_return"):
-        return self.filled(self.of(loss).curves[metric], metric)
+        return self.filled(begun(self.of(loss).curves[metric]), metric)
 
     def mean(self, loss, metric="training_return"):
         """The mean return over training, by trial."""
@@ -102,6 +103,15 @@ class Task(NamedTuple):
 def mean_final(runs):
     finals = runs.finals["training_return"]
     return -np.inf if np.isnan(finals).any() else float(finals.mean())
+
+
+def begun(curves):
+    """Each row with its first known value in the place of what it lacks before that."""
+    rows = []
+    for row in curves:
+        known = np.flatnonzero(~np.isnan(row))
+        rows.append(np.concatenate([np.full(known[0], row[known[0]]), row[known[0] :]]) if len(known) else row)
+    return np.array(rows)
 
 
 def forward(curves):
