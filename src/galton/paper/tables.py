@@ -16,7 +16,7 @@ from galton.saving import files
 
 FILE = "tables.md"
 _SIGNS = dict(zip(VERDICTS, "✓◐✗≈", strict=True))
-_PLACE = re.compile(r"(<!-- table: (.+?) -->\n\n)((?:\|.*\n)*)")
+_PLACE = re.compile(r"(<!-- table: (.+?) -->\n\n)((?:\|.*\n)*)\n?")
 
 
 def tables(trained: Trained) -> dict[str, str]:
@@ -49,7 +49,7 @@ def markdown(matrix: Matrix) -> str:
 
 def filled(text: str, known: Mapping[str, str]) -> str:
     """A document with its tables where it names them; one that is not known stays as it is."""
-    return _PLACE.sub(lambda place: place[1] + (f"{known[place[2]]}\n" if place[2] in known else place[3]), text)
+    return _PLACE.sub(lambda place: f"{place[1]}{known[place[2]]}\n\n" if place[2] in known else place[0], text)
 
 
 def main(folder: str, *documents: str) -> None:
