@@ -5,6 +5,7 @@ import json
 from collections.abc import Mapping
 
 import numpy as np
+import pyarrow as pa
 from matplotlib.figure import Figure
 
 from galton.analysis.bands import mean_band
@@ -79,7 +80,13 @@ def are_equal(by_scale: Mapping[float, Summary]) -> bool:
     """Whether all that is kept of the runs is the same to the bit at every scale, but for σ, which is in its units."""
     first, *others = by_scale.values()
     names = [name for name in first.table.column_names if name not in ("setting", "final_sigma")]
-    return all(first.table.select(names).equals(other.table.select(names)) for other in others)
+    return all(_bits(first.table[name]) == _bits(other.table[name]) for other in others for name in names)
+
+
+def _bits(column: pa.ChunkedArray) -> bytes:
+    """All numbers of a column, or of its lists; of two that are not numbers at one place Arrow says that they differ."""
+    values = column.combine_chunks()
+    return (values.flatten() if pa.types.is_nested(values.type) else values).to_numpy(zero_copy_only=False).tobytes()
 
 
 def draw(trained: Trained) -> Figure:
@@ -98,7 +105,8 @@ def draw(trained: Trained) -> Figure:
             panel.set_xscale("log", base=2)
             panel.set_xlim(SCALES[0] / 1.25, SCALES[-1] * 1.25)
             panel.set_xticks(SCALES, [f"{scale:g}" for scale in SCALES])
-            softmax = [by_scale for name, by_scale in series.items() if not name.startswith("gaussian")]
+            others = (by_scale for name, by_scale in series.items() if not name.startswith("gaussian"))
+            softmax = [by_scale for by_scale in others if len(by_scale) > 1]
             equal = sum(map(are_equal, softmax))
             panel.set_title(f"{heading(task)}\nsoftmax equal to the bit: {equal} of {len(softmax)}", fontsize=9)
             panel.set_xlabel("action box times")
