@@ -5,7 +5,7 @@ OUT ?= runs/demo
 BIN = $(VENV)/bin
 PIP = $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
 
-.PHONY: demo test test-all lint bench clean
+.PHONY: demo test test-all lint docs bench clean
 
 demo: $(VENV)/installed  ## Classification against regression on the LQR: a table and a figure in runs/demo.
 	$(BIN)/galton compare lqr --losses gaussian hl-one-hot hl-gauss hl-gauss-centred --out $(OUT) --overwrite
@@ -28,6 +28,10 @@ lint: $(VENV)/installed-dev
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
+docs: $(VENV)/installed-docs  ## The site, from docs/ into build/docs; a warning is an error, and no network is needed.
+	$(BIN)/python -m sphinx --fail-on-warning --keep-going --quiet -b html docs build/docs
+	@echo "Open build/docs/index.html"
+
 bench: $(VENV)/installed-dev $(VENV)-rejax/installed  ## Speed against others and the machine; rewrites results/benchmarks.
 	$(BIN)/python benchmarks/sweep_speed.py --rejax $(VENV)-rejax/bin/python
 	$(BIN)/python benchmarks/against_sb3.py
@@ -48,6 +52,10 @@ $(VENV)/installed: pyproject.toml constraints.txt | $(VENV)/bin/python
 
 $(VENV)/installed-dev: pyproject.toml constraints.txt | $(VENV)/bin/python
 	$(PIP) -e '.[dev]'
+	@touch $@ $(VENV)/installed $(VENV)/installed-docs
+
+$(VENV)/installed-docs: pyproject.toml constraints.txt | $(VENV)/bin/python
+	$(PIP) -e '.[docs]'
 	@touch $@ $(VENV)/installed
 
 # The tests of the page need a browser: one that is there, or else Playwright's or Debian's.

@@ -1,0 +1,200 @@
+"""Directives that make tables from the code and the results, so that the pages can't fall behind them.
+
+`{parameters}` lists an algorithm's settings, or those that are named; `{registry}` lists losses, policies, algorithms
+or environments; `{paper-returns}` has the final training returns of some losses, and `{winners}` their best settings.
+"""
+
+import functools
+import inspect
+import typing
+from pathlib import Path
+
+from docutils import nodes
+from docutils.statemachine import StringList
+from sphinx.application import Sphinx
+from sphinx.pycode import ModuleAnalyzer
+from sphinx.util.docutils import SphinxDirective
+
+from galton.algorithms import ALGORITHMS
+from galton.envs.registry import ENVS, make
+from galton.fields import AtLeast, annotations
+from galton.losses import LOSSES
+from galton.models.settings import usual
+from galton.paper import reproduce, standings, tables
+from galton.paper.trained import Trained
+from galton.policies import POLICIES
+from galton.records import defaults
+from galton.types import Config, Hypers
+
+RESULTS = Path(__file__).parents[2] / "results" / "paper"
+DEFAULTS = defaults(Config) | defaults(Hypers)
+Rows = list[list[str]]
+
+
+def described() -> dict[str, str]:
+    """What the fields of Config and Hypers say of themselves."""
+    found = ModuleAnalyzer.for_module("galton.types").find_attr_docs()
+    return {name: " ".join(lines).strip() for (record, name), lines in found.items() if record in ("Config", "Hypers")}
+
+
+def allowed(name: str) -> str:
+    """What a setting may be, in words."""
+    annotation = (annotations(Config) | annotations(Hypers))[name]
+    kind, details = typing.get_origin(annotation), typing.get_args(annotation)
+    if kind is typing.Literal:
+        return "One of " + ", ".join(f"`{word}`" for word in details) + "."
+    if kind is tuple:
+        return "Whole numbers from 1."
+    if kind is typing.Annotated:
+        bound = details[1]
+        return f"A whole number from {bound.least}." if isinstance(bound, AtLeast) else f"A number: {bound.wanted}."
+    return {bool: "True or False.", str: "A name."}[annotation]
+
+
+def parameters(*names: str) -> Rows:
+    """The settings of these names, or of the algorithm of that name, with their defaults."""
+    values = DEFAULTS
+    if len(names) == 1 and names[0] in ALGORITHMS:
+        values = {"loss": DEFAULTS["loss"], "n_envs": DEFAULTS["n_envs"]} | usual(ALGORITHMS[names[0]])
+        names = tuple(values)
+    texts = described()
+    rows = [[f"`{name}`", f"`{values[name]}`", f"{texts[name]} *{allowed(name)}*"] for name in names]
+    return [["parameter", "default", "what it is"], *rows]
+
+
+def said(thing: object) -> str:
+    """The first paragraph of a docstring, for a cell."""
+    text = inspect.getdoc(thing) or ""
+    return " ".join(text.split("\n\n")[0].split()).replace("|", "\\|")
+
+
+def losses() -> Rows:
+    """LOSSES, each with its page."""
+    rows = [
+        [f"[`{name}`](/losses/{name.replace('-', '_')}.md)", loss.label, f"`{loss.policy}`", said(loss.function)]
+        for name, loss in LOSSES.items()
+    ]
+    return [["loss", "in figures", "usual policy", "what it is"], *rows]
+
+
+def policies() -> Rows:
+    """POLICIES, with the losses that can train each."""
+    rows = []
+    for name, policy in POLICIES.items():
+        fitting = [f"`{key}`" for key, loss in LOSSES.items() if loss.family in ("density", policy.family)]
+        rows.append([f"`{name}`", policy.label, ", ".join(fitting), said(policy)])
+    return [["policy", "in figures", "losses that fit it", "what it is"], *rows]
+
+
+def algorithms() -> Rows:
+    """ALGORITHMS, each with its page and the settings that only it has."""
+    rows = [
+        [f"[`{name}`](/{name}.md)", entry.label, ", ".join(f"`{field}`" for field in entry.own) or "none"]
+        for name, entry in ALGORITHMS.items()
+    ]
+    return [["algorithm", "in figures", "settings of its own"], *rows]
+
+
+def environments() -> Rows:
+    """ENVS, with the sizes of actions and observations."""
+    rows = []
+    for name, entry in ENVS.items():
+        env = make(name)
+        low, high = env.action_low, env.action_high
+        box = f"{len(low)} in [{low[0]:g}, {high[0]:g}]"
+        rows.append(
+            [f"`{name}`", f"`{entry.gymnasium_id}`", box, str(len(env.observation_low)), str(env.max_episode_steps)]
+        )
+    return [["environment", "Gymnasium id", "actions", "observations", "steps an episode"], *rows]
+
+
+@functools.cache
+def trained() -> Trained:
+    """What `results/paper/data` holds."""
+    return reproduce.load(str(RESULTS))
+
+
+@functools.cache
+def quoted() -> Rows:
+    """The table of final training returns, as README quotes it."""
+    table = tables.tables(trained())["Final training return on fresh seeds"]
+    cells = [[cell.strip() for cell in line.strip("|").split("|")] for line in table.splitlines()]
+    return [cells[0], *cells[2:]]
+
+
+def paper_returns(*names: str) -> Rows:
+    """The columns of these losses."""
+    head = quoted()[0]
+    columns = [0, 1, *(head.index(LOSSES[name].label) for name in names)]
+    return [["task" if not row[0] else row[0], *(row[i] for i in columns[1:])] for row in quoted()]
+
+
+def winners(*names: str) -> Rows:
+    """The best settings of these losses in the paper's grid."""
+    labels = [LOSSES[name].label for name in names]
+    rows = [row[:3] for row in standings.winners(trained()).rows if row[1] in labels]
+    table = [["task", "loss", "best setting of its grid"], *rows]
+    return [[row[0], row[2]] for row in table] if len(names) == 1 else table
+
+
+class Table(SphinxDirective):
+    """A table in Markdown, by a function of the directive's words."""
+
+    has_content = False
+    optional_arguments = 100
+
+    def rows(self) -> Rows:
+        """The cells, the head first."""
+        raise NotImplementedError
+
+    def run(self) -> list[nodes.Node]:
+        """Parse the table as if it stood on the page."""
+        head, *rows = self.rows()
+        lines = ["| " + " | ".join(row) + " |" for row in (head, ["---"] * len(head), *rows)]
+        box = nodes.Element()
+        box.document = self.state.document
+        self.state.nested_parse(StringList(lines, self.env.docname), 0, box)
+        return box.children
+
+
+class Parameters(Table):
+    """`{parameters} NAME …`."""
+
+    def rows(self) -> Rows:
+        """Settings, with their defaults."""
+        return parameters(*self.arguments)
+
+
+class Registry(Table):
+    """`{registry} losses`, policies, algorithms or environments."""
+
+    KNOWN: typing.ClassVar = {f.__name__: f for f in (losses, policies, algorithms, environments)}
+
+    def rows(self) -> Rows:
+        """The entries of the registry."""
+        return self.KNOWN[self.arguments[0]]()
+
+
+class PaperReturns(Table):
+    """`{paper-returns} LOSS …`."""
+
+    def rows(self) -> Rows:
+        """A row per task."""
+        return paper_returns(*self.arguments)
+
+
+class Winners(Table):
+    """`{winners} LOSS …`."""
+
+    def rows(self) -> Rows:
+        """A row per task and loss."""
+        return winners(*self.arguments)
+
+
+def setup(app: Sphinx) -> dict[str, bool]:
+    """Register the directives."""
+    app.add_directive("parameters", Parameters)
+    app.add_directive("registry", Registry)
+    app.add_directive("paper-returns", PaperReturns)
+    app.add_directive("winners", Winners)
+    return {"parallel_read_safe": True, "parallel_write_safe": True}

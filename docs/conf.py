@@ -1,0 +1,37 @@
+"""How Sphinx makes the site of the Markdown in this folder: `make docs`. Nothing in it needs a network."""
+
+import os
+import sys
+import tomllib
+from pathlib import Path
+
+HERE = Path(__file__).parent
+sys.path.insert(0, str(HERE / "_ext"))
+os.environ.setdefault("JAX_PLATFORMS", "cpu")
+
+project = "Galton"
+author = "The Galton developers"
+version = release = tomllib.loads((HERE.parent / "pyproject.toml").read_text())["project"]["version"]
+
+extensions = ["myst_parser", "sphinx.ext.autodoc", "docstrings", "from_code", "mathml"]
+myst_enable_extensions = ["dollarmath", "colon_fence"]
+myst_heading_anchors = 4
+exclude_patterns = ["_ext"]
+default_role = "py:obj"  # `names` in docstrings
+
+add_module_names = False
+autodoc_member_order = "bysource"
+autodoc_preserve_defaults = True
+python_use_unqualified_type_names = True
+python_maximum_signature_line_length = 80
+toc_object_entries = False
+
+html_theme = "furo"
+html_title = f"Galton {version}"
+html_math_renderer = "mathml"
+html_static_path = ["_static"]
+html_css_files = ["galton.css"]
+html_copy_source = False
+html_show_sphinx = False
+html_show_copyright = False
+pygments_style, pygments_dark_style = "friendly", "native"
