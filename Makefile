@@ -29,7 +29,7 @@ lint: $(VENV)/installed-dev
 	$(BIN)/mypy
 
 docs: $(VENV)/installed-docs  ## The site, from docs/ into build/docs; a warning is an error, and no network is needed.
-	$(BIN)/python -m sphinx --fail-on-warning --keep-going --quiet -b html docs build/docs
+	$(BIN)/python -m sphinx --fresh-env --fail-on-warning --keep-going --quiet -b html docs build/docs
 	@echo "Open build/docs/index.html"
 
 bench: $(VENV)/installed-dev $(VENV)-rejax/installed  ## Speed against others and the machine; rewrites results/benchmarks.

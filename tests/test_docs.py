@@ -17,7 +17,7 @@ ROWS = [line.split("|")[1:4] for line in (ROOT / "docs" / "paper.md").read_text(
 EQUATIONS = [row for row in ROWS if row[0].strip()[:2] in ("§2", "§4", "§5", "eq", "Ap")]
 LINKS = [
     (document, target)
-    for document in [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+    for document in [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
     for target in re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", document.read_text())
 ]
 

@@ -29,7 +29,7 @@ def test_an_example_runs(path, tmp_path):
 
 BLOCKS = [
     pytest.param(block, id=f"{path.stem}-{i}")
-    for path in [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+    for path in [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
     for i, block in enumerate(re.findall(r"```python\n(.*?)```", path.read_text(), re.S))
 ]
 

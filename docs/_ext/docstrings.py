@@ -1,12 +1,19 @@
-"""Docstrings in Google's style for autodoc.
+"""Docstrings in Google's style for autodoc, and types as their source has them.
 
-This is napoleon, but that it takes what stands before a colon in the docstring of a field for the field's type.
+Napoleon alone would take what stands before a colon in the docstring of a field for the field's type.
 """
 
+import re
+import typing
 from collections.abc import Mapping
 
+from docutils import nodes
+from sphinx import addnodes
 from sphinx.application import Sphinx
 from sphinx.ext.napoleon import Config, GoogleDocstring
+
+from galton import sweep, types
+from galton.fields import annotations
 
 STYLE = Config(napoleon_use_rtype=False)
 FIELDS = ("attribute", "data", "property")
@@ -18,8 +25,30 @@ def process(app: Sphinx, what: str, name: str, thing: object, options: Mapping[s
     lines[:] = GoogleDocstring(lines, STYLE, app, what, name, thing, options).lines()
 
 
+def drop_bounds(record: type) -> None:
+    """Let the fields of a record show their types without the bounds that are checked, which the tables tell."""
+    annotations(record)  # which checking goes on to use
+    plain = typing.get_type_hints(record)
+    record.__annotations__ = plain
+    constructor = record.__init__ if "__init__" in vars(record) else record.__new__
+    constructor.__annotations__ = plain
+
+
+def shorten(app: Sphinx, doctree: nodes.document) -> None:
+    """Call JAX's arrays by their public name."""
+    del app
+    for signature in doctree.findall(addnodes.desc_signature):
+        for text in list(signature.findall(nodes.Text)):
+            short = re.sub(r"jaxlib\._jax\.|~(?=\w)", "", str(text))
+            if short != str(text):
+                text.parent.replace(text, nodes.Text(short))
+
+
 def setup(app: Sphinx) -> dict[str, bool]:
     """Listen to autodoc."""
     app.setup_extension("sphinx.ext.autodoc")
     app.connect("autodoc-process-docstring", process)
+    app.connect("doctree-read", shorten)
+    for record in (types.Config, types.Hypers, sweep.Study):
+        drop_bounds(record)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

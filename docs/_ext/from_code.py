@@ -126,7 +126,8 @@ def paper_returns(*names: str) -> Rows:
     """The columns of these losses."""
     head = quoted()[0]
     columns = [0, 1, *(head.index(LOSSES[name].label) for name in names)]
-    return [["task" if not row[0] else row[0], *(row[i] for i in columns[1:])] for row in quoted()]
+    rows = [[row[i].replace(" ± ", "\u00a0±\u00a0") for i in columns] for row in quoted()]
+    return [["task", *rows[0][1:]], *rows[1:]]
 
 
 def winners(*names: str) -> Rows:

@@ -31,13 +31,19 @@ class Bins:
     """
 
     low: Float[np.ndarray, " d"]
+    """The box's lower bounds."""
     high: Float[np.ndarray, " d"]
+    """Its upper bounds."""
     n_bins: int
+    """The number of bins in each dimension, k."""
     edges: Float[np.ndarray, "d k+1"]
+    """Where the bins begin and end."""
     edges_rest: Float[np.ndarray, "d k+1"]
     """What rounding took from the edges: edges + edges_rest is exact to twice the precision."""
     centers: Float[np.ndarray, "d k"]
+    """The middle of each bin, which is the action that it stands for."""
     width: Float[np.ndarray, " d"]
+    """The width of the bins of each dimension."""
 
     def __init__(self, low: Bound, high: Bound, n_bins: int) -> None:
         low64, high64 = (np.atleast_1d(as_numbers(*bound)) for bound in (("low", low), ("high", high)))

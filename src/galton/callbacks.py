@@ -60,6 +60,7 @@ class Evaluate:
     every: int = 10_000
     """Environment steps between evaluations, each rounded up to a whole update."""
     n_episodes: int = 10
+    """How many episodes each evaluation plays."""
     env: object = None
     """What to play on; None for copies of the environment that the model is trained on."""
     best_model: str | Path | None = None
@@ -127,6 +128,7 @@ class StopOnReward:
     """Stop once a number in the log reaches a threshold."""
 
     threshold: float
+    """Training stops where the number is as high as this, or higher."""
     metric: str = "eval/mean_reward"
     """A key of the log; points without it are passed over, and you are warned if all were."""
 
@@ -154,6 +156,7 @@ class StopAfter:
     """Stop after some time, counted from the beginning of `learn`, at the next whole update."""
 
     seconds: float
+    """How many seconds `learn` may take."""
 
     def __post_init__(self) -> None:
         fits = isinstance(self.seconds, int | float) and self.seconds > 0

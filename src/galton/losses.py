@@ -114,6 +114,7 @@ class Loss(NamedTuple):
     label: str
     """Its name in figures and tables."""
     in_paper: bool = True
+    """Whether it is one of the paper's; figures and claims set the others apart."""
     uses: tuple[str, ...] = ()
     """The fields of Hypers that it takes."""
     target: Callable[[Any, Array, Hypers], Array] | None = None

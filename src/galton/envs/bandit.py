@@ -19,7 +19,9 @@ class Bandit:
     """
 
     d: int = 2
+    """Action dimensions."""
     noise_std: float = 1.0
+    """The standard deviation of the reward's noise, ε."""
 
     max_episode_steps = 1
 

@@ -27,11 +27,17 @@ class LQR:
     """
 
     A: Matrix = ((_C, -_S), (_S, _C))
+    """How the state moves by itself, `[n, n]`."""
     B: Matrix = ((0.1, 0.0), (0.0, 0.1))
+    """What the action adds to it, `[n, m]`."""
     Q: Matrix = ((1.0, 0.0), (0.0, 1.0))
+    """What the state costs, `[n, n]`."""
     R: Matrix = ((1.0, 0.0), (0.0, 1.0))
+    """What the action costs, `[m, m]`."""
     noise_std: float = 0.05
+    """The standard deviation of each entry of the noise in a step."""
     max_episode_steps: int = 100
+    """The length of every episode."""
 
     def __post_init__(self) -> None:
         for name in "ABQR":

@@ -16,7 +16,9 @@ class FigureStudy:
     """One figure of the page, with all that belongs to it."""
 
     title: str
+    """Its heading on the page."""
     caption: str
+    """What the figure shows, in whole sentences below it."""
     draw: Callable[[Trained], Figure]
     """Draws it from what was trained, which may lack some of its sweeps but not all; without axes it is left out."""
     sweeps: tuple[Sweep, ...] = ()

@@ -20,6 +20,7 @@ class Setting(NamedTuple):
     """One point of a grid: a Config and Hypers."""
 
     config: Config
+    """What changes shapes or code."""
     hypers: Hypers
     """The hyperparameters, as plain numbers."""
 
@@ -79,6 +80,7 @@ class Study:
     env: str
     """A name in ENVS or a Gymnasium id (`module:Id` imports the module first)."""
     settings: tuple[Setting, ...]
+    """The points of the grid, each of them once."""
     trials: Count
     """Runs of each setting, each with a seed of its own."""
     steps: Count

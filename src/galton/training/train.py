@@ -24,9 +24,11 @@ class Result:
     """What `train` returns: R trained runs with L log points each."""
 
     config: Config
+    """The configuration of all runs."""
     hypers: Hypers
     """The numbers of every run, each field `[R]`."""
     seeds: Int[np.ndarray, " R"]
+    """The seed of each run."""
     steps: Int[np.ndarray, " L"]
     """Environment steps taken at each log point."""
     log: Log
@@ -36,7 +38,9 @@ class Result:
     learner: Learner
     """What each run has learnt, each leaf a numpy array `[R, ...]`."""
     compile_seconds: float
+    """What compiling took."""
     train_seconds: float
+    """What training took beside that, evaluation included."""
 
     @property
     def steps_per_second(self) -> float:
