@@ -26,6 +26,7 @@ python_use_unqualified_type_names = True
 python_maximum_signature_line_length = 80
 toc_object_entries = False
 
+highlight_language = "none"
 html_theme = "furo"
 html_title = f"Galton {version}"
 html_math_renderer = "mathml"
