@@ -155,6 +155,8 @@ class Table(SphinxDirective):
         box = nodes.Element()
         box.document = self.state.document
         self.state.nested_parse(StringList(lines, self.env.docname), 0, box)
+        for table in box.findall(nodes.table):
+            table["classes"].append(self.name)
         return box.children
 
 
