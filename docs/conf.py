@@ -35,4 +35,4 @@ html_css_files = ["galton.css"]
 html_copy_source = False
 html_show_sphinx = False
 html_show_copyright = False
-pygments_style, pygments_dark_style = "friendly", "native"
+pygments_style, pygments_dark_style = "friendly", "github-dark"
