@@ -1,5 +1,6 @@
 """What the documents name is there."""
 
+import json
 import pkgutil
 import re
 from pathlib import Path
@@ -83,3 +84,15 @@ def test_tables_of_results_are_quoted_as_they_were_made():
         text = path.read_text()
         assert "<!-- table: " in text
         assert tables.filled(text, known) == text, f"python -m galton.paper.tables {folder} {path}"
+
+
+def test_readme_quotes_the_demo_as_it_was_run():
+    lines = (ROOT / "README.md").read_text().replace("**", "").splitlines()
+    start = next(i for i, line in enumerate(lines) if line.startswith("| A bandit with actions"))
+    for line, folder in zip(lines[start:], ("bandit", "bandit-in-units-of-its-box", "lqr"), strict=False):
+        rows = json.loads((ROOT / "results" / "demo" / folder / "summary.json").read_text())
+        told = []
+        for row in rows:
+            of = row["evaluation_return"]
+            told.append(f"{of['mean']:.2f} ± {(of['high'] - of['low']) / 2:.2f} ({row['rest_to_optimum']:.1%})")
+        assert [cell.strip() for cell in line.split("|")[2:-1]] == [each.replace("-", "−") for each in told]

@@ -171,8 +171,8 @@ FIGURE = FigureStudy(
     "What makes the paper's result appear?",
     "The table judges the same claims again where one thing is changed: of how many tasks each clearly holds, and on "
     "how many the contrary. The figure is of hypothesis (b): final return on fresh seeds where the action box is times "
-    "1/8 to 8 and the environment divides by as much. A softmax policy knows nothing of it; a Gaussian whose first σ is "
-    "1 does, unless its units are the box's.",
+    "1/8 to 8 and the environment divides by as much. A softmax policy knows nothing of it; a Gaussian whose first σ "
+    "is 1 does, unless its units are the box's.",
     rescaling.draw,
     (
         *(sweep for key in changes.SWEEPS for sweep in (changes.SWEEPS[key], changes.AGAIN[key])),

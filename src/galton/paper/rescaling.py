@@ -84,7 +84,7 @@ def are_equal(by_scale: Mapping[float, Summary]) -> bool:
 
 
 def _bits(column: pa.ChunkedArray) -> bytes:
-    """All numbers of a column, or of its lists; of two that are not numbers at one place Arrow says that they differ."""
+    """All numbers of a column, or of its lists; of two NaN at one place Arrow says that they differ."""
     values = column.combine_chunks()
     return (values.flatten() if pa.types.is_nested(values.type) else values).to_numpy(zero_copy_only=False).tobytes()
 
