@@ -12,6 +12,7 @@ import sys
 
 from galton.cli._interrupts import ASKING
 from galton.cli._output import Lasting, lasting_output
+from galton.cli._programs import keep_programs
 from galton.cli._words import run_command
 from galton.errors import BrokenEnvironmentError, CheckpointError, UsageError, unknown
 
@@ -96,6 +97,7 @@ def _run(name: str, arguments: list[str]) -> int:
     try:
         if name not in COMMANDS:
             raise unknown("command", name, COMMANDS)
+        keep_programs()
         run_command(f"galton.cli.{name}", arguments)
     except tuple(EXIT_CODES) as error:
         print(f"galton: {error}", file=sys.stderr)

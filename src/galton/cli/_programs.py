@@ -1,0 +1,84 @@
+"""Compiled programs on disk: what one command has compiled the next one finds. JAX keeps them; where, is said here."""
+
+import hashlib
+import importlib
+import os
+import platform
+import sys
+import time
+import zlib
+from importlib.metadata import version
+from pathlib import Path
+
+import platformdirs
+
+PLACE = "GALTON_PROGRAMS"
+"""The variable of the environment that names another folder for them, or is "off"."""
+MOST = 10**9
+"""Bytes that they may take; those that were not used for longest go first."""
+
+_ZSTANDARD = b"\x28\xb5\x2f\xfd"
+"""How a file begins that JAX has packed with zstandard, which it prefers to zlib where it is installed."""
+
+
+def keep_programs() -> None:
+    """Have this process and its workers keep what they compile, unless the user says where JAX does, or PLACE is off.
+
+    To be called before JAX is imported. A folder that can't be written is told, and nothing is kept.
+    """
+    given = os.environ.get(PLACE) or platformdirs.user_cache_dir("galton")
+    if given == "off" or "JAX_COMPILATION_CACHE_DIR" in os.environ:
+        return
+    folder = Path(given, _kind())
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        tidy(folder)
+    except OSError as error:
+        told = f"compiled programs are not kept: {error}; {PLACE} names another folder, or is off"
+        print(f"galton: {told}", file=sys.stderr)
+        return
+    os.environ["JAX_COMPILATION_CACHE_DIR"] = str(folder)
+    os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
+
+
+def tidy(folder: Path) -> None:
+    """Remove what a process left half-written that was killed, which JAX would never replace, and what is too much.
+
+    Raises:
+        OSError: a folder that can't be written.
+    """
+    checked, now = folder / "checked", time.time()
+    since = checked.stat().st_mtime if checked.exists() else 0.0
+    files = {path: path.stat() for path in folder.iterdir() if path.is_file() and path != checked}
+    for path, stat in files.items():
+        if stat.st_mtime >= since and not _is_whole(path):
+            path.unlink(missing_ok=True)
+    left = sum(stat.st_size for stat in files.values())
+    for path, stat in sorted(files.items(), key=lambda file: max(file[1].st_atime, file[1].st_mtime)):
+        if left > MOST:
+            path.unlink(missing_ok=True)
+            left -= stat.st_size
+    checked.touch()
+    os.utime(checked, (now, now))  # what is written from now on is looked at the next time
+
+
+def _is_whole(path: Path) -> bool:
+    """Whether all of a packed program is there."""
+    data = path.read_bytes()
+    packer = zlib
+    if data.startswith(_ZSTANDARD):
+        packer = importlib.import_module("compression.zstd" if sys.version_info >= (3, 14) else "zstandard")
+    try:
+        packer.decompress(data)
+    except Exception:  # each packer has errors of its own
+        return False
+    return True
+
+
+def _kind() -> str:
+    """The name of a folder for programs that this machine's processor and these versions can run."""
+    cpu = Path("/proc/cpuinfo")
+    lines = cpu.read_text().splitlines() if cpu.exists() else [platform.processor()]
+    known = {line for line in lines if not cpu.exists() or line.startswith(("model name", "flags", "Features"))}
+    told = "\n".join([platform.machine(), *sorted(known)])
+    return f"jax-{version('jax')}-{version('jaxlib')}-{hashlib.sha256(told.encode()).hexdigest()[:12]}"

@@ -1,0 +1,95 @@
+"""What one command compiled the next one finds, whatever became of the first."""
+
+import os
+import subprocess
+import sys
+import zlib
+
+import pytest
+
+from galton.cli import _programs
+
+COMPARE = ["compare", "bandit", "--losses=gaussian", "--steps=100", "--seeds=2", "--logs=2", "--overwrite", "--out"]
+
+
+def galton(folder, *words, programs, **environment):
+    """A command in a process of its own, which keeps its programs in the folder `programs`."""
+    kept = {name: value for name, value in os.environ.items() if not name.startswith("JAX_")}
+    return subprocess.run(
+        [sys.executable, "-m", "galton", *words],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        env=kept | {_programs.PLACE: str(programs)} | environment,
+        timeout=300,
+    )
+
+
+def entries(folder):
+    return {path: path.read_bytes() for path in folder.rglob("*") if path.is_file() and path.name != "checked"}
+
+
+def test_a_second_command_compiles_nothing_and_a_damaged_program_again(tmp_path):
+    programs = tmp_path / "programs"
+    first = galton(tmp_path, *COMPARE, "one", programs=programs)
+    assert first.returncode == 0, first.stderr
+    kept = entries(programs)
+    assert len(kept) > 2
+    second = galton(tmp_path, *COMPARE, "two", programs=programs)
+    assert second.returncode == 0, second.stderr
+    assert entries(programs) == kept
+    curves = [(tmp_path / name / "curves.parquet").read_bytes() for name in ("one", "two")]
+    assert curves[0] == curves[1]
+
+    largest = max(kept, key=lambda path: len(kept[path]))
+    largest.write_bytes(kept[largest][: len(kept[largest]) // 2])  # as a process leaves it that is killed
+    third = galton(tmp_path, *COMPARE, "three", programs=programs)
+    assert (third.returncode, third.stderr) == (0, second.stderr)
+    assert entries(programs).keys() == kept.keys()
+    assert zlib.decompress(largest.read_bytes())
+
+
+def test_a_place_that_cannot_be_written_is_told_and_the_command_goes_on(tmp_path):
+    (tmp_path / "programs").write_text("a file")
+    done = galton(tmp_path, *COMPARE, "one", programs=tmp_path / "programs")
+    assert done.returncode == 0
+    assert [line for line in done.stderr.splitlines() if "programs" in line] == [
+        line for line in done.stderr.splitlines() if line.startswith("galton: compiled programs are not kept: ")
+    ]
+    assert "GALTON_PROGRAMS names another folder, or is off" in done.stderr
+    assert (tmp_path / "one" / "summary.json").exists()
+
+
+@pytest.mark.parametrize("environment", [{_programs.PLACE: "off"}, {"JAX_COMPILATION_CACHE_DIR": "elsewhere"}])
+def test_it_is_off_where_the_user_says_so_or_says_where(environment, monkeypatch, tmp_path):
+    for name in (_programs.PLACE, "JAX_COMPILATION_CACHE_DIR", "XDG_CACHE_HOME"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    for name, value in environment.items():
+        monkeypatch.setenv(name, value)
+    _programs.keep_programs()
+    assert os.environ.get("JAX_COMPILATION_CACHE_DIR") == environment.get("JAX_COMPILATION_CACHE_DIR")
+    assert not [*tmp_path.iterdir()]
+
+
+def test_what_is_whole_stays_and_what_is_old_is_not_read_again(tmp_path):
+    whole, cut, garbage = (tmp_path / name for name in ("whole", "cut", "garbage"))
+    whole.write_bytes(zlib.compress(b"program" * 1000))
+    cut.write_bytes(zlib.compress(os.urandom(1000))[:500])
+    garbage.write_bytes(b"no program")
+    _programs.tidy(tmp_path)
+    assert {*entries(tmp_path)} == {whole}
+    whole.write_bytes(b"damaged later")
+    os.utime(whole, (0, 0))
+    _programs.tidy(tmp_path)  # only what was written since is looked at
+    assert {*entries(tmp_path)} == {whole}
+
+
+def test_those_that_were_not_used_for_longest_make_room(monkeypatch, tmp_path):
+    for age in range(4):
+        path = tmp_path / str(age)
+        path.write_bytes(zlib.compress(os.urandom(900)))
+        os.utime(path, (1e9 - age, 1e9 - age))
+    monkeypatch.setattr(_programs, "MOST", 2000)
+    _programs.tidy(tmp_path)
+    assert {path.name for path in entries(tmp_path)} == {"0", "1"}
