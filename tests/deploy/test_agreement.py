@@ -1,8 +1,8 @@
 """The ONNX file does what `predict(deterministic=True)` does, on 10,000 states, small and large.
 
-They agree to 1e-6 of the half-width of the action box. The exception is a linear network that sees observations as
-they are: it adds up numbers that may be far larger than their sum, and float32 rounds in proportion to those.
-Two bins that are equally good to within as much are a tie, of which either may be taken.
+They agree to 1e-6 of the half-width of the action box. float32 rounds in proportion to the numbers that are added up:
+where a linear network sees observations as they are, or outputs have grown large, the sum of the numbers' sizes takes
+the place of 1. Two bins that are equally good to within as much are a tie, of which either may be taken.
 """
 
 import copy
@@ -46,24 +46,28 @@ def acting_by(model, rule):
 def check(policy, way, algorithm, normalize, net_arch, d):
     units, rule = (way, "mode") if isinstance(way, float) else (0.0, way)
     model = acting_by(model_of(policy, algorithm, normalize, net_arch, d, units), rule)
-    observations = states(N, model.observations.size)
+    compare(model, small=bool(normalize or net_arch))
+
+
+def compare(model, small):
+    """Check that ONNX Runtime acts as `predict`; `small` is whether the numbers on the way to the action are."""
+    observations, space = states(N, model.observations.size), model.action_space
     session = onnxruntime.InferenceSession(encode(decide(model)))
     (found,) = session.run(["action"], {"observation": observations})
     expected, _ = model.predict(observations, deterministic=True)
-    assert found.shape == expected.shape == (N, d)
+    assert found.shape == expected.shape == (N, *space.shape)
     assert found.dtype == np.float32
-    assert ((found >= model.action_space.low) & (found <= model.action_space.high)).all()
-    exact = exactly(model, observations)
-    apart = abs(found - expected) / ((model.action_space.high - model.action_space.low) / 2)
+    assert ((found >= space.low) & (found <= space.high)).all()
+    exact, half = exactly(model, observations), (space.high - space.low) / 2
+    sizes = 1e-6 * np.maximum(exact.size, 1)
     if not exact.choices.size:
-        sums = exact.size if not (normalize or net_arch) else 1
-        assert (apart <= 1e-6 * np.maximum(sums, 1)).all()
+        assert (abs(found - expected) <= (1e-6 if small else sizes) * half).all()
+        assert (abs(found - exact.action) <= sizes * half).all()
         return
     for action in (found, expected):  # either took a bin that is the right one, to within rounding
         bins = abs(action[..., None] - exact.centers).argmin(-1)
-        off = np.take_along_axis(exact.choices, bins[..., None], -1)[..., 0]
-        assert (off <= 1e-6 * np.maximum(exact.size, 1)).all()
-    assert np.mean(apart <= 1e-6) > 0.999
+        assert (np.take_along_axis(exact.choices, bins[..., None], -1)[..., 0] <= sizes).all()
+    assert np.mean(found == expected) > 0.999
 
 
 @pytest.mark.parametrize("case", CASES, ids=lambda case: "-".join(map(str, case)))
@@ -75,3 +79,13 @@ def test_the_file_does_what_predict_does(case):
 @pytest.mark.parametrize("case", CASES, ids=lambda case: "-".join(map(str, case)))
 def test_the_file_does_what_predict_does_with_other_layers(case):
     check(*case, *(SMALL if case[-1] else LARGE))
+
+
+@pytest.mark.parametrize(("policy", "way"), WAYS)
+def test_large_outputs_are_rounded_as_predict_rounds_them(policy, way):
+    units, rule = (way, "mode") if isinstance(way, float) else (0.0, way)
+    model = acting_by(trained(policy, "ppo", 6, box_units=units, normalize_observation=True), rule)
+    parameters = model.get_parameters()
+    parameters["actor"][-1] = {name: 25 * array for name, array in parameters["actor"][-1].items()}
+    model.set_parameters(parameters)
+    compare(model, small=False)
