@@ -74,7 +74,7 @@ def test_the_contract_says_what_the_file_takes_and_gives(small, tmp_path):
     assert "most likely bin" in contract["rule_meaning"]
     assert contract["output"]["low"] == small.action_space.low.tolist()
     assert contract["output"]["high"] == small.action_space.high.tolist()
-    assert contract["input"]["entries"][0]["low"] == [None] * 5
+    assert contract["input"]["entries"][0]["low"] is None
     source = contract["source"]
     assert source["command"] == "galton train"
     assert (source["env"], source["loss"], source["policy"]) == ("Drifting", "hl-gauss", "histogram")
@@ -190,6 +190,24 @@ def test_a_policy_of_ones_own_says_how_its_action_is_computed(monkeypatch, tmp_p
     observations = states(9, 3)
     found = run(deploy.export(model, tmp_path / "policy"), observations)
     assert found == pytest.approx(model.predict(observations, deterministic=True)[0], abs=1e-6)
+
+
+ODD_STEPS = {
+    "no operator": lambda graph, outputs: graph.add("Frobnicate", outputs),
+    "no such name": lambda graph, outputs: graph.add("Neg", "inputs"),
+    "a name twice": lambda graph, outputs: graph.add("Neg", outputs, name="outputs"),
+    "sizes that differ": lambda graph, outputs: graph.add("Add", outputs, np.zeros(3)),
+}
+
+
+@pytest.mark.parametrize("name", ODD_STEPS)
+def test_steps_that_make_no_graph_are_refused_before_anything_is_written(name, monkeypatch, tmp_path):
+    odd = ODD_STEPS[name]
+    entry = lambda graph, outputs, *_: deploy.Chosen(odd(graph, outputs), "mean", "The mean.")  # noqa: E731
+    monkeypatch.setitem(deploy.ACTIONS, "gaussian", entry)
+    with pytest.raises(UsageError, match=r"the policy's function in galton\.deploy\.ACTIONS makes no graph of ONNX: "):
+        deploy.export(model_on("gaussian"), tmp_path / "policy")
+    assert not [*tmp_path.iterdir()]
 
 
 def test_every_policy_has_an_export():

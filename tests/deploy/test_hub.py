@@ -44,10 +44,14 @@ def test_files_go_into_one_commit_of_a_private_repository(there):
     ]
 
 
-@pytest.mark.parametrize("error", [OSError("401\nno token"), ValueError("401 no token"), RuntimeError("401 no token")])
-def test_a_hub_that_refuses_is_told_with_the_remedy(error, there):
-    there.error = error
-    message = "^push is ada/pendulum, which could not be uploaded: 401 no token; .*`hf auth login`"
+class NetworkError(Exception):
+    """As a library raises it whose errors are not Python's."""
+
+
+@pytest.mark.parametrize("kind", [OSError, ValueError, RuntimeError, NetworkError])
+def test_a_hub_that_refuses_is_told_with_the_remedy(kind, there):
+    there.error = kind("401\nno token")
+    message = f"^push is ada/pendulum, which could not be uploaded: {kind.__name__}: 401 no token; .*`hf auth login`"
     with pytest.raises(UsageError, match=message):
         hub.upload("ada/pendulum", {})
 

@@ -86,6 +86,7 @@ def _entries(space: Space, where: tuple[str | int, ...] = (), first: int = 0) ->
         yield entry | {"encoding": "0 or 1"}
 
 
-def _finite(bound: np.ndarray) -> list[float | None]:
-    """Bounds, row by row, with None for one that is not there: JSON knows no infinity."""
-    return [value if math.isfinite(value) else None for value in bound.astype(np.float64).ravel().tolist()]
+def _finite(bound: np.ndarray) -> list[float | None] | float | None:
+    """Bounds, row by row, or one number where all are equal; None for one that is not there: JSON knows no infinity."""
+    values = [value if math.isfinite(value) else None for value in bound.astype(np.float64).ravel().tolist()]
+    return values[0] if len(set(values)) == 1 else values

@@ -3,6 +3,7 @@
 from typing import NamedTuple
 
 import numpy as np
+from gymnasium.spaces import Box
 from jaxtyping import Float
 
 from galton import normalization
@@ -60,8 +61,8 @@ def decide(model: Model) -> Decision:
 
 def observation_shape(observations: Observations) -> tuple[int, ...]:
     """The shape of one observation in the file: a Box's own, else that of the flat vector."""
-    is_box = type(observations.space).__name__ == "Box"
-    return tuple(observations.space.shape or ()) if is_box else (observations.size,)
+    space = observations.space
+    return space.shape if isinstance(space, Box) else (observations.size,)
 
 
 def bounds(actions: ActionBox) -> tuple[Float[np.ndarray, "*shape"], Float[np.ndarray, "*shape"]]:

@@ -17,7 +17,7 @@ def encode(decision: Decision) -> bytes:
     """The bytes of the ONNX file; the same decision has the same bytes.
 
     Raises:
-        UsageError: ONNX is not installed.
+        UsageError: ONNX is not installed, or a policy of your own added steps that ONNX does not understand.
     """
     onnx = _onnx()
     helper, float32 = onnx.helper, onnx.TensorProto.FLOAT
@@ -31,7 +31,11 @@ def encode(decision: Decision) -> bytes:
     )
     opset = helper.make_operatorsetid("", OPSET)
     model = helper.make_model(described, opset_imports=[opset], ir_version=IR_VERSION, producer_name="galton")
-    onnx.checker.check_model(model, full_check=True)
+    try:
+        onnx.checker.check_model(model, full_check=True)
+    except (onnx.checker.ValidationError, onnx.shape_inference.InferenceError) as error:
+        told = " ".join(str(error).split())
+        raise UsageError(f"the policy's function in galton.deploy.ACTIONS makes no graph of ONNX: {told}") from None
     content: bytes = model.SerializeToString(deterministic=True)
     return content
 
@@ -48,6 +52,7 @@ def _onnx() -> ModuleType:
         import onnx
         import onnx.checker
         import onnx.helper
+        import onnx.shape_inference
     except ImportError as error:
         raise UsageError(f"the format onnx needs ONNX: pip install 'galton[onnx]' ({error})") from None
     return onnx

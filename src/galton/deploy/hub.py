@@ -36,10 +36,10 @@ def upload(repository: str, contents: Mapping[str, bytes]) -> str:
         api = HfApi(library_name="galton")
         address = api.create_repo(repository, private=True, exist_ok=True)
         api.create_commit(repository, operations, commit_message="A policy exported by Galton")
-    except (OSError, ValueError, RuntimeError) as error:
-        told = " ".join(str(error).split()) or type(error).__name__
+    except Exception as error:  # of whichever network library the Hub's client uses
+        told = " ".join(f"{type(error).__name__}: {error}".split())
         raise UsageError(
             f"push is {repository}, which could not be uploaded: {told}; the files are written here all the same. "
             "`hf auth login` says who you are, with a token that may write"
-        ) from None
+        ) from error
     return str(address)
