@@ -48,7 +48,7 @@ def test_a_commands_help_lists_losses_and_environments(command):
 
 
 WRONG = [
-    (["frobnicate"], "command is 'frobnicate'; choose from train, compare, sweep, watch"),
+    (["frobnicate"], "command is 'frobnicate'; choose from train, compare, sweep, watch, export"),
     (["compare", "cartpole"], "environment is 'cartpole'; Gymnasium knows no environment of that name"),
     (["train", "lqr", "--loss", "mse"], "--loss is 'mse'; choose from gaussian"),
     (["compare", "lqr", "--losses", "gaussian", "mse"], "--losses is 'mse'; choose from gaussian"),
@@ -84,7 +84,10 @@ WRONG = [
     (["compare", "lqr", "--env-kwargs", "{"], "--env-kwargs is '{', which is not JSON"),
     (["compare", "lqr", "--env-kwargs", '{"noise_std": "x"}'], "lqr can't be made with {'noise_std': 'x'}"),
     (["compare", "lqr", "--env-kwargs", '{"mass": 1}'], "lqr has no constant 'mass'; it has A, B, Q, R"),
-    (["trian"], "command is 'trian'; choose from train, compare, sweep, watch, reproduce, report; did you mean train?"),
+    (
+        ["trian"],
+        "command is 'trian'; choose from train, compare, sweep, watch, export, reproduce, report; did you mean train?",
+    ),
     (["train", "bandit", "--logs", "0"], "--logs is 0; it must be an integer of at least 1"),
     (["train", "bandit", "--eval-episodes", "-1"], "--eval-episodes is -1; it must be an integer of at least 0"),
     (["train", "bandit", "--save-every", "0"], "--save-every is 0; it must be at least 1"),
@@ -115,6 +118,10 @@ WRONG = [
     (["reproduce"], "what to reproduce is not said; choose from figure-1, figure-2"),
     (["reproduce", "--budget", "small"], "what to reproduce is not said"),
     (["reproduce", "figure3"], "what is 'figure3'; choose from figure-1, figure-2"),
+    (["export", "nowhere"], "path is nowhere, which does not exist"),
+    (["export", "."], "run is ., which holds no model.safetensors; name a run folder of `galton train`, or a"),
+    (["export", "nowhere", "--format", "torch"], "--format is 'torch'; choose from onnx, card"),
+    (["export", "nowhere", "--push", "pendulum"], "--push is 'pendulum'; it must be OWNER/NAME"),
     (["watch", "nowhere", "--seed", "-1"], "--seed is -1; it must be an integer of at least 0"),
     (["watch", "nowhere", "--seed", "4294967295", "--episodes", "2"], "--seed is 4294967296; it must be less than 2³²"),
 ]

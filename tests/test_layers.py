@@ -27,6 +27,7 @@ RANKS = """
     callbacks sb3
     models
     analysis sweep
+    deploy
     page
     paper
     cli
@@ -43,6 +44,9 @@ COMMAND_LINE_LIBRARIES = {
     "rich": ["models/learning.py"],  # the progress bar of `learn`
     "tyro": [],
 }
+
+# Libraries of an extra, each of which one file alone imports.
+EXTRAS = {"onnx": "deploy/encoding.py", "huggingface_hub": "deploy/hub.py"}
 
 
 def modules():
@@ -128,3 +132,11 @@ def test_a_library_of_the_command_line_stays_there(library):
     for place in places:
         used = any(library in names for path, names in LIBRARIES.items() if lies_in(path, [place]))
         assert used, f"{place} no longer imports {library}: take it out of COMMAND_LINE_LIBRARIES"
+
+
+@pytest.mark.parametrize("library", EXTRAS)
+def test_a_library_of_an_extra_is_imported_in_one_file(library):
+    assert [str(path) for path, names in LIBRARIES.items() if library in names] == [EXTRAS[library]]
+    (tree,) = [ast.parse(path.read_text()) for path in MODULES.values() if path == ROOT / EXTRAS[library]]
+    at_once = {alias.name for node in tree.body if isinstance(node, ast.Import) for alias in node.names}
+    assert library not in at_once | {node.module for node in tree.body if isinstance(node, ast.ImportFrom)}

@@ -1,4 +1,5 @@
 from . import callbacks as callbacks
+from . import deploy as deploy
 from . import envs as envs
 from . import paper as paper
 from . import sweep as sweep

@@ -18,6 +18,11 @@ def known(path: Path) -> dict[str, float]:
     return numbers
 
 
+def points(path: Path) -> list[dict[str, float]]:
+    """The known numbers of each log point, in order; broken lines are passed over."""
+    return [point for line in _lines(path) if (point := _point(line))]
+
+
 def forget_after(step: int, path: Path) -> None:
     """Drop what was logged after this step, the last that was saved: it is trained again. So are broken lines."""
     lines = _lines(path)

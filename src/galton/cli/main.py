@@ -21,6 +21,7 @@ COMMANDS = {
     "compare": "train several losses over many seeds and say which is best",
     "sweep": "train a grid of settings on every core or on a cluster",
     "watch": "film a policy that was trained",
+    "export": "write a trained policy as an ONNX file, or its model card",
     "reproduce": "train and draw the figures of the paper",
     "report": "write the page of what was reproduced",
 }

@@ -16,7 +16,7 @@ import tyro
 from galton.cli import _film as film
 from galton.cli._modules import search_here
 from galton.cli._reading import read_options
-from galton.cli.train import MODEL
+from galton.cli._runs import model_of
 from galton.envs.fitting import check_same_spaces
 from galton.envs.host.answers import FAULTS, blame, one_flag, one_number, parts
 from galton.envs.host.gymnasium import GymnasiumTask
@@ -55,7 +55,7 @@ def main(arguments: Sequence[str]) -> None:
     require_integer("max_steps", options.max_steps, 1)
     for seed in (options.seed, options.seed + options.episodes - 1):
         check_seed(seed)
-    file = _model_of(options.run)
+    file = model_of(options.run)
     out = options.out or file.with_name("video.mp4")
     require(out.suffix in (".mp4", ".gif"), f"out is {out}; its name must end in .mp4 or .gif")
     model = Model.load(file)
@@ -71,14 +71,6 @@ def main(arguments: Sequence[str]) -> None:
     film.write(out, frames, fps)
     told = ", ".join(f"{value:,.2f}" for value in returns)
     print(f"return {told} in {len(frames)} frames\nvideo: {out}")
-
-
-def _model_of(run: Path) -> Path:
-    """The model's file in a run folder, or the file that was named."""
-    try:
-        return run / MODEL if run.is_dir() else run
-    except OSError as error:
-        raise UsageError(f"run is {run}, which can't be read: {error.strerror}") from None
 
 
 def _environment(options: Options, file: Path) -> tuple[str, dict[str, object]]:

@@ -19,9 +19,13 @@ from galton.saving.provenance import machine, versions
 CONFIG = "config.json"
 """What the results were made with; the file by which a folder of results is known."""
 
+POLICY, CARD = "policy.onnx", "model_card.md"
+"""What a run is exported to; beside the policy lies its contract, policy.json."""
+
 FILES = (
     CONFIG,
     *("metrics.jsonl", "model.safetensors", "best_model.safetensors", "tensorboard", "video.mp4", "video.gif"),
+    *(POLICY, "policy.json", CARD),
     *("summary.json", "curves.parquet", "learning_curves.png", "learning_curves.svg"),
 )
 """What commands write into folders of results. One that holds anything else is somebody's, and is not replaced."""

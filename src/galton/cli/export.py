@@ -1,0 +1,82 @@
+"""galton export: a trained policy for where there is no Galton, and the card that goes with it."""
+
+import dataclasses
+import hashlib
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from galton.cli._metrics import METRICS, points
+from galton.cli._reading import read_options
+from galton.cli._runs import model_of
+from galton.deploy import card, export, hub
+from galton.errors import UsageError, require, unknown
+from galton.models import Model
+from galton.models.file import existing
+from galton.saving import files
+from galton.saving.result_folder import CARD, CONFIG, POLICY, read_settings
+
+FORMATS = ("onnx", "card")
+
+
+@dataclasses.dataclass(frozen=True)
+class Options:
+    """Write a trained policy as an ONNX file with its contract, or its model card, or both."""
+
+    run: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="RUN")]
+    """A run folder of `galton train`, whose model.safetensors is taken, or the file of a model."""
+    format: Annotated[tuple[str, ...], tyro.conf.arg(metavar="{onnx,card} ...")] = ("onnx",)
+    """onnx: policy.onnx and policy.json, which says what it takes and gives. card: model_card.md."""
+    out: Path | None = None
+    """The folder to write into; by default the one of the model."""
+    push: Annotated[str | None, tyro.conf.arg(metavar="OWNER/NAME")] = None
+    """Write both formats, and upload them and the model to this repository of the Hugging Face Hub. A new one is
+    private."""
+
+
+def main(arguments: Sequence[str]) -> None:
+    """Write the files, and upload them if that is asked for."""
+    options = read_options(Options, "export", arguments)
+    for name in options.format:
+        if name not in FORMATS:
+            raise unknown("format", name, FORMATS)
+    require(len(options.format) > 0, f"format is empty; choose from {', '.join(FORMATS)}")
+    if options.push is not None:
+        hub.check_repository(options.push)
+    formats = FORMATS if options.push is not None else options.format
+    file = existing(model_of(options.run))
+    model, settings = Model.load(file), _settings(file, "card" in formats)
+    out = options.out or file.parent
+    require(not out.exists() or out.is_dir(), f"out is {out}, which is a file; name a folder")
+    if "onnx" in formats:
+        path = export(model, out / POLICY, _origin(file, settings))
+        print(f"policy: {path}\ncontract: {path.with_suffix('.json')}")
+    if "card" in formats:
+        print(f"card: {_write_card(out / CARD, card.card(model, settings, points(file.with_name(METRICS))))}")
+    if options.push is not None:
+        names = {POLICY: out / POLICY, "policy.json": out / "policy.json", "README.md": out / CARD, file.name: file}
+        print(f"pushed: {hub.upload(options.push, {name: path.read_bytes() for name, path in names.items()})}")
+
+
+def _settings(file: Path, needed: bool) -> dict[str, object]:
+    """The settings of the run that the model lies in; UsageError where they are needed and not there."""
+    settings = read_settings(file.parent)
+    where = f"run is {file}, beside which there is no {CONFIG}"
+    require(bool(settings) or not needed, f"{where}; a card is written of a run folder of `galton train`")
+    return settings
+
+
+def _origin(file: Path, settings: dict[str, object]) -> dict[str, object]:
+    """Where the policy came from, as far as its model does not say it."""
+    model = {"model": file.name, "model_sha256": hashlib.sha256(file.read_bytes()).hexdigest()}
+    return {name: value for name, value in settings.items() if name in ("env", "env_kwargs", "command")} | model
+
+
+def _write_card(path: Path, text: str) -> Path:
+    try:
+        files.write(path, text.encode())
+    except OSError as error:
+        raise UsageError(f"out is {path.parent}, which can't be written: {error.strerror}; name another") from None
+    return path

@@ -1,0 +1,4 @@
+from .actions import ACTIONS as ACTIONS
+from .actions import Chosen as Chosen
+from .graph import Graph as Graph
+from .policy_files import export as export

@@ -1,0 +1,80 @@
+"""How each policy's deterministic action is computed in ONNX: a function of the network's outputs, a line in ACTIONS.
+
+Each says in a graph what the `deterministic_action` of its distribution says in JAX.
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from galton.deploy.graph import Graph
+from galton.policies import GaussianPolicy, HistogramPolicy, OrdinalPolicy
+from galton.types import Hypers, Params
+
+
+class Chosen(NamedTuple):
+    """The action that a policy takes without exploration."""
+
+    action: str
+    """The name of its step in the graph, `[batch, d]` in the environment's units; the bounds are put on afterwards."""
+    rule: str
+    """Which action of its distribution that is, in one word."""
+    meaning: str
+    """The same in a sentence, for the contract."""
+
+
+MEANINGS = {
+    "mode": "The center of the most likely bin of each action dimension; of equally likely ones, the lowest.",
+    "mean": "The mean of the bin centers, weighted by their probabilities, in each action dimension.",
+    "median": "The center of the first bin of each action dimension below whose upper edge more than half of the "
+    "probability lies.",
+}
+"""What a softmax policy's rules mean."""
+
+
+def gaussian(graph: Graph, outputs: str, policy: GaussianPolicy, params: Params, hypers: Hypers) -> Chosen:
+    """The mean: the outputs, or, in units of the box, its center plus the outputs times its half-width."""
+    del params
+    if hypers.box_units:
+        scaled = graph.add("Mul", outputs, (policy.high - policy.low) / 2)
+        outputs = graph.add("Add", scaled, (policy.high + policy.low) / 2)
+    return Chosen(outputs, "mean", "The mean of the Gaussian, moved to the nearest point of the action box.")
+
+
+def histogram(graph: Graph, outputs: str, policy: HistogramPolicy, params: Params, hypers: Hypers) -> Chosen:
+    """The mode, the mean or the median of the bins, whose logits are the outputs."""
+    del params, hypers
+    centers, rule = policy.bins.centers, policy.choices.deterministic_action
+    logits = graph.add("Reshape", outputs, np.array([0, *centers.shape]), name="logits")
+    if rule == "mean":
+        weighted = graph.add("Mul", graph.add("Softmax", logits, axis=-1), centers)
+        action = graph.add("ReduceSum", weighted, np.array([-1]), keepdims=0)
+    else:
+        bins = graph.add("ArgMax", logits, axis=-1, keepdims=0) if rule == "mode" else _median(graph, logits)
+        first = np.arange(len(centers)) * policy.bins.n_bins
+        action = graph.add("Gather", centers.ravel(), graph.add("Add", bins, first))
+    return Chosen(action, rule, MEANINGS[rule])
+
+
+def ordinal(graph: Graph, outputs: str, policy: OrdinalPolicy, params: Params, hypers: Hypers) -> Chosen:
+    """As the softmax policy chooses, from the cumulative sums of the outputs of each dimension."""
+    steps = graph.add("Reshape", outputs, np.array([0, *policy.histogram.bins.centers.shape]))
+    return histogram(graph, graph.add("CumSum", steps, np.array(-1)), policy.histogram, params, hypers)
+
+
+def _median(graph: Graph, logits: str) -> str:
+    """The bin of each dimension where the cumulative distribution passes one half, `[batch, d]`."""
+    largest = graph.add("ReduceMax", logits, axes=[-1], keepdims=1)
+    weights = graph.add("Exp", graph.add("Sub", logits, largest))
+    half = graph.add("Mul", graph.add("ReduceSum", weights, np.array([-1]), keepdims=1), 0.5)
+    passed = graph.add("Greater", graph.add("CumSum", weights, np.array(-1)), half)
+    return graph.add("ArgMax", graph.add("Cast", passed, to=1), axis=-1, keepdims=0)  # the first that is true
+
+
+ACTIONS: dict[str, Callable[[Graph, str, Any, Params, Hypers], Chosen]] = {
+    "gaussian": gaussian,
+    "histogram": histogram,
+    "ordinal": ordinal,
+}
+"""By the names in POLICIES: (graph, the outputs' name in it `[batch, n_outputs]`, policy, parameters, numbers)."""

@@ -1,0 +1,160 @@
+"""A model card: what somebody should know of a trained policy before they use it, as Markdown, from its run alone.
+
+Its head is what the Hugging Face Hub reads. Which licence the policy has is not for Galton to say, so it names none.
+"""
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from scipy import stats
+
+from galton.algorithms import policy_of
+from galton.models import Model
+from galton.models.settings import usual
+
+STEP, MEAN, STD, TRAINING = "time/total_timesteps", "eval/mean_reward", "eval/std_reward", "rollout/ep_rew_mean"
+ROWS = 10
+"""Of the learning curve, at most."""
+USE = """\
+With Galton, which loads a model without running any code of its file:
+
+```python
+import galton
+
+model = galton.Model.load("model.safetensors")
+action, _ = model.predict(observation, deterministic=True)
+```
+
+Without Galton, `policy.onnx` takes the same observations to the same actions. `galton export` writes it, and
+`policy.json` beside it says all that a caller has to know."""
+Point = Mapping[str, float]
+"""The known numbers of one log point, by name."""
+Table = Sequence[Sequence[str]]
+
+
+def card(model: Model, settings: Mapping[str, Any], points: Sequence[Point]) -> str:
+    """The card of a model.
+
+    Args:
+        model: as it was saved.
+        settings: config.json of its run folder; what is not there is left out.
+        points: the log points of its run, in order.
+    """
+    env, algorithm = settings.get("env", model.env_name), model.agent.algorithm.label
+    parts = [
+        _head(str(env)),
+        f"# {_plain(env)}: {algorithm} with {model.config.loss}",
+        f"A policy for continuous control, trained by Galton for {model.num_timesteps:,} steps of its environment.",
+        "Its licence is not said here. Whoever publishes it chooses one and adds `license:` to the head of this file.",
+        "## The task",
+        _table(("", ""), _task(model, settings, env)),
+        "## What it returns",
+        *_returns(model, settings, points),
+        "## How it learned",
+        *_curve(points),
+        "## How it was trained",
+        *_training(model, settings),
+        "## How to use it",
+        USE,
+        *_versions(settings),
+    ]
+    return "\n\n".join(parts) + "\n"
+
+
+def _head(env: str) -> str:
+    tags = "\n".join(f"- {json.dumps(tag)}" for tag in ("reinforcement-learning", "continuous-control", env))
+    return f"---\nlibrary_name: galton\npipeline_tag: reinforcement-learning\ntags:\n{tags}\n---"
+
+
+def _task(model: Model, settings: Mapping[str, Any], env: object) -> Table:
+    space = model.action_space
+    constants = settings.get("env_kwargs")
+    return [
+        ("Environment", _code(env)),
+        *([("Its keyword arguments", _code(json.dumps(constants)))] if constants else []),
+        ("Observation", _code(model.observation_space)),
+        ("Action", _code(space)),
+        ("Policy", _code(policy_of(model.config))),
+        ("Observations are normalised", "yes" if model.config.normalize_observation else "no"),
+    ]
+
+
+def _returns(model: Model, settings: Mapping[str, Any], points: Sequence[Point]) -> list[str]:
+    """What is known of the deterministic policy, with an interval where it played several episodes."""
+    evaluated = [point for point in points if MEAN in point]
+    if not evaluated:
+        return ["The run was not evaluated, so what the policy returns without exploration is not known."]
+    n = settings.get("eval_episodes")
+    n = n if type(n) is int and n > 0 else 0
+    best = max(evaluated, key=lambda point: point[MEAN])
+    own = [point for point in evaluated if point[STEP] == model.num_timesteps][-1:]
+    known = {"This policy": own[0]} if own else {"The last of its run": evaluated[-1]}
+    known |= {f"The best of its run's {len(evaluated):,}": best}
+    rows = [
+        (name, f"{point[STEP]:,.0f}", str(n or "not known"), f"{point[MEAN]:,.2f}", _interval(point, n))
+        for name, point in known.items()
+    ]
+    return [
+        "Undiscounted returns of whole episodes without exploration, played while it was trained.",
+        _table(("Evaluation", "Step", "Episodes", "Mean return", "95% interval"), rows),
+        "The interval is Student's t over the episodes of one evaluation. It says nothing of other seeds: this is one "
+        "run. The best of several evaluations is the luckiest too, so it promises too much.",
+    ]
+
+
+def _interval(point: Point, n: int) -> str:
+    """The interval of the mean of n returns with this standard deviation, which was divided by n."""
+    if n < 2 or STD not in point:
+        return "not known"
+    half = stats.t.ppf(0.975, n - 1) * point[STD] / math.sqrt(n - 1)
+    return f"{point[MEAN] - half:,.2f} to {point[MEAN] + half:,.2f}"
+
+
+def _curve(points: Sequence[Point]) -> list[str]:
+    if not points:
+        return ["The run has no log points."]
+    last = len(points) - 1
+    chosen = sorted({round(i * last / (ROWS - 1)) for i in range(ROWS)})
+    rows = [(f"{points[i][STEP]:,.0f}", *(_number(points[i].get(name)) for name in (TRAINING, MEAN))) for i in chosen]
+    return [
+        f"{len(rows)} of its {len(points):,} log points. The training return is of episodes with exploration.",
+        _table(("Step", "Training return", "Evaluation return"), rows),
+    ]
+
+
+def _training(model: Model, settings: Mapping[str, Any]) -> list[str]:
+    config, algorithm = model.config, model.agent.algorithm
+    own = {name: getattr(config, name, None) for name in usual(algorithm)} | model.hypers._asdict()
+    changed = {name: own[name] for name, value in usual(algorithm).items() if own[name] != value}
+    rows = {"loss": config.loss, "seed": model.seed, "n_envs": config.n_envs} | changed
+    command = settings.get("command")
+    said = ["This command trained it:", f"```\n{_plain(command)}\n```"] if isinstance(command, str) else []
+    told = f"Its loss and seed, and the settings that are not {algorithm.label}'s defaults:"
+    return [*said, told, _table(("Setting", "Value"), [(_code(name), _code(value)) for name, value in rows.items()])]
+
+
+def _versions(settings: Mapping[str, Any]) -> list[str]:
+    found = settings.get("versions")
+    if not isinstance(found, dict):
+        return []
+    rows = [(_plain(name), _code(version)) for name, version in found.items() if version is not None]
+    return ["## Versions", _table(("", ""), rows)]
+
+
+def _table(head: Sequence[str], rows: Table) -> str:
+    return "\n".join(f"| {' | '.join(row)} |" for row in (head, ["---"] * len(head), *rows))
+
+
+def _number(value: float | None) -> str:
+    return "not known" if value is None else f"{value:,.2f}"
+
+
+def _plain(value: object) -> str:
+    """A text in one line that ends no block of code; files of strangers may hold any."""
+    return " ".join(str(value).split()).replace("`", "'")
+
+
+def _code(value: object) -> str:
+    return f"`{_plain(value).replace('|', chr(92) + '|')}`"

@@ -1,0 +1,93 @@
+"""The whole decision of a policy as a graph: what `predict(deterministic=True)` does with observations."""
+
+from typing import NamedTuple
+
+import numpy as np
+from gymnasium.spaces import Box
+from jaxtyping import Float
+
+from galton import normalization
+from galton.algorithms import policy_of
+from galton.deploy.actions import ACTIONS, Chosen
+from galton.deploy.graph import Graph
+from galton.envs.host.action_box import ActionBox
+from galton.envs.host.observations import Observations
+from galton.errors import UsageError
+from galton.models import Model
+from galton.normalization import Normalizer
+from galton.types import Params
+
+OBSERVATION, ACTION = "observation", "action"
+"""The names of the input and the output."""
+
+
+class Decision(NamedTuple):
+    """A policy's decision, from an observation to an action."""
+
+    graph: Graph
+    observation_shape: tuple[int, ...]
+    """Of one observation: as the environment has it where it is a Box, else that of the flat vector."""
+    action_shape: tuple[int, ...]
+    """Of one action, as the environment has it."""
+    low: Float[np.ndarray, "*shape"]
+    """The lower bounds of the action in float32, none below those of the environment."""
+    high: Float[np.ndarray, "*shape"]
+    """The upper bounds of the action in float32, none above those of the environment."""
+    chosen: Chosen
+
+
+def decide(model: Model) -> Decision:
+    """Put the decision of a model's policy together: normaliser, clip, network, rule and bounds.
+
+    Raises:
+        UsageError: a policy that has no line in ACTIONS.
+    """
+    name = policy_of(model.config)
+    if name not in ACTIONS:
+        raise UsageError(
+            f"policy is {name!r}, of which nobody has said how its action is computed in ONNX; add a function to "
+            f"galton.deploy.ACTIONS[{name!r}], as docs/deploy.md shows"
+        )
+    graph, params, observations = Graph(), model.learner.params, model.observations
+    shape = observation_shape(observations)
+    rows = OBSERVATION if len(shape) == 1 else graph.add("Reshape", OBSERVATION, np.array([-1, observations.size]))
+    outputs = _network(graph, params["actor"], _normalised(graph, rows, model.learner.normalizer))
+    chosen = ACTIONS[name](graph, outputs, model.agent.policy, params, model.hypers)
+    low, high = bounds(model.actions)
+    shaped = graph.add("Reshape", chosen.action, np.array([0, *low.shape]))
+    graph.add("Min", graph.add("Max", shaped, low), high, name=ACTION)
+    return Decision(graph, shape, low.shape, low, high, chosen)
+
+
+def observation_shape(observations: Observations) -> tuple[int, ...]:
+    """The shape of one observation in the file: a Box's own, else that of the flat vector."""
+    space = observations.space
+    return space.shape if isinstance(space, Box) else (observations.size,)
+
+
+def bounds(actions: ActionBox) -> tuple[Float[np.ndarray, "*shape"], Float[np.ndarray, "*shape"]]:
+    """The box of actions in float32, rounded inwards where the environment's has more digits."""
+    low, high = (bound.astype(np.float32) for bound in (actions.space.low, actions.space.high))
+    low = np.where(low < actions.space.low, np.nextafter(low, np.float32(np.inf)), low)
+    high = np.where(high > actions.space.high, np.nextafter(high, np.float32(-np.inf)), high)
+    return low, high
+
+
+def _normalised(graph: Graph, rows: str, normalizer: Normalizer) -> str:
+    if not normalizer.observation:
+        return rows
+    mean, variance, _ = normalizer.observation
+    centered = graph.add("Sub", rows, np.asarray(mean))
+    scaled = graph.add("Div", centered, np.sqrt(np.asarray(variance) + np.float32(normalization.EPSILON)))
+    clip = normalization.CLIP
+    return graph.add("Clip", scaled, -clip, clip, name="normalised_observation")
+
+
+def _network(graph: Graph, layers: list[Params], x: str) -> str:
+    """The actor's outputs `[batch, n_outputs]`: tanh layers, then a linear one."""
+    for i, layer in enumerate(layers):
+        product = graph.add("MatMul", x, np.asarray(layer["kernel"]))
+        last = i == len(layers) - 1
+        x = graph.add("Add", product, np.asarray(layer["bias"]), name="outputs" if last else None)
+        x = x if last else graph.add("Tanh", x)
+    return x

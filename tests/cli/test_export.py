@@ -1,0 +1,129 @@
+"""What `galton export` writes of a run, and what it says where there is none."""
+
+import json
+import shutil
+import sys
+
+import onnxruntime
+import pytest
+
+from galton import A2C, UsageError, callbacks
+from galton.cli import export
+from galton.deploy import hub
+from galton.models import Model
+
+COMMAND = "galton train Pendulum-v1 --n-bins 5"
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """A run folder as `galton train` leaves one."""
+    folder = tmp_path_factory.mktemp("made") / "run"
+    model = A2C("Pendulum-v1", n_bins=5, net_arch=(4,), n_steps=50)
+    evaluate = callbacks.Evaluate(50, 2, best_model=folder / "best_model.safetensors")
+    model.learn(100, [evaluate, callbacks.JSONLines(folder / "metrics.jsonl")], progress_bar=False, log_interval=1)
+    model.save(folder / "model.safetensors")
+    settings = {"env": "Pendulum-v1", "env_kwargs": {}, "eval_episodes": 2, "command": COMMAND}
+    (folder / "config.json").write_text(json.dumps(settings | {"versions": {"galton": "0.1.0"}}))
+    return folder
+
+
+@pytest.fixture
+def run(made, tmp_path):
+    return shutil.copytree(made, tmp_path / "run")
+
+
+@pytest.fixture
+def pushed(monkeypatch):
+    """What would have gone to the Hub."""
+    found = []
+
+    def upload(repository, contents):
+        found.append((repository, contents))
+        return f"https://hub.example/{repository}"
+
+    monkeypatch.setattr(hub, "upload", upload)
+    return found
+
+
+def written(folder, before=("best_model.safetensors", "config.json", "metrics.jsonl", "model.safetensors")):
+    return sorted({path.name for path in folder.iterdir()} - set(before))
+
+
+def test_a_run_becomes_a_policy_and_a_contract_that_says_where_it_came_from(run, capsys, pushed):
+    export.main([str(run), "--format", "onnx"])
+    assert written(run) == ["policy.json", "policy.onnx"]
+    source = json.loads((run / "policy.json").read_text())["source"]
+    assert (source["env"], source["command"], source["model"]) == ("Pendulum-v1", COMMAND, "model.safetensors")
+    assert source["steps"] == 100
+    assert onnxruntime.InferenceSession(run / "policy.onnx").get_inputs()[0].shape == ["batch", 3]
+    assert f"policy: {run / 'policy.onnx'}" in capsys.readouterr().out
+    assert not pushed
+
+
+def test_onnx_is_what_it_writes_by_default(run):
+    export.main([str(run)])
+    assert written(run) == ["policy.json", "policy.onnx"]
+
+
+def test_a_card_needs_no_onnx(run, monkeypatch):
+    monkeypatch.setitem(sys.modules, "onnx", None)
+    export.main([str(run), "--format", "card"])
+    assert written(run) == ["model_card.md"]
+    text = (run / "model_card.md").read_text()
+    assert COMMAND in text
+    assert "| This policy | 100 | 2 |" in text
+
+
+def test_the_best_model_is_exported_by_its_name_to_a_folder_of_its_own(run):
+    export.main([str(run / "best_model.safetensors"), "--format", "onnx", "card", "--out", str(run / "best")])
+    assert written(run / "best") == ["model_card.md", "policy.json", "policy.onnx"]
+    source = json.loads((run / "best" / "policy.json").read_text())["source"]
+    assert source["model"] == "best_model.safetensors"
+    assert source["steps"] == Model.load(run / "best_model.safetensors").num_timesteps
+
+
+def test_a_push_has_both_formats_and_the_model(run, pushed, capsys):
+    export.main([str(run), "--push", "ada/pendulum"])
+    ((repository, contents),) = pushed
+    assert repository == "ada/pendulum"
+    assert sorted(contents) == ["README.md", "model.safetensors", "policy.json", "policy.onnx"]
+    assert contents["README.md"] == (run / "model_card.md").read_bytes()
+    assert contents["model.safetensors"] == (run / "model.safetensors").read_bytes()
+    assert "pushed: https://hub.example/ada/pendulum" in capsys.readouterr().out
+
+
+def test_an_export_again_replaces_its_files(run):
+    for _ in range(2):
+        export.main([str(run), "--format", "onnx", "card"])
+    assert written(run) == ["model_card.md", "policy.json", "policy.onnx"]
+
+
+WRONG = {
+    "no run": (["nowhere"], "path is nowhere, which does not exist"),
+    "no model": (["{run}/.."], "run is .*, which holds no model.safetensors; name a run folder of `galton train`"),
+    "a long name": (["x" * 300], "^(run|path) is x"),
+    "no format": (["{run}", "--format", "torch"], "format is 'torch'; choose from onnx, card"),
+    "none": (["{run}", "--format"], "format is empty; choose from onnx, card"),
+    "no owner": (["{run}", "--push", "pendulum"], "push is 'pendulum'; it must be OWNER/NAME"),
+    "out is a file": (["{run}", "--out", "{run}/config.json"], "out is .*config.json, which is a file; name a folder"),
+    "a card of a model": (["{run}/../alone/model", "--format", "card"], "beside which there is no config.json; a card"),
+}
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_what_can_not_be_exported_is_named_and_nothing_is_written(name, run, pushed, tmp_path):
+    words, message = WRONG[name]
+    (tmp_path / "alone").mkdir()
+    shutil.copy(run / "model.safetensors", tmp_path / "alone")
+    with pytest.raises(UsageError, match=message):
+        export.main([word.replace("{run}", str(run)) for word in words])
+    assert written(run) == written(tmp_path / "alone") == []
+    assert not pushed
+
+
+def test_a_model_without_a_run_can_be_exported(run, tmp_path):
+    (tmp_path / "alone").mkdir()
+    shutil.copy(run / "model.safetensors", tmp_path / "alone")
+    export.main([str(tmp_path / "alone" / "model.safetensors")])
+    assert written(tmp_path / "alone") == ["policy.json", "policy.onnx"]

@@ -1,0 +1,62 @@
+"""A policy's deterministic action in float64, with numpy alone: what float32 rounds, here and in ONNX Runtime."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+
+class Exact(NamedTuple):
+    action: np.ndarray
+    size: np.ndarray
+    """[n, d]: the sum of the absolute values of what is added up last on the way to the action, in half-widths or
+    logits; at least the distance of the box's far end from 0, in half-widths."""
+    choices: np.ndarray
+    """[n, d, k]: for a rule that picks a bin, by how much each is not the one to pick; else nothing."""
+    centers: np.ndarray
+
+
+def exactly(model, states):
+    """The action for each state, and how much rounding may change it."""
+    params = model.learner.params
+    x, weight = _features(model, states.astype(np.float64))
+    layer = {name: np.asarray(value, np.float64) for name, value in params["actor"][-1].items()}
+    outputs, size = x @ layer["kernel"] + layer["bias"], weight @ abs(layer["kernel"]) + abs(layer["bias"])
+    low, high = (np.asarray(bound, np.float64) for bound in (model.agent.low, model.agent.high))
+    center, half = (high + low) / 2, (high - low) / 2
+    least = np.maximum(abs(low), abs(high)) / half
+    if model.config.loss == "gaussian":
+        in_box = model.hypers.box_units == 1
+        mean, size = (center + half * outputs, size) if in_box else (outputs, size / half)
+        return Exact(np.clip(mean, low, high), np.maximum(size, least), np.zeros(0), np.zeros(0))
+    d, k = len(low), model.config.n_bins
+    centers = low[:, None] + (high - low)[:, None] * (np.arange(k) + 0.5) / k
+    logits, size = outputs.reshape(-1, d, k), size.reshape(-1, d, k).max(-1)
+    if model.config.policy == "ordinal":
+        size = abs(logits).sum(-1) + size
+        logits = logits.cumsum(-1)
+    return _chosen(model.config.deterministic_action, logits, np.maximum(size, least), centers)
+
+
+def _chosen(rule, logits, size, centers):
+    probs = np.exp(logits - logits.max(-1, keepdims=True))
+    probs /= probs.sum(-1, keepdims=True)
+    if rule == "mean":
+        return Exact((probs * centers).sum(-1), size, np.zeros(0), np.zeros(0))
+    if rule == "mode":
+        choices = logits.max(-1, keepdims=True) - logits
+    else:
+        above = probs.cumsum(-1)
+        choices = np.maximum(np.maximum(0.5 - above, above - probs - 0.5), 0)
+    index = choices.argmin(-1)
+    return Exact(centers[np.arange(len(centers)), index], size, choices, centers)
+
+
+def _features(model, x):
+    """What the last layer sees, and its absolute values."""
+    moments = model.learner.normalizer.observation
+    if moments:
+        mean, variance = (np.asarray(value, np.float64) for value in moments[:2])
+        x = np.clip((x - mean) / np.sqrt(variance + 1e-8), -10, 10)
+    for layer in model.learner.params["actor"][:-1]:
+        x = np.tanh(x @ np.asarray(layer["kernel"], np.float64) + np.asarray(layer["bias"], np.float64))
+    return x, abs(x)

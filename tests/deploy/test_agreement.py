@@ -1,0 +1,91 @@
+"""The ONNX file does what `predict(deterministic=True)` does, on 10,000 states, small and large.
+
+They agree to 1e-6 of the half-width of the action box. float32 rounds in proportion to the numbers that are added up:
+where a linear network sees observations as they are, or outputs have grown large, the sum of the numbers' sizes takes
+the place of 1. Two bins that are equally good to within as much are a tie, of which either may be taken.
+"""
+
+import copy
+import dataclasses
+import functools
+import itertools
+
+import numpy as np
+import onnxruntime
+import pytest
+
+from galton import ALGORITHMS, POLICIES
+from galton.deploy.decision import decide
+from galton.deploy.encoding import encode
+
+from .drifting import states, trained
+from .exactly import exactly
+
+N = 10_000
+RULES = ("mode", "mean", "median")
+WAYS = [(policy, way) for policy in POLICIES for way in ((0.0, 1.0) if POLICIES[policy].family == "density" else RULES)]
+"""Each policy with each of its rules; the Gaussian's way is box_units."""
+CASES = [(*way, *rest) for way, *rest in itertools.product(WAYS, ALGORITHMS, (True, False))]
+SMALL, LARGE = ((), 1), ((64, 64), 6)
+"""Hidden layers and action dimensions."""
+
+
+@functools.cache
+def model_of(policy, algorithm, normalize, net_arch, d, box_units):
+    more = {"box_units": box_units, "normalize_observation": normalize, "net_arch": net_arch}
+    return trained(policy, algorithm, d, **more)
+
+
+def acting_by(model, rule):
+    other = copy.copy(model)
+    other.config = dataclasses.replace(model.config, deterministic_action=rule)
+    other.agent = model.agent.acting_by(rule)
+    return other
+
+
+def check(policy, way, algorithm, normalize, net_arch, d):
+    units, rule = (way, "mode") if isinstance(way, float) else (0.0, way)
+    model = acting_by(model_of(policy, algorithm, normalize, net_arch, d, units), rule)
+    compare(model, small=bool(normalize or net_arch))
+
+
+def compare(model, small):
+    """Check that ONNX Runtime acts as `predict`; `small` is whether the numbers on the way to the action are."""
+    observations, space = states(N, model.observations.size), model.action_space
+    session = onnxruntime.InferenceSession(encode(decide(model)))
+    (found,) = session.run(["action"], {"observation": observations})
+    expected, _ = model.predict(observations, deterministic=True)
+    assert found.shape == expected.shape == (N, *space.shape)
+    assert found.dtype == np.float32
+    assert ((found >= space.low) & (found <= space.high)).all()
+    exact, half = exactly(model, observations), (space.high - space.low) / 2
+    sizes = 1e-6 * np.maximum(exact.size, 1)
+    if not exact.choices.size:
+        assert (abs(found - expected) <= (1e-6 if small else sizes) * half).all()
+        assert (abs(found - exact.action) <= sizes * half).all()
+        return
+    for action in (found, expected):  # either took a bin that is the right one, to within rounding
+        bins = abs(action[..., None] - exact.centers).argmin(-1)
+        assert (np.take_along_axis(exact.choices, bins[..., None], -1)[..., 0] <= sizes).all()
+    assert np.mean(found == expected) > 0.999
+
+
+@pytest.mark.parametrize("case", CASES, ids=lambda case: "-".join(map(str, case)))
+def test_the_file_does_what_predict_does(case):
+    check(*case, *(LARGE if case[-1] else SMALL))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("case", CASES, ids=lambda case: "-".join(map(str, case)))
+def test_the_file_does_what_predict_does_with_other_layers(case):
+    check(*case, *(SMALL if case[-1] else LARGE))
+
+
+@pytest.mark.parametrize(("policy", "way"), WAYS)
+def test_large_outputs_are_rounded_as_predict_rounds_them(policy, way):
+    units, rule = (way, "mode") if isinstance(way, float) else (0.0, way)
+    model = acting_by(trained(policy, "ppo", 6, box_units=units, normalize_observation=True), rule)
+    parameters = model.get_parameters()
+    parameters["actor"][-1] = {name: 25 * array for name, array in parameters["actor"][-1].items()}
+    model.set_parameters(parameters)
+    compare(model, small=False)

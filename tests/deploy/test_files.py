@@ -1,0 +1,242 @@
+"""The two files of an exported policy: what stands in them, and what they are refused for."""
+
+import hashlib
+import json
+import subprocess
+import sys
+
+import gymnasium
+import numpy as np
+import onnx
+import onnxruntime
+import pytest
+from gymnasium.spaces import Box, Dict, Discrete, MultiBinary, MultiDiscrete, Tuple
+
+import galton
+from galton import UsageError, deploy
+from galton.deploy.decision import bounds
+from galton.envs.host.action_box import ActionBox
+
+from .drifting import states, trained
+
+TINY = {"n_bins": 5, "net_arch": (4,), "n_steps": 2}
+
+
+class Varied(gymnasium.Env):
+    """Spaces of one's choice; nothing happens in it."""
+
+    def __init__(self, observed=None, acted=None):
+        self.observation_space = Box(-1.0, 1.0, (3,)) if observed is None else observed
+        self.action_space = Box(-1.0, 1.0, (2,)) if acted is None else acted
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        self.observation_space.seed(seed)
+        return self.observation_space.sample(), {}
+
+    def step(self, action):
+        return self.observation_space.sample(), 0.0, False, True, {}
+
+
+def model_on(loss="hl-gauss", observed=None, acted=None, **settings):
+    return galton.A2C(lambda: Varied(observed, acted), loss, **TINY | settings)
+
+
+def run(path, observations):
+    session = onnxruntime.InferenceSession(path)
+    return session.run(["action"], {"observation": np.asarray(observations, np.float32)})[0]
+
+
+@pytest.fixture(scope="module")
+def small():
+    return trained("histogram", "a2c", 2, normalize_observation=True, **TINY)
+
+
+def test_a_name_without_a_suffix_gets_one_and_the_contract_lies_beside(small, tmp_path):
+    path = deploy.export(small, tmp_path / "new" / "pilot")
+    assert sorted(file.name for file in path.parent.iterdir()) == ["pilot.json", "pilot.onnx"]
+    assert path.name == "pilot.onnx"
+
+
+def test_the_contract_says_what_the_file_takes_and_gives(small, tmp_path):
+    path = deploy.export(small, tmp_path / "policy.onnx", {"command": "galton train"})
+    contract = json.loads(path.with_suffix(".json").read_text())
+    session = onnxruntime.InferenceSession(path)
+    for place, there in (("input", session.get_inputs()), ("output", session.get_outputs())):
+        assert [one.name for one in there] == [contract[place]["name"]]
+        assert there[0].shape == contract[place]["shape"]
+        assert there[0].type == f"tensor({contract[place]['dtype'].removesuffix('32')})"
+    assert contract["contract"] == 1
+    assert contract["file"] == "policy.onnx"
+    assert contract["sha256"] == hashlib.sha256(path.read_bytes()).hexdigest()
+    assert contract["observation_normalization"] == {"clip": 10.0}
+    assert contract["rule"] == "mode"
+    assert "most likely bin" in contract["rule_meaning"]
+    assert contract["output"]["low"] == small.action_space.low.tolist()
+    assert contract["output"]["high"] == small.action_space.high.tolist()
+    assert contract["input"]["entries"][0]["low"] is None
+    source = contract["source"]
+    assert source["command"] == "galton train"
+    assert (source["env"], source["loss"], source["policy"]) == ("Drifting", "hl-gauss", "histogram")
+    assert (source["algorithm"], source["seed"], source["steps"]) == ("a2c", 1, small.num_timesteps)
+
+
+def test_an_old_runtime_knows_all_of_it(tmp_path):
+    known = set()
+    for rule in ("mode", "mean", "median"):
+        model = trained("ordinal", "a2c", 1, 4, deterministic_action=rule, normalize_observation=True, **TINY)
+        file = onnx.load(deploy.export(model, tmp_path / rule))
+        assert file.ir_version == 7
+        assert [(one.domain, one.version) for one in file.opset_import] == [("", 13)]
+        known |= {node.op_type for node in file.graph.node}
+        kinds = {tensor.data_type for tensor in file.graph.initializer}
+        assert kinds <= {onnx.TensorProto.FLOAT, onnx.TensorProto.INT64}
+    assert {"Clip", "CumSum", "ArgMax", "Softmax"} < known
+
+
+def test_the_same_model_gives_the_same_bytes_in_any_process(small, tmp_path):
+    file = small.save(tmp_path / "model")
+    code = "import sys, galton; galton.deploy.export(galton.Model.load(sys.argv[1]), sys.argv[2])"
+    for seed in ("1", "2"):
+        env = {"PYTHONHASHSEED": seed, "PATH": "", "PYTHONPATH": ":".join(sys.path)}
+        subprocess.run([sys.executable, "-c", code, file, tmp_path / f"{seed}.onnx"], check=True, env=env, timeout=300)
+    first, second = ((tmp_path / f"{seed}.onnx").read_bytes() for seed in ("1", "2"))
+    assert first == second == deploy.export(small, tmp_path / "here").read_bytes()
+
+
+@pytest.mark.parametrize("n", [0, 1, 7])
+def test_a_batch_may_have_any_size(n, small, tmp_path):
+    path, observations = deploy.export(small, tmp_path / "policy"), states(n, 5)
+    assert run(path, observations).shape == (n, 2)
+    assert np.array_equal(run(path, observations), small.predict(observations, deterministic=True)[0])
+
+
+@pytest.mark.parametrize("rule", ["mode", "median"])
+def test_of_bins_that_are_equally_likely_both_take_the_same(rule, tmp_path):
+    model = model_on(deterministic_action=rule, n_bins=6)  # of zeros its logits are its biases, zeros
+    nothing = np.zeros((3, 3), np.float32)
+    expected = model.predict(nothing, deterministic=True)[0]
+    assert np.array_equal(run(deploy.export(model, tmp_path / "policy"), nothing), expected)
+    assert expected[0] == pytest.approx(-5 / 6 if rule == "mode" else 1 / 6)
+
+
+OBSERVED = {
+    "matrix": Box(-1.0, 1.0, (2, 3)),
+    "scalar": Box(-1.0, 1.0, ()),
+    "float64": Box(-1.0, 1.0, (3,), np.float64),
+    "image": Box(0, 255, (2, 2, 1), np.uint8),
+}
+
+
+@pytest.mark.parametrize("name", OBSERVED)
+def test_a_box_is_observed_in_its_own_shape(name, tmp_path):
+    space = OBSERVED[name]
+    model = model_on("gaussian", space)
+    observations = np.stack([space.sample() for _ in range(4)])
+    expected = model.predict(observations, deterministic=True)[0]
+    path = deploy.export(model, tmp_path / "policy")
+    assert json.loads(path.with_suffix(".json").read_text())["input"]["shape"] == ["batch", *space.shape]
+    assert run(path, observations) == pytest.approx(expected, abs=1e-6)
+
+
+def test_the_contract_tells_the_parts_of_a_flat_observation_apart(tmp_path):
+    parts = Tuple((MultiDiscrete([2, 3]), MultiBinary(2)))
+    space = Dict({"b": Box(-1.0, np.inf, (2,)), "a": Discrete(3, start=5), "c": parts})
+    model = model_on("gaussian", space)
+    path = deploy.export(model, tmp_path / "policy")
+    given = json.loads(path.with_suffix(".json").read_text())["input"]
+    assert given["shape"] == ["batch", 12]
+    spans = [(entry["part"], entry["from"], entry["to"], entry["encoding"]) for entry in given["entries"]]
+    at, expected = 0, []
+    for key in space.spaces:
+        for part, size, encoding in {
+            "a": [(["a"], 3, "one-hot")],
+            "b": [(["b"], 2, "as it is")],
+            "c": [(["c", 0], 5, "one-hot, one after the other"), (["c", 1], 2, "0 or 1")],
+        }[key]:
+            expected.append((part, at, at + size, encoding))
+            at += size
+    assert spans == expected
+    sample = space.sample()
+    flat = gymnasium.spaces.flatten(space, sample)
+    assert run(path, flat[None])[0] == pytest.approx(model.predict(sample, deterministic=True)[0], abs=1e-6)
+
+
+def test_an_action_has_the_environments_shape(tmp_path):
+    model = model_on("gaussian", acted=Box(-1.0, 1.0, (2, 3)))
+    observations = states(4, 3)
+    expected = model.predict(observations, deterministic=True)[0]
+    assert run(deploy.export(model, tmp_path / "policy"), observations) == pytest.approx(expected, abs=1e-6)
+
+
+def test_bounds_of_more_digits_are_kept_by_actions_of_fewer(tmp_path):
+    low, high = np.array([-0.1, 0.7]), np.array([0.1, 2.3])
+    model = model_on("gaussian", acted=Box(low, high, dtype=np.float64), net_arch=())
+    actions = run(deploy.export(model, tmp_path / "policy"), 1e6 * states(1000, 3)).astype(np.float64)
+    assert ((actions >= low) & (actions <= high)).all()
+    assert (np.ptp(actions, 0) > 0.99 * (high - low)).all()
+
+
+def test_a_policy_of_ones_own_says_how_its_action_is_computed(monkeypatch, tmp_path):
+    class Own(galton.POLICIES["gaussian"]):
+        pass
+
+    monkeypatch.setitem(galton.POLICIES, "own", Own)
+    model = model_on("gaussian", policy="own")
+    with pytest.raises(UsageError, match=r"policy is 'own', of which nobody .* galton.deploy.ACTIONS\['own'\]"):
+        deploy.export(model, tmp_path / "policy")
+    assert not [*tmp_path.iterdir()]
+    monkeypatch.setitem(deploy.ACTIONS, "own", lambda graph, outputs, *_: deploy.Chosen(outputs, "mean", "The mean."))
+    observations = states(9, 3)
+    found = run(deploy.export(model, tmp_path / "policy"), observations)
+    assert found == pytest.approx(model.predict(observations, deterministic=True)[0], abs=1e-6)
+
+
+ODD_STEPS = {
+    "no operator": lambda graph, outputs: graph.add("Frobnicate", outputs),
+    "no such name": lambda graph, outputs: graph.add("Neg", "inputs"),
+    "a name twice": lambda graph, outputs: graph.add("Neg", outputs, name="outputs"),
+    "sizes that differ": lambda graph, outputs: graph.add("Add", outputs, np.zeros(3)),
+}
+
+
+@pytest.mark.parametrize("name", ODD_STEPS)
+def test_steps_that_make_no_graph_are_refused_before_anything_is_written(name, monkeypatch, tmp_path):
+    odd = ODD_STEPS[name]
+    entry = lambda graph, outputs, *_: deploy.Chosen(odd(graph, outputs), "mean", "The mean.")  # noqa: E731
+    monkeypatch.setitem(deploy.ACTIONS, "gaussian", entry)
+    with pytest.raises(UsageError, match=r"the policy's function in galton\.deploy\.ACTIONS makes no graph of ONNX: "):
+        deploy.export(model_on("gaussian"), tmp_path / "policy")
+    assert not [*tmp_path.iterdir()]
+
+
+def test_every_policy_has_an_export():
+    assert set(deploy.ACTIONS) == set(galton.POLICIES)
+
+
+WRONG = {
+    "no name": ("", "path is '.*', which names no file"),
+    "another suffix": ("policy.pt", r"path is .*policy.pt; its name must end in .onnx"),
+    "in a file": ("file/policy.onnx", "path is .*, which can't be written: .*; name another"),
+}
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_a_path_that_can_not_be_written_is_named(name, small, tmp_path):
+    path, message = WRONG[name]
+    (tmp_path / "file").write_text("")
+    with pytest.raises(UsageError, match=message):
+        deploy.export(small, tmp_path / path if path else "..")
+
+
+def test_without_onnx_the_extra_is_named(small, tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "onnx", None)
+    with pytest.raises(UsageError, match=r"needs ONNX: pip install 'galton\[onnx\]'"):
+        deploy.export(small, tmp_path / "policy")
+
+
+def test_the_bounds_are_the_spaces_own_where_they_are_float32():
+    space = Box(np.array([-1.0, 0.3], np.float32), np.array([0.1, 7.7], np.float32))
+    low, high = bounds(ActionBox("here", space))
+    assert np.array_equal(low, space.low)
+    assert np.array_equal(high, space.high)
