@@ -33,7 +33,7 @@ class Bins:
     low: Float[np.ndarray, " d"]
     """The box's lower bounds."""
     high: Float[np.ndarray, " d"]
-    """Its upper bounds."""
+    """The box's upper bounds."""
     n_bins: int
     """The number of bins in each dimension, k."""
     edges: Float[np.ndarray, "d k+1"]

@@ -4,6 +4,7 @@ An annotation is bool, str, a Literal of words, a class, an integer or number wi
 tuple of any of them.
 """
 
+import contextlib
 import functools
 from collections.abc import Callable, Hashable, Iterable, Mapping, Set
 from typing import Annotated, Any, Literal, NamedTuple, get_args, get_origin, get_type_hints
@@ -89,9 +90,7 @@ def _check_number(name: str, value: object, bounds: Within) -> None:
 
 def _entries(name: str, value: object) -> tuple[object, ...]:
     """The entries of a list, a tuple or anything else that has some in an order."""
-    try:
+    with contextlib.suppress(TypeError):  # an array without axes
         if isinstance(value, Iterable) and not isinstance(value, str | bytes | Mapping | Set):
             return tuple(value)
-    except TypeError:  # an array without axes
-        pass
     raise UsageError(f"{name} is {value!r}; it must be a list or a tuple")

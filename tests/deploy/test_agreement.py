@@ -2,7 +2,9 @@
 
 They agree to 1e-6 of the half-width of the action box. float32 rounds in proportion to the numbers that are added up:
 where a linear network sees observations as they are, or outputs have grown large, the sum of the numbers' sizes takes
-the place of 1. Two bins that are equally good to within as much are a tie, of which either may be taken.
+the place of 1. Against float64 the file may be twice as far off as `predict` is at most, where a hidden layer without
+normalisation sees large observations: neither keeps to the sum of the last layer's sizes there. Two bins that are
+equally good to within as much are a tie, of which either may be taken.
 """
 
 import copy

@@ -1,5 +1,6 @@
 """How words become values, and how the help of a command shows them: tyro's rules, and Galton's before them."""
 
+import contextlib
 import dataclasses
 from decimal import Decimal, InvalidOperation
 from types import NoneType, UnionType
@@ -23,12 +24,10 @@ REGISTRY = ConstructorRegistry()
 
 def integer(text: str) -> int:
     """An integer as people write it: 100000, 100_000 or 1e5; ValueError for anything else."""
-    try:
+    with contextlib.suppress(InvalidOperation):
         number = Decimal(text)
         if number.is_finite() and abs(number.adjusted()) < 30 and number == int(number):
             return int(number)
-    except InvalidOperation:
-        pass
     raise ValueError(f"{text!r} is no integer; write it like 100000, 100_000 or 1e5")
 
 

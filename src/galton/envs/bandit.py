@@ -19,7 +19,7 @@ class Bandit:
     """
 
     d: int = 2
-    """Action dimensions."""
+    """How many dimensions an action has."""
     noise_std: float = 1.0
     """The standard deviation of the reward's noise, ε."""
 

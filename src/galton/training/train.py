@@ -38,7 +38,7 @@ class Result:
     learner: Learner
     """What each run has learnt, each leaf a numpy array `[R, ...]`."""
     compile_seconds: float
-    """What compiling took."""
+    """How many seconds it took to compile the programs."""
     train_seconds: float
     """What training took beside that, evaluation included."""
 
