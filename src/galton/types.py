@@ -32,8 +32,10 @@ class Config:
     """Copies of the environment that one run steps side by side."""
     net_arch: tuple[Count, ...] = (64, 64)
     """Units of the hidden tanh layers, the same for actor and critic; () is linear."""
-    initial_policy: Literal["uniform", "gaussian"] = "uniform"
-    """How a softmax policy starts: uniform, or like the Gaussian policy ("Init Gaussian", §5.2.3)."""
+    initial_policy: Literal["uniform", "gaussian", "clipped-gaussian"] = "uniform"
+    """How a softmax policy starts: uniform, like the Gaussian policy inside its box ("Init Gaussian", §5.2.3), or like
+    the actions that the environment makes of the Gaussian policy's: clipped, with the tails in the first and last bin.
+    log_std_init and box_units say which Gaussian."""
     exploration: Literal["softmax", "gaussian"] = "softmax"
     """What a softmax policy samples from: itself, or the Gaussian with its moments (§5.2.3)."""
     bin_sample: Literal["center", "uniform"] = "center"
@@ -59,6 +61,12 @@ class Config:
     loss with a bias, plain HL-Gauss, and true for all others."""
     clip_separately: bool = False
     """Scale the gradients of actor and critic down to max_grad_norm each, not the two joined."""
+    bin_centers: Literal["inside", "bounds"] = "inside"
+    """Whether all bins are of one width, so that their centers lie inside the box (§4.1), or the first and last center
+    are the box's bounds, so that the bins at the ends are half as wide."""
+    target_tails: Literal["rescaled", "edges"] = "rescaled"
+    """What becomes of an HL-Gauss target's mass beyond the box: the rest is rescaled to sum to 1 (eq. 6), or the first
+    and last bin get it."""
 
     def __post_init__(self) -> None:
         check_fields(self)
@@ -101,7 +109,7 @@ class Hypers(NamedTuple):
     decay_steps: NotNegative = 0.0
     """The learning rate falls linearly to 0 over so many environment steps; 0: it stays."""
     log_std_init: Annotated[Number, Within(np.isfinite, "finite")] = 0.0
-    """The Gaussian's first log σ."""
+    """The Gaussian's first log σ, and that of the policies made of it."""
     log_std_min: Annotated[Number, Within(lambda x: x < np.inf, "finite, or -inf for none")] = -math.inf
     """A floor under the Gaussian's log σ; −inf is none."""
     box_units: Annotated[Number, Within(lambda x: (x == 0) | (x == 1), "0 or 1")] = 0.0
@@ -111,6 +119,8 @@ class Hypers(NamedTuple):
     """PPO clips the likelihood ratio this far from 1."""
     target_kl: Annotated[Number, Within(lambda x: x > 0, "greater than 0, or inf for none")] = math.inf
     """PPO leaves off a rollout once its approximate KL divergence from the sampling policy exceeds 1.5 of this."""
+    rpo_alpha: NotNegative = 0.5
+    """How far RPO moves the Gaussian's mean up or down at most where an update looks at it, in the mean's own units."""
 
 
 def without_units(hypers: Hypers) -> Hypers:

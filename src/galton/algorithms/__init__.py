@@ -10,7 +10,7 @@ from galton.algorithms import a2c, ppo
 from galton.algorithms.base import Agent, Algorithm, Scalars
 from galton.errors import UsageError, require, unknown
 from galton.losses import find_loss
-from galton.policies import POLICIES
+from galton.policies import POLICIES, USES
 from galton.records import defaults
 from galton.types import Config, Hypers
 
@@ -19,7 +19,17 @@ ALGORITHMS: dict[str, Algorithm] = {
     "ppo": ppo.ALGORITHM,
 }
 
-__all__ = ["ALGORITHMS", "Agent", "Algorithm", "Scalars", "find_algorithm", "policy_of", "refuse_others", "resolve"]
+__all__ = [
+    "ALGORITHMS",
+    "Agent",
+    "Algorithm",
+    "Scalars",
+    "find_algorithm",
+    "policy_of",
+    "refuse_idle",
+    "refuse_others",
+    "resolve",
+]
 
 
 def resolve(config: Config, low: Float[np.ndarray, " d"], high: Float[np.ndarray, " d"]) -> Agent:
@@ -35,6 +45,7 @@ def resolve(config: Config, low: Float[np.ndarray, " d"], high: Float[np.ndarray
         f"policy is {name!r}, but the loss {config.loss!r} needs a {loss.family}; choose from {', '.join(fitting)}",
     )
     refuse_others(algorithm, config)
+    refuse_idle(config, config)
     algorithm.check(config)
     box = (tuple(float(x) for x in np.asarray(bound, np.float32)) for bound in (low, high))
     return Agent(config, loss, POLICIES[name].create, algorithm, *box)
@@ -57,6 +68,30 @@ def refuse_others(algorithm: Algorithm, settings: Config | Hypers) -> None:
             default = np.float32(usual[name]) if given.dtype == np.float32 else usual[name]
             for value in given[given != default][:1]:
                 raise UsageError(f"{name} is {value!s}; it goes with algorithm {other.name!r}, not {algorithm.name!r}")
+
+
+def refuse_idle(config: Config, settings: Config | Hypers) -> None:
+    """Raise UsageError where a setting is not at its default that the configuration's loss and policy have no use for.
+
+    Settings of before these checks are not among them: what files have, they may have.
+    """
+    loss, policy = find_loss(config.loss), policy_of(config)
+    has_bins = POLICIES[policy].family == "histogram"
+    wanted = {
+        "bin_centers": (has_bins, "a policy over bins"),
+        "target_tails": (has_bins and ("eta" in loss.uses or "eta" in USES.get(policy, ())), "targets of width η"),
+        "initial_policy": (has_bins or config.initial_policy != "clipped-gaussian", "a policy over bins"),
+        "rpo_alpha": ("rpo_alpha" in USES.get(policy, ()), "the policy 'rpo'"),
+    }
+    usual = defaults(type(settings))
+    for name in wanted.keys() & usual.keys():
+        used, whose = wanted[name]
+        values = np.atleast_1d(getattr(settings, name))
+        for value in [] if used else values[values != usual[name]][:1]:
+            shown = repr(str(value)) if isinstance(value, str) else value
+            raise UsageError(
+                f"{name} is {shown}; it goes with {whose}, not with the policy {policy!r} and the loss {config.loss!r}"
+            )
 
 
 def find_algorithm(name: str) -> Algorithm:

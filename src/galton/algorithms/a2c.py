@@ -12,8 +12,7 @@ from galton.types import Hypers, Learner, Params, Transition
 def update(
     agent: Agent, learner: Learner, batch: Transition, hypers: Hypers, key: Key[Array, ""]
 ) -> tuple[Learner, Scalars]:
-    """One gradient step on a rollout `[T, N]`. Nothing in it is random."""
-    del key
+    """One gradient step on a rollout `[T, N]`. Nothing in it is random, unless the policy moves its outputs."""
     observation, next_observation, action = map(flatten, (batch.observation, batch.next_observation, batch.action))
 
     def objective(params: Params) -> tuple[Array, Objective]:
@@ -24,7 +23,8 @@ def update(
         returns = advantage + fixed_values
         if agent.config.normalize_advantage:
             advantage = actor_critic.standardise(advantage)
-        distribution = agent.policy.distribution(outputs, params, hypers)
+        seen = actor_critic.as_update_sees(agent, outputs, key, hypers)
+        distribution = agent.policy.distribution(seen, params, hypers)
         loss = agent.loss.function(distribution, action, hypers)
         parts = actor_critic.objective(distribution, loss, advantage, values, returns, hypers)
         return parts.total, parts

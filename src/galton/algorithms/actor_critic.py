@@ -14,7 +14,7 @@ from galton import normalization
 from galton.algorithms.base import Agent, Scalars
 from galton.losses import surrogate
 from galton.networks import init_mlp, mlp
-from galton.policies import Distribution
+from galton.policies import Distribution, MovesOutputs
 from galton.returns import gae
 from galton.types import Hypers, Learner, Params, Transition
 
@@ -58,6 +58,14 @@ def outputs_and_values(
     """
     outputs, values = jax.lax.optimization_barrier((mlp(params["actor"], observation), value(params, observation)))
     return outputs, values
+
+
+def as_update_sees(
+    agent: Agent, outputs: Float[Array, "B n_outputs"], key: Key[Array, ""], hypers: Hypers
+) -> Float[Array, "B n_outputs"]:
+    """The actor's outputs in an update: as they are, unless the policy moves them (RPO)."""
+    policy = agent.policy
+    return policy.moved(outputs, key, hypers) if isinstance(policy, MovesOutputs) else outputs
 
 
 def advantages(

@@ -27,6 +27,8 @@ from galton.errors import require
 from galton.losses import cross_entropy
 from galton.types import Config, Hypers, Learner, Params, Transition
 
+_OF_MOVES = 2**31 - 1
+"""Folded into an update's key it gives that of what its minibatches draw; the epochs' orders have 0 … n_epochs − 1."""
 Told = dict[str, Float[Array, "*minibatches"]]
 """What minibatches tell of themselves, by name."""
 
@@ -54,7 +56,7 @@ def update(
     rows = prepare(agent, learner, batch, hypers)
     size = len(rows.advantage)
     orders = jax.vmap(lambda key: jax.random.permutation(key, size))(jax.random.split(key, agent.config.n_epochs))
-    return fit(agent, learner, rows, orders, hypers)
+    return fit(agent, learner, rows, orders, hypers, jax.random.fold_in(key, _OF_MOVES))
 
 
 def prepare(agent: Agent, learner: Learner, batch: Transition, hypers: Hypers) -> Rows:
@@ -88,21 +90,31 @@ def _loss(
 
 
 def fit(
-    agent: Agent, learner: Learner, rows: Rows, orders: Int[Array, "epochs B"], hypers: Hypers
+    agent: Agent,
+    learner: Learner,
+    rows: Rows,
+    orders: Int[Array, "epochs B"],
+    hypers: Hypers,
+    key: Key[Array, ""] | None = None,
 ) -> tuple[Learner, Scalars]:
-    """A step on each minibatch of each epoch, until one's KL divergence is over 1.5 · target_kl."""
+    """A step on each minibatch of each epoch, until one's KL divergence is over 1.5 · target_kl.
+
+    The key is for policies that move their outputs; each minibatch has its own, by Adam's count of steps. By default it
+    is that of seed 0.
+    """
+    key = jax.random.key(0) if key is None else key
     size = agent.config.batch_size
 
     def epoch(carry: tuple[Learner, Array], order: Array) -> tuple[tuple[Learner, Array], tuple[Array, Told]]:
         batches = jax.tree.map(lambda x: x[order].reshape(-1, size, *x.shape[1:]), rows)
-        return jax.lax.scan(lambda carry, rows: _minibatch(agent, carry, rows, hypers), carry, batches)
+        return jax.lax.scan(lambda carry, rows: _minibatch(agent, carry, rows, hypers, key), carry, batches)
 
     (learner, _), (taken, told) = jax.lax.scan(epoch, (learner, jnp.array(True)), orders)
     return learner, _summarise(taken, told)
 
 
 def _minibatch(
-    agent: Agent, carry: tuple[Learner, Array], rows: Rows, hypers: Hypers
+    agent: Agent, carry: tuple[Learner, Array], rows: Rows, hypers: Hypers, key: Key[Array, ""]
 ) -> tuple[tuple[Learner, Array], tuple[Array, Scalars]]:
     """One step, unless training on this rollout has been left off: (learner, going) → the same, and what it tells."""
     learner, looking = carry
@@ -110,7 +122,8 @@ def _minibatch(
 
     def objective(params: Params) -> tuple[Array, tuple[Objective, Array, Array]]:
         outputs, values = actor_critic.outputs_and_values(params, rows.observation)
-        distribution = agent.policy.distribution(outputs, params, hypers)
+        seen = actor_critic.as_update_sees(agent, outputs, jax.random.fold_in(key, learner.optimizer.count), hypers)
+        distribution = agent.policy.distribution(seen, params, hypers)
         loss = _loss(agent, distribution, rows.action, rows.target, hypers)
         log_ratio = jax.lax.stop_gradient(distribution.log_prob(rows.action) - rows.log_prob)
         ratio = jnp.exp(jax.lax.stop_gradient(rows.loss - loss) if _is_smoothed(agent) else log_ratio)

@@ -39,13 +39,16 @@ class Settings(TypedDict, total=False):
     log_std_init: float
     log_std_min: float
     box_units: float
+    rpo_alpha: float
     net_arch: Iterable[int]
     normalize_observation: bool
     normalize_reward: bool
-    initial_policy: Literal["uniform", "gaussian"]
+    initial_policy: Literal["uniform", "gaussian", "clipped-gaussian"]
     exploration: Literal["softmax", "gaussian"]
     bin_sample: Literal["center", "uniform"]
     deterministic_action: Literal["mode", "mean", "median"]
+    bin_centers: Literal["inside", "bounds"]
+    target_tails: Literal["rescaled", "edges"]
 
 
 def usual(algorithm: Algorithm, env: object = None) -> Fields:

@@ -7,7 +7,7 @@ import jax
 import numpy as np
 from jaxtyping import Float, Int
 
-from galton.algorithms import refuse_others, resolve
+from galton.algorithms import refuse_idle, refuse_others, resolve
 from galton.envs.base import Environment
 from galton.envs.find import find
 from galton.envs.host.action_box import ActionBox
@@ -101,6 +101,7 @@ def populate(
     check_size(found, config, len(seeds))
     agent, hypers = resolve(config, *action_box(found)), without_units(hypers)
     refuse_others(agent.algorithm, hypers)
+    refuse_idle(config, hypers)
     if isinstance(found, Environment):
         return DevicePopulation(found, agent, hypers, seeds, devices)
     return HostPopulation(found, agent, hypers, seeds, devices)
