@@ -1,74 +1,65 @@
-"""The policies over a box that have a density, and each as scipy and torch have it in one dimension and in float64."""
+"""The policies over a box that have a density, and each as torch has it, in float64."""
 
 import jax.numpy as jnp
 import numpy as np
 import torch
-from scipy import stats
 from torch import distributions
+from torch.special import log_ndtr
 
 from galton import POLICIES, Config, Hypers
 
-BOXES = [(-1.0, 1.0), (-3.0, 1.0), (2.0, 2.5), (-1e-3, 1e-3), (0.0, 1e4), (-400.0, 1.0)]
 NAMES = ("clipped-gaussian", "truncated-gaussian", "squashed-gaussian", "beta")
-N_OUTPUTS = {"beta": 2}
 
 
 def make(name, low, high, outputs, log_std=0.0, **numbers):
-    """The distribution of a policy in units of its box: outputs `[..., d]`, or `[..., 2d]` for Beta."""
+    """A policy over the box, and its distribution in units of the box: outputs as of `outputs_of`, log σ for each d."""
     low, high = (np.atleast_1d(np.asarray(bound, np.float32)) for bound in (low, high))
     policy = POLICIES[name].create(Config(loss="gaussian", policy=name), low, high)
     params = {"log_std": jnp.zeros(len(low)) + jnp.asarray(log_std, jnp.float32)}
-    hypers = Hypers(box_units=1.0, **numbers)
-    return policy, policy.distribution(jnp.asarray(outputs, jnp.float32), params, hypers)
+    return policy, policy.distribution(jnp.asarray(outputs, jnp.float32), params, Hypers(box_units=1.0, **numbers))
+
+
+def outputs_of(name, mean):
+    """The network's outputs for means `[..., d]` in units of the box; Beta has two for each."""
+    mean = np.asarray(mean, np.float32)
+    return mean if name != "beta" else np.stack([2 * mean, 1 - mean], -1).reshape(*mean.shape[:-1], -1)
 
 
 class Reference:
-    """One dimension of a policy in float64, from its outputs and log σ, which may be tensors with a gradient."""
+    """A policy over d boxes in float64, with an entry for each; the outputs and log σ may be asked for gradients."""
 
     def __init__(self, name, low, high, outputs, log_std):
-        self.name, self.low, self.high = name, low, high
-        self.outputs, self.std = outputs, torch.exp(log_std)
-        self.center, self.half = (high + low) / 2, (high - low) / 2
-        self.mean = self.center + self.half * outputs[..., 0]
+        self.name, self.outputs, self.std = name, outputs, torch.exp(log_std)
+        self.low, self.high = (torch.as_tensor(np.float32(bound).astype(np.float64)) for bound in (low, high))
+        self.center, self.half = (self.low + self.high) / 2, (self.high - self.low) / 2
 
     def log_prob(self, action):
         """Of actions in the box; on a bound of the clipped Gaussian, the mass of the tail per half-width."""
-        action = torch.as_tensor(action, dtype=torch.float64)
-        sigma = self.half * self.std
-        normal = distributions.Normal(self.mean, sigma)
-        if self.name == "clipped-gaussian":
-            low = torch.special.log_ndtr((self.low - self.mean) / sigma) - np.log(self.half)
-            high = torch.special.log_ndtr((self.mean - self.high) / sigma) - np.log(self.half)
-            inside = normal.log_prob(action)
-            return torch.where(action <= self.low, low, torch.where(action >= self.high, high, inside))
-        if self.name == "truncated-gaussian":
-            ends = ((bound - self.mean) / sigma for bound in (self.low, self.high))
-            low, high = (torch.special.ndtr(end) for end in ends)
-            return normal.log_prob(action) - torch.log(high - low)
-        steps = [distributions.AffineTransform(self.center, self.half)]
-        if self.name == "squashed-gaussian":
-            base = distributions.Normal(self.outputs[..., 0], self.std)
-            return distributions.TransformedDistribution(base, [distributions.TanhTransform(), *steps]).log_prob(action)
-        steps = [distributions.AffineTransform(self.low, self.high - self.low)]
-        shapes = 1 + torch.nn.functional.softplus(self.outputs)
-        base = distributions.Beta(shapes[..., 0], shapes[..., 1], validate_args=False)
-        return distributions.TransformedDistribution(base, steps, validate_args=False).log_prob(action)
-
-    def scipys(self):
-        """A frozen distribution of scipy's, of the numbers that this one has; of the squashed one, that of artanh."""
-        outputs, std = self.outputs.detach().numpy(), float(self.std)
+        action = torch.as_tensor(np.asarray(action, np.float64))
         if self.name == "beta":
-            shapes = 1 + np.logaddexp(0, outputs)
-            return stats.beta(shapes[0], shapes[1], self.low, self.high - self.low)
-        mean = self.center + self.half * outputs[0]
+            steps, base = [distributions.AffineTransform(self.low, 2 * self.half)], self.beta()
+            return distributions.TransformedDistribution(base, steps, validate_args=False).log_prob(action)
         if self.name == "squashed-gaussian":
-            return stats.norm(outputs[0], std)
-        if self.name == "clipped-gaussian":
-            return stats.norm(mean, self.half * std)
-        ends = ((bound - mean) / (self.half * std) for bound in (self.low, self.high))
-        return stats.truncnorm(*ends, mean, self.half * std)
+            base = distributions.Normal(self.outputs, self.std)
+            steps = [distributions.TanhTransform(), distributions.AffineTransform(self.center, self.half)]
+            return distributions.TransformedDistribution(base, steps, validate_args=False).log_prob(action)
+        mean, sigma = self.center + self.half * self.outputs, self.half * self.std
+        density = distributions.Normal(mean, sigma).log_prob(action)
+        below, above = (self.low - mean) / sigma, (mean - self.high) / sigma
+        if self.name == "truncated-gaussian":  # from the side on which float64 has digits left
+            more = torch.where(below > 0, log_ndtr(-below), log_ndtr(-above))
+            less = torch.where(below > 0, log_ndtr(above), log_ndtr(below))
+            return density - more - torch.log1p(-torch.exp(less - more))
+        low, high = (log_ndtr(tail) - torch.log(self.half) for tail in (below, above))
+        return torch.where(action <= self.low, low, torch.where(action >= self.high, high, density))
+
+    def beta(self):
+        """On [0, 1]."""
+        shapes = 1 + torch.nn.functional.softplus(self.outputs.reshape(*self.outputs.shape[:-1], -1, 2))
+        return distributions.Beta(shapes[..., 0], shapes[..., 1], validate_args=False)
 
 
 def reference(name, low, high, outputs, log_std):
-    """The same with numbers for tensors."""
-    return Reference(name, low, high, *(torch.as_tensor(np.asarray(x, np.float64)) for x in (outputs, log_std)))
+    """The same from numpy's arrays."""
+    tensors = (torch.as_tensor(np.float32(x).astype(np.float64)) for x in (outputs, log_std))
+    return Reference(name, np.atleast_1d(low), np.atleast_1d(high), *tensors)

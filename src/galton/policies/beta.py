@@ -134,7 +134,7 @@ class BetaPolicy:
         """Two per action dimension."""
         return 2 * len(self.low)
 
-    def init(self, hypers: Hypers) -> tuple[Float[Array, " 2d"], Params]:
+    def init(self, hypers: Hypers) -> tuple[Float[Array, " n_outputs"], Params]:
         """Outputs 0; no number has a part in it."""
         del hypers
         return jnp.zeros(self.n_outputs), {}
@@ -144,7 +144,7 @@ class BetaPolicy:
         keys, size = jax.random.split(key), (*shape, len(self.low), 2, _TRIES)
         return jax.random.normal(keys[0], size), jax.random.uniform(keys[1], size)
 
-    def distribution(self, outputs: Float[Array, "*batch 2d"], params: Params, hypers: Hypers) -> Beta:
+    def distribution(self, outputs: Float[Array, "*batch n_outputs"], params: Params, hypers: Hypers) -> Beta:
         """Beta distributions with α and β from the first and second output of each dimension."""
         del params, hypers
         shapes = 1 + jax.nn.softplus(outputs.reshape(*outputs.shape[:-1], len(self.low), 2))

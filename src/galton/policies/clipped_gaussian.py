@@ -9,10 +9,10 @@ from jaxtyping import Array, Bool, Float, Key
 
 from galton.policies.base import Family
 from galton.policies.gaussian import Gaussian, GaussianPolicy
-from galton.policies.tails import LOG_SQRT_2PI, Inside, inside, log_tail
+from galton.policies.tails import LEAST, LOG_SQRT_2PI, Inside, inside, log_tail
 from galton.types import Config, Hypers, Params
 
-_LEAST = -80.0
+_NOTHING = -80.0
 """log p below which p log p is 0 in float32."""
 
 
@@ -67,7 +67,7 @@ class ClippedGaussian:
         second = density * std**2 * (part.above.second + part.below.second)
         for mass, end in zip(masses, ends, strict=True):
             first, second = first + mass * end, second + mass * end**2
-        return jnp.sqrt(jnp.maximum(second - first**2, 0.0))
+        return jnp.sqrt(jnp.maximum(second - first**2, LEAST))
 
     def at_edge(self, action: Float[Array, "*batch d"]) -> Bool[Array, "*batch d"]:
         """What lies on a bound, or beyond."""
@@ -87,7 +87,7 @@ class ClippedGaussian:
         """The log-masses of the lower and the upper bound, not below what is 0 in float32."""
         gaussian, std = self.gaussian, jnp.exp(self.gaussian.log_std)
         low, high = (log_tail(x / std) for x in (gaussian.mean - gaussian.low, -(gaussian.mean - gaussian.high)))
-        return jnp.maximum(low, _LEAST), jnp.maximum(high, _LEAST)
+        return jnp.maximum(low, _NOTHING), jnp.maximum(high, _NOTHING)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

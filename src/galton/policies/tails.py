@@ -18,6 +18,8 @@ from jaxtyping import Array, Float
 LOG_SQRT_2PI = 0.5 * math.log(2 * math.pi)
 FAR = 1e9
 """Further than so many σ nothing is told apart: powers of it are finite in float32."""
+LEAST = 1e-36
+"""What a variance is at least, so that its root has a slope."""
 _DROP = 20.0
 _NODES, _WEIGHTS = (np.asarray(x) for x in np.polynomial.legendre.leggauss(16))
 
@@ -69,11 +71,11 @@ class Inside(NamedTuple):
 
 def inside(
     mean: Float[Array, "*batch"],
-    std: Float[Array, "*batch"],
-    low: Float[Array | np.ndarray, "*batch"],
-    high: Float[Array | np.ndarray, "*batch"],
+    std: Float[Array, "*of_batch"],
+    low: Float[Array | np.ndarray, "*ends"],
+    high: Float[Array | np.ndarray, "*ends"],
 ) -> Inside:
-    """Measure N(mean, std²) in [low, high]."""
+    """Measure N(mean, std²) in [low, high]; what has fewer axes than the mean is the same along its first ones."""
     edge = jnp.clip(mean, low, high)
     zeta = jnp.minimum(jnp.abs(mean - edge) / std, FAR)
     return Inside(edge, zeta, piece(zeta, (edge - low) / std), piece(zeta, -(edge - high) / std))

@@ -10,7 +10,7 @@ from jaxtyping import Array, Bool, Float, Key
 
 from galton.policies.base import Family, near_edge
 from galton.policies.gaussian import Gaussian, GaussianPolicy
-from galton.policies.tails import Inside, inside, quantile
+from galton.policies.tails import LEAST, Inside, inside, quantile
 from galton.types import Config, Hypers, Params
 
 
@@ -58,7 +58,7 @@ class TruncatedGaussian:
         mass = part.below.mass + part.above.mass
         mean = (part.above.first - part.below.first) / mass
         square = (part.above.second + part.below.second) / mass
-        return std * jnp.sqrt(jnp.maximum(square - mean**2, 0.0))
+        return std * jnp.sqrt(jnp.maximum(square - mean**2, LEAST))
 
     def at_edge(self, action: Float[Array, "*batch d"]) -> Bool[Array, "*batch d"]:
         """What lies in the first or last hundredth of the box."""
