@@ -82,6 +82,46 @@ def test_the_short_cut_for_centers_equals_the_general_target(k, eta):
     np.testing.assert_allclose(targets.hl_gauss_of_center(k, jnp.arange(k), eta), general, atol=2e-6)
 
 
+LAYOUTS = [(tails, centers) for tails in ("rescaled", "edges") for centers in ("inside", "bounds")]
+
+
+@pytest.mark.parametrize("k", [2, 7, 100])
+@pytest.mark.parametrize("eta", [0.05, 0.5, 1.0, 4.0])
+@pytest.mark.parametrize(("tails", "centers"), LAYOUTS)
+def test_every_layout_is_scipys_gaussian_over_its_bins(tails, centers, eta, k):
+    low, high = -3.3, 12.9
+    bins = Bins(low, high, k, centers)
+    action = jnp.concatenate([jnp.linspace(-5, 15, 31), jnp.asarray(bins.centers[0])])[:, None]
+    edges, width = np.linspace(low, high, k + 1), (high - low) / k
+    if centers == "bounds":
+        middles, width = np.linspace(low, high, k), (high - low) / (k - 1)
+        edges = np.concatenate([[low], (middles[1:] + middles[:-1]) / 2, [high]])
+    z = (edges - np.clip(np.asarray(action, np.float64), low, high)) / (eta * width)
+    if tails == "edges":
+        z[:, 0], z[:, -1] = -np.inf, np.inf
+    mass = np.where(z[:, :-1] > 0, norm.sf(z[:, :-1]) - norm.sf(z[:, 1:]), norm.cdf(z[:, 1:]) - norm.cdf(z[:, :-1]))
+    expected = mass / mass.sum(1, keepdims=True)
+    if tails == "edges":
+        np.testing.assert_allclose(mass.sum(1), 1)
+    found = targets.hl_gauss(bins, action, eta, tails)[:, 0]
+    np.testing.assert_allclose(found, expected, atol=1e-5 / eta)
+    np.testing.assert_allclose(found.sum(-1), 1, atol=1e-6)
+    short = targets.hl_gauss_of_center(k, jnp.arange(k), eta, tails, centers)
+    np.testing.assert_allclose(short, expected[31:], atol=2e-6 / eta)
+    np.testing.assert_allclose(short.sum(-1), 1, atol=1e-6)
+    assert (np.asarray(found) >= 0).all()
+    assert (np.asarray(short) >= 0).all()
+
+
+def test_edges_get_what_a_rescaled_target_divides_away():
+    bins = Bins(-1.0, 1.0, 10)
+    at_the_end = jnp.asarray(bins.high)
+    rescaled, edges = (np.asarray(targets.hl_gauss(bins, at_the_end, 1.0, tails))[0] for tails in ("rescaled", "edges"))
+    assert edges[-1] == pytest.approx(norm.cdf(1.0), abs=1e-6)  # half of it lies beyond the box
+    assert rescaled[-1] == pytest.approx(2 * norm.cdf(1.0) - 1, abs=1e-6)
+    np.testing.assert_allclose(edges[:-1], rescaled[:-1] / 2, atol=1e-6)
+
+
 def test_each_dimension_has_its_own_bounds_and_any_batch_shape():
     bins = Bins([-1.0, 0.0, -5.0], [1.0, 10.0, -4.0], 20)
     action = jax.random.uniform(jax.random.key(0), (3, 5, 3), minval=-6, maxval=11)
