@@ -88,7 +88,7 @@ def refuse_idle(config: Config, settings: Config | Hypers) -> None:
         used, whose = wanted[name]
         values = np.atleast_1d(getattr(settings, name))
         for value in [] if used else values[values != usual[name]][:1]:
-            shown = repr(str(value)) if isinstance(value, str) else value
+            shown = repr(str(value)) if isinstance(value, str) else str(value)
             raise UsageError(
                 f"{name} is {shown}; it goes with {whose}, not with the policy {policy!r} and the loss {config.loss!r}"
             )
