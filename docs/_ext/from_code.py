@@ -78,11 +78,13 @@ def losses() -> Rows:
 
 
 def policies() -> Rows:
-    """POLICIES, with the losses that can train each."""
+    """POLICIES, each with its page if it has one, and with the losses that can train it."""
     rows = []
     for name, policy in POLICIES.items():
         fitting = [f"`{key}`" for key, loss in LOSSES.items() if loss.family in ("density", policy.family)]
-        rows.append([f"`{name}`", policy.label, ", ".join(fitting), said(policy)])
+        page = f"policies/{name.replace('-', '_')}.md"
+        shown = f"[`{name}`](/{page})" if (RESULTS.parents[1] / "docs" / page).exists() else f"`{name}`"
+        rows.append([shown, policy.label, ", ".join(fitting), said(policy)])
     return [["policy", "in figures", "losses that fit it", "what it is"], *rows]
 
 

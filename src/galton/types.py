@@ -95,7 +95,7 @@ class Hypers(NamedTuple):
     learning_rate: NotNegative = 7e-4
     """The step size of Adam, at the start of training."""
     eta: Positive = 0.25
-    """HL-Gauss's width η = σ / bin width (§4.2)."""
+    """HL-Gauss's width η = σ / bin width (§4.2), and that of the smoothed policy."""
     gamma: Share = 0.99
     """The discount of later rewards, γ."""
     gae_lambda: Share = 1.0

@@ -24,7 +24,8 @@ def diagnose(agent: Agent, learner: Learner, batch: Transition, hypers: Hypers) 
       actor's but its last bias; and grad_bound, the mean of the propositions' bound, which the norm never exceeds.
       Both on 256 rows of the rollout, evenly spread, or on all if there are fewer.
     - sigma: mean standard deviation of the policy's actions.
-    - edge_share: share of the action entries in the first and last bins; for the Gaussian, of those that were clipped.
+    - edge_share: share of the action entries in the first and last bins; for the Gaussian, of those that were clipped;
+      for a density that stays inside the box, of those in its first and last hundredth.
     - explained_variance: of the returns by the critic; 1 is perfect, 0 or less is useless.
     - hl_gauss_bias: |mean advantage| · mean ‖loss.bias‖, how far the loss pulls away from the policy gradient; for
       HL-Gauss the norm is that of Kᵀπ − π, for a loss without a bias it is 0.
