@@ -185,3 +185,19 @@ def test_histograms_of_other_layouts_train(layout):
     for leaf in jax.tree.leaves(result.learner.params):
         assert np.isfinite(leaf).all()
     assert (result.diverged_at < 0).all()
+
+
+@pytest.mark.parametrize(
+    "policy", [pytest.param(name, marks=[] if name == "rpo" else pytest.mark.slow) for name in POLICIES]
+)
+def test_a_model_of_any_policy_goes_on_exactly_from_its_file(policy, tmp_path):
+    loss = "gaussian" if POLICIES[policy].family == "density" else "hl-one-hot"
+    model = Model("bandit", loss, algorithm="ppo", policy=policy, **SETTINGS, **OWN["ppo"], seed=1)
+    model.learn(32, progress_bar=False)
+    again = Model.load(model.save(tmp_path / "model"), "bandit")
+    for one in (model, again):
+        one.learn(32, progress_bar=False)
+    for ours, theirs in zip(*(jax.tree.leaves(one.learner.params) for one in (model, again)), strict=True):
+        np.testing.assert_array_equal(ours, theirs)
+    seen = np.zeros((3, *model.observation_space.shape), np.float32)
+    assert np.isfinite(again.predict(seen)[0]).all()
