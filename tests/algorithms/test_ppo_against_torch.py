@@ -105,7 +105,9 @@ def update(head, params, batch, orders):
     return params
 
 
-@pytest.mark.parametrize("name", HEADS)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[] if name == "beta" else pytest.mark.slow) for name in HEADS]
+)
 def test_an_update_is_torchs(name):
     agent = agent_of(name, HEADS[name], normalize_advantage=True)
     learner = moved(agent)

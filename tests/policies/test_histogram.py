@@ -95,8 +95,7 @@ def test_init_gaussian_starts_like_the_gaussian_policy():
 BOXES = [(-1.0, 1.0), (-3.0, 1.0), (2.0, 2.5), (-400.0, 1.0)]
 
 
-@pytest.mark.parametrize("centers", ["inside", "bounds"])
-@pytest.mark.parametrize("box_units", [0.0, 1.0])
+@pytest.mark.parametrize(("centers", "box_units"), [("inside", 0.0), ("bounds", 1.0)])
 def test_it_starts_as_the_gaussians_clipped_actions_do(centers, box_units):
     low, high = np.array(BOXES).T
     config = Config(n_bins=30, initial_policy="clipped-gaussian", bin_centers=centers)

@@ -1,7 +1,5 @@
 """The smoothed softmax: a moving average of outputs, whose gradient is centred HL-Gauss's."""
 
-import itertools
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -11,7 +9,7 @@ from galton import LOSSES, Config, Hypers, targets
 from galton.policies import HistogramPolicy, SmoothedPolicy
 
 LOW, HIGH, K = np.array([-1.0, 0.0]), np.array([1.0, 5.0]), 9
-STARTS = list(itertools.product(["uniform", "gaussian", "clipped-gaussian"], ["inside", "bounds"]))
+STARTS = [("uniform", "bounds"), ("gaussian", "inside"), ("clipped-gaussian", "bounds")]
 
 
 def policies(**fields):
@@ -20,8 +18,7 @@ def policies(**fields):
     return [kind.create(config, LOW, HIGH) for kind in (SmoothedPolicy, HistogramPolicy)]
 
 
-@pytest.mark.parametrize("eta", [0.3, 1.0, 4.0])
-@pytest.mark.parametrize("tails", ["rescaled", "edges"])
+@pytest.mark.parametrize(("eta", "tails"), [(0.3, "rescaled"), (4.0, "edges")])
 def test_logits_are_moving_averages_of_the_outputs(eta, tails):
     smoothed, plain = policies(target_tails=tails)
     outputs = jax.random.normal(jax.random.key(0), (4, 2 * K))
@@ -34,19 +31,19 @@ def test_logits_are_moving_averages_of_the_outputs(eta, tails):
     np.testing.assert_allclose(raised.probs, found.probs, rtol=1e-4, atol=1e-6)
 
 
-@pytest.mark.parametrize("eta", [0.5, 2.0])
-def test_hl_one_hots_gradient_in_the_outputs_is_centred_hl_gausss_in_the_logits(eta):
+def test_hl_one_hots_gradient_in_the_outputs_is_centred_hl_gausss_in_the_logits():
     with jax.enable_x64(True):
         smoothed, plain = policies()
         outputs = jax.random.normal(jax.random.key(1), (5, 2 * K))
-        hypers, ours = Hypers(eta=eta), smoothed.distribution(outputs, {}, Hypers(eta=eta))
+        hypers = Hypers(eta=2.0)
+        ours = smoothed.distribution(outputs, {}, hypers)
         action = ours.sample(smoothed.noise(jax.random.key(2), (5,)))
 
         def loss(name, policy, outputs):
             return LOSSES[name].function(policy.distribution(outputs, {}, hypers), action, hypers).sum()
 
-        found = jax.grad(lambda z: loss("hl-one-hot", smoothed, z))(outputs)
-        expected = jax.grad(lambda logits: loss("hl-gauss-centred", plain, logits))(ours.logits.reshape(5, -1))
+        found = jax.jit(jax.grad(lambda z: loss("hl-one-hot", smoothed, z)))(outputs)
+        expected = jax.jit(jax.grad(lambda x: loss("hl-gauss-centred", plain, x)))(ours.logits.reshape(5, -1))
         np.testing.assert_allclose(found, expected, atol=1e-10)
         assert float(jnp.abs(found).max()) > 1e-2
 
