@@ -35,7 +35,7 @@ def fits(policy, loss, algorithm):
 
 
 FIRST = ("gaussian", "histogram", "ordinal")
-"""The policies that are tried with everything without being slow; of the others, one combination each is."""
+"""The policies that are tried with everything without being slow; of the others, one combination of some is."""
 
 
 def marked(combinations):
@@ -43,8 +43,8 @@ def marked(combinations):
 
 
 def quick(policy, loss, algorithm):
-    usual = "gaussian" if POLICIES[policy].family == "density" else "hl-one-hot"
-    return policy in FIRST or (loss, algorithm) == (usual, "ppo")
+    one = (policy, loss, algorithm) == ("smoothed", "hl-one-hot", "ppo")
+    return policy in FIRST or one or (policy in ("beta", "truncated-gaussian", "rpo") and algorithm == "ppo")
 
 
 FITTING = [names for names in ALL if fits(*names)]
