@@ -111,15 +111,21 @@ class Hypers(NamedTuple):
     """PPO clips the likelihood ratio this far from 1."""
     target_kl: Annotated[Number, Within(lambda x: x > 0, "greater than 0, or inf for none")] = math.inf
     """PPO leaves off a rollout once its approximate KL divergence from the sampling policy exceeds 1.5 of this."""
+    noise_correlation: Annotated[Number, Within(lambda x: (x >= 0) & (x < 1), "0 or more, and less than 1")] = 0.0
+    """How the noise of an action is correlated with that of the step before, ρ, while an episode lasts; 0: not at all.
+    The noise of each step by itself is distributed as without it."""
 
 
-def without_units(hypers: Hypers) -> Hypers:
-    """Hypers `[R]` with None for box_units where no run uses them.
+_UNUSED_AT_0 = ("box_units", "noise_correlation")
 
-    Their program then has no trace of them, and rounds as that of 0.1.0, which had no such units.
+
+def without_unused(hypers: Hypers) -> Hypers:
+    """Hypers `[R]` with None for box_units and for noise_correlation where they are 0 in every run.
+
+    Their program then has no trace of them, and rounds as that of 0.1.0, which had neither.
     """
-    nothing: Any = None
-    return hypers if np.any(hypers.box_units) else hypers._replace(box_units=nothing)
+    unused: dict[str, Any] = {name: None for name in _UNUSED_AT_0 if not np.any(getattr(hypers, name))}
+    return hypers._replace(**unused)
 
 
 def check_config(config: Config) -> None:

@@ -45,6 +45,7 @@ class Settings(TypedDict, total=False):
     initial_policy: Literal["uniform", "gaussian"]
     exploration: Literal["softmax", "gaussian"]
     bin_sample: Literal["center", "uniform"]
+    noise_correlation: float
     deterministic_action: Literal["mode", "mean", "median"]
 
 

@@ -3,7 +3,7 @@
 A new one is a class in a file and a line in POLICIES.
 """
 
-from galton.policies.base import Distribution, Family, Policy
+from galton.policies.base import Correlatable, Distribution, Family, Policy
 from galton.policies.gaussian import Gaussian, GaussianPolicy
 from galton.policies.histogram import Histogram, HistogramPolicy
 from galton.policies.ordinal import OrdinalPolicy
@@ -16,6 +16,7 @@ POLICIES: dict[str, type[Policy]] = {
 
 __all__ = [
     "POLICIES",
+    "Correlatable",
     "Distribution",
     "Family",
     "Gaussian",

@@ -9,6 +9,8 @@ from galton.types import Config, Hypers, Params
 
 Family = Literal["density", "histogram"]
 """What a loss needs of a distribution: a log-probability, or probabilities of bins besides."""
+Marginal = Literal["normal", "uniform"]
+"""How one number of a policy's noise is distributed: standard normal, or uniform in [0, 1)."""
 
 
 @runtime_checkable
@@ -63,3 +65,12 @@ class Policy(Protocol):
 
     def distribution(self, outputs: Float[Array, "*batch n_outputs"], params: Params, hypers: Hypers) -> Distribution:
         """The distribution that the actor's outputs describe."""
+
+
+@runtime_checkable
+class Correlatable(Protocol):
+    """A policy whose noise can be correlated in time (`noise_correlation`), since it says how it is distributed."""
+
+    @property
+    def noise_marginals(self) -> PyTree[str]:
+        """The Marginal of each leaf of `Policy.noise`, in the same structure; a leaf's entries are independent."""

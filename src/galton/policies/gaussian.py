@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Key
 
-from galton.policies.base import Family
+from galton.policies.base import Family, Marginal
 from galton.types import Config, Hypers, Number, Params
 
 
@@ -79,6 +79,11 @@ class GaussianPolicy:
         zeros = jnp.zeros(self.n_outputs)
         return zeros, {"log_std": zeros + hypers.log_std_init}
 
+    @property
+    def noise_marginals(self) -> Marginal:
+        """Standard normal."""
+        return "normal"
+
     def noise(self, key: Key[Array, ""], shape: tuple[int, ...]) -> Float[Array, "*batch d"]:
         """Standard normal numbers, one per action dimension."""
         return jax.random.normal(key, (*shape, self.n_outputs))
@@ -90,7 +95,7 @@ class GaussianPolicy:
         """
         log_std = jnp.maximum(params["log_std"], hypers.log_std_min)
         units: Number | None = hypers.box_units
-        if units is None:  # no run of this program uses them (see `types.without_units`)
+        if units is None:  # no run of this program uses them (see `types.without_unused`)
             return Gaussian(outputs, log_std, self.low, self.high)
         in_box = jnp.asarray(units) > 0
         shift = jnp.where(in_box, (self.high + self.low) / 2, 0.0)

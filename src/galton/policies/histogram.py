@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int, Key
 
 from galton.bins import Bins
-from galton.policies.base import Family
+from galton.policies.base import Family, Marginal
 from galton.policies.exploration import gaussian_action, init_gaussian_logits
 from galton.types import Config, Hypers, Params
 
@@ -145,6 +145,11 @@ class HistogramPolicy:
         if self.starts_gaussian:
             return init_gaussian_logits(self.bins).ravel(), {}
         return jnp.zeros(self.n_outputs), {}
+
+    @property
+    def noise_marginals(self) -> Marginal:
+        """Normal where a Gaussian explores, else uniform."""
+        return "normal" if self.choices.exploration == "gaussian" else "uniform"
 
     def noise(self, key: Key[Array, ""], shape: tuple[int, ...]) -> Float[Array, "*batch n"]:
         """Uniform, two per dimension where the place in the bin is drawn too; normal where a Gaussian explores."""
