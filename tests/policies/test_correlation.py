@@ -142,6 +142,30 @@ def test_a_policy_that_does_not_say_how_its_noise_is_distributed_is_refused_by_n
         galton.A2C("bandit", "gaussian", policy="silent", noise_correlation=0.5)
 
 
+class Proposing(Silent):
+    """Noise of two kinds, as a policy has that proposes actions and rejects some."""
+
+    noise_marginals = ("normal", "uniform")
+
+    def noise(self, key, shape):
+        normal, uniform = jax.random.split(key)
+        return jax.random.normal(normal, (*shape, 2, 3)), jax.random.uniform(uniform, (*shape, 2))
+
+
+def test_each_leaf_of_a_nest_of_noise_is_correlated_by_its_kind():
+    policy = Proposing(LOW, HIGH)
+    first, second = (policy.noise(jax.random.key(seed), (N,)) for seed in (0, 1))
+    before = nothing_before(policy, (N,), 0.9)
+    noise, z = continued(policy, first, before, jnp.ones(N, bool), jnp.float32(0.9))
+    for ours, theirs in zip(noise, first, strict=True):
+        np.testing.assert_allclose(ours, theirs, atol=1e-6)
+    (normal, uniform), _ = continued(policy, second, z, jnp.zeros(N, bool), jnp.float32(0.9))
+    expected = 0.9 * np.asarray(first[0]) + np.sqrt(1 - 0.9**2) * np.asarray(second[0])
+    np.testing.assert_allclose(normal, expected, rtol=1e-5, atol=1e-6)
+    a, b = (stats.norm.ppf(np.asarray(drawn[1], np.float64) + 2**-24) for drawn in (first, second))
+    np.testing.assert_allclose(uniform, stats.norm.cdf(0.9 * a + np.sqrt(1 - 0.9**2) * b), atol=2e-6)
+
+
 @pytest.mark.parametrize("name", POLICIES)
 def test_each_policy_of_ours_says_how_each_leaf_of_its_noise_is_distributed(name):
     policy = POLICIES[name].create(Config(n_bins=7), LOW, HIGH)

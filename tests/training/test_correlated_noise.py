@@ -81,6 +81,17 @@ def test_a_run_trains_alike_whether_or_not_its_neighbours_noise_is_correlated():
     assert (abs(returns[0.9][1] - returns[0.0][1]) > 1e-3 * abs(returns[0.0][1])).all()
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("loss", ["gaussian", "hl-gauss"])
+def test_before_anything_is_learned_only_noise_that_persists_finds_the_flag_of_mountain_car(loss):
+    rho = np.repeat([0.0, 0.95], 8)
+    hypers = Hypers(learning_rate=0.0, noise_correlation=rho)
+    result = galton.train("mountain-car", galton.Config(loss=loss), hypers, range(16), 20_000, n_logs=1)
+    independent, persistent = np.split(result.log.columns()["training_return"][:, -1], 2)
+    assert independent.max() < 0
+    assert persistent.min() > 30
+
+
 @pytest.mark.parametrize("wrong", [-0.1, 1.0, float("nan")])
 def test_a_correlation_out_of_range_is_refused(wrong):
     with pytest.raises(galton.UsageError, match=r"noise_correlation is .*; it must be 0 or more, and less than 1"):
