@@ -7,7 +7,7 @@ import jax
 import numpy as np
 from jaxtyping import Float, Int
 
-from galton.algorithms import refuse_others, resolve
+from galton.algorithms import check_together, resolve
 from galton.envs.base import Environment
 from galton.envs.find import find
 from galton.envs.host.action_box import ActionBox
@@ -100,7 +100,7 @@ def populate(
     found, devices = find(env), devices or jax.devices()
     check_size(found, config, len(seeds))
     agent, hypers = resolve(config, *action_box(found)), without_units(hypers)
-    refuse_others(agent.algorithm, hypers)
+    check_together(config, hypers)
     if isinstance(found, Environment):
         return DevicePopulation(found, agent, hypers, seeds, devices)
     return HostPopulation(found, agent, hypers, seeds, devices)
