@@ -20,7 +20,7 @@ RANKS = """
     bins networks returns normalization
     targets theory
     policies envs
-    losses
+    losses critics
     tasks algorithms
     saving
     training
@@ -34,7 +34,7 @@ RANKS = """
 """
 
 # The core computes: beside the standard library it needs no more than these.
-CORE = "fields types records bins networks returns normalization targets theory policies losses algorithms"
+CORE = "fields types records bins networks returns normalization targets theory policies losses critics algorithms"
 CORE_LIBRARIES = "jax numpy optax jaxtyping"
 
 # Libraries of the command line, and the folders and files outside it that may import them all the same.

@@ -24,6 +24,7 @@ FORM = ["When to use it", "The equation", "An example", "Measured results", "How
 IN_FORM = [DOCS / f"{name}.md" for name in ALGORITHMS] + [
     DOCS / "losses" / f"{name.replace('-', '_')}.md" for name in LOSSES
 ]
+IN_FORM += [DOCS / "critics.md"]
 EXAMPLES = sorted((DOCS.parent / "examples").glob("*.py"))
 
 

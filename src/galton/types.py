@@ -59,6 +59,10 @@ class Config:
     loss with a bias, plain HL-Gauss, and true for all others."""
     clip_separately: bool = False
     """Scale the gradients of actor and critic down to max_grad_norm each, not the two joined."""
+    critic: str = "squared-error"
+    """A key of CRITICS."""
+    n_value_bins: Annotated[int, AtLeast(2)] = 101
+    """Bins of a critic that classifies."""
 
     def __post_init__(self) -> None:
         check_fields(self)
@@ -111,6 +115,13 @@ class Hypers(NamedTuple):
     """PPO clips the likelihood ratio this far from 1."""
     target_kl: Annotated[Number, Within(lambda x: x > 0, "greater than 0, or inf for none")] = math.inf
     """PPO leaves off a rollout once its approximate KL divergence from the sampling policy exceeds 1.5 of this."""
+    value_min: Annotated[Number, Within(np.isfinite, "finite")] = -10.0
+    """The least return that a critic that classifies has a bin for, in the units of the rewards that it sees; with
+    normalize_reward that is about one standard deviation of the discounted return."""
+    value_max: Annotated[Number, Within(np.isfinite, "finite")] = 10.0
+    """The greatest, in the same units."""
+    value_eta: Positive = 0.75
+    """The HL-Gauss critic's width, in bin widths."""
     noise_correlation: Annotated[Number, Within(lambda x: (x >= 0) & (x < 1), "0 or more, and less than 1")] = 0.0
     """How the noise of an action is correlated with that of the step before, ρ, while an episode lasts; 0: not at all.
     The noise of each step by itself is distributed as without it."""

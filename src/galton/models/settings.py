@@ -34,6 +34,11 @@ class Settings(TypedDict, total=False):
     vf_coef: float
     max_grad_norm: float
     clip_separately: bool
+    critic: str
+    n_value_bins: int
+    value_min: float
+    value_max: float
+    value_eta: float
     eta: float
     n_bins: int
     log_std_init: float

@@ -7,7 +7,8 @@ import json
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Annotated, Any, NamedTuple
 
-from galton.algorithms import find_algorithm, refuse_others
+from galton.algorithms import check_together, find_algorithm, refuse_others
+from galton.critics import find_critic
 from galton.errors import UsageError, require
 from galton.fields import AtLeast, check_fields
 from galton.losses import find_loss
@@ -45,8 +46,9 @@ class Setting(NamedTuple):
         given = Hypers(**{name: value for name, value in record.items() if name in Hypers._fields})
         check_one_run(given)
         setting = cls(config, Hypers._make(float(number) for number in given))
-        for part in setting:
-            refuse_others(find_algorithm(config.algorithm), part)
+        find_critic(config.critic)
+        refuse_others(config, config)
+        check_together(*setting)
         return setting
 
     def brief(self) -> str:

@@ -7,7 +7,7 @@ import jax
 import numpy as np
 from jaxtyping import Float, Int
 
-from galton.algorithms import policy_of, refuse_others, resolve
+from galton.algorithms import check_together, policy_of, resolve
 from galton.envs.base import Environment
 from galton.envs.find import find
 from galton.envs.host.action_box import ActionBox
@@ -101,7 +101,7 @@ def populate(
     found, devices = find(env), devices or jax.devices()
     check_size(found, config, len(seeds))
     agent, hypers = resolve(config, *action_box(found)), without_unused(hypers)
-    refuse_others(agent.algorithm, hypers)
+    check_together(config, hypers)
     check_correlation(policy_of(config), agent.policy, hypers)
     if isinstance(found, Environment):
         return DevicePopulation(found, agent, hypers, seeds, devices)
