@@ -29,7 +29,7 @@ RANKS = """
     analysis sweep
     deploy
     page
-    paper
+    paper benchmark
     cli
 """
 
@@ -40,7 +40,7 @@ CORE_LIBRARIES = "jax numpy optax jaxtyping"
 # Libraries of the command line, and the folders and files outside it that may import them all the same.
 COMMAND_LINE = "cli"
 COMMAND_LINE_LIBRARIES = {
-    "matplotlib": ["analysis", "page", "paper"],  # which draw
+    "matplotlib": ["analysis", "page", "paper", "benchmark"],  # which draw
     "rich": ["models/learning.py"],  # the progress bar of `learn`
     "tyro": [],
 }
