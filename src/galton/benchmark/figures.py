@@ -28,7 +28,7 @@ def scores(found: Found) -> Figure:
     figure, axes = panels(2 if there else 0, width=max(3.1, 0.9 * len(found.protocol.methods)), height=3.1)
     labels = [method.label for method in found.protocol.methods]
     for panel, curve, title in zip(
-        axes, ("judged", "training"), (f"{tables.metric(found)} return", "training return"), strict=False
+        axes, ("judged", "training"), (tables.metric(found), "training return"), strict=False
     ):
         for i, (stage, role) in enumerate(there):
             of_method = standings[stage].scores
@@ -73,7 +73,7 @@ def curves(found: Found) -> Figure:
         held_out = " (held out)" if runs.stage == "held-out" else ""
         panel.set_title(f"{runs.part.task.label}{held_out}", fontsize=10)
         over_steps(panel, float(runs.part.steps))
-    label_rows(axes, f"{tables.metric(found)} return")
+    label_rows(axes, tables.metric(found))
     finish(figure, axes)
     return figure
 

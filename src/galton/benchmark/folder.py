@@ -90,7 +90,7 @@ def train(
         store: the folder.
         protocol: what the folder is begun with.
         carry_out: trains what a plan lacks; where it leaves something out, the stages after this one are not begun.
-        tell: is given what there is after each stage.
+        tell: is given what there is before a later stage is trained, and in the end.
         shard_width: runs side by side, for plans that are not there yet; by default as `stages.width` has it.
 
     Raises:
@@ -107,23 +107,31 @@ def train(
     runs = stage(first)
     if len(runs) < len(first):
         return False
-    found = Found(protocol, drawn, runs)
-    tell(found)
+    found, told = Found(protocol, drawn, runs), None
     parts: dict[Stage, list[Part]] = {}
     for part in afterwards(protocol, drawn, found.selected):
         parts.setdefault(part.stage, []).append(part)
     for name, of_stage in parts.items():
+        if told is not found and not {_file(part) for part in of_stage} <= {*store.names(DATA)}:
+            tell(found)  # before what may take hours
+            told = found
         runs = stage(of_stage)
         if len(runs) == len(of_stage):
             found = dataclasses.replace(found, later={**found.later, name: runs})
-            tell(found)
+    if told is not found:
+        tell(found)
     return found.later.keys() == parts.keys()
+
+
+def _file(part: Part) -> str:
+    """The name of a part's file in DATA."""
+    return f"{part.name}.parquet"
 
 
 def _done(store: Store, protocol: Protocol, part: Part, carry_out: CarryOut, shard_width: int | None) -> Runs | None:
     """The runs of a part, from its file or trained now; None if something is left out."""
-    file = f"{DATA}/{part.name}.parquet"
-    if f"{part.name}.parquet" in store.names(DATA):
+    file = f"{DATA}/{_file(part)}"
+    if _file(part) in store.names(DATA):
         return Runs.load(store.read(file), part, protocol.digest, f"{file} in {store.url}")
     sweeps = [*_prepared(store, part, shard_width)]
     for place, plan in sweeps:

@@ -23,7 +23,8 @@ _AGAINST = (
 _RETURNS = (
     "Returns are means over fresh seeds with Student's 95% interval; a diverged run counts as the worst that any "
     "method had on the task. Runs of one trial have the same seed under all methods, and are compared in pairs: by "
-    "Wilcoxon's test, or Mann and Whitney's where there are fewer than eight. Each method's p values are adjusted for "
+    "Wilcoxon's test, or Mann and Whitney's where there are fewer than eight. Difference, P and p are those of shared "
+    "settings against the baseline's. Each method's p values are adjusted for "
     "the tasks of the stage by Holm's method."
 )
 _BEST_OF = (
@@ -46,7 +47,7 @@ def page(found: Found, drawn: Mapping[str, Figure]) -> str:
     sections: list[Section] = []
     for stage, title in tables.STAGES.items():
         if stage in found.standings:
-            heading = f"Scores: {title}"
+            heading = f"Scores by {tables.metric(found)}: {title}"
             shown = drawn.get("scores") if not sections else None
             text: tuple[str, ...] = () if sections else (_SCORE, _AGAINST)
             sections.append(Section(f"scores-{stage}", heading, "", shown, tables.scores(found, stage), text))
@@ -54,7 +55,14 @@ def page(found: Found, drawn: Mapping[str, Figure]) -> str:
         if stage in found.standings:
             text = (_RETURNS,) if stage == next(iter(found.standings)) else ()
             sections.append(
-                Section(f"returns-{stage}", f"Returns: {title}", "", None, tables.returns(found, stage), text)
+                Section(
+                    f"returns-{stage}",
+                    f"{tables.metric(found).capitalize()}: {title}",
+                    "",
+                    None,
+                    tables.returns(found, stage),
+                    text,
+                )
             )
             if len(found.protocol.methods) > 2:
                 name = f"pairs-{stage}"

@@ -16,19 +16,21 @@ from galton.page.page import Table
 from galton.records import Fields
 
 METRICS = {
-    "evaluation_return": "deterministic",
-    "mean_action_return": "mean action",
-    "training_return": "training",
+    "evaluation_return": "deterministic return",
+    "mean_action_return": "return by the mean action",
+    "training_return": "training return",
 }
-"""The returns that runs may be judged by, in a word or two."""
+"""The returns that runs may be judged by, in words."""
 STAGES: dict[Stage, str] = {"fresh": "tuning tasks, fresh seeds", "held-out": "held-out tasks"}
 """What the later stages are called."""
 _SHORT: dict[Stage, str] = {"tuning": "tuning", "fresh": "fresh seeds", "held-out": "held-out tasks"}
+_HEADINGS = ("return", "training return", "worst run", "diverged", "difference", "P(above)", "p (Holm)")
+"""What a table of returns has of each setting; the last three compare it with the baseline's."""
 _ROLES: dict[Role, str] = {"shared": "one for all tasks", "per-task": "of the task"}
 
 
 def metric(found: Found) -> str:
-    """The return that runs are judged by, in a word or two."""
+    """The return that runs are judged by, in words."""
     return METRICS[found.protocol.score.metric]
 
 
@@ -85,7 +87,7 @@ def drawn_as_text(drawn: Fields) -> str:
 def scores(found: Found, stage: Stage) -> Table:
     """How the shared settings do over all tasks of a stage."""
     standings, base = found.standings[stage], found.protocol.baseline
-    headings = ["method", metric(found), "training", f"P(above {base.label})", "P, training"]
+    headings = ["method", "score", "training score", "P(above)", "P, training"]
     headings += ["sensitivity"] * bool(standings.sensitivity) + ["diverged"]
     rows = []
     for method in found.protocol.methods:
@@ -112,30 +114,43 @@ def pairs(found: Found, stage: Stage) -> Table:
     return Table(["P(row above column)", *(method.label for method in methods)], rows)
 
 
-def returns(found: Found, stage: Stage, brief: bool = False) -> Table:
-    """Each method's returns on each task of a stage, its worst run, and how it does against the baseline.
+def returns(found: Found, stage: Stage) -> Table:
+    """Each method's returns on each task of a stage, its worst run, and how it does against the baseline."""
+    rows = [
+        [task, method.label, _ROLES[role], *_returns(found, stage, name, method, role)]
+        for name, task in _tasks(found, stage).items()
+        for method in found.protocol.methods
+        for role in found.standings[stage].scores[method.name]
+    ]
+    return Table(["task", "method", "setting", *_HEADINGS], rows)
 
-    In brief it has the shared settings alone, and fewer columns, as a terminal has room for.
-    """
-    standings, labels = found.standings[stage], {task.name: task.label for task in found.protocol.tasks}
-    roles = [*next(iter(standings.scores.values()))]
-    headings = ["task", "method", "setting", metric(found), "training", "worst run", "diverged"]
-    headings += [f"less {found.protocol.baseline.label}", "P(above it)", "p (Holm)"]
+
+def returns_in_brief(found: Found, stage: Stage) -> Table:
+    """The same of the shared settings alone, methods below their task: a terminal is narrow."""
     rows = []
-    for task, of_method in standings.results.items():
-        form = _form([result.judged.mean for of_role in of_method.values() for result in of_role.values()])
+    for name, task in _tasks(found, stage).items():
+        rows.append([task, *[""] * (len(_HEADINGS) - 1)])
         for method in found.protocol.methods:
-            for role in roles:
-                result = of_method[method.name][role]
-                row = [labels[task], method.label, _ROLES[role]]
-                row += [f"{result.judged:{form}}", f"{result.training:{form}}"]
-                row += [f"{result.worst:{form}}".replace("-", "−"), f"{result.diverged}"]
-                rows.append(row + _versus(standings, method.name, task, role, form))
-    if not brief:
-        return Table(headings, rows)
-    kept = [i for i, heading in enumerate(headings) if heading not in ("setting", "diverged")]
-    shared = [row for row in rows if row[2] == _ROLES["shared"]]
-    return Table([headings[i] for i in kept], [[row[i] for i in kept] for row in shared])
+            cells = _returns(found, stage, name, method, "shared")
+            rows.append(
+                [f"  {method.label}", *(cells[i] for i, heading in enumerate(_HEADINGS) if heading != "diverged")]
+            )
+    return Table(["task, method", *(heading for heading in _HEADINGS if heading != "diverged")], rows)
+
+
+def _tasks(found: Found, stage: Stage) -> dict[str, str]:
+    """The labels of a stage's tasks."""
+    return {runs.task: runs.part.task.label for runs in found.later[stage]}
+
+
+def _returns(found: Found, stage: Stage, task: str, method: Method, role: Role) -> list[str]:
+    """The cells of a method's setting on a task, below _HEADINGS."""
+    standings = found.standings[stage]
+    of_method = standings.results[task]
+    form = _form([result.judged.mean for of_role in of_method.values() for result in of_role.values()])
+    result = of_method[method.name][role]
+    row = [f"{result.judged:{form}}", f"{result.training:{form}}", f"{result.worst:{form}}".replace("-", "−")]
+    return [*row, f"{result.diverged}", *_versus(standings, method.name, task, role, form)]
 
 
 def _versus(standings: Standings, method: str, task: str, role: Role, form: str) -> list[str]:

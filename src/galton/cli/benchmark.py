@@ -20,7 +20,7 @@ from galton.cli._console import plain_console
 from galton.cli._modules import import_of_file, import_typed
 from galton.cli._reading import read_options
 from galton.cli.sweep._workers import Workers
-from galton.errors import require_integer
+from galton.errors import UsageError, require_integer
 from galton.page.page import Table
 from galton.sweep.engine import CarryOut
 from galton.sweep.plan import Plan
@@ -64,7 +64,10 @@ def main(arguments: Sequence[str]) -> None:
     protocol = read(options.file)
     of_tasks = [task.env.partition(":")[0] for task in protocol.tasks if ":" in task.env]
     import_of_file([*protocol.imports, *dict.fromkeys(of_tasks)])
-    stages.check(protocol, draws(protocol))
+    try:
+        stages.check(protocol, draws(protocol))
+    except UsageError as error:
+        raise UsageError(f"file is {str(options.file)!r}: {error}") from None
     store = Store(options.folder)
     latest: list[Found] = []
 
@@ -101,13 +104,20 @@ def _planned(store: Store, plan: Plan) -> None:
 def _show(protocol: Protocol, latest: list[Found], store: Store, done: bool) -> None:
     """Print the answer and the tables of what is done."""
     console = plain_console()
+    base = protocol.baseline.label
     for found in latest:
         console.print(_view("what each method was given", tables.budget(found)))
         for stage, title in tables.STAGES.items():
             if stage in found.standings:
-                console.print(_view(f"scores, {title}", tables.scores(found, stage)))
-                console.print(_view(f"returns, {title}", tables.returns(found, stage, brief=True)))
-        console.print(_view("best of n draws, tuning tasks", tables.best_of(found)))
+                console.print(
+                    _view(f"scores by {tables.metric(found)}: {title}, baseline {base}", tables.scores(found, stage))
+                )
+                console.print(
+                    _view(
+                        f"{tables.metric(found)}: {title}, compared with {base}", tables.returns_in_brief(found, stage)
+                    )
+                )
+        console.print(_view("score of the best of n draws: tuning tasks", tables.best_of(found)))
         console.print("\n".join(sentences(found)))
         print(f"report: {store.url}/{report.PAGE}")
     if not done:
@@ -116,9 +126,10 @@ def _show(protocol: Protocol, latest: list[Found], store: Store, done: bool) -> 
 
 def _view(title: str, table: Table) -> View:
     """A table for the terminal."""
-    view = View(title=title, title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
+    view = View(title=title, title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
     for i, heading in enumerate(table.headings):
-        view.add_column(heading, justify="right" if table.is_numeric(i) else "left")
+        width = max(map(len, heading.split()))
+        view.add_column(heading, justify="right" if table.is_numeric(i) else "left", no_wrap=i == 0, min_width=width)
     for row in table.rows:
         view.add_row(*row)
     return view
