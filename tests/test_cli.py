@@ -90,8 +90,8 @@ WRONG = [
     (["compare", "lqr", "--env-kwargs", '{"mass": 1}'], "lqr has no constant 'mass'; it has A, B, Q, R"),
     (
         ["trian"],
-        "command is 'trian'; choose from train, compare, sweep, benchmark, watch, export, reproduce, report; did you mean"
-        " train?",
+        "command is 'trian'; choose from train, compare, sweep, benchmark, watch, export, reproduce, report; "
+        "did you mean train?",
     ),
     (["train", "bandit", "--logs", "0"], "--logs is 0; it must be an integer of at least 1"),
     (["train", "bandit", "--eval-episodes", "-1"], "--eval-episodes is -1; it must be an integer of at least 0"),

@@ -48,7 +48,10 @@ WRONG = [
     ({"tasks__bandit__fixed": {"gamma": 0.9}}, "tasks.bandit.fixed has gamma, which is the methods' or the prior's"),
     ({"tasks__bandit__fixed": {"eta": 1.0}}, "tasks.bandit.fixed has eta, and so has methods.bins; leave it in one"),
     ({"tasks__bandit__eval_episodes": 0}, "tasks.bandit has eval_episodes 0, but score.metric is 'evaluation_return'"),
-    ({"prior__n_epochs": {"choice": [1]}, "methods__ppo": None}, "prior.(clip_range|n_epochs) is drawn for no method"),
+    (
+        {"methods__gaussian__fixed__gamma": 0.9, "methods__bins__fixed__gamma": 0.9},
+        "prior.gamma is drawn for no method, since all of them fix it",
+    ),
 ]
 
 

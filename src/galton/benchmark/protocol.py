@@ -137,8 +137,8 @@ def check(protocol: Protocol) -> None:
     require(bool(protocol.tuning), "tasks has none to tune on; add a [tasks.NAME] table without held_out = true")
     for field in protocol.prior:
         require(field not in protocol.fixed, f"fixed has {field}, and so has prior; leave it in one of them")
-        used = any(field in protocol.searched(method) for method in protocol.methods)
-        require(used, f"prior.{field} is drawn for no method, since all fix it or have no use for it; take it out")
+        free = any(field not in method.fixed for method in protocol.methods)
+        require(free, f"prior.{field} is drawn for no method, since all of them fix it; take it out")
     for task in protocol.tasks:
         _check_task(protocol, task)
     for method in protocol.methods:

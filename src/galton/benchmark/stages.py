@@ -21,6 +21,10 @@ Role = Literal["draw", "shared", "per-task"]
 """Why a setting is trained: as a draw that may be selected, as what was selected for all tasks, or for this one."""
 
 
+_PER_SHARD = 4
+"""What a shard is taken to cost beside its runs, in runs."""
+
+
 class Entry(NamedTuple):
     """A setting of a method that is trained on a task."""
 
@@ -128,7 +132,7 @@ def check(protocol: Protocol, drawn: Draws) -> None:
 
 
 def width(study: Study) -> int:
-    """How many runs a shard of a study has: what trains fastest, but so that few places of a shard stay empty.
+    """How many runs a shard of a study has: wide shards are fast, but places of the last one may stay empty.
 
     It depends on the study alone, so that the same file gives the same programs, and to the last bit the same numbers.
     """
@@ -136,4 +140,5 @@ def width(study: Study) -> int:
     for each in study.settings:
         runs[each.config] = runs.get(each.config, 0) + study.trials
     most = min(16 if is_known(study.env) else 32, max(runs.values()))
-    return min(range(most, most // 2, -1), key=lambda n: sum(-(-count // n) * n for count in runs.values()))
+    shards = {n: sum(-(-count // n) for count in runs.values()) for n in range(most, most // 2, -1)}
+    return min(shards, key=lambda n: shards[n] * (n + _PER_SHARD))
