@@ -209,3 +209,14 @@ def test_plans_can_be_carried_out_by_others(reference, tmp_path, capsys, monkeyp
     assert {
         name for name in files(tmp_path / "out") if files(tmp_path / "out")[name] != files(reference)[name]
     } == set()
+
+
+def test_the_command_names_the_file_and_writes_nothing_for_a_wrong_one(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(command, "read", lambda path: of_record(changed(tasks__bandit__env="bandid")))
+    with pytest.raises(UsageError, match=r"file is 'mine.toml': tasks.bandit: environment is 'bandid'"):
+        command.main(["mine.toml"])
+    monkeypatch.setattr(command, "read", lambda path: of_record(changed(imports=["not_there"])))
+    with pytest.raises(UsageError, match=r"imports names 'not_there', .* if it lies there and you trust it, give"):
+        command.main(["mine.toml"])
+    assert [*tmp_path.iterdir()] == []

@@ -39,8 +39,8 @@ def _against(found: Found, stage: Stage, ahead: str) -> str:
     better = [tasks[name] for name, versus in clear.items() if versus.difference.mean > 0]
     worse = [tasks[name] for name, versus in clear.items() if versus.difference.mean < 0]
     return (
-        f"On the {STAGES[stage]}, {label} is above {base.label} with P = {standings.above[ahead][base.name]:.2f}; it "
-        f"is clearly better on {_list(better)} and clearly worse on {_list(worse)} of {len(standings.tasks)}."
+        f"On the {STAGES[stage]}, {label} is above {base.label} with P = {standings.above[ahead][base.name]:.2f}. Of "
+        f"{len(standings.tasks)} it is clearly better on {_list(better)} and clearly worse on {_list(worse)}."
     )
 
 

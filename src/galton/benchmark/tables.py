@@ -17,7 +17,7 @@ from galton.records import Fields
 
 METRICS = {
     "evaluation_return": "deterministic return",
-    "mean_action_return": "return by the mean action",
+    "mean_action_return": "mean-action return",
     "training_return": "training return",
 }
 """The returns that runs may be judged by, in words."""
@@ -149,7 +149,7 @@ def _returns(found: Found, stage: Stage, task: str, method: Method, role: Role) 
     of_method = standings.results[task]
     form = _form([result.judged.mean for of_role in of_method.values() for result in of_role.values()])
     result = of_method[method.name][role]
-    row = [f"{result.judged:{form}}", f"{result.training:{form}}", f"{result.worst:{form}}".replace("-", "−")]
+    row = [f"{result.judged:{form}}", f"{result.training:{form}}", _number(result.worst, form)]
     return [*row, f"{result.diverged}", *_versus(standings, method.name, task, role, form)]
 
 
@@ -157,13 +157,17 @@ def _versus(standings: Standings, method: str, task: str, role: Role, form: str)
     if role != "shared" or method not in standings.versus:
         return ["—"] * 3
     versus = standings.versus[method][task]
-    return [f"{versus.difference:+{form}}", f"{versus.above:.2f}", _p(versus)]
+    return [f"{versus.difference:+{form}}", _number(versus.above, ".2f"), _p(versus)]
 
 
 def _form(returns: Sequence[Numbers]) -> str:
     """How returns of a task are written, all with as many decimals: four digits of the largest."""
     size = max((abs(float(value)) for value in returns if np.isfinite(value)), default=0.0)
     return f",.{max(0, 3 - math.floor(math.log10(size))) if size else 3}f"
+
+
+def _number(value: float, form: str) -> str:
+    return "—" if math.isnan(value) else f"{value:{form}}".replace("-", "−")
 
 
 def _p(versus: Versus) -> str:

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import tyro
 from rich import box
+from rich.console import Console
 from rich.table import Table as View
 
 from galton.benchmark import report, stages, tables
@@ -103,33 +104,27 @@ def _planned(store: Store, plan: Plan) -> None:
 
 def _show(protocol: Protocol, latest: list[Found], store: Store, done: bool) -> None:
     """Print the answer and the tables of what is done."""
-    console = plain_console()
-    base = protocol.baseline.label
+    console, base = plain_console(), protocol.baseline.label
     for found in latest:
-        console.print(_view("what each method was given", tables.budget(found)))
-        for stage, title in tables.STAGES.items():
-            if stage in found.standings:
-                console.print(
-                    _view(f"scores by {tables.metric(found)}: {title}, baseline {base}", tables.scores(found, stage))
-                )
-                console.print(
-                    _view(
-                        f"{tables.metric(found)}: {title}, compared with {base}", tables.returns_in_brief(found, stage)
-                    )
-                )
-        console.print(_view("score of the best of n draws: tuning tasks", tables.best_of(found)))
+        _print(console, "what each method was given", tables.budget(found))
+        for stage in found.standings:
+            title, metric = tables.STAGES[stage], tables.metric(found)
+            _print(console, f"scores by {metric}: {title}, baseline {base}", tables.scores(found, stage))
+            _print(console, f"{metric}: {title}, compared with {base}", tables.returns_in_brief(found, stage))
+        _print(console, "score of the best of n draws: tuning tasks", tables.best_of(found))
         console.print("\n".join(sentences(found)))
         print(f"report: {store.url}/{report.PAGE}")
     if not done:
         print(f"{protocol.title}: there is more to train; the same command goes on")
 
 
-def _view(title: str, table: Table) -> View:
-    """A table for the terminal."""
-    view = View(title=title, title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
+def _print(console: Console, title: str, table: Table) -> None:
+    """A table on the terminal, below its title."""
+    view = View(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
     for i, heading in enumerate(table.headings):
         width = max(map(len, heading.split()))
         view.add_column(heading, justify="right" if table.is_numeric(i) else "left", no_wrap=i == 0, min_width=width)
     for row in table.rows:
         view.add_row(*row)
-    return view
+    console.print(title)
+    console.print(view)
