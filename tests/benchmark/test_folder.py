@@ -114,7 +114,7 @@ def test_data_that_are_there_need_no_sweeps(reference, tmp_path):
             "methods.bins.search.eta.uniform is new; .*log-uniform is",
         ),
         ({"tasks__four": None}, "tasks.four is missing"),
-        ({"score__last": 0.2}, "score is new"),
+        ({"selection__last": 0.2}, "selection is new"),
     ],
 )
 def test_a_changed_file_is_refused_with_what_differs(reference, places, told):

@@ -18,8 +18,8 @@ WRONG = [
     ({"budget__settings": 0}, "budget.settings is 0; it must be an integer of at least 1"),
     ({"budget__setings": 3}, "budget has 'setings', which it can't have; .* did you mean settings"),
     ({"budget__steps": 1e6}, "budget.steps is 1000000.0; it must be an integer"),
-    ({"score__metric": "loss"}, "score.metric is 'loss'; choose from evaluation_return"),
-    ({"score__last": 0.0}, "score.last is 0.0; it must be above 0, and 1 at most"),
+    ({"selection__metric": "loss"}, "selection.metric is 'loss'; choose from evaluation_return"),
+    ({"selection__last": 0.0}, "selection.last is 0.0; it must be above 0, and 1 at most"),
     ({"prior__learning_rate": 0.1}, "prior.learning_rate is 0.1, which is no prior; fix it in a fixed table"),
     ({"fixed__eta": {"uniform": [1, 2]}}, "fixed.eta is a prior; move it to prior, or to the search of a method"),
     ({"fixed__learning_rate": 0.1}, "fixed has learning_rate, and so has prior; leave it in one of them"),
@@ -47,7 +47,10 @@ WRONG = [
     ({"tasks__bandit__fixed": {"loss": "gaussian"}}, "tasks.bandit.fixed has loss, which is the methods' or"),
     ({"tasks__bandit__fixed": {"gamma": 0.9}}, "tasks.bandit.fixed has gamma, which is the methods' or the prior's"),
     ({"tasks__bandit__fixed": {"eta": 1.0}}, "tasks.bandit.fixed has eta, and so has methods.bins; leave it in one"),
-    ({"tasks__bandit__eval_episodes": 0}, "tasks.bandit has eval_episodes 0, but score.metric is 'evaluation_return'"),
+    (
+        {"tasks__bandit__eval_episodes": 0},
+        "tasks.bandit has eval_episodes 0, but selection.metric is 'evaluation_return'",
+    ),
     (
         {"methods__gaussian__fixed__gamma": 0.9, "methods__bins__fixed__gamma": 0.9},
         "prior.gamma is drawn for no method, since all of them fix it",

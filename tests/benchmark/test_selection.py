@@ -3,18 +3,14 @@
 import itertools
 
 import numpy as np
-import pyarrow as pa
 import pytest
 from scipy import stats
 
 from galton.analysis.statistics import holm
-from galton.benchmark import stages
-from galton.benchmark.draws import draws
-from galton.benchmark.runs import Runs
-from galton.benchmark.selection import Selected, best_of_draws, normalised, select
+from galton.benchmark.selection import best_of_draws, normalised, select
 from galton.benchmark.standings import standings
 
-from .files import protocol
+from .made_up import KNOWN, made_up
 
 NAN = np.nan
 
@@ -63,31 +59,6 @@ def test_the_best_of_n_draws_is_judged_by_seeds_that_did_not_choose_it():
 def test_one_seed_chooses_and_judges():
     scores = {"x": {"a": np.array([[0.1], [0.5], [0.3]])}}
     assert best_of_draws(scores, "a").shared[-1] == 0.5
-
-
-KNOWN = protocol(budget__fresh_seeds=8)
-METHODS = ("gaussian", "bins", "ppo")
-
-
-def made_up(stage="fresh"):
-    """Runs of one stage that were never trained, and what each is judged by, by task, method and role."""
-    drawn = draws(KNOWN)
-    other = dict.fromkeys(METHODS, 1) | {"bins": 0}
-    selected = Selected(dict.fromkeys(METHODS, 0), {"bandit": other, "noisy": other})
-    parts = [part for part in stages.afterwards(KNOWN, drawn, selected) if part.stage == stage]
-    rng, runs, finals = np.random.default_rng(5), [], {}
-    for i, part in enumerate(parts):
-        of_task = finals.setdefault(part.task.name, {})
-        for entry in part.entries:
-            found = 10.0**i * rng.normal(0.5 * METHODS.index(entry.method), 1, 8)
-            alike = entry[:2] == ("bins", "per-task")
-            of_task[entry[:2]] = of_task["bins", "shared"] if alike else found.astype(np.float32).astype(float)
-        of_task["ppo", "shared"][0] = NAN
-        judged = np.concatenate([*of_task.values()])
-        diverged_at = np.where(np.isnan(judged), 50, -1)
-        table = pa.table({"final_judged": judged, "final_training": -judged, "diverged_at": diverged_at})
-        runs.append(Runs(part, table))
-    return runs, finals
 
 
 def test_standings_are_what_plain_counting_finds():

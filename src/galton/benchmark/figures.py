@@ -50,7 +50,9 @@ def best_of(found: Found) -> Figure:
     for panel, (kind, title) in zip(axes, kinds.items(), strict=True):
         for i, method in enumerate(found.protocol.methods):
             got = getattr(found.best_of[method.name], kind)
-            draw_series(panel, np.arange(1, len(got) + 1), Interval(got, got, got), method.label, color(i), marker="o")
+            draw_series(
+                panel, np.arange(1, len(got) + 1), Interval(got, got, got), method.label, color(i), _line(i), "o"
+            )
         panel.set_title(title, fontsize=10)
         panel.set_xlabel("draws")
         panel.xaxis.set_major_locator(MaxNLocator(integer=True))
@@ -68,7 +70,7 @@ def curves(found: Found) -> Figure:
         for i, method in enumerate(found.protocol.methods):
             steps, of_runs = runs.curves(method.name, "shared")
             drawn.append(mean_interval(of_runs))
-            draw_series(panel, steps, drawn[-1], method.label, color(i), single_runs=of_runs)
+            draw_series(panel, steps, drawn[-1], method.label, color(i), _line(i), single_runs=of_runs)
         fit_curves(panel, drawn)
         held_out = " (held out)" if runs.stage == "held-out" else ""
         panel.set_title(f"{runs.part.task.label}{held_out}", fontsize=10)
@@ -76,6 +78,11 @@ def curves(found: Found) -> Figure:
     label_rows(axes, tables.metric(found))
     finish(figure, axes)
     return figure
+
+
+def _line(i: int) -> str:
+    """The line style of the i-th method, where colours repeat."""
+    return "-" if i < 8 else "--"
 
 
 FIGURES: dict[str, Callable[[Found], Figure]] = {"scores": scores, "curves": curves, "best-of-n": best_of}

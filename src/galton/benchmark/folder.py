@@ -139,7 +139,7 @@ def _done(store: Store, protocol: Protocol, part: Part, carry_out: CarryOut, sha
             carry_out(place, plan)
     if any(len(finished(place, plan)) < plan.n_shards for place, plan in sweeps):
         return None
-    runs = gather(part, [results.collect(place, plan) for place, plan in sweeps], protocol.score)
+    runs = gather(part, [results.collect(place, plan) for place, plan in sweeps], protocol.rule)
     _note(store, part, sweeps)
     store.write(file, runs.save(protocol.digest))
     return runs
@@ -157,12 +157,17 @@ def _prepared(store: Store, part: Part, shard_width: int | None) -> Iterator[tup
 
 def _note(store: Store, part: Part, sweeps: Sequence[tuple[Store, Plan]]) -> None:
     """Add to the folder how a part was made: by which versions, on which machines, and how fast each method was."""
-    known = json.loads(store.read(MADE)) if MADE in store.names("") else {}
+    known = made(store)
     known[part.name] = {
         "sweeps": [provenance(place, plan) for place, plan in sweeps],
-        "steps per second and worker": _speeds(part, sweeps),
+        "steps_per_second": _speeds(part, sweeps),
     }
     store.write(MADE, written(known))
+
+
+def made(store: Store) -> dict[str, Any]:
+    """How each part was made, by its name, as far as the folder knows."""
+    return json.loads(store.read(MADE)) if MADE in store.names("") else {}
 
 
 def _speeds(part: Part, sweeps: Sequence[tuple[Store, Plan]]) -> dict[str, int]:

@@ -35,9 +35,11 @@ class Budget:
 
 
 @dataclasses.dataclass(frozen=True)
-class Score:
-    """What a run is judged by."""
+class Rule:
+    """What a run is judged by, and how settings are selected."""
 
+    score: Literal["mean-percentile"] = "mean-percentile"
+    """A draw's score: the mean over tasks and seeds of its runs' percentiles among all runs of a task."""
     metric: Literal["evaluation_return", "mean_action_return", "training_return"] = "evaluation_return"
     """The curve of the log: evaluation_return is the deterministic policy's by the action that its configuration says,
     mean_action_return that by the mean action, training_return that of the policy that explores."""
@@ -93,7 +95,7 @@ class Protocol:
     imports: tuple[str, ...]
     """Modules that every worker imports first."""
     budget: Budget
-    score: Score
+    rule: Rule
     fixed: Priors
     """Fields with the same value for all methods, unless a method or a task says otherwise."""
     prior: Priors
@@ -151,10 +153,10 @@ def check(protocol: Protocol) -> None:
 
 def _check_task(protocol: Protocol, task: Task) -> None:
     """Raise UsageError for a task that can't be judged, or that fixes what is not its own to fix."""
-    where, metric = f"tasks.{task.name}", protocol.score.metric
+    where, metric = f"tasks.{task.name}", protocol.rule.metric
     require(
         metric == "training_return" or task.budget.eval_episodes > 0,
-        f"{where} has eval_episodes 0, but score.metric is {metric!r}; give it some, or judge by 'training_return'",
+        f"{where} has eval_episodes 0, but selection.metric is {metric!r}; give it some, or judge by 'training_return'",
     )
     for field in sorted({"algorithm", "loss", "policy", *protocol.prior} & {*task.fixed}):
         raise UsageError(f"{where}.fixed has {field}, which is the methods' or the prior's; take it out")

@@ -9,17 +9,17 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from galton.benchmark.priors import Record, check_names, read_table
-from galton.benchmark.protocol import Budget, Method, Protocol, Score, Task, check
+from galton.benchmark.protocol import Budget, Method, Protocol, Rule, Task, check
 from galton.errors import UsageError, require, require_integer, unknown
 from galton.fields import annotations, checked
 
-TABLES = ("budget", "score", "fixed", "prior", "methods", "tasks")
+TABLES = ("budget", "selection", "fixed", "prior", "methods", "tasks")
 """The tables of a file."""
 WORDS = ("title", "seed", "baseline", "imports", "extends")
 """What stands above them."""
 _OF_TASK = ("steps", "fresh_steps", "logs", "eval_episodes")
 """What a task may have of a budget of its own."""
-_RecordT = TypeVar("_RecordT", Budget, Score)
+_RecordT = TypeVar("_RecordT", Budget, Rule)
 
 
 def read(path: Path) -> Protocol:
@@ -89,7 +89,7 @@ def of_record(record: Record, title: str = "benchmark") -> Protocol:
         methods[baseline],
         tuple(imports),
         budget,
-        _record("score", record.get("score", {}), Score()),
+        _record("selection", record.get("selection", {}), Rule()),
         read_table("fixed", record.get("fixed", {}), drawn=False),
         read_table("prior", record.get("prior", {}), drawn=True),
         tuple(methods.values()),

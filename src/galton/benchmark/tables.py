@@ -1,7 +1,8 @@
 """What a benchmark found as tables, for the terminal and for the page alike."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -31,7 +32,7 @@ _ROLES: dict[Role, str] = {"shared": "one for all tasks", "per-task": "of the ta
 
 def metric(found: Found) -> str:
     """The return that runs are judged by, in words."""
-    return METRICS[found.protocol.score.metric]
+    return METRICS[found.protocol.rule.metric]
 
 
 def budget(found: Found) -> Table:
@@ -102,6 +103,21 @@ def scores(found: Found, stage: Stage) -> Table:
         diverged = sum(of_task[name]["shared"].diverged for of_task in standings.results.values())
         rows.append([*row, f"{diverged}"])
     return Table(headings, rows)
+
+
+def speeds(found: Found, made: Mapping[str, Any]) -> Table:
+    """Environment steps a second of one worker while it trained each method's draws, by task.
+
+    Args:
+        found: what there is.
+        made: the folder's record of how its parts were made.
+    """
+    tasks = [each.part for each in found.tuning if each.part.name in made]
+    rows = [
+        [method.label, *(f"{made[part.name]['steps_per_second'][method.name]:,}" for part in tasks)]
+        for method in found.protocol.methods
+    ]
+    return Table(["method", *(part.task.label for part in tasks)], rows)
 
 
 def pairs(found: Found, stage: Stage) -> Table:

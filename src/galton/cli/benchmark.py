@@ -13,7 +13,7 @@ from rich.table import Table as View
 from galton.benchmark import report, stages, tables
 from galton.benchmark.answer import sentences
 from galton.benchmark.draws import draws
-from galton.benchmark.folder import train
+from galton.benchmark.folder import made, train
 from galton.benchmark.found import Found
 from galton.benchmark.protocol import Protocol
 from galton.benchmark.reading import read
@@ -112,6 +112,7 @@ def _show(protocol: Protocol, latest: list[Found], store: Store, done: bool) -> 
             _print(console, f"scores by {metric}: {title}, baseline {base}", tables.scores(found, stage))
             _print(console, f"{metric}: {title}, compared with {base}", tables.returns_in_brief(found, stage))
         _print(console, "score of the best of n draws: tuning tasks", tables.best_of(found))
+        _print(console, "environment steps a second of a worker, tuning", tables.speeds(found, made(store)))
         console.print("\n".join(sentences(found)))
         print(f"report: {store.url}/{report.PAGE}")
     if not done:
