@@ -1,6 +1,7 @@
 """The folder of a benchmark: the file it was begun with, the sweeps of each part, and what comes of them."""
 
 import dataclasses
+import functools
 import json
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
@@ -98,14 +99,9 @@ def train(
         BrokenEnvironmentError: an environment broke.
     """
     drawn = begin(store, protocol)
-
-    def stage(parts: Sequence[Part]) -> list[Runs]:
-        done = [_done(store, protocol, part, carry_out, shard_width) for part in parts]
-        return [runs for runs in done if runs is not None]
-
-    first = tuning(protocol, drawn)
-    runs = stage(first)
-    if len(runs) < len(first):
+    stage = functools.partial(_stage, store, protocol, carry_out, shard_width)
+    runs = stage(tuning(protocol, drawn))
+    if runs is None:
         return False
     found, told = Found(protocol, drawn, runs), None
     parts: dict[Stage, list[Part]] = {}
@@ -116,11 +112,20 @@ def train(
             tell(found)  # before what may take hours
             told = found
         runs = stage(of_stage)
-        if len(runs) == len(of_stage):
+        if runs is not None:
             found = dataclasses.replace(found, later={**found.later, name: runs})
     if told is not found:
         tell(found)
     return found.later.keys() == parts.keys()
+
+
+def _stage(
+    store: Store, protocol: Protocol, carry_out: CarryOut, shard_width: int | None, parts: Sequence[Part]
+) -> list[Runs] | None:
+    """The runs of all parts of a stage, or None if some are left out."""
+    done = [_done(store, protocol, part, carry_out, shard_width) for part in parts]
+    there = [runs for runs in done if runs is not None]
+    return there if len(there) == len(parts) else None
 
 
 def _file(part: Part) -> str:

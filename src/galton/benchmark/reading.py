@@ -64,19 +64,7 @@ def of_record(record: Record, title: str = "benchmark") -> Protocol:
     Raises:
         UsageError: what it says can't be done.
     """
-    check_names("the file", record, (*WORDS, *TABLES))
-    try:
-        json.dumps(record)
-    except TypeError as error:
-        raise UsageError(f"it holds a date or a time ({error}); write words or numbers") from None
-    title = record.get("title", title)
-    require(isinstance(title, str) and bool(title), f"title is {title!r}; it must be words")
-    seed = record.get("seed", 0)
-    require_integer("seed", seed, 0)
-    require(seed < 2**62, f"seed is {seed}; it must be less than 2⁶²")
-    imports = record.get("imports", [])
-    right = isinstance(imports, list) and all(isinstance(module, str) for module in imports)
-    require(right, f"imports is {imports!r}; it must be a list of names of modules")
+    title, seed, imports = _top_level(record, title)
     budget = _record("budget", record.get("budget", {}), Budget())
     methods = {name: _method(name, given) for name, given in _tables(record, "methods").items()}
     baseline = record.get("baseline", next(iter(methods)))
@@ -87,7 +75,7 @@ def of_record(record: Record, title: str = "benchmark") -> Protocol:
         title,
         seed,
         methods[baseline],
-        tuple(imports),
+        imports,
         budget,
         _record("selection", record.get("selection", {}), Rule()),
         read_table("fixed", record.get("fixed", {}), drawn=False),
@@ -97,6 +85,22 @@ def of_record(record: Record, title: str = "benchmark") -> Protocol:
     )
     check(protocol)
     return protocol
+
+
+def _top_level(record: Record, title: str) -> tuple[str, int, tuple[str, ...]]:
+    """What stands above the tables: title, seed and imports."""
+    check_names("the file", record, (*WORDS, *TABLES))
+    try:
+        json.dumps(record)
+    except TypeError as error:
+        raise UsageError(f"it holds a date or a time ({error}); write words or numbers") from None
+    title, seed, imports = record.get("title", title), record.get("seed", 0), record.get("imports", [])
+    require(isinstance(title, str) and bool(title), f"title is {title!r}; it must be words")
+    require_integer("seed", seed, 0)
+    require(seed < 2**62, f"seed is {seed}; it must be less than 2⁶²")
+    right = isinstance(imports, list) and all(isinstance(module, str) for module in imports)
+    require(right, f"imports is {imports!r}; it must be a list of names of modules")
+    return title, seed, tuple(imports)
 
 
 def _tables(record: Record, name: str) -> Record:

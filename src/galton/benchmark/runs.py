@@ -142,4 +142,4 @@ def _check(table: pa.Table, part: Part, digest: str) -> None:
     columns.check_names(table, _SCHEMA.names)
     require(table.schema.equals(_SCHEMA), f"its columns are {table.schema.to_string(show_schema_metadata=False)}")
     keys = zip(*(table.column(name).to_pylist() for name in _KEYS), strict=True)
-    require([*keys] == _keys(part), "its rows are not those that the file asks for")
+    require([*keys] == _keys(part), "its rows are not those that the file asks for, under this version's defaults")
