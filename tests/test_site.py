@@ -28,6 +28,7 @@ IN_FORM = [DOCS / f"{name}.md" for name in ALGORITHMS] + [
 OLDER = ("gaussian", "histogram", "ordinal")
 """Policies that the pages of losses describe."""
 IN_FORM += [DOCS / "policies" / f"{name.replace('-', '_')}.md" for name in POLICIES if name not in OLDER]
+IN_FORM += [DOCS / "critics.md"]
 EXAMPLES = sorted((DOCS.parent / "examples").glob("*.py"))
 
 

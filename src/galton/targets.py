@@ -23,6 +23,16 @@ def one_hot(bins: Bins, action: Float[Array, "*batch d"]) -> Float[Array, "*batc
     return jax.nn.one_hot(bins.encode(action), bins.n_bins, dtype=action.dtype)
 
 
+def two_hot(bins: Bins, value: Float[Array, "*batch d"]) -> Float[Array, "*batch d k"]:
+    """The histogram whose mean is the value: the two centers around it share the mass by their distance.
+
+    The weight of a center is 1 less its distance in widths, and at least 0. A value beyond the first or the last center
+    counts as that center.
+    """
+    within = jnp.clip(value, bins.centers[:, 0], bins.centers[:, -1])
+    return jnp.maximum(1 - jnp.abs(bins.centers - within[..., None]) / bins.width[:, None], 0.0)
+
+
 def hl_gauss(
     bins: Bins, action: Float[Array, "*batch d"], eta: Eta, tails: Tails = "rescaled"
 ) -> Float[Array, "*batch d k"]:

@@ -61,6 +61,10 @@ class Config:
     loss with a bias, plain HL-Gauss, and true for all others."""
     clip_separately: bool = False
     """Scale the gradients of actor and critic down to max_grad_norm each, not the two joined."""
+    critic: str = "squared-error"
+    """A key of CRITICS."""
+    n_value_bins: Annotated[int, AtLeast(2)] = 101
+    """Bins of a critic that classifies."""
     bin_centers: Literal["inside", "bounds"] = "inside"
     """Whether all bins are of one width, so that their centers lie inside the box (§4.1), or the first and last center
     are the box's bounds, so that the bins at the ends are half as wide."""
@@ -119,17 +123,30 @@ class Hypers(NamedTuple):
     """PPO clips the likelihood ratio this far from 1."""
     target_kl: Annotated[Number, Within(lambda x: x > 0, "greater than 0, or inf for none")] = math.inf
     """PPO leaves off a rollout once its approximate KL divergence from the sampling policy exceeds 1.5 of this."""
+    value_min: Annotated[Number, Within(np.isfinite, "finite")] = -10.0
+    """The least return that a critic that classifies has a bin for, in the units of the rewards that it sees; with
+    normalize_reward that is about one standard deviation of the discounted return."""
+    value_max: Annotated[Number, Within(np.isfinite, "finite")] = 10.0
+    """The greatest, in the same units."""
+    value_eta: Positive = 0.75
+    """The HL-Gauss critic's width, in bin widths."""
+    noise_correlation: Annotated[Number, Within(lambda x: (x >= 0) & (x < 1), "0 or more, and less than 1")] = 0.0
+    """How the noise of an action is correlated with that of the step before, ρ, while an episode lasts; 0: not at all.
+    The noise of each step by itself is distributed as without it."""
     rpo_alpha: NotNegative = 0.5
     """How far RPO moves the Gaussian's mean up or down at most where an update looks at it, in the mean's own units."""
 
 
-def without_units(hypers: Hypers) -> Hypers:
-    """Hypers `[R]` with None for box_units where no run uses them.
+_UNUSED_AT_0 = ("box_units", "noise_correlation")
 
-    Their program then has no trace of them, and rounds as that of 0.1.0, which had no such units.
+
+def without_unused(hypers: Hypers) -> Hypers:
+    """Hypers `[R]` with None for box_units and for noise_correlation where they are 0 in every run.
+
+    Their program then has no trace of them, and rounds as that of 0.1.0, which had neither.
     """
-    nothing: Any = None
-    return hypers if np.any(hypers.box_units) else hypers._replace(box_units=nothing)
+    unused: dict[str, Any] = {name: None for name in _UNUSED_AT_0 if not np.any(getattr(hypers, name))}
+    return hypers._replace(**unused)
 
 
 def check_config(config: Config) -> None:

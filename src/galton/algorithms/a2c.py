@@ -16,9 +16,9 @@ def update(
     observation, next_observation, action = map(flatten, (batch.observation, batch.next_observation, batch.action))
 
     def objective(params: Params) -> tuple[Array, Objective]:
-        next_values = jax.lax.stop_gradient(actor_critic.value(params, next_observation))
-        outputs, values = actor_critic.outputs_and_values(params, observation)
-        fixed_values = jax.lax.stop_gradient(values)
+        next_values = jax.lax.stop_gradient(actor_critic.value(agent, params, next_observation, hypers))
+        outputs, estimates = actor_critic.outputs(params, observation)
+        fixed_values = jax.lax.stop_gradient(agent.critic.value(estimates, hypers))
         advantage = actor_critic.advantages(fixed_values, next_values, batch, hypers)
         returns = advantage + fixed_values
         if agent.config.normalize_advantage:
@@ -26,7 +26,8 @@ def update(
         seen = actor_critic.as_update_sees(agent, outputs, key, hypers)
         distribution = agent.policy.distribution(seen, params, hypers)
         loss = agent.loss.function(distribution, action, hypers)
-        parts = actor_critic.objective(distribution, loss, advantage, values, returns, hypers)
+        critic_loss = agent.critic.loss(estimates, returns, hypers)
+        parts = actor_critic.objective(distribution, loss, advantage, critic_loss, hypers)
         return parts.total, parts
 
     gradient, parts = jax.grad(objective, has_aux=True)(learner.params)

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Array, Float, Key
 
+from galton.critics import Critic
 from galton.losses import Loss
 from galton.policies import Policy
 from galton.types import Config, Hypers, Learner, Rule, Transition
@@ -68,6 +69,8 @@ class Agent:
     loss: Loss
     make_policy: Callable[[Config, Box, Box], Policy]
     """`create` of the policy's class."""
+    make_critic: Callable[[Config], Critic]
+    """`create` of the critic's class."""
     algorithm: Algorithm
     low: tuple[float, ...]
     """The action box, in float32."""
@@ -77,6 +80,11 @@ class Agent:
     def policy(self) -> Policy:
         """The policy for actions in this box."""
         return self.make_policy(self.config, np.array(self.low, np.float32), np.array(self.high, np.float32))
+
+    @functools.cached_property
+    def critic(self) -> Critic:
+        """How values are read off the critic network, and trained."""
+        return self.make_critic(self.config)
 
     def acting_by(self, rule: Rule | None) -> "Agent":
         """The same agent with another deterministic action; None is its own."""

@@ -62,8 +62,9 @@ def update(
 def prepare(agent: Agent, learner: Learner, batch: Transition, hypers: Hypers) -> Rows:
     """Advantages, returns, log-probabilities and targets under the parameters that sampled the rollout."""
     observation, next_observation, action = map(flatten, (batch.observation, batch.next_observation, batch.action))
-    outputs, values = actor_critic.outputs_and_values(learner.params, observation)
-    next_values = actor_critic.value(learner.params, next_observation)
+    outputs, estimates = actor_critic.outputs(learner.params, observation)
+    values = agent.critic.value(estimates, hypers)
+    next_values = actor_critic.value(agent, learner.params, next_observation, hypers)
     advantage = actor_critic.advantages(values, next_values, batch, hypers)
     distribution = agent.policy.distribution(outputs, learner.params, hypers)
     target = agent.loss.target(distribution, action, hypers) if _is_smoothed(agent) and agent.loss.target else ()
@@ -121,14 +122,15 @@ def _minibatch(
     advantage = actor_critic.standardise(rows.advantage) if agent.config.normalize_advantage else rows.advantage
 
     def objective(params: Params) -> tuple[Array, tuple[Objective, Array, Array]]:
-        outputs, values = actor_critic.outputs_and_values(params, rows.observation)
+        outputs, estimates = actor_critic.outputs(params, rows.observation)
         seen = actor_critic.as_update_sees(agent, outputs, jax.random.fold_in(key, learner.optimizer.count), hypers)
         distribution = agent.policy.distribution(seen, params, hypers)
         loss = _loss(agent, distribution, rows.action, rows.target, hypers)
         log_ratio = jax.lax.stop_gradient(distribution.log_prob(rows.action) - rows.log_prob)
         ratio = jnp.exp(jax.lax.stop_gradient(rows.loss - loss) if _is_smoothed(agent) else log_ratio)
         weight = advantage * gated(ratio, advantage, hypers.clip_range)
-        parts = actor_critic.objective(distribution, loss, weight, values, rows.returns, hypers)
+        critic_loss = agent.critic.loss(estimates, rows.returns, hypers)
+        parts = actor_critic.objective(distribution, loss, weight, critic_loss, hypers)
         return parts.total, (parts, ratio, log_ratio)
 
     gradient, (parts, ratio, log_ratio) = jax.grad(objective, has_aux=True)(learner.params)

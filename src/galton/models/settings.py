@@ -34,6 +34,11 @@ class Settings(TypedDict, total=False):
     vf_coef: float
     max_grad_norm: float
     clip_separately: bool
+    critic: str
+    n_value_bins: int
+    value_min: float
+    value_max: float
+    value_eta: float
     eta: float
     n_bins: int
     log_std_init: float
@@ -46,6 +51,7 @@ class Settings(TypedDict, total=False):
     initial_policy: Literal["uniform", "gaussian", "clipped-gaussian"]
     exploration: Literal["softmax", "gaussian"]
     bin_sample: Literal["center", "uniform"]
+    noise_correlation: float
     deterministic_action: Literal["mode", "mean", "median"]
     bin_centers: Literal["inside", "bounds"]
     target_tails: Literal["rescaled", "edges"]

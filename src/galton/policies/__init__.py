@@ -3,7 +3,7 @@
 A new one is a class in a file and a line in POLICIES.
 """
 
-from galton.policies.base import Distribution, Family, MovesOutputs, Policy
+from galton.policies.base import Correlatable, Distribution, Family, MovesOutputs, Policy
 from galton.policies.beta import Beta, BetaPolicy
 from galton.policies.clipped_gaussian import ClippedGaussian, ClippedGaussianPolicy
 from galton.policies.gaussian import Gaussian, GaussianPolicy
@@ -36,6 +36,7 @@ __all__ = [
     "BetaPolicy",
     "ClippedGaussian",
     "ClippedGaussianPolicy",
+    "Correlatable",
     "Distribution",
     "Family",
     "Gaussian",

@@ -21,6 +21,8 @@ def near_edge(
 
 Family = Literal["density", "histogram"]
 """What a loss needs of a distribution: a log-probability, or probabilities of bins besides."""
+Marginal = Literal["normal", "uniform"]
+"""How one number of a policy's noise is distributed: standard normal, or uniform in [0, 1)."""
 
 
 @runtime_checkable
@@ -85,3 +87,12 @@ class MovesOutputs(Protocol):
         self, outputs: Float[Array, "*batch n_outputs"], key: Key[Array, ""], hypers: Hypers
     ) -> Float[Array, "*batch n_outputs"]:
         """The outputs as an update is to see them this time."""
+
+
+@runtime_checkable
+class Correlatable(Protocol):
+    """A policy whose noise can be correlated in time (`noise_correlation`), since it says how it is distributed."""
+
+    @property
+    def noise_marginals(self) -> PyTree[str]:
+        """The Marginal of each leaf of `Policy.noise`, in the same structure; a leaf's entries are independent."""

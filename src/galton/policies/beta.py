@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Key
 
-from galton.policies.base import Family, near_edge
+from galton.policies.base import Family, Marginal, near_edge
 from galton.policies.tails import LOG_SQRT_2PI
 from galton.types import Config, Hypers, Params
 
@@ -138,6 +138,11 @@ class BetaPolicy:
         """Outputs 0; no number has a part in it."""
         del hypers
         return jnp.zeros(self.n_outputs), {}
+
+    @property
+    def noise_marginals(self) -> tuple[Marginal, Marginal]:
+        """Standard normal proposals, and uniform numbers that accept or reject them."""
+        return "normal", "uniform"
 
     def noise(self, key: Key[Array, ""], shape: tuple[int, ...]) -> Noise:
         """The proposals for two Gamma numbers per action dimension."""

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Key
 
-from galton.policies.base import Family
+from galton.policies.base import Family, Marginal
 from galton.policies.gaussian import Gaussian, GaussianPolicy
 from galton.policies.tails import LEAST, LOG_SQRT_2PI, Inside, inside, log_tail
 from galton.types import Config, Hypers, Params
@@ -117,6 +117,11 @@ class ClippedGaussianPolicy:
     def init(self, hypers: Hypers) -> tuple[Float[Array, " d"], Params]:
         """As the Gaussian policy starts."""
         return self.gaussian.init(hypers)
+
+    @property
+    def noise_marginals(self) -> Marginal:
+        """The Gaussian policy's."""
+        return self.gaussian.noise_marginals
 
     def noise(self, key: Key[Array, ""], shape: tuple[int, ...]) -> Float[Array, "*batch d"]:
         """Standard normal numbers, one per action dimension."""

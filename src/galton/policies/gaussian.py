@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Key
 
-from galton.policies.base import Family
+from galton.policies.base import Family, Marginal
 from galton.types import Config, Hypers, Number, Params
 
 Box = Float[np.ndarray, " d"]
@@ -18,7 +18,7 @@ Box = Float[np.ndarray, " d"]
 def units_of(low: Box, high: Box, hypers: Hypers) -> tuple[Float[Array, " d"] | float, Float[Array, " d"] | float]:
     """Where 0 and what 1 is in the policy's units: 0 and 1 in the environment's, the box's center and half-width else.
 
-    They are plain numbers where no run of the program uses the box's (see `types.without_units`).
+    They are plain numbers where no run of the program uses the box's (see `types.without_unused`).
     """
     units: Number | None = hypers.box_units
     if units is None:
@@ -92,6 +92,11 @@ class GaussianPolicy:
         """Mean 0 and σ = exp(log_std_init), in the policy's units."""
         zeros = jnp.zeros(self.n_outputs)
         return zeros, {"log_std": zeros + hypers.log_std_init}
+
+    @property
+    def noise_marginals(self) -> Marginal:
+        """Standard normal."""
+        return "normal"
 
     def noise(self, key: Key[Array, ""], shape: tuple[int, ...]) -> Float[Array, "*batch d"]:
         """Standard normal numbers, one per action dimension."""

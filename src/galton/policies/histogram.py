@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int, Key
 
 from galton.bins import Bins
-from galton.policies.base import Family
+from galton.policies.base import Family, Marginal
 from galton.policies.exploration import gaussian_action, init_clipped_gaussian_logits, init_gaussian_logits
 from galton.policies.gaussian import units_of
 from galton.types import Config, Hypers, Params
@@ -153,6 +153,11 @@ class HistogramPolicy:
         std = scale * jnp.exp(jnp.maximum(hypers.log_std_init, hypers.log_std_min))
         start = init_gaussian_logits if self.initial_policy == "gaussian" else init_clipped_gaussian_logits
         return start(self.bins, shift, std).ravel(), {}
+
+    @property
+    def noise_marginals(self) -> Marginal:
+        """Normal where a Gaussian explores, else uniform."""
+        return "normal" if self.choices.exploration == "gaussian" else "uniform"
 
     def noise(self, key: Key[Array, ""], shape: tuple[int, ...]) -> Float[Array, "*batch n"]:
         """Uniform, two per dimension where the place in the bin is drawn too; normal where a Gaussian explores."""

@@ -7,7 +7,7 @@ import jax
 import numpy as np
 from jaxtyping import Array, Float, Key
 
-from galton.policies.base import Family
+from galton.policies.base import Family, Marginal
 from galton.policies.gaussian import Gaussian, GaussianPolicy
 from galton.types import Config, Hypers, Params
 
@@ -38,6 +38,11 @@ class RpoPolicy:
     def init(self, hypers: Hypers) -> tuple[Float[Array, " d"], Params]:
         """As the Gaussian policy starts."""
         return self.gaussian.init(hypers)
+
+    @property
+    def noise_marginals(self) -> Marginal:
+        """The Gaussian policy's."""
+        return self.gaussian.noise_marginals
 
     def noise(self, key: Key[Array, ""], shape: tuple[int, ...]) -> Float[Array, "*batch d"]:
         """Standard normal numbers, one per action dimension."""

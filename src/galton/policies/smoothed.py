@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Array, Float, Key
 
 from galton import targets
-from galton.policies.base import Family
+from galton.policies.base import Family, Marginal
 from galton.policies.histogram import Histogram, HistogramPolicy
 from galton.types import Config, Hypers, Params
 
@@ -42,6 +42,11 @@ class SmoothedPolicy:
         """Outputs 0, which leave every bin its first logit."""
         del hypers
         return jnp.zeros(self.n_outputs), {}
+
+    @property
+    def noise_marginals(self) -> Marginal:
+        """The softmax policy's."""
+        return self.histogram.noise_marginals
 
     def noise(self, key: Key[Array, ""], shape: tuple[int, ...]) -> Float[Array, "*batch n"]:
         """What the softmax policy draws, since sampling is the same."""

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Key
 
-from galton.policies.base import Family, near_edge
+from galton.policies.base import Family, Marginal, near_edge
 from galton.policies.tails import LEAST, LOG_SQRT_2PI, log_tail
 from galton.types import Config, Hypers, Params
 
@@ -128,6 +128,11 @@ class SquashedGaussianPolicy:
         """Mean 0, the center of the box, and σ = exp(log_std_init)."""
         zeros = jnp.zeros(self.n_outputs)
         return zeros, {"log_std": zeros + hypers.log_std_init}
+
+    @property
+    def noise_marginals(self) -> Marginal:
+        """Standard normal."""
+        return "normal"
 
     def noise(self, key: Key[Array, ""], shape: tuple[int, ...]) -> Float[Array, "*batch d"]:
         """Standard normal numbers, one per action dimension."""

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Key
 
-from galton.policies.base import Family, near_edge
+from galton.policies.base import Family, Marginal, near_edge
 from galton.policies.gaussian import Gaussian, GaussianPolicy
 from galton.policies.tails import LEAST, Inside, inside, quantile
 from galton.types import Config, Hypers, Params
@@ -97,6 +97,11 @@ class TruncatedGaussianPolicy:
     def init(self, hypers: Hypers) -> tuple[Float[Array, " d"], Params]:
         """As the Gaussian policy starts, before it is cut off."""
         return self.gaussian.init(hypers)
+
+    @property
+    def noise_marginals(self) -> Marginal:
+        """Uniform."""
+        return "uniform"
 
     def noise(self, key: Key[Array, ""], shape: tuple[int, ...]) -> Float[Array, "*batch d"]:
         """Uniform numbers, one per action dimension."""

@@ -7,11 +7,12 @@ import json
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Annotated, Any, NamedTuple
 
-from galton.algorithms import find_algorithm, refuse_idle, refuse_others
+from galton.algorithms import check_together, find_algorithm, refuse_others
+from galton.critics import find_critic
 from galton.errors import UsageError, require
 from galton.fields import AtLeast, check_fields
 from galton.losses import find_loss
-from galton.policies import POLICIES, USES
+from galton.policies import USES
 from galton.records import FIRST_FIELDS, Fields, defaults, filled, refuse_unknown, written
 from galton.training.train import log_points
 from galton.types import Config, Count, Hypers, check_hypers, check_one_run, make_config
@@ -46,10 +47,9 @@ class Setting(NamedTuple):
         given = Hypers(**{name: value for name, value in record.items() if name in Hypers._fields})
         check_one_run(given)
         setting = cls(config, Hypers._make(float(number) for number in given))
-        for part in setting:
-            refuse_others(find_algorithm(config.algorithm), part)
-            if config.policy in ("auto", *POLICIES):  # results may be of a policy that nobody has registered here
-                refuse_idle(config, part)
+        find_critic(config.critic)
+        refuse_others(config, config)
+        check_together(*setting)
         return setting
 
     def brief(self) -> str:

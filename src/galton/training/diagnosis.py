@@ -32,8 +32,9 @@ def diagnose(agent: Agent, learner: Learner, batch: Transition, hypers: Hypers) 
     """
     params = learner.params
     observation, next_observation, action = map(flatten, (batch.observation, batch.next_observation, batch.action))
-    values = actor_critic.value(params, observation)
-    advantage = actor_critic.advantages(values, actor_critic.value(params, next_observation), batch, hypers)
+    values = actor_critic.value(agent, params, observation, hypers)
+    next_values = actor_critic.value(agent, params, next_observation, hypers)
+    advantage = actor_critic.advantages(values, next_values, batch, hypers)
     returns = advantage + values
     distribution = actor_critic.distribution(agent, params, observation, hypers)
     bias = jnp.zeros(())
