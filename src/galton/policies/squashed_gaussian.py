@@ -22,8 +22,8 @@ _P = np.exp(-0.5 * _Z**2) / np.exp(-0.5 * _Z**2).sum()
 class SquashedGaussian:
     """c + h tanh(u) with u from N(mean, diag σ²); c and h are the box's center and half-width.
 
-    Near a bound float32 can't tell actions apart any more. From there on, at |u| ≥ `end`, the policy has no density but
-    the mass of the tail, as the clipped Gaussian has.
+    Near a bound float32 can't tell actions apart any more. From there on, with u about 7 from 0 or earlier, the policy
+    has no density but the mass of the tail, as the clipped Gaussian has.
     """
 
     mean: Float[Array, "*batch d"]
