@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from galton import A2C, PPO, Config, Hypers, train
+from galton import A2C, POLICIES, PPO, Config, Hypers, train
 from galton.algorithms import a2c, actor_critic, entropy, ppo, resolve
 from galton.envs.find import find
 from galton.envs.rescaled import Rescaled
@@ -214,8 +214,18 @@ class Paid(Rescaled):
         return state, jnp.float32(self.rate) * reward, terminated
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("policy", POLICIES)
+def test_every_policy_reaches_the_target(policy):
+    loss = "hl-one-hot" if POLICIES[policy].family == "histogram" else "gaussian"
+    config = Config(policy=policy, loss=loss, n_bins=50, n_steps=5, n_envs=4, net_arch=(), **HELD)
+    hypers = Hypers(learning_rate=0.02, entropy_start=0.3, entropy_end=0.1, entropy_steps=20_000.0)
+    found = shares("bandit", config, hypers, 60_000)
+    np.testing.assert_allclose(found.mean(1), 0.1, rtol=0.1)
+
+
 RATES = {"bandit": 1e3, "lqr": 30.0, "acrobot": 1.0, "mountain-car": 1e-3}
-"""Rewards of the four tasks, with theirs, are from about 1e5 to 1e-3."""
+"""What a reward of four tasks is multiplied by."""
 
 
 @pytest.mark.slow
