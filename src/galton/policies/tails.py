@@ -92,7 +92,7 @@ def quantile(
     """
     zeta = jnp.minimum(zeta, FAR)
     whole, wanted = piece(zeta).mass, share * piece(zeta, width).mass
-    drop = -jnp.log1p(-jnp.minimum(wanted / whole, 1 - jnp.finfo(wanted.dtype).epsneg))
+    drop = -jnp.log1p(-jnp.minimum(wanted / whole, 1 - np.finfo(wanted.dtype).epsneg))
     t = 2 * drop / jnp.maximum(zeta + jnp.sqrt(zeta**2 + 2 * drop), 1e-30)
     for _ in range(4):
         rest = piece(zeta + t).mass
