@@ -1,6 +1,7 @@
 """PPO with each choice beside the loss: in its first minibatch A2C, later its own clipped surrogate. In float64."""
 
 import dataclasses
+import itertools
 
 import jax
 import jax.numpy as jnp
@@ -33,18 +34,26 @@ def double():
         yield
 
 
-@pytest.mark.parametrize("ratio", ["smoothed", "true"])
-@pytest.mark.parametrize("loss", ["hl-gauss", "hl-gauss-centred"])
-@pytest.mark.parametrize("name", CHOICES)
-def test_the_first_minibatch_of_the_first_epoch_is_a2cs(name, loss, ratio):
+def some(cases, quick):
+    """The cases, of which every one that is not among the quick ones is slow."""
+    return [pytest.param(*case, marks=() if case in quick else pytest.mark.slow) for case in cases]
+
+
+ALL = list(itertools.product(CHOICES, [("hl-gauss", "smoothed"), ("hl-gauss-centred", "true")]))
+ALL += list(itertools.product(CHOICES, [("hl-gauss", "true"), ("hl-gauss-centred", "smoothed")]))
+
+
+@pytest.mark.parametrize(("name", "kind"), some(ALL, ALL[: 2 * len(CHOICES) : 3]))
+def test_the_first_minibatch_of_the_first_epoch_is_a2cs(name, kind):
+    loss, ratio = kind
     agent = agent_of("histogram", loss, ratio=ratio, **CHOICES[name])
     learner = moved(agent)
     rows = ppo.prepare(agent, learner, rollout_of(agent, learner), USED)
-    some = jax.random.permutation(jax.random.key(5), T * N)[:SIZE]
-    after, _ = fit(agent, learner, rows, some[None], USED)
+    drawn = jax.random.permutation(jax.random.key(5), T * N)[:SIZE]
+    after, _ = fit(agent, learner, rows, drawn[None], USED)
 
     ends = jnp.ones((SIZE, 1), bool)
-    column = jax.tree.map(lambda x: x[some][:, None], rows)
+    column = jax.tree.map(lambda x: x[drawn][:, None], rows)
     batch = Transition(column.observation, column.action, column.returns, column.observation, ends, ~ends)
     actor_critics = dataclasses.replace(agent, algorithm=a2c.ALGORITHM)
     a2cs, _ = jax.jit(lambda learner: a2c.update(actor_critics, learner, batch, USED, jax.random.key(0)))(learner)
@@ -52,8 +61,10 @@ def test_the_first_minibatch_of_the_first_epoch_is_a2cs(name, loss, ratio):
     assert after.dual == a2cs.dual
 
 
-@pytest.mark.parametrize("ratio", ["smoothed", "true"])
-@pytest.mark.parametrize("name", ["awr", "split", "split, normalised"])
+CLIPPED = list(itertools.product(["awr", "split", "split, normalised"], ["smoothed", "true"]))
+
+
+@pytest.mark.parametrize(("name", "ratio"), some(CLIPPED, CLIPPED[-2:]))
 def test_the_gradient_is_that_of_the_clipped_surrogate_of_these_weights_and_targets(name, ratio):
     agent = agent_of("histogram", "hl-gauss", ratio=ratio, **CHOICES[name])
     batch, sampling, params = deep(agent)
