@@ -143,3 +143,38 @@ def test_eta_must_be_positive():
         targets.hl_gauss(Bins(-1, 1, 10), jnp.zeros(1), 0)
     with pytest.raises(UsageError, match="eta is -1"):
         targets.hl_gauss_of_center(10, jnp.arange(10), -1.0)
+
+
+def rows_of(k, eta, tails, centers):
+    """K in float64: row j is the target of bin j's center, in bin widths."""
+    center, edge = np.arange(k) + 0.5, np.arange(k + 1.0)
+    if centers == "bounds":
+        edge[[0, -1]] = center[[0, -1]]
+    if tails == "edges":
+        edge[[0, -1]] = -np.inf, np.inf
+    z = (edge - center[:, None]) / eta
+    mass = np.where(z[:, :-1] > 0, norm.sf(z[:, :-1]) - norm.sf(z[:, 1:]), norm.cdf(z[:, 1:]) - norm.cdf(z[:, :-1]))
+    return mass / mass.sum(1, keepdims=True)
+
+
+@pytest.mark.parametrize("k", [2, 3, 41, 100])
+@pytest.mark.parametrize("tails", ["rescaled", "edges"])
+@pytest.mark.parametrize("centers", ["inside", "bounds"])
+def test_an_eta_for_each_entry_gives_each_its_own_target_and_mean(k, tails, centers):
+    rng = np.random.default_rng(k)
+    eta, pi = np.exp(rng.uniform(np.log(0.05), np.log(30), (5, 3))), rng.dirichlet(np.ones(k) / 3, (5, 3))
+    index = rng.integers(0, k, (5, 3))
+    targets_of = np.array([[rows_of(k, eta[i, j], tails, centers) for j in range(3)] for i in range(5)])
+    chosen = np.take_along_axis(targets_of, index[..., None, None], 2)[..., 0, :]
+    for x64, close in ((False, 1e-6), (True, 1e-13)):
+        with jax.enable_x64(x64):
+            width, bins = jnp.asarray(eta, float), Bins([0.0] * 3, [1.0, 7.0, 1e3], k, centers)
+            found = targets.hl_gauss_of_center(k, jnp.asarray(index), width, tails, centers)
+            np.testing.assert_allclose(found, chosen, atol=close)
+            found = targets.hl_gauss(bins, bins.decode(jnp.asarray(index)), width, tails)
+            np.testing.assert_allclose(found, chosen, atol=5 * close)
+            mean = targets.mean_of_centers(jnp.asarray(pi, float), width, tails, centers)
+            np.testing.assert_allclose(mean, np.einsum("ijk,ijkl->ijl", pi, targets_of), atol=close)
+            for i in range(2):
+                alone = targets.mean_of_centers(jnp.asarray(pi[i, 0], float), float(eta[i, 0]), tails, centers)
+                np.testing.assert_allclose(mean[i, 0], alone, atol=close)

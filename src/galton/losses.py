@@ -92,7 +92,8 @@ def centred_target(
 
 def expected_target(distribution: Histogram, eta: Eta) -> Float[Array, "*batch d k"]:
     """Kᵀπ, the mean of HL-Gauss's targets over the policy's own actions; row j of K is the target of bin j's center."""
-    return distribution.probs @ _target_of_center(distribution, jnp.arange(distribution.bins.n_bins), eta)
+    bins, tails = distribution.bins, distribution.choices.target_tails
+    return targets.mean_of_centers(distribution.probs, eta, tails, bins.bin_centers)
 
 
 def hl_gauss_bias(distribution: Histogram, hypers: Hypers) -> Float[Array, "*batch d k"]:
@@ -126,13 +127,22 @@ class Loss(NamedTuple):
     bias: Callable[[Any, Hypers], Array] | None = None
     """(distribution, hypers) → what an error of the baseline adds to the mean logit gradient `[*batch, d, k]`; None:
     nothing."""
+    is_wide: bool = False
+    """Whether its targets have a width `hypers.eta`, in bins, which may be one number or an array `[*batch, d]`."""
 
 
 LOSSES = {
     "gaussian": Loss(gaussian, "density", "gaussian", "Gaussian"),
     "hl-one-hot": Loss(hl_one_hot, "histogram", "histogram", "HL-1-Hot", target=one_hot_target),
     "hl-gauss": Loss(
-        hl_gauss, "histogram", "histogram", "HL-Gauss", uses=("eta",), target=gaussian_target, bias=hl_gauss_bias
+        hl_gauss,
+        "histogram",
+        "histogram",
+        "HL-Gauss",
+        uses=("eta",),
+        target=gaussian_target,
+        bias=hl_gauss_bias,
+        is_wide=True,
     ),
     "hl-gauss-centred": Loss(
         hl_gauss_centred,
@@ -142,6 +152,7 @@ LOSSES = {
         in_paper=False,
         uses=("eta",),
         target=centred_target,
+        is_wide=True,
     ),
 }
 

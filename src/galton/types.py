@@ -71,6 +71,17 @@ class Config:
     target_tails: Literal["rescaled", "edges"] = "rescaled"
     """What becomes of an HL-Gauss target's mass beyond the box: the rest is rescaled to sum to 1 (eq. 6), or the first
     and last bin get it."""
+    eta_rule: Literal["fixed", "policy"] = "fixed"
+    """HL-Gauss's width: η = eta everywhere, or as the policy narrows, per state and dimension:
+    η = clip(eta · σ / bin width, eta_min, eta_max) with the policy's standard deviation σ."""
+    negative_target: Literal["same", "one-hot"] = "same"
+    """HL-Gauss's target for an action with a negative advantage: the same Gaussian, or all mass on its bin."""
+    weighting: Literal["advantage", "awr", "v-mpo"] = "advantage"
+    """What multiplies the loss: the advantage A, or a positive weight, AWR's exp(A / temperature), at most 20, or
+    V-MPO's softmax of A / temperature over the better half of the batch, times its size."""
+    entropy_target: bool = False
+    """Hold the policy's entropy: a bonus of weight α · std(A) joins the fixed one, and α, of either sign, follows a
+    target of the entropy, which goes from entropy_start to entropy_end."""
 
     def __post_init__(self) -> None:
         check_fields(self)
@@ -99,7 +110,8 @@ class Hypers(NamedTuple):
     learning_rate: NotNegative = 7e-4
     """The step size of Adam, at the start of training."""
     eta: Positive = 0.25
-    """HL-Gauss's width η = σ / bin width (§4.2), and that of the smoothed policy."""
+    """HL-Gauss's width η = σ / bin width (§4.2), and that of the smoothed policy. Where the width follows the policy
+    (eta_rule) it is the factor of the policy's standard deviation."""
     gamma: Share = 0.99
     """The discount of later rewards, γ."""
     gae_lambda: Share = 1.0
@@ -135,6 +147,21 @@ class Hypers(NamedTuple):
     The noise of each step by itself is distributed as without it."""
     rpo_alpha: NotNegative = 0.5
     """How far RPO moves the Gaussian's mean up or down at most where an update looks at it, in the mean's own units."""
+    eta_min: Positive = 0.5
+    """The least η where the width follows the policy (eta_rule)."""
+    eta_max: Positive = 16.0
+    """The greatest η where the width follows the policy (eta_rule)."""
+    temperature: Positive = 1.0
+    """Of positive weights (weighting): the advantage that makes a weight e times as large, in the advantage's units."""
+    entropy_start: Positive = 0.5
+    """The entropy target at the start, as the share of the box that a uniform policy of that entropy would fill in each
+    dimension: e^(H/d) / k for a histogram, e^(h/d) / (high − low) for a density (entropy_target)."""
+    entropy_end: Positive = 0.05
+    """The entropy target in the end, as such a share."""
+    entropy_steps: NotNegative = 500_000.0
+    """Environment steps in which the entropy target goes from start to end, linearly in its logarithm; 0: it stays."""
+    entropy_rate: Positive = 0.02
+    """The step size of what decides α, per gradient step and nat that the entropy of a dimension is off its target."""
 
 
 _UNUSED_AT_0 = ("box_units", "noise_correlation")
@@ -195,3 +222,5 @@ class Learner(NamedTuple):
     """Adam's count of steps and its moments, those shaped like params."""
     normalizer: Any
     """Statistics of observations and rewards, a Normalizer."""
+    dual: Float[Array, "*batch"] | tuple[()] = ()
+    """The dual variable of the entropy target; () where no entropy is held."""

@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 from scipy import integrate, stats
 
+from galton import Config, Hypers
 from galton.policies.tails import FAR, inside, log_tail, piece, quantile
+from galton.policies.truncated_gaussian import TruncatedGaussianPolicy
 
 GRID = [x.ravel() for x in np.meshgrid([0.0, 0.1, 1.0, 5.0, 30.0, 300.0, 5000.0], [1e-4, 0.01, 0.5, 2.0, 8.0, 100.0])]
 """Every ζ with every width."""
@@ -65,3 +67,13 @@ def test_the_mass_inside_an_interval_is_scipys(mean, std):
     assert float(part.edge) == pytest.approx(edge)
     found = float(part.log_mass - 0.5 * part.zeta**2) - 0.5 * np.log(2 * np.pi)
     assert found == pytest.approx(expected, rel=1e-5, abs=1e-7)
+
+
+@pytest.mark.parametrize("mean", [-5.0, 0.0, 4.9])
+@pytest.mark.parametrize("u", [0.0, 1e-8, 2.0**-24, 1 - 2.0**-24])
+def test_what_a_box_of_many_sigmas_leaves_of_the_tails_can_be_drawn(mean, u):
+    policy = TruncatedGaussianPolicy.create(Config(), np.float32([-10]), np.float32([10]))
+    distribution = policy.distribution(jnp.array([mean]), {"log_std": jnp.array([-0.03])}, Hypers())
+    action = distribution.sample(jnp.array([u], jnp.float32))
+    assert 4 < abs(float(action[0]) - mean) < 6.5
+    assert np.isfinite(distribution.log_prob(action))

@@ -6,7 +6,7 @@ A new one is a record in a file and a line in ALGORITHMS; what every actor-criti
 import numpy as np
 from jaxtyping import Float
 
-from galton.algorithms import a2c, ppo
+from galton.algorithms import a2c, credit, ppo
 from galton.algorithms.base import Agent, Algorithm, Scalars
 from galton.critics import CRITICS, find_critic
 from galton.errors import UsageError, require, unknown
@@ -49,6 +49,7 @@ def resolve(config: Config, low: Float[np.ndarray, " d"], high: Float[np.ndarray
     critic = find_critic(config.critic)
     refuse_others(config, config)
     refuse_idle(config, config)
+    credit.check(config, loss, algorithm)
     algorithm.check(config)
     box = (tuple(float(x) for x in np.asarray(bound, np.float32)) for bound in (low, high))
     return Agent(config, loss, POLICIES[name].create, critic.create, algorithm, *box)
@@ -112,6 +113,8 @@ def refuse_idle(config: Config, settings: Config | Hypers) -> None:
             raise UsageError(
                 f"{name} is {shown}; it goes with {whose}, not with the policy {policy!r} and the loss {config.loss!r}"
             )
+    if isinstance(settings, Hypers):
+        credit.check_numbers(config, settings)
 
 
 def find_algorithm(name: str) -> Algorithm:

@@ -11,6 +11,7 @@ import optax
 from jaxtyping import Array, Bool, Float, Key, PyTree
 
 from galton import normalization
+from galton.algorithms import entropy
 from galton.algorithms.base import Agent, Scalars
 from galton.losses import surrogate
 from galton.networks import init_mlp, mlp
@@ -31,7 +32,7 @@ def init(key: Key[Array, ""], agent: Agent, hypers: Hypers, observation_size: in
     )
     actor[-1]["bias"], extra = policy.init(hypers)
     params = {"actor": actor, "critic": critic, **extra}
-    return Learner(params, _ADAM.init(params), normalization.init(config, observation_size))
+    return Learner(params, _ADAM.init(params), normalization.init(config, observation_size), entropy.init(config))
 
 
 def distribution(agent: Agent, params: Params, observation: Float[Array, "*batch o"], hypers: Hypers) -> Distribution:

@@ -40,6 +40,8 @@ class Algorithm:
     side_by_side: bool = True
     """Whether a processor core updates many runs at once. Where a single update has large matrix products of its own,
     one run after the other is faster. Other devices always take all at once."""
+    choices: tuple[str, ...] = ()
+    """The fields of Config that not every algorithm carries out (`credit.CHOICES`), and this one does."""
     check: Callable[[Config], None] = lambda _: None
     """Raise UsageError for a configuration that it can't run."""
 
@@ -85,6 +87,12 @@ class Agent:
     def critic(self) -> Critic:
         """How values are read off the critic network, and trained."""
         return self.make_critic(self.config)
+
+    @property
+    def scalars(self) -> tuple[str, ...]:
+        """The names of what an update tells of itself, in the order of the log."""
+        held = ("entropy_share", "entropy_alpha") if self.config.entropy_target else ()
+        return (*self.algorithm.scalars, *held)
 
     def acting_by(self, rule: Rule | None) -> "Agent":
         """The same agent with another deterministic action; None is its own."""

@@ -55,6 +55,17 @@ class Settings(TypedDict, total=False):
     deterministic_action: Literal["mode", "mean", "median"]
     bin_centers: Literal["inside", "bounds"]
     target_tails: Literal["rescaled", "edges"]
+    eta_rule: Literal["fixed", "policy"]
+    eta_min: float
+    eta_max: float
+    negative_target: Literal["same", "one-hot"]
+    weighting: Literal["advantage", "awr", "v-mpo"]
+    temperature: float
+    entropy_target: bool
+    entropy_start: float
+    entropy_end: float
+    entropy_steps: float
+    entropy_rate: float
 
 
 def usual(algorithm: Algorithm, env: object = None) -> Fields:

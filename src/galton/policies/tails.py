@@ -87,11 +87,12 @@ def quantile(
     """How far beyond the edge, in σ, that share in [0, 1] of a piece's mass is reached.
 
     Newton's method on the logarithm of what is left beyond t, which is concave: from the right it never overshoots.
-    Near the edge, where that rounds, it is followed by a step on the mass itself.
+    Near the edge, where that rounds, it is followed by a step on the mass itself. What rounds to all of a tail without
+    an end counts as the last number below that.
     """
     zeta = jnp.minimum(zeta, FAR)
     whole, wanted = piece(zeta).mass, share * piece(zeta, width).mass
-    drop = -jnp.log1p(-jnp.minimum(wanted / whole, 1.0))
+    drop = -jnp.log1p(-jnp.minimum(wanted / whole, 1 - np.finfo(wanted.dtype).epsneg))
     t = 2 * drop / jnp.maximum(zeta + jnp.sqrt(zeta**2 + 2 * drop), 1e-30)
     for _ in range(4):
         rest = piece(zeta + t).mass
