@@ -19,15 +19,18 @@ demo: $(VENV)/installed  ## Classification against regression, three times: tabl
 # Programs that tests compile more than once, in several processes, are compiled once.
 test test-all trust: export JAX_COMPILATION_CACHE_DIR = $(abspath $(VENV))/jax-cache
 test test-all trust: export JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS = 0.1
-# What compiles for seconds to run for milliseconds is not worth optimising; test-all compiles as users do.
-test: export JAX_DISABLE_MOST_OPTIMIZATIONS = 1
-test: export XLA_FLAGS = --xla_cpu_use_fusion_emitters=false
+# A file stays in one process, which then makes its fixtures and compiles its programs once. The slowest are told.
+PYTEST = $(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder --durations 15 --durations-min 1
+# What compiles for seconds to run for milliseconds is not worth optimising, but for the tests that are marked so.
+UNOPTIMISED = JAX_DISABLE_MOST_OPTIMIZATIONS=1 \
+  XLA_FLAGS="--xla_cpu_use_fusion_emitters=false --xla_cpu_parallel_codegen_split_count=1"
 
 test: lint $(VENV)/browser  ## Lint, types and the tests that take seconds.
-	$(BIN)/python -m pytest -n auto -m "not slow"
+	$(UNOPTIMISED) $(PYTEST) -m "not slow and not optimised"
+	$(PYTEST) -m "optimised and not slow" $$(grep -rl mark.optimised --include "test_*.py" tests)
 
-test-all: lint $(VENV)/browser  ## All tests, the long learning claims included.
-	$(BIN)/python -m pytest -n auto
+test-all: lint $(VENV)/browser  ## All tests, the long learning claims included, compiled as users compile.
+	$(PYTEST)
 
 # With TESTS=tests/test_resume.py only what that file measures.
 trust: $(VENV)/browser  ## Measure every promise of docs/trust.md again: results/trust and the page.

@@ -128,6 +128,7 @@ def curve(log, name):
 
 
 POPULATIONS = record("bits.json")
+OPTIMISED = ("lqr/hl-gauss",)
 
 
 def trained(name):
@@ -140,7 +141,9 @@ def trained(name):
     return {column: curve(result.log, column) for column in golden}, by_path(result.learner.params)
 
 
-@pytest.mark.parametrize("name", POPULATIONS)
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=pytest.mark.optimised if n in OPTIMISED else []) for n in POPULATIONS]
+)
 def test_populations_train_as_they_did(name):
     log, params = trained(name)
     check_close(log, arrays("bits.npz", f"{name}/log/"))

@@ -88,7 +88,7 @@ def check_a_new_process_goes_on_exactly(env, losses, folder):
         assert (start["run/learner/params/actor/0/kernel"] != arrays["run/learner/params/actor/0/kernel"]).any()
 
 
-FAST = [("lqr", ["hl-gauss"]), ("Reacher-v5", ["gaussian"])]
+FAST = [pytest.param("lqr", ["hl-gauss"], marks=pytest.mark.optimised), ("Reacher-v5", ["gaussian"])]
 SLOW = [*((env, list(LOSSES)) for env in ("lqr", "Reacher-v5", "stateful_swing")), ("Ant-v5", ["hl-gauss"])]
 
 

@@ -82,7 +82,7 @@ def test_the_table_has_every_run_with_its_setting(reference):
     assert len(set(table.column("seed").to_pylist())) == 12
 
 
-@pytest.mark.parametrize("width", [1, 2, 4])
+@pytest.mark.parametrize("width", [1, pytest.param(2, marks=pytest.mark.optimised), 4])
 def test_neither_order_nor_workers_change_a_byte(tmp_path, reference, width):
     store = Store(str(tmp_path))
     plan = engine.prepare(store, STUDY, 4, extend=False)
