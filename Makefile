@@ -48,6 +48,7 @@ docs: $(VENV)/installed-docs  ## The site, from docs/ into build/docs; a warning
 	@echo "Open build/docs/index.html"
 
 bench: $(VENV)/installed-dev $(VENV)-rejax/installed  ## Speed against others and the machine; rewrites results/benchmarks.
+	$(BIN)/python benchmarks/starting.py
 	$(BIN)/python benchmarks/sweep_speed.py --rejax $(VENV)-rejax/bin/python
 	$(BIN)/python benchmarks/against_sb3.py
 	$(BIN)/python benchmarks/against_physics.py
