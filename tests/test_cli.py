@@ -332,7 +332,9 @@ def test_compare_writes_table_figure_and_numbers(tmp_path):
     assert pq.read_table(out / "curves.parquet").num_rows == 3 * 3 * 4
     settings = json.loads((out / "config.json").read_text())
     assert settings["config"]["n_steps"] == 5, "the bandit's own defaults"
-    again = galton("compare", "bandit", "--seeds", "3", "--steps", "200", "--logs", "4", "--out", out, "--overwrite")
+    again = galton(
+        "compare", "bandit", "--seeds", "3", "--losses", "gaussian", "--steps", "200", "--out", out, "--overwrite"
+    )
     assert again.returncode == 0
     assert list(out.parent.iterdir()) == [out]
 

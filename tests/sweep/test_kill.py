@@ -41,13 +41,18 @@ def grid(tmp_path_factory):
     return path
 
 
+def keeping(programs):
+    """The environment of a command that keeps its compiled programs there."""
+    kept = {"JAX_COMPILATION_CACHE_DIR": str(programs), "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0.05"}
+    return os.environ | kept
+
+
 def start(out, grid, programs, *more):
     options = ["--grid", grid, "--trials", 4, "--shard-width", 2, "--steps", 4000, "--logs", 4, "--eval-episodes", 0]
     command = [sys.executable, "-m", "galton", "sweep", "bandit", *options, "--out", out, *more]
     return subprocess.Popen(
         list(map(str, command)),
-        env=os.environ
-        | {"JAX_COMPILATION_CACHE_DIR": str(programs), "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0.05"},
+        env=keeping(programs),
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
@@ -173,7 +178,7 @@ def test_status_shard_results_and_rerun(tmp_path, grid, programs, reference):
 
     def galton(*arguments):
         command = [sys.executable, "-m", "galton", "sweep", *map(str, arguments)]
-        return subprocess.run(command, capture_output=True, text=True, timeout=300)
+        return subprocess.run(command, capture_output=True, text=True, timeout=300, env=keeping(programs))
 
     assert "shard 3: 2 runs" in galton("shard", out, 3).stdout
     assert "shard 3 is done already" in galton("shard", out, 3).stdout
