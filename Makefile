@@ -5,7 +5,7 @@ OUT ?= runs/demo
 BIN = $(VENV)/bin
 PIP = $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
 
-.PHONY: demo test test-all trust lint docs bench clean
+.PHONY: demo test test-all trust mutants lint docs bench clean
 
 COMPARE = $(BIN)/galton compare --losses gaussian hl-one-hot hl-gauss hl-gauss-centred --overwrite
 demo: $(VENV)/installed  ## Classification against regression, three times: tables and figures in runs/demo.
@@ -17,11 +17,11 @@ demo: $(VENV)/installed  ## Classification against regression, three times: tabl
 	$(COMPARE) lqr --out $(OUT)/lqr
 
 # Programs that tests compile more than once, in several processes, are compiled once.
-test test-all trust: export JAX_COMPILATION_CACHE_DIR = $(abspath $(VENV))/jax-cache
-test test-all trust: export JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS = 0.1
+test test-all trust mutants: export JAX_COMPILATION_CACHE_DIR = $(abspath $(VENV))/jax-cache
+test test-all trust mutants: export JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS = 0.1
 # What compiles for seconds to run for milliseconds is not worth optimising; test-all compiles as users do.
-test: export JAX_DISABLE_MOST_OPTIMIZATIONS = 1
-test: export XLA_FLAGS = --xla_cpu_use_fusion_emitters=false
+test mutants: export JAX_DISABLE_MOST_OPTIMIZATIONS = 1
+test mutants: export XLA_FLAGS = --xla_cpu_use_fusion_emitters=false
 
 test: lint $(VENV)/browser  ## Lint, types and the tests that take seconds.
 	$(BIN)/python -m pytest -n auto -m "not slow"
@@ -34,6 +34,10 @@ trust: $(VENV)/browser  ## Measure every promise of docs/trust.md again: results
 	rm -rf build/trust
 	GALTON_TRUST=build/trust $(BIN)/python -m pytest -n auto $(TESTS)
 	$(BIN)/python -m tests.trust build/trust
+
+# With AREAS="losses plan" only those of tests/mutants.
+mutants: $(VENV)/installed-dev  ## Break one thing at a time: does a test notice? results/trust/mutants.json
+	$(BIN)/python -m tests.mutants.runner $(AREAS)
 
 lint: $(VENV)/installed-dev
 	$(BIN)/ruff check .

@@ -15,7 +15,6 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
-from galton.paper.tables import filled
 from galton.saving import files
 from galton.saving.provenance import commit, version
 
@@ -170,6 +169,8 @@ def number(value: float) -> str:
 
 def page(text: str, records: Iterable[Record]) -> str:
     """The page with the tables of these records."""
+    from galton.paper.tables import filled  # much to import, which conftest.py has no use for
+
     known = list(records)
     tables = {title: table(record for record in known if record.topic == topic) for topic, title in TOPICS.items()}
     return filled(text, {title: rows for title, rows in tables.items() if rows})
