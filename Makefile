@@ -5,7 +5,7 @@ OUT ?= runs/demo
 BIN = $(VENV)/bin
 PIP = $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
 
-.PHONY: demo test test-all trust mutants lint docs bench clean
+.PHONY: demo test test-all trust mutants coverage lint docs bench clean
 
 COMPARE = $(BIN)/galton compare --losses gaussian hl-one-hot hl-gauss hl-gauss-centred --overwrite
 demo: $(VENV)/installed  ## Classification against regression, three times: tables and figures in runs/demo.
@@ -17,11 +17,11 @@ demo: $(VENV)/installed  ## Classification against regression, three times: tabl
 	$(COMPARE) lqr --out $(OUT)/lqr
 
 # Programs that tests compile more than once, in several processes, are compiled once.
-test test-all trust mutants: export JAX_COMPILATION_CACHE_DIR = $(abspath $(VENV))/jax-cache
-test test-all trust mutants: export JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS = 0.1
+test test-all trust mutants coverage: export JAX_COMPILATION_CACHE_DIR = $(abspath $(VENV))/jax-cache
+test test-all trust mutants coverage: export JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS = 0.1
 # What compiles for seconds to run for milliseconds is not worth optimising; test-all compiles as users do.
-test mutants: export JAX_DISABLE_MOST_OPTIMIZATIONS = 1
-test mutants: export XLA_FLAGS = --xla_cpu_use_fusion_emitters=false
+test mutants coverage: export JAX_DISABLE_MOST_OPTIMIZATIONS = 1
+test mutants coverage: export XLA_FLAGS = --xla_cpu_use_fusion_emitters=false
 
 test: lint $(VENV)/browser  ## Lint, types and the tests that take seconds.
 	$(BIN)/python -m pytest -n auto -m "not slow"
@@ -38,6 +38,14 @@ trust: $(VENV)/browser  ## Measure every promise of docs/trust.md again: results
 # With AREAS="losses plan" only those of tests/mutants.
 mutants: $(VENV)/installed-dev  ## Break one thing at a time: does a test notice? results/trust/mutants.json
 	$(BIN)/python -m tests.mutants.runner $(AREAS)
+
+# With TESTS=tests/cli what that folder runs is added to what was measured before.
+coverage: $(VENV)/browser  ## Which lines of src/galton the tests run that take seconds: results/trust/coverage.json
+	$(if $(TESTS),,rm -rf build/coverage)
+	@mkdir -p build/coverage
+	$(BIN)/python -m coverage run -m pytest -n auto -m "not slow" $(TESTS)
+	$(BIN)/python -m coverage combine --append
+	$(BIN)/python -m tests.covered
 
 lint: $(VENV)/installed-dev
 	$(BIN)/ruff check .
