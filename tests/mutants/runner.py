@@ -1,8 +1,9 @@
 """Mutants: Galton with one thing broken at a time, to see whether a test notices.
 
 `python -m tests.mutants.runner` copies the source into a temporary folder, puts in one mutant after the other, runs
-the tests that should fail, and writes results/trust/mutants.json. With names of files of this folder
-(`python -m tests.mutants.runner losses plan`) it tries theirs alone and keeps what is known of the others.
+the tests that should fail, and writes results/trust/mutants.json. With names of files of this folder, or sentences in
+them, (`python -m tests.mutants.runner losses "λ has no effect."`) it tries those alone and keeps what is known of the
+others.
 """
 
 import collections
@@ -50,9 +51,10 @@ class Mutant(NamedTuple):
         return f"{self.file}: {self.breaks}"
 
 
-def load(*areas: str) -> list[Mutant]:
-    """The mutants of these files of this folder, or of all."""
-    return [mutant for path in sorted(HERE.glob("*.toml")) if not areas or path.stem in areas for mutant in _of(path)]
+def load(*chosen: str) -> list[Mutant]:
+    """The mutants of these files of this folder, or that break just this; all of them by default."""
+    known = [(path.stem, mutant) for path in sorted(HERE.glob("*.toml")) for mutant in _of(path)]
+    return [mutant for area, mutant in known if not chosen or area in chosen or mutant.breaks in chosen]
 
 
 def _of(path: Path) -> Iterator[Mutant]:
@@ -101,9 +103,10 @@ def _test(folder: Path, tests: tuple[str, ...], output: Path) -> None:
     sys.exit(pytest.main([*OPTIONS, "-W", preloaded, *(f"tests/{test}" for test in tests)]))
 
 
-def main(*areas: str) -> None:
+def main(*chosen: str) -> None:
     """Try mutants, tell of each and keep it in the record."""
-    mutants = load(*areas)
+    mutants = load(*chosen)
+    assert mutants, f"there is no mutant {' or '.join(chosen)}"
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         source = folder / "galton"
