@@ -29,10 +29,11 @@ test: lint $(VENV)/browser  ## Lint, types and the tests that take seconds.
 test-all: lint $(VENV)/browser  ## All tests, the long learning claims included.
 	$(BIN)/python -m pytest -n auto
 
-# With TESTS=tests/test_resume.py only what that file measures.
+# About an hour on two cores. With TESTS=tests/test_resume.py only what that file measures.
 trust: $(VENV)/browser  ## Measure every promise of docs/trust.md again: results/trust and the page.
 	rm -rf build/trust
 	GALTON_TRUST=build/trust $(BIN)/python -m pytest -n auto $(TESTS)
+	$(if $(TESTS),,$(MAKE) mutants coverage)
 	$(BIN)/python -m tests.trust build/trust
 
 # With AREAS="losses plan" only those of tests/mutants.
