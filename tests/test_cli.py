@@ -151,13 +151,15 @@ def complaints(tmp_path_factory):
 
 
 @pytest.mark.parametrize("index", range(len(WRONG)), ids=[" ".join(arguments) for arguments, _ in WRONG])
-def test_a_wrong_argument_gives_one_clear_line_and_code_2(index, complaints):
+def test_a_wrong_argument_gives_one_clear_line_and_code_2(index, complaints, trust):
     said, left = complaints
     code, words = said[index]
     assert code == 2
     assert words.startswith(f"galton: {WRONG[index][1]}")
     assert words.count("\n") == 1
     assert left == [], "nothing is written"
+    promise = "A wrong command ends with one line that names the option, its value and what would be right."
+    trust("wrong-commands", promise, topic="damage", figure=1, unit="commands", at_least=len(WRONG), over="sum")
 
 
 def test_a_wrong_argument_in_a_process_of_its_own(tmp_path):

@@ -6,18 +6,19 @@ GALTON_TRUST names a folder, only such tests run, and each call leaves a file th
 """
 
 import datetime
+import functools
 import hashlib
 import json
 import math
 import os
+import subprocess
 import sys
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
-from galton.paper.tables import filled
 from galton.saving import files
-from galton.saving.provenance import commit, version
+from galton.saving.provenance import version
 
 ROOT = Path(__file__).parents[1]
 RECORDS, PAGE = ROOT / "results" / "trust", ROOT / "docs" / "trust.md"
@@ -92,17 +93,22 @@ def note(
     """
     test = case.partition("[")[0]
     command = command or f"make trust TESTS={test}"
-    record = Record(promise, topic, float(figure), unit, test, command, *now(), at_most, at_least)
+    record = Record(promise, topic, float(figure), unit, test, command, "", "", at_most, at_least)
     check(name, record)
     assert over in JOINED, over
     if folder:
+        day, made_by = now()
         digest = hashlib.sha256(case.encode()).hexdigest()[:16]
-        write(folder / f"{name}@{digest}.json", record, over=over)
+        write(folder / f"{name}@{digest}.json", record._replace(measured=day, version=made_by), over=over)
 
 
 def now() -> tuple[str, str]:
-    """The day, and Galton's version and commit."""
-    return datetime.datetime.now(datetime.UTC).date().isoformat(), f"{version()} ({commit()})"
+    """The day, and Galton's version and commit, with a + where source or tests are not as in that commit."""
+    git = functools.partial(subprocess.run, cwd=ROOT, capture_output=True, text=True)
+    commit = git(["git", "rev-parse", "--short=12", "HEAD"]).stdout.strip()
+    changed = git(["git", "diff", "--quiet", "HEAD", "--", "src", "tests"]).returncode
+    today = datetime.datetime.now(datetime.UTC).date()
+    return today.isoformat(), f"{version()} ({commit}{'+' if changed else ''})"
 
 
 def check(name: str, record: Record) -> None:
@@ -154,7 +160,7 @@ def table(records: Iterable[Record]) -> str:
         title = f' "{name}"' if name else ""
         bounds = {"at most": record.at_most, "at least": record.at_least}
         bound = " and ".join(f"{word} {number(value)}" for word, value in bounds.items() if value is not None)
-        figure = f"{number(record.figure)} {record.unit}" + ("" if kept(record) else ", **missed**")
+        figure = f"{number(record.figure)} {record.unit}".replace(" %", "%") + ("" if kept(record) else ", **missed**")
         test = f"[{Path(path).name}](../{path}{title})"
         rows.append(f"| {record.promise} | {test} | {bound} | {figure} | {record.measured}, {record.version} |")
     head = "| promise | test | asked | last measured | when |\n|---|---|---|---|---|\n"
@@ -170,6 +176,8 @@ def number(value: float) -> str:
 
 def page(text: str, records: Iterable[Record]) -> str:
     """The page with the tables of these records."""
+    from galton.paper.tables import filled  # much to import, which conftest.py has no use for
+
     known = list(records)
     tables = {title: table(record for record in known if record.topic == topic) for topic, title in TOPICS.items()}
     return filled(text, {title: rows for title, rows in tables.items() if rows})

@@ -92,12 +92,14 @@ def kill_once(out, grid, programs, seed):
 
 
 @pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 50))])
-def test_killed_at_any_time_it_goes_on_to_the_same_bytes(tmp_path, grid, programs, reference, seed):
+def test_killed_at_any_time_it_goes_on_to_the_same_bytes(tmp_path, grid, programs, reference, seed, trust):
     while kill_once(tmp_path / "out", grid, programs, seed) == 8:  # too late: the last shard was done
         shutil.rmtree(tmp_path / "out")
     finish(tmp_path / "out", grid, programs)
     assert (tmp_path / "out" / results.FILE).read_bytes() == reference
     assert not list((tmp_path / "out").glob(f"**/{SCRATCH}*"))
+    promise = "A sweep that is killed at any time goes on with the same command and ends with the same bytes."
+    trust("sweep-killed", promise, topic="work", figure=1, unit="kills survived", at_least=50, over="sum")
 
 
 @pytest.mark.slow
@@ -118,7 +120,7 @@ LONGER = ("--steps", 200_000, "--trials", 8)
 
 
 @pytest.mark.slow
-def test_with_a_worker_killed_every_two_seconds_it_still_ends(tmp_path, grid, programs, reference):
+def test_with_a_worker_killed_every_two_seconds_it_still_ends(tmp_path, grid, programs, reference, trust):
     process = start(tmp_path / "out", grid, programs, *LONGER)
     killed, draw = 0, random.Random(0)
     while process.poll() is None:
@@ -131,6 +133,8 @@ def test_with_a_worker_killed_every_two_seconds_it_still_ends(tmp_path, grid, pr
     assert killed > 3
     finish(tmp_path / "whole", grid, programs, *LONGER)
     assert (tmp_path / "out" / results.FILE).read_bytes() == (tmp_path / "whole" / results.FILE).read_bytes()
+    promise = "A sweep whose workers are killed again and again ends by itself, with the same bytes."
+    trust("workers-killed", promise, topic="work", figure=killed, unit="workers killed", at_least=4)
 
 
 def is_worker(process_id):
