@@ -5,7 +5,7 @@ OUT ?= runs/demo
 BIN = $(VENV)/bin
 PIP = $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
 
-.PHONY: demo test test-all lint docs bench clean
+.PHONY: demo test test-all trust mutants coverage lint docs bench clean
 
 COMPARE = $(BIN)/galton compare --losses gaussian hl-one-hot hl-gauss hl-gauss-centred --overwrite
 demo: $(VENV)/installed  ## Classification against regression, three times: tables and figures in runs/demo.
@@ -17,17 +17,41 @@ demo: $(VENV)/installed  ## Classification against regression, three times: tabl
 	$(COMPARE) lqr --out $(OUT)/lqr
 
 # Programs that tests compile more than once, in several processes, are compiled once.
-test test-all: export JAX_COMPILATION_CACHE_DIR = $(abspath $(VENV))/jax-cache
-test test-all: export JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS = 0.1
-# What compiles for seconds to run for milliseconds is not worth optimising; test-all compiles as users do.
-test: export JAX_DISABLE_MOST_OPTIMIZATIONS = 1
-test: export XLA_FLAGS = --xla_cpu_use_fusion_emitters=false
+test test-all trust mutants coverage: export JAX_COMPILATION_CACHE_DIR = $(abspath $(VENV))/jax-cache
+test test-all trust mutants coverage: export JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS = 0.1
+# A file stays in one process, which then makes its fixtures and compiles its programs once. The slowest are told.
+PYTEST = $(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder --durations 15 --durations-min 1
+# What compiles for seconds to run for milliseconds is not worth optimising, but for the tests that are marked so.
+FLAGS = --xla_cpu_use_fusion_emitters=false --xla_cpu_parallel_codegen_split_count=1
+UNOPTIMISED = JAX_DISABLE_MOST_OPTIMIZATIONS=1 XLA_FLAGS="$(FLAGS)"
+mutants coverage: export JAX_DISABLE_MOST_OPTIMIZATIONS = 1
+mutants coverage: export XLA_FLAGS = $(FLAGS)
 
 test: lint $(VENV)/browser  ## Lint, types and the tests that take seconds.
-	$(BIN)/python -m pytest -n auto -m "not slow"
+	$(UNOPTIMISED) $(PYTEST) -m "not slow and not optimised"
+	$(PYTEST) -m "optimised and not slow" $$(grep -rl mark.optimised --include "test_*.py" tests)
 
-test-all: lint $(VENV)/browser  ## All tests, the long learning claims included.
-	$(BIN)/python -m pytest -n auto
+test-all: lint $(VENV)/browser  ## All tests, the long learning claims included, compiled as users compile.
+	$(PYTEST)
+
+# About an hour on two cores. With TESTS=tests/test_resume.py only what that file measures.
+trust: $(VENV)/browser  ## Measure every promise of docs/trust.md again: results/trust and the page.
+	rm -rf build/trust
+	GALTON_TRUST=build/trust $(BIN)/python -m pytest -n auto $(TESTS)
+	$(if $(TESTS),,$(MAKE) mutants coverage)
+	$(BIN)/python -m tests.trust build/trust
+
+# With AREAS="losses plan" only those of tests/mutants.
+mutants: $(VENV)/installed-dev  ## Break one thing at a time: does a test notice? results/trust/mutants.json
+	$(BIN)/python -m tests.mutants.runner $(AREAS)
+
+# With TESTS=tests/cli what that folder runs is added to what was measured before.
+coverage: $(VENV)/browser  ## Which lines of src/galton the tests run that take seconds: results/trust/coverage.json
+	$(if $(TESTS),,rm -rf build/coverage)
+	@mkdir -p build/coverage
+	$(BIN)/python -m coverage run -m pytest -n auto -m "not slow" $(TESTS)
+	$(BIN)/python -m coverage combine --append
+	$(BIN)/python -m tests.covered
 
 lint: $(VENV)/installed-dev
 	$(BIN)/ruff check .
@@ -39,6 +63,7 @@ docs: $(VENV)/installed-docs  ## The site, from docs/ into build/docs; a warning
 	@echo "Open build/docs/index.html"
 
 bench: $(VENV)/installed-dev $(VENV)-rejax/installed  ## Speed against others and the machine; rewrites results/benchmarks.
+	$(BIN)/python benchmarks/starting.py
 	$(BIN)/python benchmarks/sweep_speed.py --rejax $(VENV)-rejax/bin/python
 	$(BIN)/python benchmarks/against_sb3.py
 	$(BIN)/python benchmarks/against_physics.py

@@ -156,13 +156,15 @@ def complaints(tmp_path_factory):
 
 
 @pytest.mark.parametrize("index", range(len(WRONG)), ids=[" ".join(arguments) for arguments, _ in WRONG])
-def test_a_wrong_argument_gives_one_clear_line_and_code_2(index, complaints):
+def test_a_wrong_argument_gives_one_clear_line_and_code_2(index, complaints, trust):
     said, left = complaints
     code, words = said[index]
     assert code == 2
     assert words.startswith(f"galton: {WRONG[index][1]}")
     assert words.count("\n") == 1
     assert left == [], "nothing is written"
+    promise = "A wrong command ends with one line that names the option, its value and what would be right."
+    trust("wrong-commands", promise, topic="damage", figure=1, unit="commands", at_least=len(WRONG), over="sum")
 
 
 def test_a_wrong_argument_in_a_process_of_its_own(tmp_path):
@@ -337,7 +339,9 @@ def test_compare_writes_table_figure_and_numbers(tmp_path):
     assert pq.read_table(out / "curves.parquet").num_rows == 3 * 3 * 4
     settings = json.loads((out / "config.json").read_text())
     assert settings["config"]["n_steps"] == 5, "the bandit's own defaults"
-    again = galton("compare", "bandit", "--seeds", "3", "--steps", "200", "--logs", "4", "--out", out, "--overwrite")
+    again = galton(
+        "compare", "bandit", "--seeds", "3", "--losses", "gaussian", "--steps", "200", "--out", out, "--overwrite"
+    )
     assert again.returncode == 0
     assert list(out.parent.iterdir()) == [out]
 

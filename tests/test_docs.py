@@ -19,7 +19,7 @@ EQUATIONS = [row for row in ROWS if row[0].strip()[:2] in ("§2", "§4", "§5", 
 LINKS = [
     (document, target)
     for document in [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
-    for target in re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", document.read_text())
+    for target in re.findall(r"\]\(([^)#:\s]+)(?:#[^)\s]*)?(?: \"[^\"]*\")?\)", document.read_text())
 ]
 
 

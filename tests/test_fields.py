@@ -28,12 +28,14 @@ def test_every_field_is_of_a_kind_that_is_checked():
     assert all(isinstance(kind.__metadata__[0], Within) for kind in annotations(Hypers).values())
 
 
-def test_a_value_of_another_type_is_refused_by_name_from_python_and_from_grids(tmp_path):
+def test_a_value_of_another_type_is_refused_by_name_from_python_and_from_grids(tmp_path, trust):
     command = [sys.executable, "-W", "error", str(Path(__file__).with_name("wrong_values.py")), str(tmp_path)]
     done = subprocess.run(command, capture_output=True, text=True)
     *wrong, n = done.stdout.splitlines() or [""]
     assert (wrong, done.stderr) == ([], "")
     assert int(n) > 400
+    promise = "A setting of the wrong type is refused by name, from Python and from a grid alike."
+    trust("wrong-values", promise, topic="damage", figure=int(n), unit="values refused", at_least=400)
 
 
 @pytest.mark.parametrize(

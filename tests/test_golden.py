@@ -72,12 +72,14 @@ def test_a_model_is_what_it_was_and_predicts_what_it_did(name):
 
 
 @pytest.mark.parametrize("name", EXACT)
-def test_a_model_goes_on_as_it_did(name):
+def test_a_model_goes_on_as_it_did(name, trust):
     if CHECKPOINTS[name]["env"].endswith("-v5"):
         pytest.importorskip("mujoco")
     log, params = go_on(name)
     check_close(params, arrays("checkpoints.npz", f"{name}/after/"))
     check_close(log, arrays("checkpoints.npz", f"{name}/log/"))
+    promise = "Models that earlier versions saved go on training as they did then."
+    trust("golden-models", promise, topic="work", figure=1, unit="models", at_least=len(EXACT), over="sum")
 
 
 def test_a_model_whose_environment_can_not_tell_its_state_goes_on_with_a_warning():
@@ -128,6 +130,7 @@ def curve(log, name):
 
 
 POPULATIONS = record("bits.json")
+OPTIMISED = ("lqr/hl-gauss",)
 
 
 def trained(name):
@@ -140,7 +143,9 @@ def trained(name):
     return {column: curve(result.log, column) for column in golden}, by_path(result.learner.params)
 
 
-@pytest.mark.parametrize("name", POPULATIONS)
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=pytest.mark.optimised if n in OPTIMISED else []) for n in POPULATIONS]
+)
 def test_populations_train_as_they_did(name):
     log, params = trained(name)
     check_close(log, arrays("bits.npz", f"{name}/log/"))

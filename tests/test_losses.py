@@ -111,10 +111,11 @@ def test_the_gaussian_loss_is_the_negative_log_likelihood():
         np.testing.assert_allclose(loss, [expected], rtol=1e-12)
 
 
-def test_off_center_actions_get_the_target_around_themselves():
+@pytest.mark.parametrize("choice", [{"exploration": "gaussian"}, {"bin_sample": "uniform"}])
+def test_off_center_actions_get_the_target_around_themselves(choice):
     logits, action, _ = batch()
     action = action + 0.3 * BINS.width
-    distribution = Histogram(BINS, logits, Choices(exploration="gaussian"))
+    distribution = Histogram(BINS, logits, Choices(**choice))
     loss = losses.hl_gauss(distribution, action, Hypers(eta=0.75))
     expected = -(targets.hl_gauss(BINS, action, 0.75) * jax.nn.log_softmax(logits)).sum((-1, -2))
     np.testing.assert_allclose(loss, expected, rtol=1e-5)

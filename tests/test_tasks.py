@@ -11,6 +11,12 @@ from galton.sweep.study import Setting
 from galton.tasks import TASKS, task_of
 
 
+@pytest.fixture(autouse=True)
+def settings_alone(monkeypatch):
+    """A model here has settings and nothing to train, so that no program is compiled."""
+    monkeypatch.setattr("galton.models.model.Run", lambda *settings: None)
+
+
 @pytest.mark.parametrize("name", TASKS)
 def test_a_task_is_what_its_environment_says(name):
     task = TASKS[name]

@@ -17,6 +17,12 @@ def test_the_networks_start_orthogonal_with_sb3s_scales():
             assert (np.asarray(layer["bias"]) == 0).all()
 
 
+def test_actor_and_critic_start_apart():
+    _, learner, _ = setup("hl-one-hot")
+    for actor, critic in zip(learner.params["actor"][:-1], learner.params["critic"][:-1], strict=True):
+        assert float(jnp.abs(actor["kernel"] - critic["kernel"]).min()) > 0
+
+
 def test_init_gaussian_enters_as_the_last_bias():
     agent, learner, _ = setup("hl-gauss", initial_policy="gaussian")
     bias, _ = agent.policy.init(Hypers())
@@ -27,6 +33,7 @@ def test_init_gaussian_enters_as_the_last_bias():
 def test_a_step_along_a_gradient_that_is_not_finite_moves_no_parameter_and_the_norm_tells():
     agent, learner, _ = setup("gaussian")
     gradient = jax.tree.map(jnp.ones_like, learner.params)
+    learner, _ = actor_critic.step(agent, learner, gradient, Hypers())  # Adam has some momentum
     gradient["critic"][0]["bias"] = gradient["critic"][0]["bias"].at[0].set(jnp.inf)
     after, norm = actor_critic.step(agent, learner, gradient, Hypers())
     assert not np.isfinite(norm)
@@ -41,6 +48,20 @@ def test_where_training_is_left_off_a_step_changes_nothing_at_all():
         after, _ = actor_critic.step(agent, learner, gradient, Hypers(), jnp.array(going))
         same = jax.tree.map(lambda a, b: bool((a == b).all()), after, learner)
         assert all(jax.tree.leaves(same)) == (not going)
+
+
+def test_the_gaussians_sigma_is_clipped_with_the_actor():
+    agent, learner, _ = setup("gaussian", clip_separately=True)
+    gradient = jax.tree.map(jnp.zeros_like, learner.params) | {"log_std": jnp.array([3.0, 4.0])}
+    after, _ = actor_critic.step(agent, learner, gradient, Hypers(max_grad_norm=0.5))
+    np.testing.assert_allclose(after.optimizer.mu["log_std"], [0.03, 0.04], rtol=1e-4)
+
+
+def test_a_short_gradient_is_taken_as_it_is():
+    agent, learner, _ = setup("gaussian")
+    gradient = jax.tree.map(lambda leaf: jnp.full_like(leaf, 1e-4), learner.params)
+    after, _ = actor_critic.step(agent, learner, gradient, Hypers(max_grad_norm=0.5))
+    jax.tree.map(lambda moment: np.testing.assert_allclose(moment, 1e-5, rtol=1e-5), after.optimizer.mu)
 
 
 def test_actor_and_critic_are_clipped_apart_or_joined():

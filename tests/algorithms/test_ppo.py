@@ -59,6 +59,22 @@ def test_target_kl_leaves_everything_as_it_was_from_the_first_minibatch_over_it_
     assert int(without.optimizer.count) == orders.size // SIZE
 
 
+def test_every_epoch_has_an_order_of_its_own(monkeypatch):
+    seen = []
+
+    def fit(agent, learner, rows, orders, hypers):
+        seen.append(orders)
+        return learner, {}
+
+    monkeypatch.setattr(ppo, "fit", fit)
+    agent = agent_of("auto", "gaussian", n_epochs=5)
+    learner = moved(agent)
+    ppo.update(agent, learner, rollout_of(agent, learner), HYPERS, jax.random.key(3))
+    orders = np.asarray(seen[0])
+    assert len({tuple(order) for order in orders.tolist()}) == 5
+    np.testing.assert_array_equal(np.sort(orders), np.tile(np.arange(T * N), (5, 1)))
+
+
 def test_minibatches_that_do_not_divide_a_rollout_are_refused():
     for make in (
         lambda: PPO("lqr", n_steps=10, n_envs=3, batch_size=8),

@@ -81,7 +81,7 @@ def check_equal(ours, theirs, tolerance):
         np.testing.assert_allclose(a, b, rtol=0, atol=tolerance * scale)
 
 
-@pytest.mark.parametrize("eta", [0.05, 0.1])
+@pytest.mark.parametrize("eta", [pytest.param(0.05, marks=pytest.mark.slow), 0.1])
 @pytest.mark.parametrize("loss", ["hl-gauss", "hl-gauss-centred"])
 @pytest.mark.parametrize("policy", ["histogram", "ordinal"])
 @pytest.mark.parametrize("ratio", ["smoothed", "true"])
@@ -140,8 +140,15 @@ def test_the_smoothed_ratios_gradient_is_that_of_its_clipped_surrogate(loss):
     check_equal(gradient(agent, params, rows)[0], jax.grad(clipped_surrogate)(params), 1e-9)
 
 
-@pytest.mark.parametrize("normalize_advantage", [False, True])
-@pytest.mark.parametrize("ratio", ["smoothed", "true"])
+@pytest.mark.parametrize(
+    ("ratio", "normalize_advantage"),
+    [
+        ("smoothed", True),
+        ("true", False),
+        pytest.param("smoothed", False, marks=pytest.mark.slow),
+        pytest.param("true", True, marks=pytest.mark.slow),
+    ],
+)
 @pytest.mark.parametrize(("policy", "loss"), marked(FITTING))
 def test_the_first_minibatch_of_the_first_epoch_is_a2cs(policy, loss, ratio, normalize_advantage):
     agent = agent_of(policy, loss, normalize_advantage=normalize_advantage, ratio=ratio)

@@ -14,7 +14,8 @@ COMPARE = ["compare", "bandit", "--losses=gaussian", "--steps=100", "--seeds=2",
 
 def galton(folder, *words, programs, **environment):
     """A command in a process of its own, which keeps its programs in the folder `programs`."""
-    kept = {name: value for name, value in os.environ.items() if not name.startswith("JAX_")}
+    cache = ("JAX_COMPILATION_CACHE", "JAX_PERSISTENT_CACHE")
+    kept = {name: value for name, value in os.environ.items() if not name.startswith(cache)}
     return subprocess.run(
         [sys.executable, "-m", "galton", *words],
         cwd=folder,

@@ -6,7 +6,7 @@ import numpy as np
 from galton.envs import MountainCar
 
 
-def test_100_000_random_steps_equal_gymnasiums():
+def test_100_000_random_steps_equal_gymnasiums(trust):
     """From each state of Gymnasium's own trajectory: random pushes, and full throttle into the wall and up the hill."""
     theirs = gymnasium.make("MountainCarContinuous-v0").unwrapped
     rng = np.random.default_rng(0)
@@ -37,6 +37,9 @@ def test_100_000_random_steps_equal_gymnasiums():
     np.testing.assert_allclose(ours[1], reward, atol=1e-6)
     near = np.abs(following[:, 0] - 0.45) < 1e-6
     np.testing.assert_array_equal(np.asarray(ours[2])[~near], terminated[~near])
+    promise = "100,000 steps of Mountain Car are Gymnasium's."
+    apart = abs(ours[0] - following).max()
+    trust("mountain-car", promise, topic="numbers", figure=apart, unit="apart in the state", at_most=2e-7)
 
 
 def test_the_wall_and_the_speed_limits():

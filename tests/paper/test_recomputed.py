@@ -15,8 +15,10 @@ from .recomputed.runs import LABELS, TITLES, null_of, tasks_of
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_every_claim_is_found_again(name, trained, sweeps):
+def test_every_claim_is_found_again(name, trained, sweeps, trust):
     agreed(name, trained, sweeps)
+    promise = "A second program, with numpy and scipy alone, finds every claim of the paper's page again."
+    trust("claims-again", promise, topic="numbers", figure=1, unit="claims", at_least=len(NAMES), over="sum")
 
 
 @pytest.mark.parametrize("name", [name for name, (*_, notes) in TASKS.items() if notes])

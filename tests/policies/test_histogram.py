@@ -52,6 +52,21 @@ def test_uniform_in_bin_samples_fill_the_bin():
     assert chisquare(np.histogram(action, 20, (3, 4))[0]).pvalue > 1e-3
 
 
+def test_the_place_in_the_bin_does_not_depend_on_the_bin():
+    policy = HistogramPolicy.create(Config(n_bins=4, bin_sample="uniform"), np.array([0.0]), np.array([4.0]))
+    distribution = policy.distribution(jnp.zeros((40_000, 4)), {}, Hypers())
+    action = np.asarray(distribution.sample(policy.noise(jax.random.key(0), (40_000,))))[:, 0]
+    for i in range(4):
+        inside = action[(action > i) & (action < i + 1)]
+        assert chisquare(np.histogram(inside, 10, (i, i + 1))[0]).pvalue > 1e-3
+
+
+def test_large_logits_are_sampled_as_small_ones():
+    logits, u = jax.random.normal(jax.random.key(0), (30,)), jnp.linspace(0.0, 0.999, 200)
+    sample = jax.vmap(sample_bin, (None, 0))
+    np.testing.assert_array_equal(sample(logits + 512, u), sample((logits + 512) - 512, u))
+
+
 def test_deterministic_actions_are_mode_mean_and_median():
     bins = Bins(0.0, 4.0, 4)
     logits = jnp.log(jnp.array([[0.4, 0.05, 0.25, 0.3]]))
@@ -71,7 +86,7 @@ def test_entropy_is_the_sum_over_dimensions():
 
 def test_gaussian_exploration_has_the_policys_moments_and_leaves_the_box():
     config = Config(n_bins=40, exploration="gaussian")
-    policy = HistogramPolicy.create(config, np.array([-1.0]), np.array([1.0]))
+    policy = HistogramPolicy.create(config, np.array([3.0]), np.array([5.0]))
     logits = jax.random.normal(jax.random.key(2), (40,))
     probs, centers = np.asarray(jax.nn.softmax(logits), np.float64), policy.bins.centers[0]
     n = 200_000
@@ -81,7 +96,23 @@ def test_gaussian_exploration_has_the_policys_moments_and_leaves_the_box():
     std = np.sqrt((probs * (centers - mean) ** 2).sum())
     assert action.mean() == pytest.approx(mean, abs=5 * std / np.sqrt(n))
     assert action.std() == pytest.approx(std, rel=0.01)
-    assert action.max() > 1
+    assert action.max() > 5
+
+
+def test_the_log_density_of_gaussian_exploration_is_that_gaussians():
+    bins, logits = Bins([-1.0, 0.0], [1.0, 4.0], 40), jax.random.normal(jax.random.key(4), (2, 40))
+    probs, action = np.asarray(jax.nn.softmax(logits), np.float64), np.array([1.3, 2.2])
+    mean = (probs * bins.centers).sum(-1)
+    std = np.sqrt((probs * (bins.centers - mean[:, None]) ** 2).sum(-1))
+    found = Histogram(bins, logits, Choices(exploration="gaussian")).log_prob(jnp.asarray(action, jnp.float32))
+    assert float(found) == pytest.approx(norm.logpdf(action, mean, std).sum(), rel=1e-5)
+
+
+def test_a_certain_policy_that_explores_by_a_gaussian_has_a_finite_log_density():
+    logits = jnp.where(jnp.arange(10) == 3, 500.0, 0.0)[None]
+    distribution = Histogram(Bins(0.0, 10.0, 10), logits, Choices(exploration="gaussian"))
+    assert float(distribution.std()[0]) == 0
+    assert np.isfinite(distribution.log_prob(distribution.mean()))
 
 
 def test_init_gaussian_starts_like_the_gaussian_policy():

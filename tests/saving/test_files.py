@@ -23,6 +23,14 @@ def test_a_file_appears_whole_under_its_own_suffix(tmp_path):
     assert [path.name for path in (tmp_path / "new").iterdir()] == ["film.gif"]
 
 
+def test_two_that_write_the_same_file_at_once_do_not_share_what_they_write(tmp_path):
+    with files.replacing(tmp_path / "file") as one, files.replacing(tmp_path / "file") as other:
+        one.write_bytes(b"one")
+        other.write_bytes(b"other")
+    assert (tmp_path / "file").read_bytes() == b"one"  # the one that ended last
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
 @pytest.mark.parametrize("error", [RuntimeError, KeyboardInterrupt])
 def test_what_fails_on_the_way_leaves_the_old_file(tmp_path, error):
     files.write(tmp_path / "file", b"old")

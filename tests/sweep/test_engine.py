@@ -82,7 +82,7 @@ def test_the_table_has_every_run_with_its_setting(reference):
     assert len(set(table.column("seed").to_pylist())) == 12
 
 
-@pytest.mark.parametrize("width", [1, 2, 4])
+@pytest.mark.parametrize("width", [1, pytest.param(2, marks=pytest.mark.optimised), 4])
 def test_neither_order_nor_workers_change_a_byte(tmp_path, reference, width):
     store = Store(str(tmp_path))
     plan = engine.prepare(store, STUDY, 4, extend=False)
@@ -208,6 +208,23 @@ def test_a_lost_call_is_made_again(tmp_path, reference):
     assert sorted(recorder.now) == list(range(plan.n_shards))
     results.save(store, results.collect(store, plan))
     assert (tmp_path / results.FILE).read_bytes() == (reference / results.FILE).read_bytes()
+
+
+def test_a_shard_whose_calls_are_lost_every_time_is_given_up(tmp_path, monkeypatch):
+    monkeypatch.setattr(engine, "ATTEMPTS", 3)
+
+    class Lossy(Inline):
+        def submit(self, fn, /, *args, **kwargs):
+            self.indices.append(args[1])
+            future = Future()
+            future.set_exception(ConnectionResetError("gone"))
+            return future
+
+    store, executor = Store(str(tmp_path)), Lossy()
+    plan = engine.prepare(store, dataclasses.replace(STUDY, settings=SETTINGS[:1]), 4, False)
+    with pytest.raises(UsageError, match=r"shard 0 ended every worker that tried it; .*gone"):
+        engine.run(store, plan, executor, lambda: 1, Recorder(), lost=(ConnectionResetError,))
+    assert executor.indices == [0] * 3
 
 
 def test_a_worker_keeps_its_program_and_a_new_one_takes_another():

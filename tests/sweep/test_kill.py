@@ -41,13 +41,18 @@ def grid(tmp_path_factory):
     return path
 
 
+def keeping(programs):
+    """The environment of a command that keeps its compiled programs there."""
+    kept = {"JAX_COMPILATION_CACHE_DIR": str(programs), "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0.05"}
+    return os.environ | kept
+
+
 def start(out, grid, programs, *more):
     options = ["--grid", grid, "--trials", 4, "--shard-width", 2, "--steps", 4000, "--logs", 4, "--eval-episodes", 0]
     command = [sys.executable, "-m", "galton", "sweep", "bandit", *options, "--out", out, *more]
     return subprocess.Popen(
         list(map(str, command)),
-        env=os.environ
-        | {"JAX_COMPILATION_CACHE_DIR": str(programs), "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0.05"},
+        env=keeping(programs),
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
@@ -87,12 +92,14 @@ def kill_once(out, grid, programs, seed):
 
 
 @pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 50))])
-def test_killed_at_any_time_it_goes_on_to_the_same_bytes(tmp_path, grid, programs, reference, seed):
+def test_killed_at_any_time_it_goes_on_to_the_same_bytes(tmp_path, grid, programs, reference, seed, trust):
     while kill_once(tmp_path / "out", grid, programs, seed) == 8:  # too late: the last shard was done
         shutil.rmtree(tmp_path / "out")
     finish(tmp_path / "out", grid, programs)
     assert (tmp_path / "out" / results.FILE).read_bytes() == reference
     assert not list((tmp_path / "out").glob(f"**/{SCRATCH}*"))
+    promise = "A sweep that is killed at any time goes on with the same command and ends with the same bytes."
+    trust("sweep-killed", promise, topic="work", figure=1, unit="kills survived", at_least=50, over="sum")
 
 
 @pytest.mark.slow
@@ -113,7 +120,7 @@ LONGER = ("--steps", 200_000, "--trials", 8)
 
 
 @pytest.mark.slow
-def test_with_a_worker_killed_every_two_seconds_it_still_ends(tmp_path, grid, programs, reference):
+def test_with_a_worker_killed_every_two_seconds_it_still_ends(tmp_path, grid, programs, reference, trust):
     process = start(tmp_path / "out", grid, programs, *LONGER)
     killed, draw = 0, random.Random(0)
     while process.poll() is None:
@@ -126,6 +133,8 @@ def test_with_a_worker_killed_every_two_seconds_it_still_ends(tmp_path, grid, pr
     assert killed > 3
     finish(tmp_path / "whole", grid, programs, *LONGER)
     assert (tmp_path / "out" / results.FILE).read_bytes() == (tmp_path / "whole" / results.FILE).read_bytes()
+    promise = "A sweep whose workers are killed again and again ends by itself, with the same bytes."
+    trust("workers-killed", promise, topic="work", figure=killed, unit="workers killed", at_least=4)
 
 
 def is_worker(process_id):
@@ -173,7 +182,7 @@ def test_status_shard_results_and_rerun(tmp_path, grid, programs, reference):
 
     def galton(*arguments):
         command = [sys.executable, "-m", "galton", "sweep", *map(str, arguments)]
-        return subprocess.run(command, capture_output=True, text=True, timeout=300)
+        return subprocess.run(command, capture_output=True, text=True, timeout=300, env=keeping(programs))
 
     assert "shard 3: 2 runs" in galton("shard", out, 3).stdout
     assert "shard 3 is done already" in galton("shard", out, 3).stdout

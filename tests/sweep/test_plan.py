@@ -84,12 +84,42 @@ def pairs(plan):
 
 @pytest.mark.parametrize(
     "change",
-    [{"steps": 101}, {"env": "bandit"}, {"seed": 1}, {"logs": 3}, {"eval_episodes": 1}, {"env_kwargs": '{"d": 1}'}],
+    [
+        *({"steps": 101}, {"env": "bandit"}, {"seed": 1}, {"logs": 3}, {"eval_episodes": 1}),
+        *({"env_kwargs": '{"d": 1}'}, {"common_seeds": True}, {"eval_mean": True}),
+    ],
 )
 def test_a_plan_is_not_extended_by_another_study(change):
     (name,) = change
-    with pytest.raises(UsageError, match=f"{name} is .* but the plan has"):
-        Plan.create(study()).extended(study(**change))
+    for ours, theirs in ((study(), study(**change)), (study(**change), study())):
+        with pytest.raises(UsageError, match=f"{name} is .* but the plan has"):
+            Plan.create(ours).extended(theirs)
+
+
+def test_settings_that_share_seeds_differ_in_nothing_but_the_setting():
+    plan = Plan.create(study(3, 4, common_seeds=True))
+    seeds = {trial: {seed for _, t, seed in runs(plan) if t == trial} for trial in range(4)}
+    assert [len(of_trial) for of_trial in seeds.values()] == [1] * 4
+    assert len(set.union(*seeds.values())) == 4
+
+
+def test_an_extension_knows_apart_more_than_256_trials():
+    plan = Plan.create(study(1, 1)).extended(study(1, 300))
+    assert len(set(runs(plan))) == plan.n_runs == 2 * 300
+
+
+@pytest.mark.parametrize(("env", "width"), [("lqr", 16), ("Pendulum-v1", 32)])
+def test_shards_are_wider_where_environments_are_outside_jax(env, width):
+    assert Plan.create(study(5, 20, env=env)).shard_width == width
+
+
+@pytest.mark.parametrize("width", [2, 3, 4])
+def test_what_determines_a_shards_runs_is_in_its_name(width):
+    known = Plan.create(study(), width).names
+    for other in (study(steps=101), study(env="bandit"), study(seed=1), study(logs=3), study(eval_mean=True)):
+        assert not set(known) & set(Plan.create(other, width).names)
+    assert not set(known) & set(Plan.create(study(), width + 4).names)
+    assert len(set(known)) == len(known)
 
 
 def test_a_plan_comes_back_as_it_was_saved(tmp_path):

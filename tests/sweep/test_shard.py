@@ -73,23 +73,26 @@ def test_a_files_metadata_tells_versions_and_machine(planned):
         assert f'"{word}"' in record
 
 
-def test_every_truncation_and_flip_of_a_file_is_noticed(planned):
+def test_every_truncation_and_flip_of_a_file_is_noticed(planned, trust):
     store, plan = planned
     work(store.url, 0)
     (file,) = store.names(FOLDER)
     path = store.local / FOLDER / file
     whole = path.read_bytes()
-    draw = np.random.default_rng(0)
+    draw, noticed = np.random.default_rng(0), 0
     for n in draw.integers(0, len(whole), 20):
         path.write_bytes(whole[:n])
-        assert read(store, finished(store, plan)[0]) is None
+        noticed += read(store, finished(store, plan)[0]) is None
     for position in draw.integers(0, len(whole), 200):
         flipped = bytearray(whole)
         flipped[position] ^= 1 << int(draw.integers(8))
         path.write_bytes(flipped)
-        assert read(store, finished(store, plan)[0]) is None
+        noticed += read(store, finished(store, plan)[0]) is None
+    assert noticed == 220
     path.write_bytes(whole)
     assert read(store, finished(store, plan)[0]) is not None
+    promise = "A file of a sweep that was cut off, or in which one bit flipped, is noticed and its runs trained again."
+    trust("shards-damaged", promise, topic="damage", figure=noticed, unit="of 220 damages noticed", at_least=220)
 
 
 def test_files_of_other_runs_and_other_names_do_not_count(planned, tmp_path):

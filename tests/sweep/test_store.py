@@ -7,7 +7,9 @@ import subprocess
 import sys
 import uuid
 
+import fsspec
 import pytest
+from fsspec.implementations.memory import MemoryFileSystem
 
 from galton.errors import UsageError
 from galton.saving import files
@@ -65,13 +67,51 @@ def test_what_a_killed_process_left_is_cleared_away(place):
             assert {path.name for path in (place.local / "shards").iterdir()} == kept
 
 
+def test_what_is_left_behind_while_a_sweep_runs_is_cleared_away_in_the_end(tmp_path):
+    with subprocess.Popen([sys.executable, "-c", ""]) as dead:
+        pass
+    with Store(str(tmp_path)).lock():
+        (tmp_path / f"{SCRATCH}{platform.node()}-{dead.pid}-x").write_bytes(b"half")
+    assert [path.name for path in tmp_path.iterdir() if path.name != ".lock"] == []
+
+
+def test_files_that_others_write_to_an_object_store_are_seen():
+    class Remembering(MemoryFileSystem):
+        """Like S3's: it keeps what a folder held until it is told not to."""
+
+        protocol = "remembering"
+
+        def ls(self, path, detail=True, **kwargs):
+            if path not in self.dircache:
+                self.dircache[path] = super().ls(path, detail=False, **kwargs)
+            return self.dircache[path]
+
+        def invalidate_cache(self, path=None):
+            self.dircache.clear()
+
+    fsspec.register_implementation("remembering", Remembering, clobber=True)
+    place = Store(f"remembering://{uuid.uuid4()}")
+    place.write("shards/a", b"1")
+    assert place.names("shards") == ["a"]
+    MemoryFileSystem().pipe_file(f"{place._root}/shards/b", b"2")
+    assert place.names("shards") == ["a", "b"]
+
+
+def test_a_process_in_another_folder_finds_the_place(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    place = Store("sweep")
+    assert place.absolute == str(tmp_path.resolve() / "sweep")
+    assert Store("memory://sweep").absolute == "memory://sweep"
+
+
+@pytest.mark.parametrize("number", [errno.ENOSPC, errno.EDQUOT])
 @pytest.mark.parametrize("step", ["write", "fsync", "replace"])
-def test_a_full_disk_is_told_and_leaves_the_old_file(tmp_path, monkeypatch, step):
+def test_a_full_disk_is_told_and_leaves_the_old_file(tmp_path, monkeypatch, step, number):
     place = Store(str(tmp_path))
     place.write("a", b"old")
 
     def full(*_):
-        raise OSError(errno.ENOSPC, "No space left on device")
+        raise OSError(number, os.strerror(number))
 
     if step == "write":
         monkeypatch.setattr(files.Path, "write_bytes", full)

@@ -1,5 +1,6 @@
 """The scan against a loop that plays the same steps one by one, with the task written in numpy."""
 
+import dataclasses
 import functools
 
 import jax
@@ -77,6 +78,23 @@ def test_an_episode_begins_where_the_noise_says():
     episodes, _, batch, _ = rollout(env, agent, learner, begun, noise, Hypers())
     np.testing.assert_array_equal(batch.observation[1:], starts[:-1])
     np.testing.assert_array_equal(episodes.env, starts[-1])
+
+
+def test_actions_steps_and_starts_are_drawn_apart():
+    @dataclasses.dataclass(frozen=True)
+    class Drawn(Slide):
+        """A task whose steps need what a start is made of."""
+
+        def reset(self, key):
+            return jax.random.normal(key, (3,))
+
+        def noise(self, key):
+            return jax.random.normal(key, (3,))
+
+    agent = resolve(Config(loss="gaussian", n_steps=6, n_envs=4, net_arch=()), LOW, HIGH)
+    drawn = [np.ravel(leaf) for leaf in draw_noise(jax.random.key(0), Drawn(), agent)]
+    together = np.concatenate(drawn)
+    assert len(np.unique(together)) == together.size
 
 
 def test_noise_has_a_key_of_its_own_for_each_step_and_copy():

@@ -81,11 +81,13 @@ def check_every_number_is_gymnasiums(name, kwargs, n_steps):
 @pytest.mark.parametrize(
     "name", [pytest.param(name, marks=[pytest.mark.slow] * (name in SHORT)) for name in MUJOCO_FUNCTIONS]
 )
-def test_ten_thousand_steps_are_gymnasiums_to_the_last_bit(name):
+def test_ten_thousand_steps_are_gymnasiums_to_the_last_bit(name, trust):
     terminated, truncated = check_every_number_is_gymnasiums(name, {}, 10_000)
     assert terminated + truncated >= COPIES
     if MUJOCO_FUNCTIONS[name].ended is None:
         assert not terminated
+    promise = "The nine MuJoCo tasks in batches are Gymnasium's to the last bit."
+    trust("mujoco", promise, topic="numbers", figure=10_000, unit="equal steps", at_least=90_000, over="sum")
 
 
 @pytest.mark.filterwarnings("ignore")
