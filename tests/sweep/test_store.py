@@ -58,12 +58,14 @@ def test_what_a_killed_process_left_is_cleared_away(place):
             pass
         for process_id in (dead.pid, os.getpid()):
             (place.local / "shards" / f"{SCRATCH}{platform.node()}-{process_id}-x").write_bytes(b"half")
-        elsewhere = f"{SCRATCH}{platform.node()}-compute-0-{dead.pid}-x"  # of a machine whose name begins like ours
-        (place.local / "shards" / elsewhere).write_bytes(b"half")
+        # Of machines whose names begin like ours.
+        elsewhere = {f"{SCRATCH}{platform.node()}-{more}-{dead.pid}-x" for more in ("compute-0", dead.pid)}
+        for name in elsewhere:
+            (place.local / "shards" / name).write_bytes(b"half")
     assert place.names("shards") == ["a"]
     with place.lock():
         if place.local is not None:
-            kept = {"a", f"{SCRATCH}{platform.node()}-{os.getpid()}-x", elsewhere}  # their writers live
+            kept = {"a", f"{SCRATCH}{platform.node()}-{os.getpid()}-x", *elsewhere}  # their writers live
             assert {path.name for path in (place.local / "shards").iterdir()} == kept
 
 

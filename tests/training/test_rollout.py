@@ -67,6 +67,24 @@ def test_both_kinds_of_end_and_actions_beyond_the_box_were_among_them(played):
     assert ((batch.action < LOW) | (batch.action > HIGH)).any()
 
 
+def test_a_step_that_ends_by_itself_at_the_time_limit_is_no_time_limit():
+    @dataclasses.dataclass(frozen=True)
+    class Ending(Slide):
+        """A task that ends with its time."""
+
+        def step(self, state, action, noise):
+            following, reward, _ = super().step(state, action, noise)
+            return following, reward, following[2] > 0.125 * LIMIT - 0.01
+
+    agent = resolve(Config(loss="gaussian", n_steps=LIMIT, n_envs=2, net_arch=()), LOW, HIGH)
+    learner = actor_critic.init(jax.random.key(0), agent, Hypers(), 3)
+    noise, begun = draw_noise(jax.random.key(1), Ending(), agent), start_episodes(jax.random.key(2), Ending(), 2)
+    *_, batch, finished = rollout(Ending(), agent, learner, begun, noise, Hypers())
+    np.testing.assert_array_equal(batch.terminated.sum(0), [1, 1])
+    np.testing.assert_array_equal(finished.length[-1], [LIMIT, LIMIT])
+    assert not batch.truncated.any()
+
+
 def test_an_episode_begins_where_the_noise_says():
     env = Slide(max_episode_steps=1)
     agent = resolve(Config(loss="gaussian", n_steps=4, n_envs=2, net_arch=()), LOW, HIGH)
