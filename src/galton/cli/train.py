@@ -113,7 +113,10 @@ def _resumed(options: Options, env: Environment | HostTask) -> Model:
         same = value == own[name]
         require(same, f"{name} is {value}, but the run in {out} has {own[name]}; give the same options to resume it")
     for warning in told:
-        print(f"galton: {warning.message}", file=sys.stderr)
+        if issubclass(warning.category, InexactResume):
+            print(f"galton: {warning.message}", file=sys.stderr)
+        else:
+            warnings.showwarning(warning.message, warning.category, warning.filename, warning.lineno)
     other_logs = read_settings(out).get("logs", options.training.logs) != options.training.logs
     if other_logs and _interval_asked(options.training, model) != _interval(options.training, model):
         every = model.log_interval

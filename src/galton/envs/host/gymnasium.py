@@ -67,8 +67,7 @@ class GymnasiumTask:
         del n_threads
         envs: list[Env] = []
         with self._closing_at_failure(envs):
-            for _ in range(n_copies):
-                envs.append(self._spare.pop() if self._spare else self._make_another())
+            envs.extend(self._spare.pop() if self._spare else self._make_another() for _ in range(n_copies))
             moves = () if self._by_id else moves_of(envs)  # what a function returns the user may hold too
         return GymnasiumEnvs(self.name, envs, self._actions, self._observations, self._given, moves)
 
