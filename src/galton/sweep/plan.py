@@ -11,7 +11,7 @@ import pyarrow as pa
 from jaxtyping import Int, UInt
 
 from galton.envs.registry import is_known
-from galton.errors import NewerVersionError, UsageError, require, require_integer
+from galton.errors import NewerVersionError, UsageError, in_a_line, require, require_integer
 from galton.saving.model_file import MALFORMED
 from galton.sweep import columns
 from galton.sweep.parquet import from_bytes, record_of, to_bytes, with_record
@@ -22,7 +22,7 @@ from galton.types import Config, Hypers
 FILE = "plan.parquet"
 MOST_RUNS = 100_000
 """How many runs one shard may have."""
-_COLUMNS = {"shard": np.int32, "setting": np.int32, "trial": np.int32, "seed": np.uint32}
+_COLUMNS: dict[str, type[np.generic]] = {"shard": np.int32, "setting": np.int32, "trial": np.int32, "seed": np.uint32}
 COMMON = "common"
 """What stands for the setting in the seeds of a study whose settings share them."""
 
@@ -199,7 +199,7 @@ def _parse(url: str, data: bytes) -> Plan:
     except NewerVersionError as error:
         raise NewerVersionError(f"out is {url}, whose {FILE} can't be read: {error}") from None
     except MALFORMED as error:
-        told = error if isinstance(error, UsageError) else f"{type(error).__name__}: {error}"
+        told = in_a_line(error)
         raise UsageError(f"out is {url}, whose {FILE} is none of Galton's: {told}; plan the sweep anew") from None
     return plan
 
