@@ -5,7 +5,7 @@ OUT ?= runs/demo
 BIN = $(VENV)/bin
 PIP = $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
 
-.PHONY: demo test test-all fuzz lint docs bench clean
+.PHONY: demo test test-all fuzz trust lint docs bench clean
 
 COMPARE = $(BIN)/galton compare --losses gaussian hl-one-hot hl-gauss hl-gauss-centred --overwrite
 demo: $(VENV)/installed  ## Classification against regression, three times: tables and figures in runs/demo.
@@ -17,8 +17,8 @@ demo: $(VENV)/installed  ## Classification against regression, three times: tabl
 	$(COMPARE) lqr --out $(OUT)/lqr
 
 # Programs that tests compile more than once, in several processes, are compiled once.
-test test-all: export JAX_COMPILATION_CACHE_DIR = $(abspath $(VENV))/jax-cache
-test test-all: export JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS = 0.1
+test test-all trust: export JAX_COMPILATION_CACHE_DIR = $(abspath $(VENV))/jax-cache
+test test-all trust: export JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS = 0.1
 # What compiles for seconds to run for milliseconds is not worth optimising; test-all compiles as users do.
 test: export JAX_DISABLE_MOST_OPTIMIZATIONS = 1
 test: export XLA_FLAGS = --xla_cpu_use_fusion_emitters=false
@@ -33,6 +33,12 @@ SECONDS ?= 120
 TARGETS ?=
 fuzz: $(VENV)/installed-dev  ## Readers of files under strange ones, SECONDS for each of TARGETS; what is found lies in runs/fuzz.
 	$(BIN)/python -m tests.fuzz --seconds $(SECONDS) --folder runs/fuzz $(TARGETS)
+
+# With TESTS=tests/test_resume.py only what that file measures.
+trust: $(VENV)/browser  ## Measure every promise of docs/trust.md again: results/trust and the page.
+	rm -rf build/trust
+	GALTON_TRUST=build/trust $(BIN)/python -m pytest -n auto $(TESTS)
+	$(BIN)/python -m tests.trust build/trust
 
 lint: $(VENV)/installed-dev
 	$(BIN)/ruff check .
