@@ -11,7 +11,16 @@ from pathlib import Path
 from galton import callbacks
 from galton.cli._console import plain_console
 from galton.cli._metrics import METRICS, forget_after, known
-from galton.cli._options import AlgorithmName, EnvName, LossName, Training, command_line, folder_name, short_name
+from galton.cli._options import (
+    AlgorithmName,
+    EnvName,
+    LossName,
+    Training,
+    command_line,
+    folder_name,
+    plain_name,
+    short_name,
+)
 from galton.cli._parsing import TrainingOptions, parse
 from galton.cli._progress import Show, live_progress
 from galton.devices import use_all_cores
@@ -54,7 +63,8 @@ class Options:
     @property
     def folder(self) -> Path:
         """The run folder, named or by default."""
-        return self.out or Path("runs", f"{folder_name(self.env, self.algorithm)}-{self.loss}-{self.seed}")
+        name = f"{folder_name(self.env, self.algorithm)}-{plain_name(self.loss)}-{self.seed}"
+        return self.out or Path("runs", name)
 
 
 def main(arguments: Sequence[str]) -> None:
