@@ -30,6 +30,7 @@ from galton.training.on_device import begin_on_device
 from galton.training.population import populate
 from galton.training.rollout import draw_noise, rollout
 from galton.training.run import learn
+from galton.types import without_unused
 
 RUNS, LOOPS, HIDDEN = 16, 200, 64
 
@@ -72,7 +73,7 @@ def main():
 
     env, config = galton.envs.MountainCar(), galton.Config(arguments.loss, n_bins=arguments.n_bins)
     agent = resolve(config, env.action_low, env.action_high)
-    hypers = jax.tree.map(lambda h: jnp.full(RUNS, h), galton.Hypers(learning_rate=1e-8))
+    hypers = without_unused(jax.tree.map(lambda h: jnp.full(RUNS, h), galton.Hypers(learning_rate=1e-8)))
     seeds = jnp.arange(RUNS, dtype=jnp.uint32)
     begin = jax.jit(lambda *runs: lax.map(lambda run: begin_on_device(env, agent, *run), runs))
     state = begin(seeds, hypers)

@@ -53,6 +53,25 @@ def test_scalar_bounds_make_one_dimension():
     assert Bins(-2, 2, 8).centers.shape == (1, 8)
 
 
+@settings(max_examples=50)
+@given(boxes())
+def test_with_centers_on_the_bounds_edges_are_half_way_and_the_bins_at_the_ends_half_as_wide(box):
+    low, high, k = box
+    bins = Bins(low, high, k, "bounds")
+    width = (high - low) / (k - 1)
+    tolerance = {"rtol": 1e-5, "atol": 1e-5 * abs(np.concatenate(box[:2])).max()}
+    np.testing.assert_array_equal(bins.centers[:, [0, -1]], np.float32(np.stack([low, high], -1)))
+    np.testing.assert_array_equal(bins.edges[:, [0, -1]], np.float32(np.stack([low, high], -1)))
+    np.testing.assert_allclose(np.diff(bins.centers), np.tile(width[:, None], k - 1), **tolerance)
+    np.testing.assert_allclose(bins.edges[:, 1:-1], (bins.centers[:, 1:] + bins.centers[:, :-1]) / 2, **tolerance)
+    np.testing.assert_allclose(bins.width, width, rtol=1e-6)
+    shares = np.full(k, 1.0)
+    shares[[0, -1]] = 0.5
+    np.testing.assert_allclose(np.diff(bins.edges), width[:, None] * shares, **tolerance)
+    index = np.tile(np.arange(k)[:, None], (1, len(low)))
+    np.testing.assert_array_equal(bins.encode(bins.decode(jnp.asarray(index))), index)
+
+
 @pytest.mark.parametrize(
     ("low", "high", "n_bins", "message"),
     [

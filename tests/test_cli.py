@@ -48,7 +48,7 @@ def test_a_commands_help_lists_losses_and_environments(command):
 
 
 WRONG = [
-    (["frobnicate"], "command is 'frobnicate'; choose from train, compare, sweep, watch, export"),
+    (["frobnicate"], "command is 'frobnicate'; choose from train, compare, sweep, benchmark, watch, export"),
     (["compare", "cartpole"], "environment is 'cartpole'; Gymnasium knows no environment of that name"),
     (["train", "lqr", "--loss", "mse"], "--loss is 'mse'; choose from gaussian"),
     (["compare", "lqr", "--losses", "gaussian", "mse"], "--losses is 'mse'; choose from gaussian"),
@@ -75,6 +75,10 @@ WRONG = [
     (["sweep", "lqr", "--cluster", "pbs", "--gpus", "1"], "--gpus is 1; it goes with processes here"),
     (["sweep", "lqr", "--cluster", "slurm", "--walltime", "1h"], "--walltime is '1h'; write 12:00:00"),
     (["sweep", "lqr", "--out", "nonsense://x"], "--out is 'nonsense://x', which can't be opened"),
+    (["benchmark", "none.toml"], "file is 'none.toml', which can't be read as TOML: [Errno 2] No such file or"),
+    (["benchmark", "none.toml", "--shard-width", "0"], "--shard-width is 0; it must be an integer of at least 1"),
+    (["benchmark", "none.toml", "--jobs", "3"], "--jobs is 3; it goes with a cluster"),
+    (["benchmark"], "Missing from galton benchmark: FILE.toml The protocol"),
     (["sweep", "status", "nowhere"], "out is nowhere, which holds no sweep; start one with: galton sweep ENV"),
     (["train", "lqr", "--eta", "0"], "--eta is 0.0; it must be finite, and greater than 0"),
     (["compare", "lqr", "--eta", "-0.5"], "--eta is -0.5; it must be finite, and greater than 0"),
@@ -86,7 +90,8 @@ WRONG = [
     (["compare", "lqr", "--env-kwargs", '{"mass": 1}'], "lqr has no constant 'mass'; it has A, B, Q, R"),
     (
         ["trian"],
-        "command is 'trian'; choose from train, compare, sweep, watch, export, reproduce, report; did you mean train?",
+        "command is 'trian'; choose from train, compare, sweep, benchmark, watch, export, reproduce, report; "
+        "did you mean train?",
     ),
     (["train", "bandit", "--logs", "0"], "--logs is 0; it must be an integer of at least 1"),
     (["train", "bandit", "--eval-episodes", "-1"], "--eval-episodes is -1; it must be an integer of at least 0"),

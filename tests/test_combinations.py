@@ -1,14 +1,17 @@
 """Policy, loss and algorithm are three choices: whatever fits trains on both engines, and nothing else does."""
 
+import dataclasses
 import itertools
 
 import jax
 import numpy as np
 import pytest
 
-from galton import ALGORITHMS, LOSSES, POLICIES, Config, Model, UsageError
+import galton
+from galton import ALGORITHMS, LOSSES, POLICIES, Config, Hypers, Model, UsageError
 from galton.algorithms import resolve
 from galton.envs import Bandit
+from galton.sweep.study import Setting
 
 SETTINGS = {"n_bins": 7, "net_arch": (6,), "n_steps": 8, "n_envs": 2, "learning_rate": 1e-2}
 OWN = {"ppo": {"batch_size": 4, "n_epochs": 2}}
@@ -31,6 +34,19 @@ def fits(policy, loss, algorithm):
     return True
 
 
+FIRST = ("gaussian", "histogram", "ordinal")
+"""The policies that are tried with everything without being slow; of the others, one combination of some is."""
+
+
+def marked(combinations):
+    return [pytest.param(names, marks=[] if quick(*names) else pytest.mark.slow) for names in combinations]
+
+
+def quick(policy, loss, algorithm):
+    one = (policy, loss, algorithm) == ("smoothed", "hl-one-hot", "ppo")
+    return policy in FIRST or one or (policy in ("beta", "truncated-gaussian", "rpo") and algorithm == "ppo")
+
+
 FITTING = [names for names in ALL if fits(*names)]
 REFUSED = [names for names in ALL if names not in FITTING]
 
@@ -38,7 +54,7 @@ REFUSED = [names for names in ALL if names not in FITTING]
 def test_a_density_loss_fits_every_policy_and_a_histogram_loss_every_histogram():
     assert len(ALL) == len(POLICIES) * len(LOSSES) * len(ALGORITHMS)
     histograms = {name for name, policy in POLICIES.items() if policy.family == "histogram"}
-    assert {"histogram", "ordinal"} <= histograms < set(POLICIES)
+    assert {"histogram", "ordinal", "smoothed"} <= histograms < set(POLICIES)
     for loss, entry in LOSSES.items():
         expected = set(POLICIES) if entry.family == "density" else histograms
         for algorithm in ALGORITHMS:
@@ -82,7 +98,7 @@ def check_training(env, policy, loss, algorithm):
         assert log["train/sigma"] > 0
 
 
-@pytest.mark.parametrize("names", FITTING, ids="-".join)
+@pytest.mark.parametrize("names", marked(FITTING), ids="-".join)
 def test_what_fits_trains_on_the_device(names):
     check_training(Bandit(d=2), *names)
 
@@ -104,9 +120,84 @@ def test_the_policy_is_by_default_the_losss_usual_one(loss):
 
 def test_unknown_names_are_refused_with_the_known_ones():
     for names, message in (
-        (("beta", "gaussian", "a2c"), "policy is 'beta'; choose from auto, gaussian, histogram, ordinal"),
+        (
+            ("laplace", "gaussian", "a2c"),
+            "policy is 'laplace'; choose from auto, gaussian, histogram, ordinal, smoothed",
+        ),
         (("auto", "l2", "a2c"), "loss is 'l2'; choose from gaussian, hl-one-hot, hl-gauss, hl-gauss-centred"),
         (("auto", "gaussian", "trpo"), "algorithm is 'trpo'; choose from a2c, ppo"),
     ):
         with pytest.raises(UsageError, match=message):
             resolved(*names)
+
+
+IDLE = [
+    ({"loss": "gaussian", "bin_centers": "bounds"}, "bin_centers is 'bounds'; it goes with a policy over bins"),
+    ({"loss": "gaussian", "target_tails": "edges"}, "target_tails is 'edges'; it goes with targets of width η"),
+    ({"loss": "hl-one-hot", "target_tails": "edges"}, "target_tails is 'edges'; it goes with targets of width η"),
+    (
+        {"loss": "gaussian", "policy": "beta", "initial_policy": "clipped-gaussian"},
+        "initial_policy is 'clipped-gaussian'; it goes with a policy over bins, not with the policy 'beta'",
+    ),
+    ({"loss": "gaussian", "rpo_alpha": 0.1}, "rpo_alpha is 0.1; it goes with the policy 'rpo', not with .*'gaussian'"),
+    ({"loss": "hl-gauss", "rpo_alpha": 0.25}, "rpo_alpha is 0.25; it goes with the policy 'rpo'"),
+]
+
+
+@pytest.mark.parametrize(("given", "message"), IDLE)
+def test_a_setting_that_has_no_use_is_refused_by_name(given, message):
+    with pytest.raises(UsageError, match=message):
+        Model("bandit", **given, **SETTINGS)
+    with pytest.raises(UsageError, match=message):
+        Setting.of_record(given)
+
+
+USED = [
+    {"loss": "hl-one-hot", "bin_centers": "bounds", "initial_policy": "clipped-gaussian"},
+    {"loss": "hl-gauss", "target_tails": "edges", "policy": "ordinal"},
+    {"loss": "hl-one-hot", "target_tails": "edges", "policy": "smoothed"},
+    {"loss": "gaussian", "policy": "rpo", "rpo_alpha": 0.1},
+    {"loss": "gaussian", "initial_policy": "gaussian"},  # which has no use either, but files may have it
+]
+
+
+@pytest.mark.parametrize("given", USED)
+def test_a_setting_that_has_one_is_taken(given):
+    setting = Setting.of_record(given)
+    assert all(setting.record()[name] == value for name, value in given.items())
+    config = dataclasses.replace(setting.config, n_steps=8)
+    resolve(config, np.array([-1.0]), np.array([1.0]))
+
+
+def test_results_of_a_policy_that_is_not_registered_here_can_be_read():
+    assert Setting.of_record({"loss": "gaussian", "policy": "somebodys"}).config.policy == "somebodys"
+
+
+@pytest.mark.parametrize(
+    "layout", [pytest.param("bounds", marks=pytest.mark.slow), pytest.param("edges", marks=pytest.mark.slow), "both"]
+)
+def test_histograms_of_other_layouts_train(layout):
+    fields = {"bin_centers": "bounds"} if layout != "edges" else {}
+    fields |= {"target_tails": "edges"} if layout != "bounds" else {}
+    fields |= {"initial_policy": "clipped-gaussian"} if layout == "both" else {}
+    config = Config(loss="hl-gauss-centred", n_bins=7, n_steps=8, n_envs=2, net_arch=(6,), **fields)
+    result = galton.train(Bandit(d=2), config, Hypers(learning_rate=1e-2, eta=1.0), [0, 1], 64, n_logs=2)
+    for leaf in jax.tree.leaves(result.learner.params):
+        assert np.isfinite(leaf).all()
+    assert (result.diverged_at < 0).all()
+
+
+@pytest.mark.parametrize(
+    "policy", [pytest.param(name, marks=[] if name == "rpo" else pytest.mark.slow) for name in POLICIES]
+)
+def test_a_model_of_any_policy_goes_on_exactly_from_its_file(policy, tmp_path):
+    loss = "gaussian" if POLICIES[policy].family == "density" else "hl-one-hot"
+    model = Model("bandit", loss, algorithm="ppo", policy=policy, **SETTINGS, **OWN["ppo"], seed=1)
+    model.learn(32, progress_bar=False)
+    again = Model.load(model.save(tmp_path / "model"), "bandit")
+    for one in (model, again):
+        one.learn(32, progress_bar=False)
+    for ours, theirs in zip(*(jax.tree.leaves(one.learner.params) for one in (model, again)), strict=True):
+        np.testing.assert_array_equal(ours, theirs)
+    seen = np.zeros((3, *model.observation_space.shape), np.float32)
+    assert np.isfinite(again.predict(seen)[0]).all()

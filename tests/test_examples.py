@@ -5,6 +5,10 @@ from pathlib import Path
 
 import pytest
 
+from galton.benchmark import stages
+from galton.benchmark.draws import draws
+from galton.benchmark.reading import read
+
 ROOT = Path(__file__).parents[1]
 
 
@@ -28,6 +32,30 @@ def test_an_example_runs(path, tmp_path):
     done = subprocess.run([sys.executable, path], capture_output=True, text=True, timeout=300, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert re.search(r"\d", done.stdout)
+
+
+PROTOCOLS = [*sorted((ROOT / "examples").glob("*.toml")), *sorted((ROOT / "benchmarks").glob("**/*.toml"))]
+
+
+@pytest.mark.parametrize("path", PROTOCOLS, ids=lambda path: path.stem)
+def test_the_protocol_of_a_benchmark_can_be_trained(path):
+    protocol = read(path)
+    if any(task.env.endswith("-v5") for task in protocol.tasks):
+        pytest.importorskip("mujoco")
+    stages.check(protocol, draws(protocol))
+
+
+@pytest.mark.slow
+def test_the_example_of_a_benchmark_is_trained_and_told(tmp_path):
+    command = [sys.executable, "-m", "galton", "benchmark", ROOT / "examples" / "benchmark.toml"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=900, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "On the held-out tasks, Centred HL-Gauss is above Gaussian with P = " in done.stdout.replace("\n", " ")
+    folder = tmp_path / "runs" / "benchmark-benchmark"
+    assert "A Gaussian and a histogram on a bandit" in (folder / "index.html").read_text()
+    before = (folder / "report.json").read_bytes()
+    assert subprocess.run(command, cwd=tmp_path, capture_output=True).returncode == 0
+    assert (folder / "report.json").read_bytes() == before
 
 
 BLOCKS = [

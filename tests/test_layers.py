@@ -20,7 +20,7 @@ RANKS = """
     bins networks returns normalization
     targets theory
     policies envs
-    losses
+    losses critics
     tasks algorithms
     saving
     training
@@ -29,18 +29,18 @@ RANKS = """
     analysis sweep
     deploy
     page
-    paper
+    paper benchmark
     cli
 """
 
 # The core computes: beside the standard library it needs no more than these.
-CORE = "fields types records bins networks returns normalization targets theory policies losses algorithms"
+CORE = "fields types records bins networks returns normalization targets theory policies losses critics algorithms"
 CORE_LIBRARIES = "jax numpy optax jaxtyping"
 
 # Libraries of the command line, and the folders and files outside it that may import them all the same.
 COMMAND_LINE = "cli"
 COMMAND_LINE_LIBRARIES = {
-    "matplotlib": ["analysis", "page", "paper"],  # which draw
+    "matplotlib": ["analysis", "page", "paper", "benchmark"],  # which draw
     "rich": ["models/learning.py"],  # the progress bar of `learn`
     "tyro": [],
 }

@@ -13,6 +13,7 @@ import pytest
 
 from galton.algorithms import ALGORITHMS
 from galton.losses import LOSSES
+from galton.policies import POLICIES
 
 from .test_public import ROOT as SOURCE
 from .test_public import STUBS, names
@@ -24,6 +25,10 @@ FORM = ["When to use it", "The equation", "An example", "Measured results", "How
 IN_FORM = [DOCS / f"{name}.md" for name in ALGORITHMS] + [
     DOCS / "losses" / f"{name.replace('-', '_')}.md" for name in LOSSES
 ]
+OLDER = ("gaussian", "histogram", "ordinal")
+"""Policies that the pages of losses describe."""
+IN_FORM += [DOCS / "policies" / f"{name.replace('-', '_')}.md" for name in POLICIES if name not in OLDER]
+IN_FORM += [DOCS / "critics.md"]
 EXAMPLES = sorted((DOCS.parent / "examples").glob("*.py"))
 
 
@@ -86,7 +91,7 @@ def test_every_field_of_a_public_record_is_described(name):
 
 
 @pytest.mark.parametrize("page", IN_FORM, ids=lambda page: page.stem)
-def test_an_algorithms_and_a_losss_page_has_the_one_form(page):
+def test_the_page_of_an_algorithm_a_loss_or_a_policy_has_the_one_form(page):
     assert re.findall(r"^## (.+)$", page.read_text(), re.M) == FORM
 
 

@@ -82,6 +82,52 @@ def test_the_short_cut_for_centers_equals_the_general_target(k, eta):
     np.testing.assert_allclose(targets.hl_gauss_of_center(k, jnp.arange(k), eta), general, atol=2e-6)
 
 
+LAYOUTS = [(tails, centers) for tails in ("rescaled", "edges") for centers in ("inside", "bounds")]
+
+
+@pytest.mark.parametrize("k", [2, 7, 100])
+@pytest.mark.parametrize(("tails", "centers"), LAYOUTS)
+def test_every_layout_is_scipys_gaussian_over_its_bins(tails, centers, k):
+    low, high, etas = -3.3, 12.9, np.array([0.05, 0.5, 1.0, 4.0])
+    bins = Bins(low, high, k, centers)
+    action = jnp.concatenate([jnp.linspace(-5, 15, 31), jnp.asarray(bins.centers[0])])[:, None]
+
+    def both(eta):
+        whole = targets.hl_gauss(bins, action, eta, tails)[:, 0]
+        return whole, targets.hl_gauss_of_center(k, jnp.arange(k), eta, tails, centers)
+
+    whole, short = jax.jit(jax.vmap(both))(jnp.float32(etas))
+    for i, eta in enumerate(etas):
+        expected = layout(low, high, k, centers, tails, action, eta)
+        np.testing.assert_allclose(whole[i], expected, atol=1e-5 / eta)
+        np.testing.assert_allclose(short[i], expected[31:], atol=2e-6 / eta)
+    for found in (whole, short):
+        np.testing.assert_allclose(found.sum(-1), 1, atol=1e-6)
+        assert (found >= 0).all()
+
+
+def layout(low, high, k, centers, tails, action, eta):
+    """scipy's normal distribution over the bins of a layout, in float64."""
+    edges, width = np.linspace(low, high, k + 1), (high - low) / k
+    if centers == "bounds":
+        middles, width = np.linspace(low, high, k), (high - low) / (k - 1)
+        edges = np.concatenate([[low], (middles[1:] + middles[:-1]) / 2, [high]])
+    z = (edges - np.clip(np.asarray(action, np.float64), low, high)) / (eta * width)
+    if tails == "edges":
+        z[:, 0], z[:, -1] = -np.inf, np.inf
+    mass = np.where(z[:, :-1] > 0, norm.sf(z[:, :-1]) - norm.sf(z[:, 1:]), norm.cdf(z[:, 1:]) - norm.cdf(z[:, :-1]))
+    return mass / mass.sum(1, keepdims=True)
+
+
+def test_edges_get_what_a_rescaled_target_divides_away():
+    bins = Bins(-1.0, 1.0, 10)
+    at_the_end = jnp.asarray(bins.high)
+    rescaled, edges = (np.asarray(targets.hl_gauss(bins, at_the_end, 1.0, tails))[0] for tails in ("rescaled", "edges"))
+    assert edges[-1] == pytest.approx(norm.cdf(1.0), abs=1e-6)  # half of it lies beyond the box
+    assert rescaled[-1] == pytest.approx(2 * norm.cdf(1.0) - 1, abs=1e-6)
+    np.testing.assert_allclose(edges[:-1], rescaled[:-1] / 2, atol=1e-6)
+
+
 def test_each_dimension_has_its_own_bounds_and_any_batch_shape():
     bins = Bins([-1.0, 0.0, -5.0], [1.0, 10.0, -4.0], 20)
     action = jax.random.uniform(jax.random.key(0), (3, 5, 3), minval=-6, maxval=11)
@@ -97,3 +143,38 @@ def test_eta_must_be_positive():
         targets.hl_gauss(Bins(-1, 1, 10), jnp.zeros(1), 0)
     with pytest.raises(UsageError, match="eta is -1"):
         targets.hl_gauss_of_center(10, jnp.arange(10), -1.0)
+
+
+def rows_of(k, eta, tails, centers):
+    """K in float64: row j is the target of bin j's center, in bin widths."""
+    center, edge = np.arange(k) + 0.5, np.arange(k + 1.0)
+    if centers == "bounds":
+        edge[[0, -1]] = center[[0, -1]]
+    if tails == "edges":
+        edge[[0, -1]] = -np.inf, np.inf
+    z = (edge - center[:, None]) / eta
+    mass = np.where(z[:, :-1] > 0, norm.sf(z[:, :-1]) - norm.sf(z[:, 1:]), norm.cdf(z[:, 1:]) - norm.cdf(z[:, :-1]))
+    return mass / mass.sum(1, keepdims=True)
+
+
+@pytest.mark.parametrize("k", [2, 3, 41, 100])
+@pytest.mark.parametrize("tails", ["rescaled", "edges"])
+@pytest.mark.parametrize("centers", ["inside", "bounds"])
+def test_an_eta_for_each_entry_gives_each_its_own_target_and_mean(k, tails, centers):
+    rng = np.random.default_rng(k)
+    eta, pi = np.exp(rng.uniform(np.log(0.05), np.log(30), (5, 3))), rng.dirichlet(np.ones(k) / 3, (5, 3))
+    index = rng.integers(0, k, (5, 3))
+    targets_of = np.array([[rows_of(k, eta[i, j], tails, centers) for j in range(3)] for i in range(5)])
+    chosen = np.take_along_axis(targets_of, index[..., None, None], 2)[..., 0, :]
+    for x64, close in ((False, 1e-6), (True, 1e-13)):
+        with jax.enable_x64(x64):
+            width, bins = jnp.asarray(eta, float), Bins([0.0] * 3, [1.0, 7.0, 1e3], k, centers)
+            found = targets.hl_gauss_of_center(k, jnp.asarray(index), width, tails, centers)
+            np.testing.assert_allclose(found, chosen, atol=close)
+            found = targets.hl_gauss(bins, bins.decode(jnp.asarray(index)), width, tails)
+            np.testing.assert_allclose(found, chosen, atol=5 * close)
+            mean = targets.mean_of_centers(jnp.asarray(pi, float), width, tails, centers)
+            np.testing.assert_allclose(mean, np.einsum("ijk,ijkl->ijl", pi, targets_of), atol=close)
+            for i in range(2):
+                alone = targets.mean_of_centers(jnp.asarray(pi[i, 0], float), float(eta[i, 0]), tails, centers)
+                np.testing.assert_allclose(mean[i, 0], alone, atol=close)

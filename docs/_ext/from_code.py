@@ -16,6 +16,7 @@ from sphinx.pycode import ModuleAnalyzer
 from sphinx.util.docutils import SphinxDirective
 
 from galton.algorithms import ALGORITHMS
+from galton.critics import CRITICS
 from galton.envs.registry import ENVS, make
 from galton.fields import AtLeast, annotations
 from galton.losses import LOSSES
@@ -78,12 +79,23 @@ def losses() -> Rows:
 
 
 def policies() -> Rows:
-    """POLICIES, with the losses that can train each."""
+    """POLICIES, each with its page if it has one, and with the losses that can train it."""
     rows = []
     for name, policy in POLICIES.items():
         fitting = [f"`{key}`" for key, loss in LOSSES.items() if loss.family in ("density", policy.family)]
-        rows.append([f"`{name}`", policy.label, ", ".join(fitting), said(policy)])
+        page = f"policies/{name.replace('-', '_')}.md"
+        shown = f"[`{name}`](/{page})" if (RESULTS.parents[1] / "docs" / page).exists() else f"`{name}`"
+        rows.append([shown, policy.label, ", ".join(fitting), said(policy)])
     return [["policy", "in figures", "losses that fit it", "what it is"], *rows]
+
+
+def critics() -> Rows:
+    """CRITICS, with the settings that only it has."""
+    rows = [
+        [f"`{name}`", critic.label, ", ".join(f"`{field}`" for field in critic.uses) or "none", said(critic)]
+        for name, critic in CRITICS.items()
+    ]
+    return [["critic", "in figures", "settings of its own", "what it is"], *rows]
 
 
 def algorithms() -> Rows:
@@ -171,7 +183,7 @@ class Parameters(Table):
 class Registry(Table):
     """`{registry} losses`, policies, algorithms or environments."""
 
-    KNOWN: typing.ClassVar = {f.__name__: f for f in (losses, policies, algorithms, environments)}
+    KNOWN: typing.ClassVar = {f.__name__: f for f in (losses, policies, critics, algorithms, environments)}
 
     def rows(self) -> Rows:
         """The entries of the registry."""

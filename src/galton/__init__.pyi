@@ -7,6 +7,8 @@ from . import targets as targets
 from .algorithms import ALGORITHMS as ALGORITHMS
 from .algorithms import Algorithm as Algorithm
 from .bins import Bins as Bins
+from .critics import CRITICS as CRITICS
+from .critics import Critic as Critic
 from .devices import use_all_cores as use_all_cores
 from .errors import BrokenEnvironmentError as BrokenEnvironmentError
 from .errors import CheckpointError as CheckpointError

@@ -1,7 +1,8 @@
-"""The uniform discretisation of a box-shaped action space (§4.1)."""
+"""The uniform discretisation of a box-shaped action space (§4.1), or one whose first and last centers are bounds."""
 
 import dataclasses
 from collections.abc import Sequence
+from typing import Literal
 
 import jax
 import jax.numpy as jnp
@@ -21,10 +22,15 @@ class Bins:
     Bin i holds low + i·width ≤ action < low + (i + 1)·width: a value on an inner edge belongs to the bin above
     it, `high` to the last bin, and what lies outside the box to the bin at that end.
 
+    With bin_centers="bounds" the centers are low + i·width with width = (high − low) / (k − 1), so that the first and
+    the last are the bounds themselves. The edges lie half-way between centers. The bins at the ends stop at the bounds
+    and are half as wide as the others.
+
     Args:
         low: the box's lower bounds, `[d]` or a scalar for d = 1.
         high: its upper bounds, of the same shape. Bounds may differ per dimension and need not be symmetric.
         n_bins: k, at least 2.
+        bin_centers: "inside" for bins that are all of one width, or "bounds".
 
     Raises:
         UsageError: bounds that are no numbers, not finite, not ordered, or too close for k bins in this precision.
@@ -41,11 +47,15 @@ class Bins:
     edges_rest: Float[np.ndarray, "d k+1"]
     """What rounding took from the edges: edges + edges_rest is exact to twice the precision."""
     centers: Float[np.ndarray, "d k"]
-    """The middle of each bin, which is the action that it stands for."""
+    """The action that each bin stands for: its middle, or the bound itself where a bin at an end stands for that."""
     width: Float[np.ndarray, " d"]
-    """The width of the bins of each dimension."""
+    """The distance between two centers, which is the width of all bins but of those that end at a bound's center."""
+    bin_centers: Literal["inside", "bounds"]
+    """Where the centers of the first and last bin lie: inside the box, or on its bounds."""
 
-    def __init__(self, low: Bound, high: Bound, n_bins: int) -> None:
+    def __init__(
+        self, low: Bound, high: Bound, n_bins: int, bin_centers: Literal["inside", "bounds"] = "inside"
+    ) -> None:
         low64, high64 = (np.atleast_1d(as_numbers(*bound)) for bound in (("low", low), ("high", high)))
         bounds = f"low is {low64} and high is {high64}"
         require(
@@ -59,23 +69,30 @@ class Bins:
         require((low64 < high64).all(), f"{bounds}; each low must lie below its high")
         require_integer("n_bins", n_bins, 2)
         dtype = jax.dtypes.canonicalize_dtype(np.float64)
-        width = (high64 - low64) / n_bins
+        on_bounds = bin_centers == "bounds"
+        width = (high64 - low64) / (n_bins - on_bounds)
         spacing = np.finfo(dtype).eps * np.maximum(abs(low64), abs(high64))
         require(
             (width > 4 * spacing).all(),
             f"{bounds}; {n_bins} bins between them are too narrow for {dtype.name}; lower n_bins or shift the box",
         )
         edges = np.linspace(low64, high64, n_bins + 1, axis=-1)
+        centers = (edges[:, 1:] + edges[:, :-1]) / 2
+        if on_bounds:
+            centers = np.linspace(low64, high64, n_bins, axis=-1)
+            middles = (centers[:, 1:] + centers[:, :-1]) / 2
+            edges = np.concatenate([low64[:, None], middles, high64[:, None]], axis=-1)
         for name, value in {
             "low": low64,
             "high": high64,
             "edges": edges,
             "edges_rest": edges - edges.astype(dtype),
-            "centers": (edges[:, 1:] + edges[:, :-1]) / 2,
+            "centers": centers,
             "width": width,
         }.items():
             object.__setattr__(self, name, value.astype(dtype))
         object.__setattr__(self, "n_bins", n_bins)
+        object.__setattr__(self, "bin_centers", bin_centers)
 
     def encode(self, action: Float[Array, "*batch d"]) -> Int[Array, "*batch d"]:
         """The index, 0 … k − 1, of the bin that holds each entry of an action."""

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 from jax import lax
 from jax.nn import log_softmax
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from galton import targets
 from galton.errors import unknown
@@ -74,10 +74,9 @@ def gaussian_target(
     distribution: Histogram, action: Float[Array, "*batch d"], hypers: Hypers
 ) -> Float[Array, "*batch d k"]:
     """A Gaussian histogram of σ = η bin widths around the sampled action."""
-    bins = distribution.bins
     if distribution.samples_centers:
-        return targets.hl_gauss_of_center(bins.n_bins, bins.encode(action), hypers.eta)
-    return targets.hl_gauss(bins, action, hypers.eta)
+        return _target_of_center(distribution, distribution.bins.encode(action), hypers.eta)
+    return targets.hl_gauss(distribution.bins, action, hypers.eta, distribution.choices.target_tails)
 
 
 def centred_target(
@@ -93,13 +92,18 @@ def centred_target(
 
 def expected_target(distribution: Histogram, eta: Eta) -> Float[Array, "*batch d k"]:
     """Kᵀπ, the mean of HL-Gauss's targets over the policy's own actions; row j of K is the target of bin j's center."""
-    k = distribution.bins.n_bins
-    return distribution.probs @ targets.hl_gauss_of_center(k, jnp.arange(k), eta)
+    bins, tails = distribution.bins, distribution.choices.target_tails
+    return targets.mean_of_centers(distribution.probs, eta, tails, bins.bin_centers)
 
 
 def hl_gauss_bias(distribution: Histogram, hypers: Hypers) -> Float[Array, "*batch d k"]:
     """Kᵀπ − π: what HL-Gauss adds to the mean logit gradient for each unit that the baseline is off."""
     return expected_target(distribution, hypers.eta) - distribution.probs
+
+
+def _target_of_center(distribution: Histogram, index: Int[Array, "*batch"], eta: Eta) -> Float[Array, "*batch k"]:
+    bins = distribution.bins
+    return targets.hl_gauss_of_center(bins.n_bins, index, eta, distribution.choices.target_tails, bins.bin_centers)
 
 
 class Loss(NamedTuple):
@@ -123,13 +127,22 @@ class Loss(NamedTuple):
     bias: Callable[[Any, Hypers], Array] | None = None
     """(distribution, hypers) → what an error of the baseline adds to the mean logit gradient `[*batch, d, k]`; None:
     nothing."""
+    is_wide: bool = False
+    """Whether its targets have a width `hypers.eta`, in bins, which may be one number or an array `[*batch, d]`."""
 
 
 LOSSES = {
     "gaussian": Loss(gaussian, "density", "gaussian", "Gaussian"),
     "hl-one-hot": Loss(hl_one_hot, "histogram", "histogram", "HL-1-Hot", target=one_hot_target),
     "hl-gauss": Loss(
-        hl_gauss, "histogram", "histogram", "HL-Gauss", uses=("eta",), target=gaussian_target, bias=hl_gauss_bias
+        hl_gauss,
+        "histogram",
+        "histogram",
+        "HL-Gauss",
+        uses=("eta",),
+        target=gaussian_target,
+        bias=hl_gauss_bias,
+        is_wide=True,
     ),
     "hl-gauss-centred": Loss(
         hl_gauss_centred,
@@ -139,6 +152,7 @@ LOSSES = {
         in_paper=False,
         uses=("eta",),
         target=centred_target,
+        is_wide=True,
     ),
 }
 

@@ -1,5 +1,7 @@
 """From a continuous action to the histogram that a softmax policy is trained towards (§2.3, §4.2)."""
 
+from typing import Any, Literal
+
 import jax
 import jax.numpy as jnp
 from jax import lax
@@ -9,7 +11,10 @@ from jaxtyping import Array, Float, Int
 from galton.bins import Bins
 from galton.errors import require
 
-Eta = float | int | Float[Array, ""]
+Eta = float | int | Float[Array, "*entries"]
+"""HL-Gauss's width, one for all or one for each entry of the actions."""
+Tails = Literal["rescaled", "edges"]
+Centers = Literal["inside", "bounds"]
 
 _SQRT2 = 2**0.5
 
@@ -19,41 +24,116 @@ def one_hot(bins: Bins, action: Float[Array, "*batch d"]) -> Float[Array, "*batc
     return jax.nn.one_hot(bins.encode(action), bins.n_bins, dtype=action.dtype)
 
 
-def hl_gauss(bins: Bins, action: Float[Array, "*batch d"], eta: Eta) -> Float[Array, "*batch d k"]:
+def two_hot(bins: Bins, value: Float[Array, "*batch d"]) -> Float[Array, "*batch d k"]:
+    """The histogram whose mean is the value: the two centers around it share the mass by their distance.
+
+    The weight of a center is 1 less its distance in widths, and at least 0. A value beyond the first or the last center
+    counts as that center.
+    """
+    within = jnp.clip(value, bins.centers[:, 0], bins.centers[:, -1])
+    return jnp.maximum(1 - jnp.abs(bins.centers - within[..., None]) / bins.width[:, None], 0.0)
+
+
+def hl_gauss(
+    bins: Bins, action: Float[Array, "*batch d"], eta: Eta, tails: Tails = "rescaled"
+) -> Float[Array, "*batch d k"]:
     """The histogram of a Gaussian around the action, cut off at the box and rescaled to sum to one.
 
     q_a(i) = (Φ((e_{i+1} − a)/σ) − Φ((e_i − a)/σ)) / (Φ((high − a)/σ) − Φ((low − a)/σ)) with σ = η · width, the
     bin edges e and the action a clipped into the box, so that the mass inside is never less than about a half
     or, for a wide Gaussian, than its share of the box.
 
+    With tails="edges" nothing is rescaled: the first bin gets all that lies below its upper edge, the last all that
+    lies above its lower one. It is the histogram of the Gaussian's values clipped into the box.
+
     Args:
         bins: k bins in each of d dimensions.
         action: any real values.
-        eta: η > 0, the standard deviation in bin widths.
+        eta: η > 0, the standard deviation in bin widths, one for all or `[*batch, d]`.
+        tails: what becomes of the mass beyond the box.
     """
     _check(eta)
     # The difference to an edge nearby is exact in floating point; then add what rounding took from the edge.
     distance = (bins.edges - bins.clip(action)[..., None]) + bins.edges_rest
-    cdf = erf(distance / (eta * _SQRT2 * bins.width[:, None]))
+    cdf = erf(distance / (_column(eta) * _SQRT2 * bins.width[:, None]))
+    if tails == "edges":
+        return 0.5 * jnp.maximum(jnp.diff(cdf.at[..., 0].set(-1.0).at[..., -1].set(1.0)), 0.0)
     mass = jnp.maximum(jnp.diff(cdf), 0.0)  # rounding makes erf fall by an ulp here and there
     return mass / mass.sum(-1, keepdims=True)
 
 
-def hl_gauss_of_center(n_bins: int, index: Int[Array, "*batch"], eta: Eta) -> Float[Array, "*batch k"]:
+def hl_gauss_of_center(
+    n_bins: int, index: Int[Array, "*batch"], eta: Eta, tails: Tails = "rescaled", centers: Centers = "inside"
+) -> Float[Array, "*batch k"]:
     """`hl_gauss` where the action is the center of bin `index`, at a fraction of the work.
 
-    In bin widths all centers see the same Gaussian: every target is a window of one vector of 2k − 1 bin
-    masses, rescaled.
+    In bin widths all centers see the same Gaussian: with one η for all every target is a window of one vector of
+    2k − 1 bin masses, rescaled. Where the bins at the ends are cut off elsewhere, or not at all, their two masses are
+    put in. With an η for each index the masses of its own k bins are computed.
     """
     _check(eta)
-    scale = eta * _SQRT2
-    cdf = erf((jnp.arange(2 * n_bins, dtype=float) - (n_bins - 0.5)) / scale)
-    mass = jnp.maximum(jnp.diff(cdf), 0.0)
+    if jnp.ndim(eta):
+        low, high = _ends(n_bins, index, eta, tails, centers)
+        inner = erf((jnp.arange(1, n_bins) - (index + 0.5)[..., None]) / (_column(eta) * _SQRT2))
+        cdf = jnp.concatenate([low[..., None], inner, high[..., None]], -1)
+        return jnp.maximum(jnp.diff(cdf), 0.0) / (high - low)[..., None]
+    mass, cdf = _masses(n_bins, eta)
     start = (n_bins - 1) - index
-    inside = cdf[start + n_bins] - cdf[start]
+    low, high = cdf[start], cdf[start + n_bins]
     window = jnp.vectorize(lambda i: lax.dynamic_slice(mass, (i,), (n_bins,)), signature="()->(k)")
-    target: Array = window(start) / inside[..., None]
-    return target
+    target: Array = window(start)
+    if (tails, centers) != ("rescaled", "inside"):
+        low, high = _ends(n_bins, index, eta, tails, centers)
+        ends = (jnp.maximum(end, 0.0) for end in (cdf[start + 1] - low, high - cdf[start + n_bins - 1]))
+        target = target.at[..., 0].set(next(ends)).at[..., -1].set(next(ends))
+    return target / (high - low)[..., None]
+
+
+def mean_of_centers(
+    probs: Float[Array, "*batch k"], eta: Eta, tails: Tails = "rescaled", centers: Centers = "inside"
+) -> Float[Array, "*batch k"]:
+    """Kᵀπ, the mean of `hl_gauss_of_center` over bins drawn from these probabilities π.
+
+    Row j of K is the target of bin j's center. With one η for all, K is one matrix. Otherwise each entry has a K of its
+    own, which is never made: but for the scales of its rows, and the bins at its ends, it is a Toeplitz matrix of
+    2k − 1 masses. So Kᵀπ is their convolution with the scaled π, by Fourier transforms, exact up to rounding.
+    """
+    k = probs.shape[-1]
+    index = jnp.arange(k)
+    if not jnp.ndim(eta):
+        return probs @ hl_gauss_of_center(k, index, eta, tails, centers)
+    mass, cdf = _masses(k, eta)
+    low, high = _ends(k, index, _column(eta), tails, centers)
+    scaled = probs / (high - low)
+    spectrum = jnp.fft.rfft(scaled, 2 * k) * jnp.fft.rfft(mass, 2 * k)
+    inner = jnp.fft.irfft(spectrum, 2 * k)[..., k : 2 * k - 2]
+    # How the centers, from the first to the last, see the inner edges of the bins at the ends: 1 − ½ − j, k − 1½ − j.
+    first = (scaled * (cdf[..., k:0:-1] - low)).sum(-1, keepdims=True)
+    last = (scaled * (high - cdf[..., 2 * k - 2 : k - 2 : -1])).sum(-1, keepdims=True)
+    return jnp.concatenate([first, inner, last], -1)
+
+
+def _masses(n_bins: int, eta: Eta) -> tuple[Float[Array, "*entries m"], Float[Array, "*entries m+1"]]:
+    """The masses of the 2k − 1 bins around a center, both ways as far as there can be bins, and erf at their edges."""
+    scale = _column(eta) * _SQRT2
+    cdf = erf((jnp.arange(2 * n_bins, dtype=float) - (n_bins - 0.5)) / scale)
+    return jnp.maximum(jnp.diff(cdf), 0.0), cdf
+
+
+def _ends(
+    n_bins: int, index: Int[Array, "*batch"], eta: Any, tails: Tails, centers: Centers
+) -> tuple[Float[Array, "*entries"], Float[Array, "*entries"]]:
+    """Where the target of each center ends, below and above, as erf has it; −1 and 1 where it keeps its tails."""
+    if tails == "edges":
+        whole = jnp.ones(jnp.broadcast_shapes(jnp.shape(index), jnp.shape(eta)))
+        return -whole, whole
+    scale, beyond = eta * _SQRT2, 0.5 if centers == "inside" else 0.0
+    return erf(-(index + beyond) / scale), erf((n_bins - 1 - index + beyond) / scale)
+
+
+def _column(eta: Eta) -> Eta | Float[Array, "*entries 1"]:
+    """η with an axis of bins behind its own, if it has any."""
+    return jnp.asarray(eta)[..., None] if jnp.ndim(eta) else eta
 
 
 def _check(eta: Eta) -> None:

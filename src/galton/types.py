@@ -32,8 +32,10 @@ class Config:
     """Copies of the environment that one run steps side by side."""
     net_arch: tuple[Count, ...] = (64, 64)
     """Units of the hidden tanh layers, the same for actor and critic; () is linear."""
-    initial_policy: Literal["uniform", "gaussian"] = "uniform"
-    """How a softmax policy starts: uniform, or like the Gaussian policy ("Init Gaussian", §5.2.3)."""
+    initial_policy: Literal["uniform", "gaussian", "clipped-gaussian"] = "uniform"
+    """How a softmax policy starts: uniform, like the Gaussian policy inside its box ("Init Gaussian", §5.2.3), or like
+    the actions that the environment makes of the Gaussian policy's: clipped, with the tails in the first and last bin.
+    log_std_init and box_units say which Gaussian."""
     exploration: Literal["softmax", "gaussian"] = "softmax"
     """What a softmax policy samples from: itself, or the Gaussian with its moments (§5.2.3)."""
     bin_sample: Literal["center", "uniform"] = "center"
@@ -59,6 +61,27 @@ class Config:
     loss with a bias, plain HL-Gauss, and true for all others."""
     clip_separately: bool = False
     """Scale the gradients of actor and critic down to max_grad_norm each, not the two joined."""
+    critic: str = "squared-error"
+    """A key of CRITICS."""
+    n_value_bins: Annotated[int, AtLeast(2)] = 101
+    """Bins of a critic that classifies."""
+    bin_centers: Literal["inside", "bounds"] = "inside"
+    """Whether all bins are of one width, so that their centers lie inside the box (§4.1), or the first and last center
+    are the box's bounds, so that the bins at the ends are half as wide."""
+    target_tails: Literal["rescaled", "edges"] = "rescaled"
+    """What becomes of an HL-Gauss target's mass beyond the box: the rest is rescaled to sum to 1 (eq. 6), or the first
+    and last bin get it."""
+    eta_rule: Literal["fixed", "policy"] = "fixed"
+    """HL-Gauss's width: η = eta everywhere, or as the policy narrows, per state and dimension:
+    η = clip(eta · σ / bin width, eta_min, eta_max) with the policy's standard deviation σ."""
+    negative_target: Literal["same", "one-hot"] = "same"
+    """HL-Gauss's target for an action with a negative advantage: the same Gaussian, or all mass on its bin."""
+    weighting: Literal["advantage", "awr", "v-mpo"] = "advantage"
+    """What multiplies the loss: the advantage A, or a positive weight, AWR's exp(A / temperature), at most 20, or
+    V-MPO's softmax of A / temperature over the better half of the batch, times its size."""
+    entropy_target: bool = False
+    """Hold the policy's entropy: a bonus of weight α · std(A) joins the fixed one, and α, of either sign, follows a
+    target of the entropy, which goes from entropy_start to entropy_end."""
 
     def __post_init__(self) -> None:
         check_fields(self)
@@ -87,7 +110,8 @@ class Hypers(NamedTuple):
     learning_rate: NotNegative = 7e-4
     """The step size of Adam, at the start of training."""
     eta: Positive = 0.25
-    """HL-Gauss's width η = σ / bin width (§4.2)."""
+    """HL-Gauss's width η = σ / bin width (§4.2), and that of the smoothed policy. Where the width follows the policy
+    (eta_rule) it is the factor of the policy's standard deviation."""
     gamma: Share = 0.99
     """The discount of later rewards, γ."""
     gae_lambda: Share = 1.0
@@ -101,7 +125,7 @@ class Hypers(NamedTuple):
     decay_steps: NotNegative = 0.0
     """The learning rate falls linearly to 0 over so many environment steps; 0: it stays."""
     log_std_init: Annotated[Number, Within(np.isfinite, "finite")] = 0.0
-    """The Gaussian's first log σ."""
+    """The Gaussian's first log σ, and that of the policies made of it."""
     log_std_min: Annotated[Number, Within(lambda x: x < np.inf, "finite, or -inf for none")] = -math.inf
     """A floor under the Gaussian's log σ; −inf is none."""
     box_units: Annotated[Number, Within(lambda x: (x == 0) | (x == 1), "0 or 1")] = 0.0
@@ -111,15 +135,45 @@ class Hypers(NamedTuple):
     """PPO clips the likelihood ratio this far from 1."""
     target_kl: Annotated[Number, Within(lambda x: x > 0, "greater than 0, or inf for none")] = math.inf
     """PPO leaves off a rollout once its approximate KL divergence from the sampling policy exceeds 1.5 of this."""
+    value_min: Annotated[Number, Within(np.isfinite, "finite")] = -10.0
+    """The least return that a critic that classifies has a bin for, in the units of the rewards that it sees; with
+    normalize_reward that is about one standard deviation of the discounted return."""
+    value_max: Annotated[Number, Within(np.isfinite, "finite")] = 10.0
+    """The greatest, in the same units."""
+    value_eta: Positive = 0.75
+    """The HL-Gauss critic's width, in bin widths."""
+    noise_correlation: Annotated[Number, Within(lambda x: (x >= 0) & (x < 1), "0 or more, and less than 1")] = 0.0
+    """How the noise of an action is correlated with that of the step before, ρ, while an episode lasts; 0: not at all.
+    The noise of each step by itself is distributed as without it."""
+    rpo_alpha: NotNegative = 0.5
+    """How far RPO moves the Gaussian's mean up or down at most where an update looks at it, in the mean's own units."""
+    eta_min: Positive = 0.5
+    """The least η where the width follows the policy (eta_rule)."""
+    eta_max: Positive = 16.0
+    """The greatest η where the width follows the policy (eta_rule)."""
+    temperature: Positive = 1.0
+    """Of positive weights (weighting): the advantage that makes a weight e times as large, in the advantage's units."""
+    entropy_start: Positive = 0.5
+    """The entropy target at the start, as the share of the box that a uniform policy of that entropy would fill in each
+    dimension: e^(H/d) / k for a histogram, e^(h/d) / (high − low) for a density (entropy_target)."""
+    entropy_end: Positive = 0.05
+    """The entropy target in the end, as such a share."""
+    entropy_steps: NotNegative = 500_000.0
+    """Environment steps in which the entropy target goes from start to end, linearly in its logarithm; 0: it stays."""
+    entropy_rate: Positive = 0.02
+    """The step size of what decides α, per gradient step and nat that the entropy of a dimension is off its target."""
 
 
-def without_units(hypers: Hypers) -> Hypers:
-    """Hypers `[R]` with None for box_units where no run uses them.
+_UNUSED_AT_0 = ("box_units", "noise_correlation")
 
-    Their program then has no trace of them, and rounds as that of 0.1.0, which had no such units.
+
+def without_unused(hypers: Hypers) -> Hypers:
+    """Hypers `[R]` with None for box_units and for noise_correlation where they are 0 in every run.
+
+    Their program then has no trace of them, and rounds as that of 0.1.0, which had neither.
     """
-    nothing: Any = None
-    return hypers if np.any(hypers.box_units) else hypers._replace(box_units=nothing)
+    unused: dict[str, Any] = {name: None for name in _UNUSED_AT_0 if not np.any(getattr(hypers, name))}
+    return hypers._replace(**unused)
 
 
 def check_config(config: Config) -> None:
@@ -168,3 +222,5 @@ class Learner(NamedTuple):
     """Adam's count of steps and its moments, those shaped like params."""
     normalizer: Any
     """Statistics of observations and rewards, a Normalizer."""
+    dual: Float[Array, "*batch"] | tuple[()] = ()
+    """The dual variable of the entropy target; () where no entropy is held."""

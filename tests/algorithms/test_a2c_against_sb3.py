@@ -71,7 +71,8 @@ def test_values_entropy_and_log_prob_equal_sb3s(loss):
     agent, params = resolve(config, LOW, HIGH), jax.tree.map(jnp.asarray, params_of(model))
     batch = record_batch(model, envs, discrete)
     buffer = model.rollout_buffer
-    np.testing.assert_allclose(actor_critic.value(params, batch.observation), buffer.values, rtol=1e-4, atol=1e-6)
+    values = actor_critic.value(agent, params, batch.observation, HYPERS)
+    np.testing.assert_allclose(values, buffer.values, rtol=1e-4, atol=1e-6)
     distribution = actor_critic.distribution(agent, params, batch.observation, HYPERS)
     flat = torch.as_tensor(np.array(batch.observation).reshape(T * N, 3))
     _, log_prob, entropy = model.policy.evaluate_actions(flat, torch.as_tensor(buffer.actions.reshape(T * N, 2)))

@@ -21,6 +21,18 @@ FITTING = [
     for policy, kind in POLICIES.items()
     if entry.family in ("density", kind.family)
 ]
+FIRST = ("gaussian", "histogram", "ordinal")
+
+
+def marked(pairs):
+    """All but those of RPO, which sees other outputs each time; those of later policies are slow."""
+    return [
+        pytest.param(policy, loss, marks=[] if policy in FIRST else pytest.mark.slow)
+        for policy, loss in pairs
+        if policy != "rpo"
+    ]
+
+
 LIKELIHOODS = [(policy, loss) for policy, loss in FITTING if loss in ("gaussian", "hl-one-hot")]
 
 
@@ -40,7 +52,7 @@ def deep(agent):
     batch = rollout_of(agent, learner)
     orders = jnp.stack([jax.random.permutation(jax.random.key(i), T * N) for i in range(3)])
     after, told = fit(agent, learner, ppo.prepare(agent, learner, batch, HYPERS), orders)
-    assert 0.1 < told["clip_fraction"] < 0.9
+    assert 0.05 < told["clip_fraction"] < 0.9
     return batch, learner, after.params
 
 
@@ -90,7 +102,7 @@ def test_with_narrow_targets_every_histogram_loss_is_ppo_on_hl_one_hot(ratio, po
 
 
 @pytest.mark.parametrize("ratio", ["smoothed", "true"])
-@pytest.mark.parametrize(("policy", "loss"), LIKELIHOODS)
+@pytest.mark.parametrize(("policy", "loss"), marked(LIKELIHOODS))
 def test_the_gated_weights_gradient_is_that_of_ppos_clipped_surrogate(policy, loss, ratio):
     agent = agent_of(policy, loss, ratio=ratio)
     batch, sampling, params = deep(agent)
@@ -130,7 +142,7 @@ def test_the_smoothed_ratios_gradient_is_that_of_its_clipped_surrogate(loss):
 
 @pytest.mark.parametrize("normalize_advantage", [False, True])
 @pytest.mark.parametrize("ratio", ["smoothed", "true"])
-@pytest.mark.parametrize(("policy", "loss"), FITTING)
+@pytest.mark.parametrize(("policy", "loss"), marked(FITTING))
 def test_the_first_minibatch_of_the_first_epoch_is_a2cs(policy, loss, ratio, normalize_advantage):
     agent = agent_of(policy, loss, normalize_advantage=normalize_advantage, ratio=ratio)
     learner = moved(agent)

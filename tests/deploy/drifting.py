@@ -39,7 +39,7 @@ class Drifting(gymnasium.Env):
 
 def trained(policy, algorithm, d=6, steps=640, **settings):
     """A model that has learned a little: its normaliser has seen something, and its outputs depend on the state."""
-    loss = "gaussian" if policy == "gaussian" else "hl-gauss"
+    loss = "gaussian" if galton.POLICIES[policy].family == "density" else "hl-gauss"
     usual = {"n_steps": 16, "n_envs": 2, "n_bins": 21, "learning_rate": 3e-3} | OWN.get(algorithm, {})
     model = galton.Model(
         lambda: Drifting(LOW[:d], HIGH[:d]), loss, algorithm=algorithm, policy=policy, seed=1, **usual | settings

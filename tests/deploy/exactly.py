@@ -3,6 +3,7 @@
 from typing import NamedTuple
 
 import numpy as np
+from scipy.stats import norm
 
 
 class Exact(NamedTuple):
@@ -24,6 +25,12 @@ def exactly(model, states):
     low, high = (np.asarray(bound, np.float64) for bound in (model.agent.low, model.agent.high))
     center, half = (high + low) / 2, (high - low) / 2
     least = np.maximum(abs(low), abs(high)) / half
+    if model.config.policy == "squashed-gaussian":
+        return Exact(center + half * np.tanh(outputs), np.maximum(size, least), np.zeros(0), np.zeros(0))
+    if model.config.policy == "beta":
+        shapes = 1 + np.logaddexp(0, outputs.reshape(len(x), -1, 2))
+        size = np.maximum(size.reshape(shapes.shape).max(-1), least)
+        return Exact(low + 2 * half * shapes[..., 0] / shapes.sum(-1), size, np.zeros(0), np.zeros(0))
     if model.config.loss == "gaussian":
         in_box = model.hypers.box_units == 1
         mean, size = (center + half * outputs, size) if in_box else (outputs, size / half)
@@ -34,6 +41,10 @@ def exactly(model, states):
     if model.config.policy == "ordinal":
         size = abs(logits).sum(-1) + size
         logits = logits.cumsum(-1)
+    if model.config.policy == "smoothed":
+        edges = np.arange(k + 1) - np.arange(k)[:, None] - 0.5
+        kernel = np.diff(norm.cdf(edges / float(model.hypers.eta)))
+        logits = logits @ (kernel / kernel.sum(1, keepdims=True)).T
     return _chosen(model.config.deterministic_action, logits, np.maximum(size, least), centers)
 
 

@@ -1,14 +1,18 @@
 """What is handed over as an environment and is none, or is a record that lacks something."""
 
 import dataclasses
+import sys
+import tomllib
 
 import gymnasium
+import numpy as np
 import pytest
 from gymnasium.spaces import Discrete
 
 from galton import UsageError
-from galton.envs import LQR, Environment, MountainCar
+from galton.envs import LQR, Bandit, Environment, MountainCar
 from galton.envs.find import find
+from galton.envs.rescaled import Rescaled
 
 from .host.walks import Walk
 
@@ -127,3 +131,36 @@ def test_what_is_no_environment_is_refused_with_the_reason(name):
 def test_keyword_arguments_that_do_not_fit_are_refused(source, kwargs, message):
     with pytest.raises(UsageError, match=message):
         find(source, **kwargs)
+
+
+def test_what_needs_box2d_says_how_to_install_it_where_it_is_missing(monkeypatch):
+    monkeypatch.setitem(sys.modules, "Box2D", None)
+    for module in [name for name in sys.modules if name.startswith("gymnasium.envs.box2d")]:
+        monkeypatch.delitem(sys.modules, module)
+    for name, kwargs in (("LunarLander-v3", {"continuous": True}), ("LunarLanderContinuous-v3", {})):
+        with pytest.raises(UsageError, match=rf"^environment '{name}' needs Box2D: pip install 'galton\[box2d\]'$"):
+            find(name, **kwargs)
+
+
+IN_TOML = """
+[[task]]
+env = "bandit"
+env_kwargs = { d = 16 }
+
+[[task]]
+env = "lqr"
+env_kwargs = { R = [[0.01, 0.0], [0.0, 0.01]] }
+
+[[task]]
+env = "lqr"
+env_kwargs = { max_episode_steps = 200, noise_std = 0.0, action_scale = 2.0 }
+"""
+
+
+def test_a_name_with_the_constants_of_a_toml_file_is_the_record_with_them():
+    bandit, lqr, longer = (find(task["env"], **task["env_kwargs"]) for task in tomllib.loads(IN_TOML)["task"])
+    assert bandit == Bandit(d=16)
+    assert lqr == LQR(R=0.01 * np.eye(2))
+    assert longer == Rescaled(LQR(max_episode_steps=200, noise_std=0.0), 2.0)
+    assert hash(lqr) == hash(LQR(R=0.01 * np.eye(2)))
+    assert lqr.rest_return - lqr.random_return < 0.4 * (lqr.optimal_return - lqr.random_return)

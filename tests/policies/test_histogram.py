@@ -90,3 +90,67 @@ def test_init_gaussian_starts_like_the_gaussian_policy():
     edges = np.linspace(-4, 4, 401)
     expected = np.diff(norm.cdf(edges))
     np.testing.assert_allclose(probs, expected / expected.sum(), atol=2e-6)
+
+
+BOXES = [(-1.0, 1.0), (-3.0, 1.0), (2.0, 2.5), (-400.0, 1.0)]
+
+
+@pytest.mark.parametrize(("centers", "box_units"), [("inside", 0.0), ("bounds", 1.0)])
+def test_it_starts_as_the_gaussians_clipped_actions_do(centers, box_units):
+    low, high = np.array(BOXES).T
+    config = Config(n_bins=30, initial_policy="clipped-gaussian", bin_centers=centers)
+    policy = HistogramPolicy.create(config, low, high)
+    for log_std in (0.0, -1.0, 2.0):
+        probs = policy.distribution(
+            policy.init(Hypers(log_std_init=log_std, box_units=box_units))[0], {}, Hypers()
+        ).probs
+        mean, std = np.zeros(4), np.exp(log_std) * np.ones(4)
+        if box_units:
+            mean, std = (low + high) / 2, std * (high - low) / 2
+        edges = policy.bins.edges.astype(np.float64)
+        edges[:, 0], edges[:, -1] = -np.inf, np.inf
+        z = (edges - mean[:, None]) / std[:, None]
+        expected = np.where(z[:, :-1] > 0, -np.diff(norm.sf(z)), np.diff(norm.cdf(z)))
+        np.testing.assert_allclose(probs, expected, rtol=2e-3, atol=2e-6)
+
+
+def test_the_first_gaussian_is_the_one_that_the_numbers_say():
+    low, high = np.array([0.0]), np.array([8.0])
+    policy = HistogramPolicy.create(Config(n_bins=400, initial_policy="gaussian"), low, high)
+    centers = policy.bins.centers[0]
+    for numbers, mean, std in (({}, 0, 1), ({"log_std_init": -1.0, "box_units": 1.0}, 4, 4 / np.e)):
+        density = norm.pdf(centers, mean, std)
+        found = jax.nn.softmax(policy.init(Hypers(**numbers))[0])
+        np.testing.assert_allclose(found, density / density.sum(), atol=2e-6)
+    floored = policy.init(Hypers(log_std_init=-9.0, log_std_min=-1.0, box_units=1.0))[0]
+    np.testing.assert_array_equal(floored, policy.init(Hypers(log_std_init=-1.0, box_units=1.0))[0])
+
+
+@pytest.mark.parametrize("log_std", [-12.0, 8.0])
+@pytest.mark.parametrize("start", ["gaussian", "clipped-gaussian"])
+def test_a_start_of_any_width_is_finite(start, log_std):
+    low, high = np.array(BOXES).T
+    policy = HistogramPolicy.create(Config(n_bins=100, initial_policy=start), low, high)
+    for box_units in (0.0, 1.0):
+        hypers = Hypers(log_std_init=log_std, box_units=box_units)
+        assert np.isfinite(policy.init(hypers)[0]).all()
+
+
+def test_with_centers_on_the_bounds_a_place_is_drawn_in_the_bins_own_width():
+    config = Config(n_bins=5, bin_sample="uniform", bin_centers="bounds")
+    policy = HistogramPolicy.create(config, np.array([0.0]), np.array([8.0]))
+    for bin_, (low, high) in {0: (0, 1), 2: (3, 5), 4: (7, 8)}.items():
+        logits = jnp.broadcast_to(jnp.where(jnp.arange(5) == bin_, 50.0, 0.0), (5_000, 5))
+        distribution = policy.distribution(logits, {}, Hypers())
+        action = distribution.sample(policy.noise(jax.random.key(0), (5_000,)))
+        assert action.min() >= low
+        assert action.max() <= high
+        assert chisquare(np.histogram(action, 10, (low, high))[0]).pvalue > 1e-3
+        assert distribution.at_edge(action).all() == (bin_ != 2)
+
+
+def test_centers_on_the_bounds_are_the_actions():
+    policy = HistogramPolicy.create(Config(n_bins=5, bin_centers="bounds"), np.array([-1.0]), np.array([3.0]))
+    certain = policy.distribution(50.0 * jnp.eye(5), {}, Hypers())
+    np.testing.assert_allclose(certain.deterministic_action()[:, 0], [-1, 0, 1, 2, 3])
+    np.testing.assert_allclose(certain.sample(jnp.full((5, 1), 0.5))[:, 0], [-1, 0, 1, 2, 3])

@@ -104,6 +104,33 @@ def test_with_one_worker_killed_and_one_stopped_the_bytes_are_the_same(tmp_path,
     assert store.read(results.FILE) == reference
 
 
+BENCHMARK = """
+budget = { settings = 2, seeds = 2, fresh_seeds = 3, steps = 100, logs = 2, eval_episodes = 1 }
+prior = { learning_rate = { log-uniform = [0.01, 1] } }
+methods.gaussian.fixed = { loss = "gaussian" }
+methods.bins.fixed = { loss = "hl-one-hot", n_bins = 5 }
+tasks.bandit = {}
+tasks.noisy = { env = "bandit", env_kwargs = { noise_std = 5.0 }, held_out = true }
+"""
+
+
+@pytest.mark.slow
+def test_a_benchmark_on_a_cluster_has_the_bytes_of_one_on_this_machine(tmp_path):
+    (tmp_path / "mine.toml").write_text(BENCHMARK)
+    command = [sys.executable, "-m", "galton", "benchmark", "mine.toml", "--out"]
+    with dask(2, tmp_path) as (address, _):
+        there = subprocess.run(
+            [*command, "there", "--scheduler", address], cwd=tmp_path, capture_output=True, text=True
+        )
+    assert there.returncode == 0, there.stderr
+    here = subprocess.run([*command, "here", "--workers", "1"], cwd=tmp_path, capture_output=True, text=True)
+    assert here.returncode == 0, here.stderr
+    names = [path.relative_to(tmp_path / "here") for path in (tmp_path / "here").glob("data/*")]
+    assert len(names) == 3
+    for name in (*names, "report.json", "index.html", "benchmark.json"):
+        assert (tmp_path / "here" / name).read_bytes() == (tmp_path / "there" / name).read_bytes()
+
+
 def test_the_command_trains_on_a_cluster_with_tls(tmp_path):
     keys = tmp_path / "keys"
     keys.mkdir()

@@ -75,9 +75,10 @@ def test_the_gradient_is_that_of_the_update(loss):
 
 
 def test_explained_variance_is_sb3s():
-    _, learner, batch, diagnosis = setup("gaussian")
+    agent, learner, batch, diagnosis = setup("gaussian")
     values, following = (
-        np.asarray(actor_critic.value(learner.params, o)) for o in (batch.observation, batch.next_observation)
+        np.asarray(actor_critic.value(agent, learner.params, o, HYPERS))
+        for o in (batch.observation, batch.next_observation)
     )
     advantage = np.asarray(actor_critic.advantages(jnp.ravel(values), jnp.ravel(following), batch, HYPERS))
     expected = explained_variance(values.ravel(), advantage + values.ravel())
@@ -116,7 +117,8 @@ def test_the_bias_is_hl_gausss_alone_and_its_closed_form(loss):
     table = np.diff(cdf) / (cdf[:, -1:] - cdf[:, :1])
     probs = np.asarray(actor_critic.distribution(agent, learner.params, batch.observation, HYPERS).probs, np.float64)
     values = (
-        actor_critic.value(learner.params, actor_critic.flatten(o)) for o in (batch.observation, batch.next_observation)
+        actor_critic.value(agent, learner.params, actor_critic.flatten(o), HYPERS)
+        for o in (batch.observation, batch.next_observation)
     )
     advantage = np.asarray(actor_critic.advantages(*values, batch, HYPERS))
     expected = abs(advantage.mean()) * np.linalg.norm(probs @ table - probs, axis=-1).mean()

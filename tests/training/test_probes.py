@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 
 from galton import LOSSES, Config, Hypers, train
-from galton.algorithms import actor_critic
+from galton.algorithms import actor_critic, resolve
+from galton.critics import CRITICS
 
 from .probes import Probe
 
@@ -13,32 +14,39 @@ SOME = [pytest.param(loss, marks=[] if loss in ("gaussian", "hl-gauss") else pyt
 FAST = Hypers(learning_rate=3e-3)
 
 
-def values_after(env, steps=40_000, gamma=0.9, **hypers):
-    config = Config(loss="gaussian", n_steps=8, n_envs=2, net_arch=(32,))
+@pytest.fixture(params=CRITICS)
+def critic(request):
+    return request.param
+
+
+def values_after(env, critic, steps=40_000, gamma=0.9, **hypers):
+    config = Config(loss="gaussian", n_steps=8, n_envs=2, net_arch=(32,), critic=critic)
+    hypers |= {} if critic == "squared-error" else {"value_min": -8.0, "value_max": 7.0}
     result = train(env, config, Hypers(3e-3, gamma=gamma, **hypers), [0], steps, n_logs=5, n_eval_episodes=2)
     params = {"critic": [{name: x[0] for name, x in layer.items()} for layer in result.learner.params["critic"]]}
-    return np.asarray(actor_critic.value(params, jnp.array([[-1.0], [1.0]])))
+    agent = resolve(config, np.array([-1.0]), np.array([1.0]))
+    return np.asarray(actor_critic.value(agent, params, jnp.array([[-1.0], [1.0]]), Hypers(**hypers)))
 
 
-def test_the_critic_learns_a_constant():
-    np.testing.assert_allclose(values_after(Probe("constant")), 1.0, atol=0.05)
+def test_the_critic_learns_a_constant(critic):
+    np.testing.assert_allclose(values_after(Probe("constant"), critic), 1.0, atol=0.05)
 
 
-def test_the_critic_sees_the_observation():
-    np.testing.assert_allclose(values_after(Probe("coin")), [-1.0, 1.0], atol=0.05)
+def test_the_critic_sees_the_observation(critic):
+    np.testing.assert_allclose(values_after(Probe("coin"), critic), [-1.0, 1.0], atol=0.05)
 
 
-def test_the_critic_discounts_what_comes_a_step_later():
+def test_the_critic_discounts_what_comes_a_step_later(critic):
     # Half the visits are one step before the reward, worth γ coin, half at it, worth the coin.
     expected = np.array([-1.0, 1.0]) * (1 + 0.5) / 2
-    np.testing.assert_allclose(values_after(Probe("delayed", 2), gamma=0.5), expected, atol=0.08)
+    np.testing.assert_allclose(values_after(Probe("delayed", 2), critic, gamma=0.5), expected, atol=0.08)
 
 
-def test_a_termination_is_worth_nothing_and_a_time_limit_what_follows():
+def test_a_termination_is_worth_nothing_and_a_time_limit_what_follows(critic):
     # Reward 1 a step, five steps an episode: cut by the time limit the value is 1 / (1 − γ) all the same.
-    cut = values_after(Probe("constant", 5, terminates=False), steps=120_000, gamma=0.8)
+    cut = values_after(Probe("constant", 5, terminates=False), critic, steps=120_000, gamma=0.8)
     np.testing.assert_allclose(cut, 5.0, atol=0.2)
-    ended = values_after(Probe("constant", 5, terminates=True), steps=120_000, gamma=0.8)
+    ended = values_after(Probe("constant", 5, terminates=True), critic, steps=120_000, gamma=0.8)
     by_step = [sum(0.8**i for i in range(left)) for left in (5, 4, 3, 2, 1)]
     np.testing.assert_allclose(ended, np.mean(by_step), atol=0.2)
 

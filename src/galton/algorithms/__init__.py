@@ -6,11 +6,12 @@ A new one is a record in a file and a line in ALGORITHMS; what every actor-criti
 import numpy as np
 from jaxtyping import Float
 
-from galton.algorithms import a2c, ppo
+from galton.algorithms import a2c, credit, ppo
 from galton.algorithms.base import Agent, Algorithm, Scalars
+from galton.critics import CRITICS, find_critic
 from galton.errors import UsageError, require, unknown
 from galton.losses import find_loss
-from galton.policies import POLICIES
+from galton.policies import POLICIES, USES
 from galton.records import defaults
 from galton.types import Config, Hypers
 
@@ -19,7 +20,18 @@ ALGORITHMS: dict[str, Algorithm] = {
     "ppo": ppo.ALGORITHM,
 }
 
-__all__ = ["ALGORITHMS", "Agent", "Algorithm", "Scalars", "find_algorithm", "policy_of", "refuse_others", "resolve"]
+__all__ = [
+    "ALGORITHMS",
+    "Agent",
+    "Algorithm",
+    "Scalars",
+    "check_together",
+    "find_algorithm",
+    "policy_of",
+    "refuse_idle",
+    "refuse_others",
+    "resolve",
+]
 
 
 def resolve(config: Config, low: Float[np.ndarray, " d"], high: Float[np.ndarray, " d"]) -> Agent:
@@ -34,10 +46,13 @@ def resolve(config: Config, low: Float[np.ndarray, " d"], high: Float[np.ndarray
         name in fitting,
         f"policy is {name!r}, but the loss {config.loss!r} needs a {loss.family}; choose from {', '.join(fitting)}",
     )
-    refuse_others(algorithm, config)
+    critic = find_critic(config.critic)
+    refuse_others(config, config)
+    refuse_idle(config, config)
+    credit.check(config, loss, algorithm)
     algorithm.check(config)
     box = (tuple(float(x) for x in np.asarray(bound, np.float32)) for bound in (low, high))
-    return Agent(config, loss, POLICIES[name].create, algorithm, *box)
+    return Agent(config, loss, POLICIES[name].create, critic.create, algorithm, *box)
 
 
 def policy_of(config: Config) -> str:
@@ -48,15 +63,58 @@ def policy_of(config: Config) -> str:
     return name
 
 
-def refuse_others(algorithm: Algorithm, settings: Config | Hypers) -> None:
-    """Raise UsageError where a setting that only other algorithms have a use for is not at its default."""
+def check_together(config: Config, hypers: Hypers) -> None:
+    """Raise UsageError where the numbers don't fit the choices."""
+    refuse_others(config, hypers)
+    for settings in (config, hypers):
+        refuse_idle(config, settings)
+    find_critic(config.critic).check(config, hypers)
+
+
+def refuse_others(config: Config, settings: Config | Hypers) -> None:
+    """Raise UsageError where a setting that only other algorithms or critics have a use for is not at its default."""
+    choices = {
+        "algorithm": {name: algorithm.own for name, algorithm in ALGORITHMS.items()},
+        "critic": {name: critic.uses for name, critic in CRITICS.items()},
+    }
     usual = defaults(type(settings))
-    for other in ALGORITHMS.values():
-        for name in sorted(set(other.own) & set(usual) - set(algorithm.own)):
-            given = np.atleast_1d(getattr(settings, name))
-            default = np.float32(usual[name]) if given.dtype == np.float32 else usual[name]
-            for value in given[given != default][:1]:
-                raise UsageError(f"{name} is {value!s}; it goes with algorithm {other.name!r}, not {algorithm.name!r}")
+    for choice, uses in choices.items():
+        chosen = getattr(config, choice)
+        for other, names in uses.items():
+            for name in sorted(set(names) & set(usual) - set(uses[chosen])):
+                given = np.atleast_1d(getattr(settings, name))
+                default = np.float32(usual[name]) if given.dtype == np.float32 else usual[name]
+                for value in given[given != default][:1]:
+                    raise UsageError(f"{name} is {value!s}; it goes with {choice} {other!r}, not {chosen!r}")
+
+
+def refuse_idle(config: Config, settings: Config | Hypers) -> None:
+    """Raise UsageError where a setting is not at its default that the configuration's loss and policy have no use for.
+
+    Settings of before these checks are not among them: what files have, they may have. They may also have a policy that
+    nobody has registered here, of which nothing is known.
+    """
+    if config.policy not in ("auto", *POLICIES):
+        return
+    loss, policy = find_loss(config.loss), policy_of(config)
+    has_bins = POLICIES[policy].family == "histogram"
+    wanted = {
+        "bin_centers": (has_bins, "a policy over bins"),
+        "target_tails": (has_bins and ("eta" in loss.uses or "eta" in USES.get(policy, ())), "targets of width η"),
+        "initial_policy": (has_bins or config.initial_policy != "clipped-gaussian", "a policy over bins"),
+        "rpo_alpha": ("rpo_alpha" in USES.get(policy, ()), "the policy 'rpo'"),
+    }
+    usual = defaults(type(settings))
+    for name in wanted.keys() & usual.keys():
+        used, whose = wanted[name]
+        values = np.atleast_1d(getattr(settings, name))
+        for value in [] if used else values[values != usual[name]][:1]:
+            shown = repr(str(value)) if isinstance(value, str) else str(value)
+            raise UsageError(
+                f"{name} is {shown}; it goes with {whose}, not with the policy {policy!r} and the loss {config.loss!r}"
+            )
+    if isinstance(settings, Hypers):
+        credit.check_numbers(config, settings)
 
 
 def find_algorithm(name: str) -> Algorithm:

@@ -11,10 +11,11 @@ import optax
 from jaxtyping import Array, Bool, Float, Key, PyTree
 
 from galton import normalization
+from galton.algorithms import entropy
 from galton.algorithms.base import Agent, Scalars
 from galton.losses import surrogate
 from galton.networks import init_mlp, mlp
-from galton.policies import Distribution
+from galton.policies import Distribution, MovesOutputs
 from galton.returns import gae
 from galton.types import Hypers, Learner, Params, Transition
 
@@ -26,10 +27,12 @@ def init(key: Key[Array, ""], agent: Agent, hypers: Hypers, observation_size: in
     config, policy = agent.config, agent.policy
     actor_key, critic_key = jax.random.split(key)
     actor = init_mlp(actor_key, (observation_size, *config.net_arch, policy.n_outputs), last_scale=0.01)
-    critic = init_mlp(critic_key, (observation_size, *config.net_arch, 1), last_scale=1.0)
+    critic = init_mlp(
+        critic_key, (observation_size, *config.net_arch, agent.critic.n_outputs), last_scale=agent.critic.init_scale
+    )
     actor[-1]["bias"], extra = policy.init(hypers)
     params = {"actor": actor, "critic": critic, **extra}
-    return Learner(params, _ADAM.init(params), normalization.init(config, observation_size))
+    return Learner(params, _ADAM.init(params), normalization.init(config, observation_size), entropy.init(config))
 
 
 def distribution(agent: Agent, params: Params, observation: Float[Array, "*batch o"], hypers: Hypers) -> Distribution:
@@ -44,20 +47,32 @@ def act(
     return distribution(agent, params, observation, hypers).sample(noise)
 
 
-def value(params: Params, observation: Float[Array, "*batch o"]) -> Float[Array, "*batch"]:
+def value(
+    agent: Agent, params: Params, observation: Float[Array, "*batch o"], hypers: Hypers
+) -> Float[Array, "*batch"]:
     """What the critic takes each state to be worth, v(s)."""
-    return mlp(params["critic"], observation)[..., 0]
+    return agent.critic.value(mlp(params["critic"], observation), hypers)
 
 
-def outputs_and_values(
+def outputs(
     params: Params, observation: Float[Array, "B o"]
-) -> tuple[Float[Array, "B n_outputs"], Float[Array, " B"]]:
-    """What both networks say of these observations.
+) -> tuple[Float[Array, "B n_actor"], Float[Array, "B n_critic"]]:
+    """What the networks of actor and critic say of these observations.
 
     A barrier keeps XLA from computing softmaxes again inside the matrix products of the backward pass.
     """
-    outputs, values = jax.lax.optimization_barrier((mlp(params["actor"], observation), value(params, observation)))
-    return outputs, values
+    actor, critic = jax.lax.optimization_barrier(
+        (mlp(params["actor"], observation), mlp(params["critic"], observation))
+    )
+    return actor, critic
+
+
+def as_update_sees(
+    agent: Agent, outputs: Float[Array, "B n_outputs"], key: Key[Array, ""], hypers: Hypers
+) -> Float[Array, "B n_outputs"]:
+    """The actor's outputs in an update: as they are, unless the policy moves them (RPO)."""
+    policy = agent.policy
+    return policy.moved(outputs, key, hypers) if isinstance(policy, MovesOutputs) else outputs
 
 
 def advantages(
@@ -96,16 +111,15 @@ def objective(
     distribution: Distribution,
     loss: Float[Array, " B"],
     weight: Float[Array, " B"],
-    values: Float[Array, " B"],
-    returns: Float[Array, " B"],
+    critic_loss: Float[Array, " B"],
     hypers: Hypers,
 ) -> Objective:
-    """mean(weight · loss) + vf_coef · mean((returns − values)²) − ent_coef · entropy.
+    """mean(weight · loss) + vf_coef · mean(critic_loss) − ent_coef · entropy.
 
     The weight is A2C's advantage; PPO's has the likelihood ratio in it.
     """
     policy_loss = surrogate(weight, loss)
-    value_loss = jnp.mean((returns - values) ** 2)
+    value_loss = jnp.mean(critic_loss)
     entropy = jnp.mean(distribution.entropy())
     total = policy_loss + hypers.vf_coef * value_loss - hypers.ent_coef * entropy
     return Objective(total, policy_loss, value_loss, entropy)

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Array, Float, Key
 
+from galton.critics import Critic
 from galton.losses import Loss
 from galton.policies import Policy
 from galton.types import Config, Hypers, Learner, Rule, Transition
@@ -39,6 +40,8 @@ class Algorithm:
     side_by_side: bool = True
     """Whether a processor core updates many runs at once. Where a single update has large matrix products of its own,
     one run after the other is faster. Other devices always take all at once."""
+    choices: tuple[str, ...] = ()
+    """The fields of Config that not every algorithm carries out (`credit.CHOICES`), and this one does."""
     check: Callable[[Config], None] = lambda _: None
     """Raise UsageError for a configuration that it can't run."""
 
@@ -68,6 +71,8 @@ class Agent:
     loss: Loss
     make_policy: Callable[[Config, Box, Box], Policy]
     """`create` of the policy's class."""
+    make_critic: Callable[[Config], Critic]
+    """`create` of the critic's class."""
     algorithm: Algorithm
     low: tuple[float, ...]
     """The action box, in float32."""
@@ -77,6 +82,17 @@ class Agent:
     def policy(self) -> Policy:
         """The policy for actions in this box."""
         return self.make_policy(self.config, np.array(self.low, np.float32), np.array(self.high, np.float32))
+
+    @functools.cached_property
+    def critic(self) -> Critic:
+        """How values are read off the critic network, and trained."""
+        return self.make_critic(self.config)
+
+    @property
+    def scalars(self) -> tuple[str, ...]:
+        """The names of what an update tells of itself, in the order of the log."""
+        held = ("entropy_share", "entropy_alpha") if self.config.entropy_target else ()
+        return (*self.algorithm.scalars, *held)
 
     def acting_by(self, rule: Rule | None) -> "Agent":
         """The same agent with another deterministic action; None is its own."""

@@ -20,13 +20,15 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, Key
 
-from galton.algorithms import actor_critic
+from galton.algorithms import actor_critic, credit, entropy
 from galton.algorithms.actor_critic import Objective, flatten
 from galton.algorithms.base import Agent, Algorithm, Scalars
 from galton.errors import require
 from galton.losses import cross_entropy
 from galton.types import Config, Hypers, Learner, Params, Transition
 
+_OF_MOVES = 2**31 - 1
+"""Folded into an update's key it gives that of what its minibatches draw; the epochs' orders have 0 … n_epochs − 1."""
 Told = dict[str, Float[Array, "*minibatches"]]
 """What minibatches tell of themselves, by name."""
 
@@ -45,6 +47,8 @@ class Rows(NamedTuple):
     """The loss of each action under the policy that sampled it."""
     target: Float[Array, "B d k"] | tuple[()]
     """The weights of a cross-entropy under that policy; () where the ratio does not need them."""
+    of_negatives: Float[Array, " B"] | tuple[()] = ()
+    """The loss under that policy of an action that is weighted negatively; () where it is the same."""
 
 
 def update(
@@ -54,19 +58,24 @@ def update(
     rows = prepare(agent, learner, batch, hypers)
     size = len(rows.advantage)
     orders = jax.vmap(lambda key: jax.random.permutation(key, size))(jax.random.split(key, agent.config.n_epochs))
-    return fit(agent, learner, rows, orders, hypers)
+    return fit(agent, learner, rows, orders, hypers, jax.random.fold_in(key, _OF_MOVES))
 
 
 def prepare(agent: Agent, learner: Learner, batch: Transition, hypers: Hypers) -> Rows:
     """Advantages, returns, log-probabilities and targets under the parameters that sampled the rollout."""
     observation, next_observation, action = map(flatten, (batch.observation, batch.next_observation, batch.action))
-    outputs, values = actor_critic.outputs_and_values(learner.params, observation)
-    next_values = actor_critic.value(learner.params, next_observation)
+    outputs, estimates = actor_critic.outputs(learner.params, observation)
+    values = agent.critic.value(estimates, hypers)
+    next_values = actor_critic.value(agent, learner.params, next_observation, hypers)
     advantage = actor_critic.advantages(values, next_values, batch, hypers)
     distribution = agent.policy.distribution(outputs, learner.params, hypers)
-    target = agent.loss.target(distribution, action, hypers) if _is_smoothed(agent) and agent.loss.target else ()
+    target: Array | tuple[()] = ()
+    if _is_smoothed(agent) and agent.loss.target:
+        target = agent.loss.target(distribution, action, credit.with_width(agent.config, distribution, hypers))
     loss = _loss(agent, distribution, action, target, hypers)
-    return Rows(observation, action, advantage, advantage + values, distribution.log_prob(action), loss, target)
+    negatives = credit.of_negatives(agent.config, distribution, action, hypers)
+    log_prob = distribution.log_prob(action)
+    return Rows(observation, action, advantage, advantage + values, log_prob, loss, target, negatives)
 
 
 def _is_smoothed(agent: Agent) -> bool:
@@ -83,45 +92,62 @@ def _loss(
 ) -> Float[Array, " B"]:
     """The agent's loss, with a target that is there already or the loss's own."""
     if isinstance(target, tuple):
-        return agent.loss.function(distribution, action, hypers)
+        return credit.loss(agent, distribution, action, hypers)
     return cross_entropy(distribution, target)
 
 
 def fit(
-    agent: Agent, learner: Learner, rows: Rows, orders: Int[Array, "epochs B"], hypers: Hypers
+    agent: Agent,
+    learner: Learner,
+    rows: Rows,
+    orders: Int[Array, "epochs B"],
+    hypers: Hypers,
+    key: Key[Array, ""] | None = None,
 ) -> tuple[Learner, Scalars]:
-    """A step on each minibatch of each epoch, until one's KL divergence is over 1.5 · target_kl."""
+    """A step on each minibatch of each epoch, until one's KL divergence is over 1.5 · target_kl.
+
+    The key is for policies that move their outputs; each minibatch has its own, by Adam's count of steps. By default it
+    is that of seed 0.
+    """
+    key = jax.random.key(0) if key is None else key
     size = agent.config.batch_size
 
     def epoch(carry: tuple[Learner, Array], order: Array) -> tuple[tuple[Learner, Array], tuple[Array, Told]]:
         batches = jax.tree.map(lambda x: x[order].reshape(-1, size, *x.shape[1:]), rows)
-        return jax.lax.scan(lambda carry, rows: _minibatch(agent, carry, rows, hypers), carry, batches)
+        return jax.lax.scan(lambda carry, rows: _minibatch(agent, carry, rows, hypers, key), carry, batches)
 
     (learner, _), (taken, told) = jax.lax.scan(epoch, (learner, jnp.array(True)), orders)
     return learner, _summarise(taken, told)
 
 
 def _minibatch(
-    agent: Agent, carry: tuple[Learner, Array], rows: Rows, hypers: Hypers
+    agent: Agent, carry: tuple[Learner, Array], rows: Rows, hypers: Hypers, key: Key[Array, ""]
 ) -> tuple[tuple[Learner, Array], tuple[Array, Scalars]]:
     """One step, unless training on this rollout has been left off: (learner, going) → the same, and what it tells."""
     learner, looking = carry
-    advantage = actor_critic.standardise(rows.advantage) if agent.config.normalize_advantage else rows.advantage
+    advantage = credit.weights(agent.config, rows.advantage, hypers)
 
     def objective(params: Params) -> tuple[Array, tuple[Objective, Array, Array]]:
-        outputs, values = actor_critic.outputs_and_values(params, rows.observation)
-        distribution = agent.policy.distribution(outputs, params, hypers)
-        loss = _loss(agent, distribution, rows.action, rows.target, hypers)
+        outputs, estimates = actor_critic.outputs(params, rows.observation)
+        seen = actor_critic.as_update_sees(agent, outputs, jax.random.fold_in(key, learner.optimizer.count), hypers)
+        distribution = agent.policy.distribution(seen, params, hypers)
+        negatives = credit.of_negatives(agent.config, distribution, rows.action, hypers)
+        loss = credit.by_sign(advantage, _loss(agent, distribution, rows.action, rows.target, hypers), negatives)
+        sampled_loss = credit.by_sign(advantage, rows.loss, rows.of_negatives)
         log_ratio = jax.lax.stop_gradient(distribution.log_prob(rows.action) - rows.log_prob)
-        ratio = jnp.exp(jax.lax.stop_gradient(rows.loss - loss) if _is_smoothed(agent) else log_ratio)
+        ratio = jnp.exp(jax.lax.stop_gradient(sampled_loss - loss) if _is_smoothed(agent) else log_ratio)
         weight = advantage * gated(ratio, advantage, hypers.clip_range)
-        parts = actor_critic.objective(distribution, loss, weight, values, rows.returns, hypers)
+        critic_loss = agent.critic.loss(estimates, rows.returns, hypers)
+        numbers = entropy.with_bonus(agent, learner, distribution, advantage, hypers)
+        parts = actor_critic.objective(distribution, loss, weight, critic_loss, numbers)
         return parts.total, (parts, ratio, log_ratio)
 
     gradient, (parts, ratio, log_ratio) = jax.grad(objective, has_aux=True)(learner.params)
     approximate_kl = jnp.mean(jnp.exp(log_ratio) - 1 - log_ratio)
     going = looking & ~(approximate_kl > 1.5 * hypers.target_kl)  # one that is not a number shows in the gradient
+    held = entropy.scalars(agent, learner, parts.entropy, hypers)
     learner, grad_norm = actor_critic.step(agent, learner, gradient, hypers, going)
+    learner = entropy.follow(agent, learner, parts.entropy, hypers, going & jnp.isfinite(grad_norm))
     clipped = jnp.clip(ratio, 1 - hypers.clip_range, 1 + hypers.clip_range)
     told = actor_critic.scalars(parts, jnp.where(going, grad_norm, 0.0)) | {
         "policy_loss": -jnp.mean(jnp.minimum(advantage * ratio, advantage * clipped)),
@@ -130,6 +156,7 @@ def _minibatch(
         "ratio_mean": ratio.mean(),
         "ratio_max": ratio.max(),
     }
+    told |= held
     return (learner, going), (looking, told)
 
 
@@ -167,6 +194,7 @@ def check(config: Config) -> None:
         not config.normalize_advantage or config.batch_size > 1,
         "normalize_advantage needs more than one step in a minibatch: raise batch_size",
     )
+    entropy.check(config, config.batch_size, "batch_size")
 
 
 ALGORITHM = Algorithm(
@@ -178,5 +206,6 @@ ALGORITHM = Algorithm(
     defaults={"learning_rate": 3e-4, "n_steps": 2048, "gae_lambda": 0.95, "normalize_advantage": True},
     log_interval=1,
     side_by_side=False,
+    choices=credit.CHOICES,
     check=check,
 )

@@ -23,7 +23,7 @@ def mean_band(strata: Sequence[Shaped[np.ndarray, "_ *rest"]], n_resamples: int 
     rng = np.random.default_rng(seed)
     shape = np.shape(strata[0])[1:]
     flat = [np.reshape(np.asarray(stratum, np.float64), (len(stratum), -1)) for stratum in strata]
-    draws = [_draws(rng, len(runs), n_resamples) for runs in flat]
+    draws = [times_drawn(rng, len(runs), n_resamples) for runs in flat]
     mean = _mean_of_means([np.ones((1, len(runs))) for runs in flat], flat)[0]
     low, high = np.full((2, *mean.shape), np.nan)
     enough = np.min([(~np.isnan(runs)).sum(0) for runs in flat], axis=0) > 1
@@ -31,7 +31,7 @@ def mean_band(strata: Sequence[Shaped[np.ndarray, "_ *rest"]], n_resamples: int 
     return Interval(*(end.reshape(shape)[()] for end in (mean, low, high)))
 
 
-def _draws(rng: np.random.Generator, n: int, n_resamples: int) -> Int[np.ndarray, "B n"]:
+def times_drawn(rng: np.random.Generator, n: int, n_resamples: int) -> Int[np.ndarray, "B n"]:
     """How often each of n runs is drawn in n draws with replacement."""
     drawn = rng.integers(n, size=(n_resamples, n)) + n * np.arange(n_resamples)[:, None]
     return np.bincount(drawn.ravel(), minlength=n_resamples * n).reshape(n_resamples, n)

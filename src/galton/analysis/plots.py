@@ -139,6 +139,11 @@ def draw_level(axes: Axes, value: float, name: str, linestyle: LineStyle) -> Non
     axes.axhline(value, color="#777777", linestyle=linestyle, linewidth=1, label=name, gid=name)
 
 
+def color(i: int) -> str:
+    """The colour of the i-th of several series that have no colour of their own; they repeat."""
+    return _COLORS[i % len(_COLORS)]
+
+
 def look_of(loss: str) -> tuple[str, str, str]:
     """Label, colour and line style: what is not the paper's is dash-dotted."""
     color = _COLORS[[*LOSSES].index(loss) % len(_COLORS)]

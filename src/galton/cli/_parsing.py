@@ -29,10 +29,11 @@ GROUPS: dict[str, tuple[str, ...]] = {
     "training": ("steps", "n_envs", "logs", "eval_episodes", "env_kwargs"),
     "learning": (
         *("learning_rate", "decay_steps", "n_steps", "gamma", "gae_lambda", "ent_coef", "vf_coef", "max_grad_norm"),
-        *("normalize_observation", "normalize_reward", "normalize_advantage"),
+        *("normalize_observation", "normalize_reward", "normalize_advantage", "weighting", "temperature"),
+        *("entropy_target", "entropy_start", "entropy_end", "entropy_steps", "entropy_rate"),
     ),
     **{name: algorithm.own for name, algorithm in ALGORITHMS.items() if algorithm.own},
-    "policy": ("net_arch", "n_bins", "eta"),
+    "policy": ("net_arch", "n_bins", "eta", "eta_rule", "eta_min", "eta_max", "negative_target"),
 }
 """In which order help shows the options of Training. Those that no group has are the last of the policy's."""
 

@@ -20,13 +20,14 @@ COMMANDS = {
     "train": "train one policy and keep it in a run folder",
     "compare": "train several losses over many seeds and say which is best",
     "sweep": "train a grid of settings on every core or on a cluster",
+    "benchmark": "tune methods with equal budgets and judge them on held-out tasks",
     "watch": "film a policy that was trained",
     "export": "write a trained policy as an ONNX file, or its model card",
     "reproduce": "train and draw the figures of the paper",
     "report": "write the page of what was reproduced",
 }
 
-RESUMABLE = ("sweep", "reproduce", "report")
+RESUMABLE = ("sweep", "benchmark", "reproduce", "report")
 """The commands whose work is kept as it is done."""
 
 EXIT_CODES = {BrokenEnvironmentError: 1, CheckpointError: 2, UsageError: 2}

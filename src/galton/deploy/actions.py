@@ -9,7 +9,17 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from galton.deploy.graph import Graph
-from galton.policies import GaussianPolicy, HistogramPolicy, OrdinalPolicy
+from galton.policies import (
+    BetaPolicy,
+    ClippedGaussianPolicy,
+    GaussianPolicy,
+    HistogramPolicy,
+    OrdinalPolicy,
+    RpoPolicy,
+    SmoothedPolicy,
+    SquashedGaussianPolicy,
+    TruncatedGaussianPolicy,
+)
 from galton.types import Hypers, Params
 
 
@@ -42,6 +52,55 @@ def gaussian(graph: Graph, outputs: str, policy: GaussianPolicy, params: Params,
     return Chosen(outputs, "mean", "The mean of the Gaussian, moved to the nearest point of the action box.")
 
 
+def of_gaussian(
+    graph: Graph,
+    outputs: str,
+    policy: RpoPolicy | ClippedGaussianPolicy | TruncatedGaussianPolicy,
+    params: Params,
+    hypers: Hypers,
+) -> Chosen:
+    """As the Gaussian policy chooses that this one is made of."""
+    return gaussian(graph, outputs, policy.gaussian, params, hypers)
+
+
+def clipped_gaussian(
+    graph: Graph, outputs: str, policy: ClippedGaussianPolicy, params: Params, hypers: Hypers
+) -> Chosen:
+    """The median: the Gaussian's mean."""
+    chosen = of_gaussian(graph, outputs, policy, params, hypers)
+    return chosen._replace(rule="median", meaning="The median: the mean of the Gaussian, clipped into the action box.")
+
+
+def truncated_gaussian(
+    graph: Graph, outputs: str, policy: TruncatedGaussianPolicy, params: Params, hypers: Hypers
+) -> Chosen:
+    """The mode: the Gaussian's mean."""
+    chosen = of_gaussian(graph, outputs, policy, params, hypers)
+    return chosen._replace(rule="mode", meaning="The mode: the point of the action box nearest to the Gaussian's mean.")
+
+
+def squashed_gaussian(
+    graph: Graph, outputs: str, policy: SquashedGaussianPolicy, params: Params, hypers: Hypers
+) -> Chosen:
+    """The median: the Gaussian's mean through tanh, in the box."""
+    del params, hypers
+    scaled = graph.add("Mul", graph.add("Tanh", outputs), (policy.high - policy.low) / 2)
+    action = graph.add("Add", scaled, (policy.high + policy.low) / 2)
+    return Chosen(action, "median", "The median: the Gaussian's mean through tanh, which maps it into the action box.")
+
+
+def beta(graph: Graph, outputs: str, policy: BetaPolicy, params: Params, hypers: Hypers) -> Chosen:
+    """The mean: α / (α + β) of the box, where α and β are 1 + softplus of the outputs."""
+    del params, hypers
+    low, size = policy.low, policy.high - policy.low
+    pairs = graph.add("Softplus", graph.add("Reshape", outputs, np.array([0, len(low), 2])))
+    shapes = graph.add("Add", pairs, 1.0)
+    share = graph.add("Div", shapes, graph.add("ReduceSum", shapes, np.array([-1]), keepdims=1))
+    alpha = graph.add("Gather", share, np.array(0), axis=2)
+    action = graph.add("Add", graph.add("Mul", alpha, size), low)
+    return Chosen(action, "mean", "The mean of the Beta distribution on the action box.")
+
+
 def histogram(graph: Graph, outputs: str, policy: HistogramPolicy, params: Params, hypers: Hypers) -> Chosen:
     """The mode, the mean or the median of the bins, whose logits are the outputs."""
     del params, hypers
@@ -63,6 +122,15 @@ def ordinal(graph: Graph, outputs: str, policy: OrdinalPolicy, params: Params, h
     return histogram(graph, graph.add("CumSum", steps, np.array(-1)), policy.histogram, params, hypers)
 
 
+def smoothed(graph: Graph, outputs: str, policy: SmoothedPolicy, params: Params, hypers: Hypers) -> Chosen:
+    """As the softmax policy chooses, from moving averages of the outputs of each dimension."""
+    bins = policy.histogram.bins
+    z = graph.add("Reshape", outputs, np.array([0, *bins.centers.shape]))
+    logits = graph.add("MatMul", z, np.asarray(policy.kernel(hypers)).T)
+    first = np.broadcast_to(np.asarray(policy.first_logits(hypers)), bins.centers.size).reshape(bins.centers.shape)
+    return histogram(graph, graph.add("Add", logits, first), policy.histogram, params, hypers)
+
+
 def _median(graph: Graph, logits: str) -> str:
     """The bin of each dimension where the cumulative distribution passes one half, `[batch, d]`."""
     largest = graph.add("ReduceMax", logits, axes=[-1], keepdims=1)
@@ -76,5 +144,11 @@ ACTIONS: dict[str, Callable[[Graph, str, Any, Params, Hypers], Chosen]] = {
     "gaussian": gaussian,
     "histogram": histogram,
     "ordinal": ordinal,
+    "smoothed": smoothed,
+    "clipped-gaussian": clipped_gaussian,
+    "truncated-gaussian": truncated_gaussian,
+    "squashed-gaussian": squashed_gaussian,
+    "beta": beta,
+    "rpo": of_gaussian,
 }
 """By the names in POLICIES: (graph, the outputs' name in it `[batch, n_outputs]`, policy, parameters, numbers)."""

@@ -56,6 +56,8 @@ def _find_by_name(name: str, kwargs: Mapping[str, object]) -> Environment | Host
     except UsageError as error:
         if isinstance(error.__cause__, gymnasium.error.UnregisteredEnv):
             raise UsageError(f"environment is {name!r}; {_why_unknown(name, error.__cause__)}") from error
+        if isinstance(error.__cause__, gymnasium.error.DependencyNotInstalled) and _comes_from(name, "box2d"):
+            raise UsageError(f"environment {name!r} needs Box2D: pip install 'galton[box2d]'") from error
         raise
 
 
@@ -68,10 +70,15 @@ def _why_unknown(name: str, error: gymnasium.error.UnregisteredEnv) -> str:
     return f"{known}{own}. {told.rstrip('.')}{meant}"
 
 
+def _comes_from(name: str, package: str) -> bool:
+    """Whether Gymnasium has the environment of that id in this package of its environments."""
+    spec = gymnasium.registry.get(name)
+    return spec is not None and str(spec.entry_point).startswith(f"gymnasium.envs.{package}.")
+
+
 def _find_mujoco(name: str, kwargs: Mapping[str, object]) -> HostTask | None:
     """The batched task of that id, if there is one."""
-    spec = gymnasium.registry.get(name)
-    if spec is None or not str(spec.entry_point).startswith("gymnasium.envs.mujoco."):
+    if not _comes_from(name, "mujoco"):
         return None
     try:
         from galton.envs.host.mujoco import MujocoTask

@@ -47,7 +47,7 @@ def is_known(name: str) -> bool:
 
 
 def make(name: str, **constants: object) -> "Environment":
-    """The environment of that name, with other constants than its defaults where given.
+    """The environment of that name, with other constants than its defaults where given; a list is as good as a tuple.
 
     Raises:
         UsageError: an unknown name, an unknown constant or one out of range.
@@ -60,7 +60,7 @@ def make(name: str, **constants: object) -> "Environment":
         if constant not in known:
             raise UsageError(f"{name} has no constant {constant!r}; it has {', '.join(known) or 'none'}")
     try:
-        env: Environment = cls(**constants)
+        env: Environment = cls(**{constant: _tuples(value) for constant, value in constants.items()})
     except (TypeError, ValueError) as error:
         if isinstance(error, UsageError):
             raise

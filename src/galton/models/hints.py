@@ -9,7 +9,7 @@ HINTS = {
     "policy_kwargs": "its entries are settings here, such as net_arch=(64, 64) and log_std_init=-0.5",
     "tensorboard_log": "give learn(callback=galton.callbacks.TensorBoard(folder))",
     "device": "JAX chooses the device; the environment variable JAX_PLATFORMS=cpu keeps it off an accelerator",
-    "use_sde": "there is no state-dependent exploration here",
+    "use_sde": "there is no state-dependent exploration here; noise_correlation=0.9 makes noise last",
     "sde_sample_freq": "there is no state-dependent exploration here",
     "use_rms_prop": "the optimiser is Adam",
     "rms_prop_eps": "the optimiser is Adam",

@@ -9,7 +9,7 @@ import gymnasium
 import numpy as np
 from jaxtyping import Float
 
-from galton.algorithms import Agent, find_algorithm, resolve
+from galton.algorithms import Agent, check_together, find_algorithm, resolve
 from galton.envs.base import Environment
 from galton.envs.find import find
 from galton.envs.fitting import check_copies, check_same_spaces, spaces_of, usual_copies
@@ -90,6 +90,7 @@ class Model:
         check_one_run(hypers)
         self.config, self.hypers, self.seed = config, hypers, seed
         self.agent: Agent = resolve(config, actions.low, actions.high)
+        check_together(config, hypers)
         self.actions, self.observations, self.n_predictions = actions, observations, 0
         self._interval, self.verbose = self.agent.algorithm.log_interval, 0
 

@@ -34,18 +34,38 @@ class Settings(TypedDict, total=False):
     vf_coef: float
     max_grad_norm: float
     clip_separately: bool
+    critic: str
+    n_value_bins: int
+    value_min: float
+    value_max: float
+    value_eta: float
     eta: float
     n_bins: int
     log_std_init: float
     log_std_min: float
     box_units: float
+    rpo_alpha: float
     net_arch: Iterable[int]
     normalize_observation: bool
     normalize_reward: bool
-    initial_policy: Literal["uniform", "gaussian"]
+    initial_policy: Literal["uniform", "gaussian", "clipped-gaussian"]
     exploration: Literal["softmax", "gaussian"]
     bin_sample: Literal["center", "uniform"]
+    noise_correlation: float
     deterministic_action: Literal["mode", "mean", "median"]
+    bin_centers: Literal["inside", "bounds"]
+    target_tails: Literal["rescaled", "edges"]
+    eta_rule: Literal["fixed", "policy"]
+    eta_min: float
+    eta_max: float
+    negative_target: Literal["same", "one-hot"]
+    weighting: Literal["advantage", "awr", "v-mpo"]
+    temperature: float
+    entropy_target: bool
+    entropy_start: float
+    entropy_end: float
+    entropy_steps: float
+    entropy_rate: float
 
 
 def usual(algorithm: Algorithm, env: object = None) -> Fields:

@@ -99,7 +99,7 @@ def measure(agent: Agent, learner: Learner, batch: Transition, hypers: Hypers, r
     observation, next_observation, action = map(
         actor_critic.flatten, (batch.observation, batch.next_observation, batch.action)
     )
-    values, next_values = (actor_critic.value(params, each) for each in (observation, next_observation))
+    values, next_values = (actor_critic.value(agent, params, each, hypers) for each in (observation, next_observation))
     advantage = actor_critic.advantages(values, next_values, batch, hypers)
 
     def one(observation: Array, action: Array, advantage: Array) -> Sample:

@@ -3,25 +3,53 @@
 A new one is a class in a file and a line in POLICIES.
 """
 
-from galton.policies.base import Distribution, Family, Policy
+from galton.policies.base import Correlatable, Distribution, Family, MovesOutputs, Policy
+from galton.policies.beta import Beta, BetaPolicy
+from galton.policies.clipped_gaussian import ClippedGaussian, ClippedGaussianPolicy
 from galton.policies.gaussian import Gaussian, GaussianPolicy
 from galton.policies.histogram import Histogram, HistogramPolicy
 from galton.policies.ordinal import OrdinalPolicy
+from galton.policies.rpo import RpoPolicy
+from galton.policies.smoothed import SmoothedPolicy
+from galton.policies.squashed_gaussian import SquashedGaussian, SquashedGaussianPolicy
+from galton.policies.truncated_gaussian import TruncatedGaussian, TruncatedGaussianPolicy
 
 POLICIES: dict[str, type[Policy]] = {
     "gaussian": GaussianPolicy,
     "histogram": HistogramPolicy,
     "ordinal": OrdinalPolicy,
+    "smoothed": SmoothedPolicy,
+    "clipped-gaussian": ClippedGaussianPolicy,
+    "truncated-gaussian": TruncatedGaussianPolicy,
+    "squashed-gaussian": SquashedGaussianPolicy,
+    "beta": BetaPolicy,
+    "rpo": RpoPolicy,
 }
+
+USES = {"smoothed": ("eta",), "rpo": ("rpo_alpha",)}
+"""The fields of Hypers that a policy has a use for beside those of the loss and of every Gaussian."""
 
 __all__ = [
     "POLICIES",
+    "USES",
+    "Beta",
+    "BetaPolicy",
+    "ClippedGaussian",
+    "ClippedGaussianPolicy",
+    "Correlatable",
     "Distribution",
     "Family",
     "Gaussian",
     "GaussianPolicy",
     "Histogram",
     "HistogramPolicy",
+    "MovesOutputs",
     "OrdinalPolicy",
     "Policy",
+    "RpoPolicy",
+    "SmoothedPolicy",
+    "SquashedGaussian",
+    "SquashedGaussianPolicy",
+    "TruncatedGaussian",
+    "TruncatedGaussianPolicy",
 ]

@@ -7,8 +7,22 @@ from jaxtyping import Array, Bool, Float, Key, PyTree
 
 from galton.types import Config, Hypers, Params
 
+EDGE = 0.01
+"""Nearer to a bound than this share of the box is at the edge, where a density has no mass on the bound itself."""
+
+
+def near_edge(
+    action: Float[Array, "*batch d"], low: Float[np.ndarray, " d"], high: Float[np.ndarray, " d"]
+) -> Bool[Array, "*batch d"]:
+    """Which entries lie in the first or last hundredth of the box, or beyond: the first and last of 100 bins."""
+    margin = EDGE * (high - low)
+    return (action < low + margin) | (action > high - margin)
+
+
 Family = Literal["density", "histogram"]
 """What a loss needs of a distribution: a log-probability, or probabilities of bins besides."""
+Marginal = Literal["normal", "uniform"]
+"""How one number of a policy's noise is distributed: standard normal, or uniform in [0, 1)."""
 
 
 @runtime_checkable
@@ -63,3 +77,22 @@ class Policy(Protocol):
 
     def distribution(self, outputs: Float[Array, "*batch n_outputs"], params: Params, hypers: Hypers) -> Distribution:
         """The distribution that the actor's outputs describe."""
+
+
+@runtime_checkable
+class MovesOutputs(Protocol):
+    """A policy whose outputs an update sees moved at random; acting, evaluation and the log see them as they are."""
+
+    def moved(
+        self, outputs: Float[Array, "*batch n_outputs"], key: Key[Array, ""], hypers: Hypers
+    ) -> Float[Array, "*batch n_outputs"]:
+        """The outputs as an update is to see them this time."""
+
+
+@runtime_checkable
+class Correlatable(Protocol):
+    """A policy whose noise can be correlated in time (`noise_correlation`), since it says how it is distributed."""
+
+    @property
+    def noise_marginals(self) -> PyTree[str]:
+        """The Marginal of each leaf of `Policy.noise`, in the same structure; a leaf's entries are independent."""

@@ -9,8 +9,22 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Key
 
-from galton.policies.base import Family
+from galton.policies.base import Family, Marginal
 from galton.types import Config, Hypers, Number, Params
+
+Box = Float[np.ndarray, " d"]
+
+
+def units_of(low: Box, high: Box, hypers: Hypers) -> tuple[Float[Array, " d"] | float, Float[Array, " d"] | float]:
+    """Where 0 and what 1 is in the policy's units: 0 and 1 in the environment's, the box's center and half-width else.
+
+    They are plain numbers where no run of the program uses the box's (see `types.without_unused`).
+    """
+    units: Number | None = hypers.box_units
+    if units is None:
+        return 0.0, 1.0
+    in_box = jnp.asarray(units) > 0
+    return jnp.where(in_box, (high + low) / 2, 0.0), jnp.where(in_box, (high - low) / 2, 1.0)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -79,6 +93,11 @@ class GaussianPolicy:
         zeros = jnp.zeros(self.n_outputs)
         return zeros, {"log_std": zeros + hypers.log_std_init}
 
+    @property
+    def noise_marginals(self) -> Marginal:
+        """Standard normal."""
+        return "normal"
+
     def noise(self, key: Key[Array, ""], shape: tuple[int, ...]) -> Float[Array, "*batch d"]:
         """Standard normal numbers, one per action dimension."""
         return jax.random.normal(key, (*shape, self.n_outputs))
@@ -89,10 +108,7 @@ class GaussianPolicy:
         c and h are 0 and 1 in the environment's units, the box's center and half-width in the box's.
         """
         log_std = jnp.maximum(params["log_std"], hypers.log_std_min)
-        units: Number | None = hypers.box_units
-        if units is None:  # no run of this program uses them (see `types.without_units`)
+        shift, scale = units_of(self.low, self.high, hypers)
+        if isinstance(scale, float):
             return Gaussian(outputs, log_std, self.low, self.high)
-        in_box = jnp.asarray(units) > 0
-        shift = jnp.where(in_box, (self.high + self.low) / 2, 0.0)
-        scale = jnp.where(in_box, (self.high - self.low) / 2, 1.0)
         return Gaussian(shift + scale * outputs, log_std + jnp.log(scale), self.low, self.high)

@@ -10,8 +10,9 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int, Key
 
 from galton.bins import Bins
-from galton.policies.base import Family
-from galton.policies.exploration import gaussian_action, init_gaussian_logits
+from galton.policies.base import Family, Marginal
+from galton.policies.exploration import gaussian_action, init_clipped_gaussian_logits, init_gaussian_logits
+from galton.policies.gaussian import units_of
 from galton.types import Config, Hypers, Params
 
 
@@ -21,6 +22,7 @@ class Choices(NamedTuple):
     exploration: Literal["softmax", "gaussian"] = "softmax"
     bin_sample: Literal["center", "uniform"] = "center"
     deterministic_action: Literal["mode", "mean", "median"] = "mode"
+    target_tails: Literal["rescaled", "edges"] = "rescaled"
 
 
 USUAL = Choices()
@@ -52,12 +54,16 @@ class Histogram:
         index = sample_bin(self.logits, noise[..., :d])
         if self.choices.bin_sample == "center":
             return self.bins.decode(index)
+        if self.bins.bin_centers == "bounds":
+            lower, upper = (jnp.asarray(self.bins.edges)[jnp.arange(d), index + i] for i in (0, 1))
+            return lower + (upper - lower) * noise[..., d:]
         return self.bins.decode(index) + self.bins.width * (noise[..., d:] - 0.5)
 
     def log_prob(self, action: Float[Array, "*batch d"]) -> Float[Array, "*batch"]:
         """Σ_l log π_l of the bin that holds the action; the Gaussian's log-density where a Gaussian explores.
 
-        Where the place in the bin is drawn too, its density is a constant, −log width, which is left out.
+        Where the place in the bin is drawn too, its density is a constant of the bin, −log of the bin's width, which is
+        left out.
         """
         if self.choices.exploration == "gaussian":
             std = jnp.maximum(self.std(), 1e-6 * self.bins.width)  # a policy that is certain has none
@@ -122,8 +128,8 @@ class HistogramPolicy:
 
     bins: Bins
     choices: Choices = USUAL
-    starts_gaussian: bool = False
-    """Whether it starts close to the Gaussian policy's N(0, 1) (Init Gaussian, §5.2.3), not uniform."""
+    initial_policy: Literal["uniform", "gaussian", "clipped-gaussian"] = "uniform"
+    """How it starts: uniform, like the Gaussian policy (Init Gaussian, §5.2.3), or like its clipped actions."""
 
     family: ClassVar[Family] = "histogram"
     label: ClassVar[str] = "softmax"
@@ -131,8 +137,8 @@ class HistogramPolicy:
     @classmethod
     def create(cls, config: Config, low: Float[np.ndarray, " d"], high: Float[np.ndarray, " d"]) -> "HistogramPolicy":
         """The policy for actions in the box [low, high], with the configuration's bins and choices."""
-        choices = Choices(config.exploration, config.bin_sample, config.deterministic_action)
-        return cls(Bins(low, high, config.n_bins), choices, config.initial_policy == "gaussian")
+        choices = Choices(config.exploration, config.bin_sample, config.deterministic_action, config.target_tails)
+        return cls(Bins(low, high, config.n_bins, config.bin_centers), choices, config.initial_policy)
 
     @property
     def n_outputs(self) -> int:
@@ -140,11 +146,18 @@ class HistogramPolicy:
         return self.bins.centers.size
 
     def init(self, hypers: Hypers) -> tuple[Float[Array, " dk"], Params]:
-        """Uniform, or close to the Gaussian policy's N(0, 1); no number has a part in it."""
-        del hypers
-        if self.starts_gaussian:
-            return init_gaussian_logits(self.bins).ravel(), {}
-        return jnp.zeros(self.n_outputs), {}
+        """Uniform, or as the Gaussian policy starts with the same numbers."""
+        if self.initial_policy == "uniform":
+            return jnp.zeros(self.n_outputs), {}
+        shift, scale = (jnp.reshape(x, (-1, 1)) for x in units_of(self.bins.low, self.bins.high, hypers))
+        std = scale * jnp.exp(jnp.maximum(hypers.log_std_init, hypers.log_std_min))
+        start = init_gaussian_logits if self.initial_policy == "gaussian" else init_clipped_gaussian_logits
+        return start(self.bins, shift, std).ravel(), {}
+
+    @property
+    def noise_marginals(self) -> Marginal:
+        """Normal where a Gaussian explores, else uniform."""
+        return "normal" if self.choices.exploration == "gaussian" else "uniform"
 
     def noise(self, key: Key[Array, ""], shape: tuple[int, ...]) -> Float[Array, "*batch n"]:
         """Uniform, two per dimension where the place in the bin is drawn too; normal where a Gaussian explores."""

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Key
 
-from galton.policies.base import Family
+from galton.policies.base import Family, Marginal
 from galton.policies.histogram import Histogram, HistogramPolicy
 from galton.types import Config, Hypers, Params
 
@@ -39,6 +39,11 @@ class OrdinalPolicy:
         """Outputs whose cumulative sums are the softmax policy's first logits."""
         logits, params = self.histogram.init(hypers)
         return jnp.diff(self._by_dimension(logits), axis=-1, prepend=0.0).ravel(), params
+
+    @property
+    def noise_marginals(self) -> Marginal:
+        """The softmax policy's."""
+        return self.histogram.noise_marginals
 
     def noise(self, key: Key[Array, ""], shape: tuple[int, ...]) -> Float[Array, "*batch n"]:
         """What the softmax policy draws, since sampling is the same."""

@@ -7,10 +7,12 @@ import json
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Annotated, Any, NamedTuple
 
-from galton.algorithms import find_algorithm, refuse_others
+from galton.algorithms import check_together, find_algorithm, refuse_others
+from galton.critics import find_critic
 from galton.errors import UsageError, require
 from galton.fields import AtLeast, check_fields
 from galton.losses import find_loss
+from galton.policies import USES
 from galton.records import FIRST_FIELDS, Fields, defaults, filled, refuse_unknown, written
 from galton.training.train import log_plan
 from galton.types import Config, Count, Hypers, check_hypers, check_one_run, make_config
@@ -45,8 +47,9 @@ class Setting(NamedTuple):
         given = Hypers(**{name: value for name, value in record.items() if name in Hypers._fields})
         check_one_run(given)
         setting = cls(config, Hypers._make(float(number) for number in given))
-        for part in setting:
-            refuse_others(find_algorithm(config.algorithm), part)
+        find_critic(config.critic)
+        refuse_others(config, config)
+        check_together(*setting)
         return setting
 
     def brief(self) -> str:
@@ -54,7 +57,8 @@ class Setting(NamedTuple):
         loss = find_loss(self.config.loss)
         parts = [f"learning rate {self.hypers.learning_rate:.3g}"]
         parts += [f"k {self.config.n_bins}"] if loss.family == "histogram" else []
-        parts += [f"η {self.hypers.eta:.3g}"] if "eta" in loss.uses else []
+        used = (*loss.uses, *USES.get(self.config.policy, ()))
+        parts += [f"η {self.hypers.eta:.3g}"] if "eta" in used else []
         later = [(name, value) for name, value in self.record().items() if name not in FIRST_FIELDS]
         parts += [f"{name} {value:.3g}" if isinstance(value, float) else f"{name} {value}" for name, value in later]
         return ", ".join(parts)

@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from galton.algorithms import Agent, Scalars, actor_critic
+from galton.algorithms import Agent, Scalars, actor_critic, credit
 from galton.algorithms.actor_critic import flatten
 from galton.losses import surrogate
 from galton.networks import features, mlp
@@ -20,27 +20,33 @@ _MOST = 256
 def diagnose(agent: Agent, learner: Learner, batch: Transition, hypers: Hypers) -> Scalars:
     """What the log says of the learner's parameters, on the rollout `[T, N]` that they were just trained on.
 
-    - actor_grad_norm: of the policy loss mean(A · loss) in the parameters θ of Propositions 1 and 2, all of the
-      actor's but its last bias; and grad_bound, the mean of the propositions' bound, which the norm never exceeds.
-      Both on 256 rows of the rollout, evenly spread, or on all if there are fewer.
+    - actor_grad_norm: of the policy loss mean(w · loss), where w is the advantage or the positive weight made of it, in
+      the parameters θ of Propositions 1 and 2, all of the actor's but its last bias; and grad_bound, the mean of the
+      propositions' bound, which the norm never exceeds. Both on 256 rows of the rollout, evenly spread, or on all if
+      there are fewer.
     - sigma: mean standard deviation of the policy's actions.
-    - edge_share: share of the action entries in the first and last bins; for the Gaussian, of those that were clipped.
+    - edge_share: share of the action entries in the first and last bins; for the Gaussian, of those that were clipped;
+      for a density that stays inside the box, of those in its first and last hundredth.
     - explained_variance: of the returns by the critic; 1 is perfect, 0 or less is useless.
-    - hl_gauss_bias: |mean advantage| · mean ‖loss.bias‖, how far the loss pulls away from the policy gradient; for
-      HL-Gauss the norm is that of Kᵀπ − π, for a loss without a bias it is 0.
+    - hl_gauss_bias: |mean w| · mean ‖loss.bias‖, how far the loss pulls away from the policy gradient; for HL-Gauss the
+      norm is that of Kᵀπ − π, for a loss without a bias it is 0. A w whose target is one bin counts as 0.
     """
     params = learner.params
     observation, next_observation, action = map(flatten, (batch.observation, batch.next_observation, batch.action))
-    values = actor_critic.value(params, observation)
-    advantage = actor_critic.advantages(values, actor_critic.value(params, next_observation), batch, hypers)
+    values = actor_critic.value(agent, params, observation, hypers)
+    next_values = actor_critic.value(agent, params, next_observation, hypers)
+    advantage = actor_critic.advantages(values, next_values, batch, hypers)
     returns = advantage + values
     distribution = actor_critic.distribution(agent, params, observation, hypers)
+    weight = advantage if agent.config.weighting == "advantage" else credit.weights(agent.config, advantage, hypers)
     bias = jnp.zeros(())
     if agent.loss.bias:
-        pull = jnp.linalg.norm(agent.loss.bias(distribution, hypers), axis=-1)
-        bias = jnp.abs(advantage.mean()) * pull.mean()
+        numbers = credit.with_width(agent.config, distribution, hypers)
+        pull = jnp.linalg.norm(agent.loss.bias(distribution, numbers), axis=-1)
+        of_wide = weight if agent.config.negative_target == "same" else jnp.maximum(weight, 0.0)
+        bias = jnp.abs(of_wide.mean()) * pull.mean()
     some = slice(None, None, -(-len(advantage) // _MOST))
-    return _propositions(agent, params, observation[some], action[some], advantage[some], hypers) | {
+    return _propositions(agent, params, observation[some], action[some], weight[some], hypers) | {
         "sigma": distribution.std().mean(),
         "edge_share": distribution.at_edge(action).mean(),
         "explained_variance": 1 - jnp.var(returns - values) / jnp.var(returns),
@@ -53,21 +59,26 @@ def _propositions(
     params: Params,
     observation: Float[Array, "B o"],
     action: Float[Array, "B d"],
-    advantage: Float[Array, " B"],
+    weight: Float[Array, " B"],
     hypers: Hypers,
 ) -> Scalars:
     """The norm of the policy loss's gradient, and the mean of the samples' bounds."""
 
-    def loss_of(outputs: Array, action: Array) -> Array:
-        return agent.loss.function(agent.policy.distribution(outputs, params, hypers), action, hypers)
+    def loss_of(outputs: Array, action: Array, weight: Array) -> Array:
+        distribution = agent.policy.distribution(outputs, params, hypers)
+        negatives = credit.of_negatives(agent.config, distribution, action, hypers)
+        return credit.by_sign(weight, credit.loss(agent, distribution, action, hypers), negatives)
 
-    gradient = jax.grad(lambda theta: surrogate(advantage, loss_of(mlp(theta, observation), action)))(params["actor"])
+    def policy_loss(theta: list[Params]) -> Array:
+        return surrogate(weight, loss_of(mlp(theta, observation), action, weight))
+
+    gradient = jax.grad(policy_loss)(params["actor"])
     gradient[-1]["bias"] = jnp.zeros(())
     bound = jax.vmap(gradient_bound)(
-        advantage,
+        weight,
         jax.lax.map(functools.partial(output_lipschitz, params["actor"]), observation),  # in turn: it needs much memory
         features(params["actor"], observation),
-        jax.vmap(jax.grad(loss_of))(mlp(params["actor"], observation), action),
+        jax.vmap(jax.grad(loss_of))(mlp(params["actor"], observation), action, weight),
     )
     norm = jnp.sqrt(sum(jnp.vdot(leaf, leaf) for leaf in jax.tree.leaves(gradient)))
     return {"actor_grad_norm": norm, "grad_bound": bound.mean()}

@@ -6,13 +6,14 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float, UInt
+from jaxtyping import Array, Float, PyTree, UInt
 
 from galton.algorithms import Agent
 from galton.envs.host.base import HostEnvironments, HostTask, Steps
 from galton.envs.host.moves import Watch
 from galton.envs.host.observations import Observations
 from galton.errors import BrokenEnvironmentError, SharedEnvironment
+from galton.policies.correlation import nothing_before
 from galton.training.evaluate import copies, play
 from galton.training.host_programs import host_programs
 from galton.training.log import Finished, Log
@@ -51,6 +52,7 @@ class Group:
         self._interrupted = False
         """Whether an exception left the environments in the middle of a rollout."""
         self._observation = np.zeros((*self._shape, self._sizes[0]), np.float32)
+        self._length = np.zeros(self._shape, np.int32)
         self._hypers = self._place(hypers)
         self._batch = self._empty_batch()
         self._envs = task.make(len(seeds) * agent.config.n_envs, n_threads)
@@ -63,6 +65,8 @@ class Group:
                 self._programs.begin(self._sizes[0], jnp.asarray(self._seeds), self._hypers)
             )
             self._times = [jnp.int32(t) for t in range(self._config.n_steps)]
+            correlation = self._hypers.noise_correlation
+            self._noise = self._place(nothing_before(self._agent.policy, self._shape, correlation))
         self._warm_up()
 
     def reset(self) -> None:
@@ -95,8 +99,8 @@ class Group:
         noise, learner = self._programs.prepare(self.runs), self.runs.learner
         params = _acting(learner.params)
         for t, device_t in enumerate(self._times):
-            sampled, normalised = self._programs.act(
-                params, learner.normalizer, self._observation, noise, device_t, self._hypers
+            sampled, normalised, self._noise = self._programs.act(
+                params, learner.normalizer, self._observation, noise, device_t, self._hypers, *self._noise_before()
             )
             action = np.asarray(sampled)
             observation = self._observation if normalised is None else np.asarray(normalised)
@@ -109,6 +113,10 @@ class Group:
             self._observation = steps.observation
         self.runs = self.runs._replace(learner=learner)
         return batch, finished
+
+    def _noise_before(self) -> tuple[PyTree[Array], np.ndarray | tuple[()]]:
+        """What correlated noise goes on from and where it begins anew; nothing where noise is not correlated."""
+        return self._noise, () if self._hypers.noise_correlation is None else self._length == 0
 
     def _step(self, action: np.ndarray) -> Steps:
         """Act in the environments, if they are where the last step left them."""
@@ -181,7 +189,9 @@ class Group:
 
     def snapshot(self) -> Snapshot:
         """What `restore` goes on from; `environments` is None where they can't tell their states."""
-        own = {"observation": self._observation, "length": self._length, "return": self._return}
+        own: dict[str, Any] = {"observation": self._observation, "length": self._length, "return": self._return}
+        if self._hypers.noise_correlation is not None:
+            own["noise"] = jax.tree.map(np.asarray, self._noise)
         state = None if self._interrupted or self._watch.others_moved() else self._state()
         environments = None if state is None else own | {key: self._split(value) for key, value in state.items()}
         return {"run": jax.tree.map(np.asarray, without_keys(self.runs)), "environments": environments}
@@ -205,6 +215,7 @@ class Group:
         self._observation, self._length, self._return = (
             np.array(state.pop(name)) for name in ("observation", "length", "return")
         )
+        self._noise = self._place(state.pop("noise", ()))
         self._envs.set_state({key: np.concatenate(value) for key, value in state.items()})
         self._watch.begin()
 
@@ -238,7 +249,8 @@ class Group:
         zeros = np.zeros((p, n, self._sizes[0]), np.float32)
         noise = self._programs.prepare(runs)
         params = _acting(runs.learner.params)
-        self._programs.act(params, runs.learner.normalizer, zeros, noise, self._times[0], self._hypers)
+        before = self._noise_before()
+        self._programs.act(params, runs.learner.normalizer, zeros, noise, self._times[0], self._hypers, *before)
         reward = np.zeros(self._shape, np.float32)
         self._receive(runs.learner, Steps(zeros, zeros, reward, reward > 0, reward > 0), reward > 0)
         runs = self._programs.learn(runs, self._batch, self._empty_finished(), self._hypers)

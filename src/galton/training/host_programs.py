@@ -10,6 +10,7 @@ from jaxtyping import Array, PyTree
 from galton import normalization
 from galton.algorithms import Agent, actor_critic
 from galton.normalization import Normalizer
+from galton.policies.correlation import continued
 from galton.training.evaluate import deterministic_action
 from galton.training.log import Log
 from galton.training.programs import kept
@@ -26,9 +27,10 @@ class HostPrograms(NamedTuple):
     """(runs, first observations `[P, N, o]`) → runs."""
     prepare: Callable[..., PyTree[Array]]
     """Runs → the noise of their next rollout, each leaf `[P, T, N, ...]`."""
-    act: Callable[..., tuple[Array, Array | None]]
-    """(params, normalizers, observations `[P, N, o]`, noise, t, hypers) → actions and, if it is on, normalised
-    observations."""
+    act: Callable[..., tuple[Array, Array | None, PyTree[Array]]]
+    """(params, normalizers, observations `[P, N, o]`, noise, t, hypers, what the noise goes on from, which episodes
+    begin `[P, N]`) → actions, if it is on normalised observations, and what the next noise goes on from. Where noise
+    is not correlated the last two arguments and the last answer are ()."""
     receive: Callable[..., tuple[Normalizer, Array, Array]]
     """(normalizers, rewards, dones, final and following observations, hypers) → as normalization.receive."""
     learn: Callable[..., RunState]
@@ -55,18 +57,26 @@ def host_programs(agent: Agent) -> HostPrograms:
         return agent.policy.noise(rollout_key(run), (config.n_steps, config.n_envs))
 
     def act(
-        params: Params, normalizer: Normalizer, observation: Array, noise: PyTree[Array], t: Array, hypers: Hypers
-    ) -> tuple[Array, Array | None]:
+        params: Params,
+        normalizer: Normalizer,
+        observation: Array,
+        noise: PyTree[Array],
+        t: Array,
+        hypers: Hypers,
+        before: PyTree[Array],
+        begins: Array | tuple[()],
+    ) -> tuple[Array, Array | None, PyTree[Array]]:
         normalised = normalization.observation(normalizer, observation)
-        now = jax.tree.map(lambda x: jax.lax.dynamic_index_in_dim(x, t, keepdims=False), noise)
+        drawn = jax.tree.map(lambda x: jax.lax.dynamic_index_in_dim(x, t, keepdims=False), noise)
+        now, after = continued(agent.policy, drawn, before, begins, hypers.noise_correlation)
         action = actor_critic.act(agent, params, normalised, now, hypers)
-        return action, normalised if config.normalize_observation else None
+        return action, normalised if config.normalize_observation else None, after
 
     return HostPrograms(
         jax.jit(begin_all, static_argnums=0),
         jax.jit(jax.vmap(observe)),
         jax.jit(jax.vmap(prepare)),
-        jax.jit(jax.vmap(act, (0, 0, 0, 0, None, 0))),
+        jax.jit(jax.vmap(act, (0, 0, 0, 0, None, 0, 0, 0))),
         jax.jit(jax.vmap(normalization.receive)),
         jax.jit(over_runs(agent, functools.partial(learn, agent), (0, 0, 0, 0))),
         jax.jit(jax.vmap(functools.partial(read_log, agent))),

@@ -15,6 +15,7 @@ from jaxtyping import Array, Float, Int, UInt
 from galton import normalization
 from galton.algorithms import Agent
 from galton.envs.base import Environment
+from galton.policies.correlation import nothing_before
 from galton.training.evaluate import evaluate
 from galton.training.log import Log
 from galton.training.programs import kept
@@ -88,7 +89,9 @@ _STEPS_DRAWN = 2048
 def begin_on_device(env: Environment, agent: Agent, seed: UInt[Array, ""], hypers: Hypers) -> DeviceState:
     """A new run at the start of its first episodes; the statistics have counted their observations."""
     run, episodes_key = begin(agent, len(env.observation_low), seed, hypers)
-    episodes = start_episodes(episodes_key, env, agent.config.n_envs)
+    n_envs = agent.config.n_envs
+    before = nothing_before(agent.policy, (n_envs,), hypers.noise_correlation)
+    episodes = start_episodes(episodes_key, env, n_envs)._replace(noise=before)
     first = jax.vmap(env.observe)(episodes.env)
     learner = run.learner._replace(normalizer=normalization.observe(run.learner.normalizer, first))
     return DeviceState(run._replace(learner=learner), episodes)

@@ -7,17 +7,18 @@ import jax
 import numpy as np
 from jaxtyping import Float, Int
 
-from galton.algorithms import refuse_others, resolve
+from galton.algorithms import check_together, policy_of, resolve
 from galton.envs.base import Environment
 from galton.envs.find import find
 from galton.envs.host.action_box import ActionBox
 from galton.envs.host.base import HostTask
+from galton.policies.correlation import check_correlation
 from galton.training.log import Log
 from galton.training.on_device import DevicePopulation
 from galton.training.on_host import HostPopulation
 from galton.training.run import Snapshot
 from galton.training.size import check_size
-from galton.types import Config, Hypers, Learner, Rule, check_config, check_hypers, without_units
+from galton.types import Config, Hypers, Learner, Rule, check_config, check_hypers, without_unused
 
 
 @runtime_checkable
@@ -99,8 +100,9 @@ def populate(
     check_hypers(hypers)
     found, devices = find(env), devices or jax.devices()
     check_size(found, config, len(seeds))
-    agent, hypers = resolve(config, *action_box(found)), without_units(hypers)
-    refuse_others(agent.algorithm, hypers)
+    agent, hypers = resolve(config, *action_box(found)), without_unused(hypers)
+    check_together(config, hypers)
+    check_correlation(policy_of(config), agent.policy, hypers)
     if isinstance(found, Environment):
         return DevicePopulation(found, agent, hypers, seeds, devices)
     return HostPopulation(found, agent, hypers, seeds, devices)

@@ -9,6 +9,7 @@ from jaxtyping import Array, Float, Int, Key, PyTree
 from galton import normalization
 from galton.algorithms import Agent, actor_critic
 from galton.envs.base import Environment
+from galton.policies.correlation import continued
 from galton.training.log import Finished
 from galton.types import Hypers, Learner, Transition
 
@@ -22,6 +23,8 @@ class EpisodeState(NamedTuple):
     """Steps taken so far in this episode."""
     undiscounted_return: Float[Array, " N"]
     """Reward collected so far in this episode."""
+    noise: PyTree[Array] = ()
+    """What the noise of the next actions goes on from, each leaf `[N, ...]`; () where noise is not correlated."""
 
 
 def start_episodes(key: Key[Array, ""], env: Environment, n_envs: int) -> EpisodeState:
@@ -62,7 +65,10 @@ def rollout(
     ) -> tuple[tuple[EpisodeState, normalization.Normalizer], tuple[Transition, Finished]]:
         episodes, normalizer = carry
         observation = normalization.observation(normalizer, jax.vmap(env.observe)(episodes.env))
-        action = actor_critic.act(agent, learner.params, observation, noise.action, hypers)
+        explored, z = continued(
+            agent.policy, noise.action, episodes.noise, episodes.length == 0, hypers.noise_correlation
+        )
+        action = actor_critic.act(agent, learner.params, observation, explored, hypers)
         clipped = jnp.clip(action, env.action_low, env.action_high)
         states, reward, terminated = jax.vmap(env.step)(episodes.env, clipped, noise.step)
 
@@ -76,6 +82,7 @@ def rollout(
             ),
             jnp.where(done, 0, length),
             jnp.where(done, 0.0, collected),
+            z,
         )
         normalizer, reward, next_observation = normalization.receive(
             normalizer, reward, done, jax.vmap(env.observe)(states), jax.vmap(env.observe)(following.env), hypers

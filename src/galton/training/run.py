@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int, Key, PyTree, UInt
 
-from galton.algorithms import Agent, actor_critic
+from galton.algorithms import Agent, actor_critic, entropy
 from galton.training.diagnosis import diagnose
 from galton.training.log import Finished, Log, Tally, nothing, summarise, tally
 from galton.types import Hypers, Learner, Transition
@@ -52,7 +52,7 @@ def begin(agent: Agent, observation_size: int, seed: UInt[Array, ""], hypers: Hy
     """A new run, and the key of its first episodes. Not under vmap (see `init_mlp`)."""
     init_key, episodes_key, key, evaluation_key = keys_of(seed)
     learner = actor_critic.init(init_key, agent, hypers, observation_size)
-    empty = nothing(agent.algorithm.scalars)
+    empty = nothing(agent.scalars)
     return RunState(learner, key, evaluation_key, jnp.int32(0), jnp.int32(-1), empty), episodes_key
 
 
@@ -68,6 +68,7 @@ def learn(agent: Agent, run: RunState, batch: Transition, finished: Finished, hy
     rate = hypers.learning_rate * remaining(step, hypers)
     key = jax.random.fold_in(rollout_key(run), _OF_UPDATES)
     hypers = hypers._replace(learning_rate=jnp.where(frozen, 0.0, rate))
+    hypers = entropy.at_step(agent.config, hypers, step, frozen)
     learner, told = agent.algorithm.update(agent, run.learner, batch, hypers, key)
     return run._replace(
         learner=learner,
@@ -88,7 +89,7 @@ def remaining(step: Int[Array, ""], hypers: Hypers) -> Float[Array, ""]:
 
 def read_log(agent: Agent, run: RunState, batch: Transition, hypers: Hypers) -> tuple[RunState, Log]:
     """The log of the updates since the last one, the last of them on this batch; evaluation is the caller's."""
-    names = agent.algorithm.scalars
+    names = agent.scalars
     log = summarise(run.tally, names, diagnose(agent, run.learner, batch, hypers))
     log = jax.tree.map(lambda x: jnp.where(run.diverged_at < 0, x, jnp.nan), log)
     return run._replace(tally=nothing(names)), log

@@ -1,11 +1,14 @@
 """Our batched MuJoCo tasks against Gymnasium's, number by number."""
 
+from pathlib import Path
+
 import gymnasium
 import numpy as np
 import pytest
 
 from galton import BrokenEnvironmentError, UsageError
 from galton.envs import find
+from galton.envs.host.mujoco import MujocoEnvs
 from galton.envs.host.mujoco_functions import MUJOCO_FUNCTIONS
 
 COPIES = 4
@@ -13,23 +16,41 @@ COPIES = 4
 
 def actions(task, rng):
     """A little beyond the box, so that clipping is seen."""
-    return rng.uniform(-1.2, 1.2, (COPIES, *task.action_space.shape)).astype(np.float32)
+    low, high = task.action_space.low, task.action_space.high
+    return rng.uniform(1.2 * low, 1.2 * high, (COPIES, *task.action_space.shape)).astype(np.float32)
 
 
-@pytest.mark.filterwarnings("ignore")  # Gymnasium's and MuJoCo's own
-@pytest.mark.parametrize(
-    ("name", "kwargs"),
-    [(name, {}) for name in MUJOCO_FUNCTIONS]
-    + [
-        ("Ant-v5", {"include_cfrc_ext_in_observation": False, "max_episode_steps": 30}),
-        ("Hopper-v5", {"terminate_when_unhealthy": False, "healthy_reward": 0.5, "max_episode_steps": 50}),
-        ("HalfCheetah-v5", {"exclude_current_positions_from_observation": False, "ctrl_cost_weight": 0.3}),
-        ("Reacher-v5", {"reward_dist_weight": 2, "reward_control_weight": 0.5}),
-    ],
-)
-def test_ten_thousand_steps_are_gymnasiums_to_the_last_bit(name, kwargs):
+SHORT = ("Humanoid-v5", "InvertedDoublePendulum-v5", "Pusher-v5", "Swimmer-v5")
+"""What takes 1,300 steps in the ordinary tests, and 10,000 in the slow ones."""
+OTHER_CONSTANTS = [
+    ("Ant-v5", {"include_cfrc_ext_in_observation": False, "max_episode_steps": 30}),
+    ("Hopper-v5", {"terminate_when_unhealthy": False, "healthy_reward": 0.5, "max_episode_steps": 50}),
+    ("HalfCheetah-v5", {"exclude_current_positions_from_observation": False, "ctrl_cost_weight": 0.3}),
+    ("Reacher-v5", {"reward_dist_weight": 2, "reward_control_weight": 0.5}),
+    ("Swimmer-v5", {"exclude_current_positions_from_observation": False, "max_episode_steps": 40, "frame_skip": 2}),
+    ("Humanoid-v5", {"include_cinert_in_observation": False, "include_cfrc_ext_in_observation": False}),
+    ("Humanoid-v5", {"include_cvel_in_observation": False, "include_qfrc_actuator_in_observation": False}),
+    (
+        "Humanoid-v5",
+        {
+            "terminate_when_unhealthy": False,
+            "healthy_z_range": (1.3, 1.4),
+            "contact_cost_weight": 1e-3,
+            "contact_cost_range": (0.1, 2.0),
+            "exclude_current_positions_from_observation": False,
+            "max_episode_steps": 60,
+        },
+    ),
+    ("InvertedDoublePendulum-v5", {"healthy_reward": 2, "reset_noise_scale": 0.3}),
+    ("Pusher-v5", {"reward_near_weight": 2, "reward_dist_weight": 0.25, "reward_control_weight": 1}),
+]
+
+
+def check_every_number_is_gymnasiums(name, kwargs, n_steps):
+    """Step both side by side; return how many episodes terminated and how many were truncated."""
     task = find(name, **kwargs)
     envs, theirs = task.make(COPIES, 2), [gymnasium.make(name, **kwargs) for _ in range(COPIES)]
+    assert isinstance(envs, MujocoEnvs)
     seeds = np.arange(COPIES) + 11
     first = envs.reset(seeds)
     exact = envs._observe()
@@ -37,8 +58,8 @@ def test_ten_thousand_steps_are_gymnasiums_to_the_last_bit(name, kwargs):
     np.testing.assert_array_equal(exact, references)
     np.testing.assert_array_equal(first, references.astype(np.float32))
 
-    rng, ended = np.random.default_rng(0), 0
-    for _ in range(10_000 // COPIES if not kwargs else 250):
+    rng, ended = np.random.default_rng(0), np.zeros(2, int)
+    for _ in range(n_steps // COPIES):
         action = actions(task, rng)
         observation, reward, terminated, truncated = envs.simulate(action)
         for i, env in enumerate(theirs):
@@ -49,11 +70,30 @@ def test_ten_thousand_steps_are_gymnasiums_to_the_last_bit(name, kwargs):
             assert terminated[i] == expected[2]
             assert truncated[i] == (expected[3] and not expected[2])
             if expected[2] or expected[3]:
-                ended += 1
+                ended += (terminated[i], truncated[i])
                 envs._begin(np.array([i]))
                 np.testing.assert_array_equal(envs._observe()[i], env.reset()[0])
-    assert ended >= (4 if name == "HalfCheetah-v5" and not kwargs else 0)
     envs.close()
+    return ended
+
+
+@pytest.mark.filterwarnings("ignore")  # Gymnasium's and MuJoCo's own
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[pytest.mark.slow] * (name in SHORT)) for name in MUJOCO_FUNCTIONS]
+)
+def test_ten_thousand_steps_are_gymnasiums_to_the_last_bit(name):
+    terminated, truncated = check_every_number_is_gymnasiums(name, {}, 10_000)
+    assert terminated + truncated >= COPIES
+    if MUJOCO_FUNCTIONS[name].ended is None:
+        assert not terminated
+
+
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize(
+    ("name", "kwargs", "n_steps"), [(name, {}, 1_300) for name in SHORT] + [(*case, 1_000) for case in OTHER_CONSTANTS]
+)
+def test_a_thousand_steps_are_too_and_with_other_constants(name, kwargs, n_steps):
+    check_every_number_is_gymnasiums(name, kwargs, n_steps)
 
 
 @pytest.mark.filterwarnings("ignore")
@@ -96,6 +136,19 @@ def test_a_simulation_that_mujoco_reset_is_reported(name, poison):
     envs.set_state(state)
     with pytest.raises(BrokenEnvironmentError, match=rf"{name}, step 1: MuJoCo found copy 1 unstable"):
         envs.step(np.zeros((3, envs._actions.low.size), np.float32))
+
+
+def test_the_documents_list_each_task_with_its_sizes():
+    lines = (Path(__file__).parents[3] / "docs" / "own_environment.md").read_text().splitlines()
+    rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in lines if line.startswith("| `")]
+    found = {cells[0].strip("`"): cells[1:] for cells in rows if cells[0].endswith("-v5`")}
+    assert found.keys() == MUJOCO_FUNCTIONS.keys()
+    for name, (actions_told, observations, steps, ends) in found.items():
+        task = find(name)
+        low, high = task.action_space.low, task.action_space.high
+        assert actions_told == f"{len(low)} in [{low.min():g}, {high.max():g}]"
+        assert (observations, steps) == (str(task.observation_space.shape[0]), str(task.max_episode_steps))
+        assert (ends == "never") == (MUJOCO_FUNCTIONS[name].ended is None)
 
 
 def test_a_wrong_argument_is_told_in_gymnasiums_words():

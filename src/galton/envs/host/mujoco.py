@@ -12,7 +12,8 @@ from galton.envs.host.action_box import ActionBox
 from galton.envs.host.answers import as_float32, try_to_make
 from galton.envs.host.base import Steps
 from galton.envs.host.moves import Moves
-from galton.envs.host.mujoco_functions import MUJOCO_FUNCTIONS, Constants, Matrix, Rows
+from galton.envs.host.mujoco_functions import MUJOCO_FUNCTIONS
+from galton.envs.host.mujoco_parts import Constants, Matrix, Rows
 from galton.envs.host.simulation import Batched, Looped, Simulations
 from galton.envs.host.state import generator_state, set_generator_state
 from galton.errors import BrokenEnvironmentError
@@ -94,9 +95,7 @@ class MujocoEnvs:
         f = simulations.fields
         velocity = (functions.position(c, f) - before) / c.dt
         reward = functions.reward(c, f, velocity, clipped)
-        terminated = np.zeros(len(reward), bool)
-        if functions.healthy and c._terminate_when_unhealthy:
-            terminated = ~functions.healthy(c, f)
+        terminated = functions.ended(c, f) if functions.ended else np.zeros(len(reward), bool)
         limit = self._task.max_episode_steps
         truncated = (self._elapsed >= limit) if limit else np.zeros(len(reward), bool)
         return self._observe(), reward, terminated, truncated & ~terminated

@@ -1,0 +1,76 @@
+"""What each method draws: common numbers from one Latin hypercube, its own from a second one beside it."""
+
+from collections.abc import Collection
+
+import numpy as np
+from jaxtyping import Float
+from scipy.stats import qmc
+
+from galton.algorithms import find_algorithm
+from galton.benchmark.priors import Priors
+from galton.benchmark.protocol import Method, Protocol, Task
+from galton.errors import UsageError
+from galton.records import Fields
+from galton.sweep.grid import task_defaults
+from galton.sweep.study import DEFAULTS, Setting
+
+Draws = dict[str, list[Fields]]
+"""The values of the drawn fields, by method and draw; those that count in lengths of a run are multiples of it."""
+
+
+def draws(protocol: Protocol) -> Draws:
+    """What every method draws: the same quantiles of the common fields for all, and as many draws for each.
+
+    The order of fields and methods in the file has no part in it, and no method in another's draws. Methods whose own
+    fields have the same names have the same quantiles of these too.
+    """
+    n, common = protocol.budget.settings, _quantiles(protocol.seed, "prior", protocol.prior, protocol.budget.settings)
+    found: Draws = {}
+    for method in protocol.methods:
+        own = _quantiles(protocol.seed, "search", method.search, n)
+        quantiles = common | own
+        searched = protocol.searched(method)
+        found[method.name] = [
+            {name: searched[name].at(float(quantiles[name][i])) for name in sorted(searched)} for i in range(n)
+        ]
+    return found
+
+
+def setting(protocol: Protocol, method: Method, drawn: Fields, task: Task, fresh: bool) -> Setting:
+    """The setting that a draw of a method is on a task.
+
+    What neither file nor draw names is the task's and the algorithm's usual value, as for `galton train`.
+
+    Raises:
+        UsageError: values that are out of range or don't go together; the message names method and task.
+    """
+    steps = task.steps(fresh)
+    fixed: dict[str, object] = {}
+    for table in (protocol.fixed, method.fixed, task.fixed):
+        fixed |= _times(table, {name: prior.values[0] for name, prior in table.items()}, steps)
+    usual = dict(find_algorithm(protocol.algorithm(method)).defaults)
+    fields = task_defaults(task.env) | usual | fixed | _times(protocol.searched(method), drawn, steps)
+    try:
+        return Setting.of_record({name: _like(name, value) for name, value in fields.items()})
+    except (TypeError, UsageError) as error:
+        raise UsageError(f"methods.{method.name} on tasks.{task.name}: {error}") from None
+
+
+def _quantiles(seed: int, table: str, names: Collection[str], n: int) -> dict[str, Float[np.ndarray, " n"]]:
+    """A scrambled Latin hypercube of n points, a column for each field: each n-th of a field's range has one point."""
+    columns = sorted(names)
+    if not columns:
+        return {}
+    rng = np.random.default_rng((seed, *" ".join([table, *columns]).encode()))
+    points = qmc.LatinHypercube(len(columns), seed=rng).random(n)
+    return dict(zip(columns, points.T, strict=True))
+
+
+def _times(priors: Priors, values: Fields, steps: int) -> Fields:
+    """The values, those that count in lengths of a run in environment steps."""
+    return {name: value * steps if priors[name].in_steps else value for name, value in values.items()}
+
+
+def _like(name: str, value: object) -> object:
+    """A whole number as a float where the field holds floats: TOML writes 1 for 1.0."""
+    return float(value) if type(value) is int and isinstance(DEFAULTS.get(name), float) else value

@@ -1,0 +1,112 @@
+"""A Gaussian cut off at the box and rescaled, so that every action is inside and none is on a bound."""
+
+import dataclasses
+from typing import ClassVar
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Key
+
+from galton.policies.base import Family, Marginal, near_edge
+from galton.policies.gaussian import Gaussian, GaussianPolicy
+from galton.policies.tails import LEAST, Inside, inside, quantile
+from galton.types import Config, Hypers, Params
+
+
+@dataclasses.dataclass(frozen=True)
+class TruncatedGaussian:
+    """N(mean, diag σ²) given that the action is inside the box [low, high]."""
+
+    gaussian: Gaussian
+    """What is cut off. Its mean may lie outside: the density is then largest at that bound and falls from there."""
+
+    def sample(self, noise: Float[Array, "*batch d"]) -> Float[Array, "*batch d"]:
+        """The action below which the share `noise` of the probability lies: inverse-CDF sampling."""
+        gaussian, std, part = self._parts()
+        total = part.below.mass + part.above.mass
+        is_above = noise * total >= part.below.mass
+        share = jnp.where(
+            is_above,
+            (noise * total - part.below.mass) / jnp.maximum(part.above.mass, 1e-30),
+            1 - noise * total / jnp.maximum(part.below.mass, 1e-30),
+        )
+        room = jnp.where(is_above, gaussian.high - part.edge, part.edge - gaussian.low) / std
+        distance = std * quantile(part.zeta, room, jnp.clip(share, 0.0, 1.0))
+        return jnp.clip(part.edge + jnp.where(is_above, distance, -distance), gaussian.low, gaussian.high)
+
+    def log_prob(self, action: Float[Array, "*batch d"]) -> Float[Array, "*batch"]:
+        """Σ_l log φ((a_l − μ_l) / σ_l) / σ_l less the log of the Gaussian's mass in the box.
+
+        Seen from the point of the box that is nearest to the mean, so that no large numbers cancel. An action beyond a
+        bound counts as the bound.
+        """
+        gaussian, std, part = self._parts()
+        t = jnp.abs(jnp.clip(action, gaussian.low, gaussian.high) - part.edge) / std
+        return (-part.zeta * t - 0.5 * t**2 - gaussian.log_std - part.log_mass).sum(-1)
+
+    def entropy(self) -> Float[Array, "*batch"]:
+        """−E log π(a), whose closed form is computed by quadrature (see `galton.policies.tails`)."""
+        gaussian, _, part = self._parts()
+        first, second = part.below.first + part.above.first, part.below.second + part.above.second
+        share = (part.zeta * first + 0.5 * second) / (part.below.mass + part.above.mass)
+        return (share + gaussian.log_std + part.log_mass).sum(-1)
+
+    def std(self) -> Float[Array, "*batch d"]:
+        """The standard deviation of what is left, which is less than σ."""
+        _, std, part = self._parts()
+        mass = part.below.mass + part.above.mass
+        mean = (part.above.first - part.below.first) / mass
+        square = (part.above.second + part.below.second) / mass
+        return std * jnp.sqrt(jnp.maximum(square - mean**2, LEAST))
+
+    def at_edge(self, action: Float[Array, "*batch d"]) -> Bool[Array, "*batch d"]:
+        """What lies in the first or last hundredth of the box."""
+        return near_edge(action, self.gaussian.low, self.gaussian.high)
+
+    def deterministic_action(self) -> Float[Array, "*batch d"]:
+        """The mode: the Gaussian's mean, or the bound that is nearest to it."""
+        return self.gaussian.deterministic_action()
+
+    def _parts(self) -> tuple[Gaussian, Float[Array, " d"], Inside]:
+        gaussian, std = self.gaussian, jnp.exp(self.gaussian.log_std)
+        return gaussian, std, inside(gaussian.mean, std, gaussian.low, gaussian.high)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class TruncatedGaussianPolicy:
+    """A Gaussian given that the action is inside the box. Mean, σ and their units are the Gaussian policy's."""
+
+    gaussian: GaussianPolicy
+
+    family: ClassVar[Family] = "density"
+    label: ClassVar[str] = "truncated Gaussian"
+
+    @classmethod
+    def create(
+        cls, config: Config, low: Float[np.ndarray, " d"], high: Float[np.ndarray, " d"]
+    ) -> "TruncatedGaussianPolicy":
+        """The policy for actions in the box [low, high]; the configuration has no part in it."""
+        return cls(GaussianPolicy.create(config, low, high))
+
+    @property
+    def n_outputs(self) -> int:
+        """One mean per action dimension."""
+        return self.gaussian.n_outputs
+
+    def init(self, hypers: Hypers) -> tuple[Float[Array, " d"], Params]:
+        """As the Gaussian policy starts, before it is cut off."""
+        return self.gaussian.init(hypers)
+
+    @property
+    def noise_marginals(self) -> Marginal:
+        """Uniform."""
+        return "uniform"
+
+    def noise(self, key: Key[Array, ""], shape: tuple[int, ...]) -> Float[Array, "*batch d"]:
+        """Uniform numbers, one per action dimension."""
+        return jax.random.uniform(key, (*shape, self.n_outputs))
+
+    def distribution(self, outputs: Float[Array, "*batch d"], params: Params, hypers: Hypers) -> TruncatedGaussian:
+        """The Gaussian policy's distribution, cut off."""
+        return TruncatedGaussian(self.gaussian.distribution(outputs, params, hypers))

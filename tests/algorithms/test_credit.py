@@ -1,0 +1,209 @@
+"""What weighs a loss, how wide its target is and what negative weights aim at: against dense formulas in float64."""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.stats import norm
+
+from galton import A2C, LOSSES, PPO, Bins, Config, Hypers, UsageError, train
+from galton.algorithms import ALGORITHMS, credit, resolve
+from galton.losses import surrogate
+from galton.policies import Histogram
+
+LOW, HIGH, K = np.array([-1.0, 0.0]), np.array([1.0, 5.0]), 12
+WIDE = {"eta_rule": "policy"}
+SPLIT = {"negative_target": "one-hot"}
+
+
+def agent_of(loss, **fields):
+    return resolve(Config(loss=loss, n_bins=K, n_steps=8, **fields), LOW, HIGH)
+
+
+def batch(n=40, sharp=12.0):
+    """Logits of policies from wide to narrow, an action of each bin in turn, and advantages of both signs."""
+    keys = jax.random.split(jax.random.key(0), 3)
+    spread = jnp.linspace(0.2, sharp, n)[:, None, None]
+    index = jax.random.randint(keys[1], (n, 2), 0, K)
+    return spread * jax.random.normal(keys[0], (n, 2, K), float), index, jax.random.normal(keys[2], (n,), float)
+
+
+def kernel(eta):
+    """K of one width: row j is the Gaussian histogram around bin j's center, in bin widths."""
+    distance = (np.arange(K + 1) - (np.arange(K) + 0.5)[:, None]) / eta
+    q = np.diff(norm.cdf(distance))
+    return q / q.sum(1, keepdims=True)
+
+
+def widths(pi, factor, least, most):
+    """η of each policy and dimension, from the variance of its bins' numbers."""
+    number = np.arange(K)
+    mean = (pi * number).sum(-1, keepdims=True)
+    return np.clip(factor * np.sqrt((pi * (number - mean) ** 2).sum(-1)), least, most)
+
+
+def gradient(agent, logits, index, weight, hypers):
+    """Of Σ_j w_j loss_j in the logits, uphill."""
+    bins = Bins(LOW, HIGH, K)
+    action = bins.decode(index)
+
+    def total(logits):
+        distribution = Histogram(bins, logits)
+        negatives = credit.of_negatives(agent.config, distribution, action, hypers)
+        loss = credit.by_sign(weight, credit.loss(agent, distribution, action, hypers), negatives)
+        return -surrogate(weight, loss) * len(weight)
+
+    return jax.grad(total)(logits)
+
+
+@pytest.mark.parametrize("loss", ["hl-gauss", "hl-gauss-centred"])
+@pytest.mark.parametrize("fields", [WIDE, SPLIT, WIDE | SPLIT], ids=lambda fields: "+".join(fields))
+def test_the_gradient_in_the_logits_is_the_dense_formulas(loss, fields):
+    with jax.enable_x64(True):
+        logits, index, weight = batch()
+        hypers = Hypers(eta=0.8, **{"eta_min": 0.7, "eta_max": 2.0} if "eta_rule" in fields else {})
+        found = gradient(agent_of(loss, **fields), logits, index, weight, hypers)
+        pi = np.asarray(jax.nn.softmax(logits))
+        eta = widths(pi, 0.8, 0.7, 2.0) if "eta_rule" in fields else np.full(pi.shape[:2], 0.8)
+        assert "eta_rule" not in fields or ({0.7, 2.0} < set(eta.ravel().tolist()))
+        expected = np.zeros_like(pi)
+        for row, dim in np.ndindex(pi.shape[:2]):
+            matrix, j, p = kernel(eta[row, dim]), int(index[row, dim]), pi[row, dim]
+            away = matrix[j] - (matrix.T @ p if loss == "hl-gauss-centred" else p)
+            if "negative_target" in fields and weight[row] < 0:
+                away = np.eye(K)[j] - p
+            expected[row, dim] = float(weight[row]) * away
+        np.testing.assert_allclose(found, expected, atol=1e-12)
+
+
+@pytest.mark.parametrize(("loss", "indifferent"), [("hl-gauss-centred", True), ("hl-gauss", False)])
+def test_with_a_width_of_its_own_in_each_state_the_centred_loss_stays_indifferent_to_a_shift(loss, indifferent):
+    with jax.enable_x64(True):
+        agent, hypers = agent_of(loss, **WIDE), Hypers(eta=1.0)
+        logits = jnp.tile(batch(n=3)[0][:, :1, None], (1, 1, K, 1)).reshape(3 * K, 1, K)
+        agent = dataclasses.replace(agent, low=agent.low[:1], high=agent.high[:1])
+        bins, index = Bins(LOW[:1], HIGH[:1], K), jnp.tile(jnp.arange(K), 3)[:, None]
+        chance = jnp.take_along_axis(jax.nn.softmax(logits), index[..., None], -1).ravel()
+
+        def mean_gradient(shift):
+            def total(logits):
+                loss = credit.loss(agent, Histogram(bins, logits), bins.decode(index), hypers)
+                return ((jnp.sin(jnp.arange(3.0 * K)) + shift) * chance * loss).sum()
+
+            return jax.grad(total)(logits).reshape(3, K, K).sum(1)
+
+        moved = float(jnp.abs(mean_gradient(7.0) - mean_gradient(0.0)).max())
+        assert moved < 1e-12 if indifferent else moved > 1e-3
+
+
+def test_off_center_actions_have_the_width_too():
+    with jax.enable_x64(True):
+        agent, (logits, index, weight) = agent_of("hl-gauss", **WIDE, bin_sample="uniform"), batch()
+        hypers, distribution = Hypers(eta=0.8), agent.policy.distribution(logits.reshape(40, -1), {}, Hypers())
+        action = distribution.bins.decode(index) + 0.3 * distribution.bins.width
+        eta = widths(np.asarray(distribution.probs), 0.8, 0.5, 16.0)
+        q = np.diff(norm.cdf((np.arange(K + 1) - (np.asarray(index) + 0.8)[..., None]) / eta[..., None]))
+        expected = -((q / q.sum(-1, keepdims=True)) * jax.nn.log_softmax(logits)).sum((-1, -2))
+        np.testing.assert_allclose(credit.loss(agent, distribution, action, hypers), expected, rtol=1e-6)
+        assert len(weight) == 40
+
+
+def weights(advantage, temperature=1.0, **fields):
+    with jax.enable_x64(True):
+        config = Config(n_steps=8, **fields)
+        return np.asarray(credit.weights(config, jnp.asarray(advantage, float), Hypers(temperature=temperature)))
+
+
+def test_weights_are_the_advantages_or_the_standardised_ones():
+    advantage = np.array([1.0, -2.0, 4.0, 0.5])
+    np.testing.assert_array_equal(weights(advantage), advantage)
+    expected = (advantage - advantage.mean()) / (advantage.std(ddof=1) + 1e-8)
+    np.testing.assert_allclose(weights(advantage, normalize_advantage=True), expected, rtol=1e-12)
+
+
+def test_awrs_weights_are_exponentials_up_to_20():
+    advantage = np.array([-900.0, -1.0, 0.0, 2.0, 5.9, 6.1, 1e6])
+    expected = [0.0, np.exp(-0.5), 1.0, np.e, np.exp(2.95), 20.0, 20.0]
+    np.testing.assert_allclose(weights(advantage, 2.0, weighting="awr"), expected, rtol=1e-12, atol=1e-100)
+    standard = (advantage - advantage.mean()) / (advantage.std(ddof=1) + 1e-8)
+    both = weights(advantage, 0.5, weighting="awr", normalize_advantage=True)
+    np.testing.assert_allclose(both, np.minimum(np.exp(standard / 0.5), 20), rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("advantage", "better"),
+    [
+        ([3.0, -1.0, 2.0, 0.0], [True, False, True, False]),
+        ([3.0, -1.0, 2.0, 0.0, 1.0], [True, False, True, False, True]),
+        ([1.0, 1.0, 1.0, 1.0], [True] * 4),
+        ([-1e6, 5e5], [False, True]),
+        ([4.0], [True]),
+    ],
+)
+def test_v_mpos_weights_are_a_softmax_over_the_better_half(advantage, better):
+    advantage, better = np.array(advantage), np.array(better)
+    raised = np.where(better, np.exp((advantage - advantage.max()) / 3.0), 0.0)
+    found = weights(advantage, 3.0, weighting="v-mpo")
+    np.testing.assert_allclose(found, len(advantage) * raised / raised.sum(), rtol=1e-12)
+    assert found.mean() == pytest.approx(1)
+
+
+def test_at_a_high_temperature_awrs_gradient_is_the_usual_one_over_the_temperature():
+    with jax.enable_x64(True):
+        agent, hypers = agent_of("hl-gauss-centred"), Hypers(eta=0.8)
+        logits, index = batch(n=1)[0][:, :1], jnp.arange(K)[:, None]
+        bins, logits = Bins(LOW[:1], HIGH[:1], K), jnp.tile(logits, (K, 1, 1))
+        chance, advantage = jax.nn.softmax(logits[0, 0]), jnp.cos(jnp.arange(float(K)))
+
+        def mean_gradient(weight):
+            def total(logits):
+                return (weight * chance * credit.loss(agent, Histogram(bins, logits), bins.decode(index), hypers)).sum()
+
+            return jax.grad(total)(logits).sum(0)
+
+        hot = credit.weights(Config(n_steps=8, weighting="awr"), advantage, Hypers(temperature=1e5))
+        np.testing.assert_allclose(1e5 * mean_gradient(hot), mean_gradient(advantage), atol=1e-5)
+
+
+REFUSED = [
+    ({"loss": "hl-one-hot", "eta_rule": "policy"}, "eta_rule is 'policy', but the targets of loss 'hl-one-hot'"),
+    ({"loss": "gaussian", "negative_target": "one-hot"}, "negative_target is 'one-hot', but the targets of loss 'gau"),
+    (
+        {"loss": "hl-gauss", "negative_target": "one-hot", "weighting": "awr"},
+        "negative_target is 'one-hot', but with weighting 'awr' no weight is negative",
+    ),
+    ({"loss": "hl-gauss", "entropy_target": True, "n_steps": 1}, "entropy_target needs more than one step"),
+    ({"temperature": 2.0}, "temperature is 2.0, which has no use with weighting at 'advantage'"),
+    ({"eta_max": 4.0}, "eta_max is 4.0, which has no use with eta_rule at 'fixed'"),
+    ({"entropy_end": 0.1}, "entropy_end is 0.1.*, which has no use with entropy_target at False"),
+    ({"loss": "hl-gauss", "eta_rule": "policy", "eta_min": 3.0, "eta_max": 2.0}, "eta_min is .*3.* and eta_max .*2"),
+    ({"weighting": "awr", "temperature": 0.0}, "temperature is 0.0; it must be finite, and greater than 0"),
+]
+
+
+@pytest.mark.parametrize(("settings", "message"), REFUSED)
+def test_what_has_no_use_is_refused_by_name(settings, message):
+    with pytest.raises(UsageError, match=message):
+        A2C("bandit", **settings)
+
+
+def test_ppo_needs_more_than_one_row_in_a_minibatch_to_hold_an_entropy():
+    with pytest.raises(UsageError, match="each gradient step: raise batch_size"):
+        PPO("bandit", n_steps=4, batch_size=1, normalize_advantage=False, entropy_target=True)
+
+
+@pytest.mark.parametrize("choice", [WIDE, SPLIT, {"weighting": "awr"}, {"entropy_target": True}], ids=list)
+def test_an_algorithm_that_does_not_carry_out_a_choice_refuses_it(choice, monkeypatch):
+    ((name, value),) = choice.items()
+    plain = dataclasses.replace(ALGORITHMS["a2c"], name="plain", choices=())
+    monkeypatch.setitem(ALGORITHMS, "plain", plain)
+    config = Config(loss="hl-gauss", algorithm="plain", n_steps=8, **choice)
+    with pytest.raises(UsageError, match=f"{name} is {value!r}, which algorithm 'plain' does not carry out"):
+        train("bandit", config, Hypers(), [0], 8)
+    assert all(name in ALGORITHMS[known].choices for known in ("a2c", "ppo"))
+
+
+def test_the_losses_with_a_width_are_those_of_hl_gauss():
+    assert {name for name, loss in LOSSES.items() if loss.is_wide} == {"hl-gauss", "hl-gauss-centred"}

@@ -1,0 +1,241 @@
+"""An entropy that is held: what it is told as, what decides α, and that targets are reached in any unit of reward."""
+
+import dataclasses
+import functools
+import math
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy import stats
+
+from galton import A2C, POLICIES, PPO, Config, Hypers, train
+from galton.algorithms import a2c, actor_critic, entropy, ppo, resolve
+from galton.envs.find import find
+from galton.envs.rescaled import Rescaled
+from galton.records import defaults
+from galton.training.run import begin, learn
+from galton.types import Learner
+
+from ..training.test_run import FINISHED, bits
+from ..training.test_run import batch as small_batch
+from .minibatches import HYPERS, agent_of, moved, rollout_of
+from .rollouts import setup
+
+HELD = {"entropy_target": True}
+NEAR = {"gaussian": Hypers(entropy_start=1.5), "hl-gauss-centred": Hypers(entropy_start=0.98)}
+"""Targets that are near the shares with which these losses' policies start in the boxes of these tests."""
+KEY = jax.random.key(2)
+
+
+def test_the_share_of_the_box_means_the_same_for_every_policy():
+    low, high = np.array([-1.0, 2.0]), np.array([1.0, 12.0])
+    classes, density = (resolve(Config(loss=loss, n_bins=20), low, high) for loss in ("hl-one-hot", "gaussian"))
+    uniform = classes.policy.distribution(jnp.zeros(40), {}, Hypers()).entropy()
+    assert float(jnp.exp(entropy.log_share(classes, uniform))) == pytest.approx(1, rel=1e-5)
+    half = jnp.tile(jnp.r_[jnp.zeros(10), jnp.full(10, -1e9)], 2)
+    told = entropy.log_share(classes, classes.policy.distribution(half, {}, Hypers()).entropy())
+    assert float(jnp.exp(told)) == pytest.approx(0.5, rel=1e-5)
+    log_std = np.array([-1.5, 0.3])
+    gaussian = density.policy.distribution(jnp.zeros(2), {"log_std": jnp.asarray(log_std)}, Hypers()).entropy()
+    filled = [math.exp(stats.norm(scale=math.exp(s)).entropy()) / w for s, w in zip(log_std, high - low, strict=True)]
+    assert float(jnp.exp(entropy.log_share(density, gaussian))) == pytest.approx(math.prod(filled) ** 0.5, rel=1e-5)
+    uniform_on_box = np.log(high - low).sum()
+    assert float(entropy.log_share(density, jnp.asarray(uniform_on_box))) == pytest.approx(0, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("dual", "share"), [(0.0, 0.1), (1.0, 0.1), (-2.0, 0.12), (0.5, 0.08), (0.0, 1.0), (3.0, 1e-9)]
+)
+def test_alpha_and_its_step_are_the_documented_ones(dual, share):
+    agent, learner, _ = setup("hl-one-hot", **HELD)
+    hypers, learner = Hypers(entropy_start=0.1, entropy_rate=0.5), learner._replace(dual=jnp.float32(dual))
+    nats, missing = jnp.float32(2 * math.log(10 * share)), math.log(0.1 / share)
+    expected = np.clip(0.2 * math.sinh(np.clip(dual + 10 * missing, -20, 20)), -1, 100)
+    assert float(entropy.alpha(agent, learner, nats, hypers)) == pytest.approx(expected, rel=1e-4, abs=1e-5)
+    after = entropy.follow(agent, learner, nats, hypers, jnp.array(True))
+    at_bound = expected in (-1, 100) and expected * missing > 0
+    assert float(after.dual) == pytest.approx(dual + 0.5 * missing * (not at_bound), abs=1e-5)
+    assert entropy.follow(agent, learner, nats, hypers, jnp.array(False)).dual == learner.dual
+    assert jax.tree.leaves(after.params) == jax.tree.leaves(learner.params)
+
+
+@pytest.mark.parametrize(
+    ("steps", "step", "share"),
+    [(1000.0, 0, 0.4), (1000.0, 500, 0.2), (1000.0, 1000, 0.1), (1000.0, 10**6, 0.1), (0.0, 0, 0.4), (0.0, 900, 0.4)],
+)
+def test_the_target_goes_from_start_to_end_linearly_in_its_logarithm(steps, step, share):
+    hypers = Hypers(entropy_start=0.4, entropy_end=0.1, entropy_steps=steps)
+    now = entropy.at_step(Config(**HELD), hypers, jnp.int32(step), jnp.array(False))
+    assert float(now.entropy_start) == pytest.approx(share, rel=1e-6)
+    assert entropy.at_step(Config(), hypers, jnp.int32(step), jnp.array(True)) is hypers
+
+
+def actors_gradient(agent, learner, batch, hypers):
+    """What Adam was given for the actor, and the learner after the step."""
+    after, told = jax.jit(functools.partial(a2c.update, agent))(learner, batch, hypers, KEY)
+    given = {name: part for name, part in after.optimizer.mu.items() if name != "critic"}
+    return given, after, told
+
+
+@pytest.mark.parametrize(
+    ("loss", "fields"),
+    [("gaussian", {}), ("hl-gauss-centred", {"normalize_advantage": True})],
+    ids=["raw", "normalised"],
+)
+def test_in_other_units_of_reward_the_bonus_weighs_the_same(loss, fields):
+    agent, learner, batch = setup(loss, **HELD, **fields)
+    hypers = NEAR[loss]._replace(max_grad_norm=1e30)
+    larger = batch._replace(reward=1024 * batch.reward)
+    last = jax.tree.map(lambda x: 1024 * x, learner.params["critic"][-1])
+    values_too = learner.params | {"critic": [*learner.params["critic"][:-1], last]}
+    ours, after, told = actors_gradient(agent, learner, batch, hypers)
+    theirs, other, _ = actors_gradient(agent, learner._replace(params=values_too), larger, hypers)
+    factor = 1 if fields else 1024
+    jax.tree.map(lambda a, b: np.testing.assert_allclose(b, factor * a, rtol=1e-4, atol=factor * 1e-8), ours, theirs)
+    assert float(other.dual) == float(after.dual) != 0
+    assert float(told["entropy_alpha"]) != 0
+
+
+def _unheld(agent, learner):
+    """The same agent and learner without a held entropy."""
+    config = dataclasses.replace(agent.config, entropy_target=False)
+    return dataclasses.replace(agent, config=config), learner._replace(dual=())
+
+
+def test_the_bonus_is_alpha_standard_deviations_of_the_weights():
+    agent, learner, batch = setup("gaussian", **HELD)
+    hypers = Hypers(entropy_start=1.5, ent_coef=0.25, max_grad_norm=1e30)
+    held, _, told = actors_gradient(agent, learner, batch, hypers)
+    plain, bare = _unheld(agent, learner)
+    flat = a2c.flatten(batch.observation)
+    values = actor_critic.value(agent, learner.params, flat, hypers)
+    following = actor_critic.value(agent, learner.params, a2c.flatten(batch.next_observation), hypers)
+    std = float(np.std(actor_critic.advantages(values, following, batch, hypers)))
+    fixed = Hypers(ent_coef=0.25 + float(told["entropy_alpha"]) * std, max_grad_norm=1e30)
+    expected, _, _ = actors_gradient(plain, bare, batch, fixed)
+    jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-4, atol=1e-6), held, expected)
+
+
+def test_the_dual_variable_is_no_parameter():
+    agent, learner, batch = setup("hl-gauss-centred", **HELD)
+    assert jax.tree.structure(learner.optimizer.mu) == jax.tree.structure(learner.params)
+    _, after, _ = actors_gradient(agent, learner, batch, NEAR["hl-gauss-centred"]._replace(learning_rate=0.0))
+    jax.tree.map(np.testing.assert_array_equal, after.params, learner.params)
+    assert float(after.dual) != float(learner.dual)
+    _, unheld, _ = setup("hl-gauss-centred")
+    assert unheld.dual == () == defaults(Learner)["dual"]
+    assert jax.tree.structure(unheld) == jax.tree.structure(learner._replace(dual=()))
+
+
+def test_where_nothing_is_learnt_the_dual_variable_stays():
+    agent, learner, batch = setup("hl-gauss-centred", **HELD)
+    broken = batch._replace(reward=batch.reward.at[0, 0].set(jnp.nan))
+    _, after, told = actors_gradient(agent, learner, broken, NEAR["hl-gauss-centred"])
+    assert not np.isfinite(told["grad_norm"])
+    assert float(after.dual) == float(learner.dual)
+
+    held = resolve(
+        Config(loss="gaussian", n_steps=4, n_envs=2, net_arch=(4,), **HELD), np.array([-1.0] * 2), np.ones(2)
+    )
+    run, _ = begin(held, 2, jnp.uint32(0), Hypers())
+    hypers = Hypers(entropy_start=2.1, entropy_end=2.1)  # this policy's share is 2.07
+    frozen = run._replace(diverged_at=jnp.int32(8))
+    update = jax.jit(lambda run: learn(held, run, small_batch(), FINISHED, hypers).learner)
+    assert bits(update(frozen).dual) == bits(run.learner.dual) != bits(update(run).dual)
+
+
+def test_ppo_moves_it_in_every_minibatch_until_target_kl_leaves_off():
+    agent = agent_of("histogram", "hl-one-hot", **HELD)
+    learner = moved(agent)
+    rows = ppo.prepare(agent, learner, rollout_of(agent, learner), HYPERS)
+    orders = jnp.stack([jax.random.permutation(jax.random.key(i), len(rows.advantage)) for i in range(3)])
+    whole = actor_critic.distribution(agent, learner.params, rows.observation, HYPERS).entropy().mean()
+    near = HYPERS._replace(entropy_start=1.02 * jnp.exp(entropy.log_share(agent, whole)), entropy_rate=0.01)
+    fit = jax.jit(lambda learner, orders, hypers: ppo.fit(agent, learner, rows, orders, hypers))
+    after, told = fit(learner, orders, near._replace(learning_rate=0.0))
+    assert float(told["entropy"]) == pytest.approx(float(whole), rel=1e-5)
+    n_minibatches = orders.size // agent.config.batch_size
+    assert float(after.dual) == pytest.approx(n_minibatches * 0.01 * math.log(1.02), rel=1e-2)
+    stopped, _ = fit(learner, orders, near._replace(target_kl=jnp.float32(1e-12)))
+    one, _ = fit(learner, orders[:1, : agent.config.batch_size], near)
+    assert float(stopped.dual) == pytest.approx(float(one.dual), rel=1e-5)
+    assert float(one.dual) != 0
+
+
+def shares(env, config, hypers, steps, seeds=range(3)):
+    """The share of the last fifth of training, by run and log point."""
+    result = train(env, config, hypers, seeds, steps, n_logs=20, n_eval_episodes=0)
+    assert (result.diverged_at < 0).all()
+    assert np.isfinite(np.asarray(result.log.columns()["entropy_alpha"])).all()
+    return np.asarray(result.log.columns()["entropy_share"])[:, -4:]
+
+
+@pytest.mark.parametrize("loss", [pytest.param("gaussian", marks=pytest.mark.slow), "hl-gauss-centred"])
+def test_the_target_is_reached_on_the_bandit(loss):
+    config = Config(loss=loss, n_bins=50, n_steps=5, n_envs=4, net_arch=(), **HELD)
+    found = shares("bandit", config, Hypers(learning_rate=0.05, entropy_steps=5_000.0), 16_000)
+    np.testing.assert_allclose(found.mean(1), 0.05, rtol=0.1)
+
+
+OF_PPO = {"algorithm": "ppo", "n_steps": 64, "batch_size": 32, "n_epochs": 4, "normalize_advantage": True}
+
+
+@pytest.mark.parametrize(("loss", "own"), [("hl-one-hot", {"n_steps": 8}), ("gaussian", OF_PPO)], ids=["a2c", "ppo"])
+def test_the_target_is_reached_on_the_lqr(loss, own):
+    config = Config(loss=loss, n_bins=20, n_envs=4, net_arch=(8,), **HELD, **own)
+    hypers = Hypers(learning_rate=3e-3, entropy_start=0.4, entropy_end=0.2, entropy_steps=10_000.0)
+    found = shares("lqr", config, hypers, 41_000, range(2))
+    np.testing.assert_allclose(found.mean(1), 0.2, rtol=0.1)
+
+
+def test_a_run_with_a_held_entropy_logs_it_and_goes_on_exactly(tmp_path):
+    settings = {"n_bins": 10, "net_arch": (8,), "n_steps": 8, "entropy_target": True, "entropy_steps": 200.0}
+    logs = []
+    quiet = {"progress_bar": False, "log_interval": 2}
+    model = PPO("lqr", "hl-gauss", **settings, batch_size=4, seed=3).learn(48, lambda _, log: logs.append(log), **quiet)
+    assert {"train/entropy_share", "train/entropy_alpha"} <= logs[0].keys()
+    assert 0 < logs[0]["train/entropy_share"] <= 1
+    path = model.save(tmp_path / "cut")
+    whole = model.learn(48, **quiet).save(tmp_path / "whole")
+    again = PPO.load(path, "lqr").learn(48, **quiet).save(tmp_path / "again")
+    assert whole.read_bytes() == again.read_bytes()
+    without = A2C("lqr", "hl-gauss", n_bins=10, net_arch=(8,), n_steps=8)
+    assert "entropy_share" not in without.agent.scalars
+    assert "run/learner/dual" not in without._run.arrays
+
+
+@dataclasses.dataclass(frozen=True)
+class Paid(Rescaled):
+    """An environment in another currency."""
+
+    rate: float = 1.0
+
+    def step(self, state, action, noise):
+        state, reward, terminated = super().step(state, action, noise)
+        return state, jnp.float32(self.rate) * reward, terminated
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("policy", POLICIES)
+def test_every_policy_reaches_the_target(policy):
+    loss = "hl-one-hot" if POLICIES[policy].family == "histogram" else "gaussian"
+    config = Config(policy=policy, loss=loss, n_bins=50, n_steps=5, n_envs=4, net_arch=(), **HELD)
+    hypers = Hypers(learning_rate=0.02, entropy_start=0.3, entropy_end=0.2, entropy_steps=20_000.0)
+    found = shares("bandit", config, hypers, 60_000)
+    np.testing.assert_allclose(found.mean(1), 0.2, rtol=0.1)
+
+
+RATES = {"bandit": 1e3, "lqr": 30.0, "acrobot": 1.0, "mountain-car": 1e-3}
+"""What a reward of four tasks is multiplied by."""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("loss", ["gaussian", "hl-one-hot", "hl-gauss-centred"])
+@pytest.mark.parametrize("task", RATES)
+def test_the_target_is_reached_without_retuning_where_rewards_differ_a_millionfold(task, loss):
+    config = Config(loss=loss, n_bins=50, n_steps=20, clip_separately=True, normalize_advantage=True, **HELD)
+    hypers = Hypers(learning_rate=2e-3, log_std_init=-0.5, entropy_steps=60_000.0)
+    found = shares(Paid(find(task), 1.0, RATES[task]), config, hypers, 100_000)
+    np.testing.assert_allclose(found.mean(1), 0.05, rtol=0.1)

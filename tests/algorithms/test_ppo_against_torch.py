@@ -1,0 +1,126 @@
+"""A PPO update of the heads that Stable-Baselines3 has not, against one written in torch. In float64."""
+
+import math
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import torch
+from torch import distributions
+from torch.nn.functional import logsigmoid, softplus
+
+from galton.algorithms import ppo
+
+from .minibatches import HIGH, HYPERS, LOW, SIZE, K, N, T, agent_of, fresh, moved, rollout_of
+
+HEADS = {"beta": "gaussian", "squashed-gaussian": "gaussian", "ordinal": "hl-one-hot"}
+"""Each with the loss that is −log π of it."""
+H = HYPERS._replace(max_grad_norm=0.5, learning_rate=1e-2)
+LOWS, HIGHS = torch.tensor(LOW), torch.tensor(HIGH)
+NODES, WEIGHTS = (torch.tensor(x) for x in np.polynomial.hermite_e.hermegauss(120))
+
+
+@pytest.fixture(autouse=True)
+def double():
+    with jax.enable_x64(True):
+        yield
+
+
+def beta(outputs, params):
+    """The log-probability of actions and the entropy, from the network's outputs."""
+    shapes = 1 + softplus(outputs.reshape(-1, 2, 2))
+    base = distributions.Beta(shapes[..., 0], shapes[..., 1])
+    steps = [distributions.AffineTransform(LOWS, HIGHS - LOWS)]
+    whole = distributions.TransformedDistribution(base, steps, validate_args=False)
+    entropy = base.entropy() + torch.log(HIGHS - LOWS)
+    return lambda action: whole.log_prob(action).sum(-1), entropy.sum(-1)
+
+
+def squashed(outputs, params):
+    std = torch.exp(params["log_std"])
+    base, half = distributions.Normal(outputs, std), (HIGHS - LOWS) / 2
+    steps = [distributions.TanhTransform(), distributions.AffineTransform((HIGHS + LOWS) / 2, half)]
+    whole = distributions.TransformedDistribution(base, steps)
+    u = outputs[..., None] + std[:, None] * NODES
+    slope = (2 * (math.log(2) - u - softplus(-2 * u)) * WEIGHTS).sum(-1) / math.sqrt(2 * math.pi)
+    entropy = base.entropy() + torch.log(half) + slope
+    return lambda action: whole.log_prob(action).sum(-1), entropy.sum(-1)
+
+
+def ordinal(outputs, params):
+    f = outputs.reshape(-1, 2, K)
+    up, down = logsigmoid(f), logsigmoid(-f)
+    logits = torch.stack([up[..., : i + 1].sum(-1) + down[..., i + 1 :].sum(-1) for i in range(K)], -1)
+    bins = distributions.Categorical(logits=logits)
+    index = lambda action: torch.floor((action - LOWS) / (HIGHS - LOWS) * K).long()  # noqa: E731
+    return lambda action: bins.log_prob(index(action)).sum(-1), bins.entropy().sum(-1)
+
+
+THEIRS = {"beta": beta, "squashed-gaussian": squashed, "ordinal": ordinal}
+
+
+def network(layers, x):
+    for layer in layers[:-1]:
+        x = torch.tanh(x @ layer["kernel"] + layer["bias"])
+    return x @ layers[-1]["kernel"] + layers[-1]["bias"]
+
+
+def advantages(values, next_values, batch):
+    """GAE, one environment and step at a time."""
+    found, reward = np.zeros((T, N)), np.asarray(batch.reward)
+    ended = np.asarray(batch.terminated), np.asarray(batch.terminated | batch.truncated)
+    for n in range(N):
+        later = 0.0
+        for t in reversed(range(T)):
+            error = reward[t, n] + H.gamma * next_values[t, n] * ~ended[0][t, n] - values[t, n]
+            later = found[t, n] = error + H.gamma * H.gae_lambda * later * ~ended[1][t, n]
+    return torch.tensor(found.ravel())
+
+
+def update(head, params, batch, orders):
+    """PPO's epochs over a rollout; the parameters afterwards."""
+    leaves = [leaf.requires_grad_() for leaf in jax.tree.leaves(params)]
+    adam = torch.optim.Adam(leaves, lr=H.learning_rate, eps=1e-5)
+    flat = lambda x: torch.tensor(np.array(x).reshape(T * N, *x.shape[2:]))  # noqa: E731
+    observation, action, following = (flat(x) for x in (batch.observation, batch.action, batch.next_observation))
+    with torch.no_grad():
+        values = network(params["critic"], observation)[:, 0]
+        next_values = network(params["critic"], following)[:, 0]
+        advantage = advantages(values.reshape(T, N).numpy(), next_values.reshape(T, N).numpy(), batch)
+        returns = advantage + values
+        before = head(network(params["actor"], observation), params)[0](action)
+    for order in orders:
+        for rows in torch.tensor(np.array(order)).reshape(-1, SIZE):
+            log_prob, entropy = head(network(params["actor"], observation[rows]), params)
+            ratio = torch.exp(log_prob(action[rows]) - before[rows])
+            scaled = (advantage[rows] - advantage[rows].mean()) / (advantage[rows].std() + 1e-8)
+            clipped = torch.clamp(ratio, 1 - H.clip_range, 1 + H.clip_range)
+            policy_loss = -torch.minimum(ratio * scaled, clipped * scaled).mean()
+            value_loss = ((network(params["critic"], observation[rows])[:, 0] - returns[rows]) ** 2).mean()
+            adam.zero_grad()
+            (policy_loss + H.vf_coef * value_loss - H.ent_coef * entropy.mean()).backward()
+            torch.nn.utils.clip_grad_norm_(leaves, H.max_grad_norm)
+            adam.step()
+    return params
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[] if name == "beta" else pytest.mark.slow) for name in HEADS]
+)
+def test_an_update_is_torchs(name):
+    agent = agent_of(name, HEADS[name], normalize_advantage=True)
+    learner = moved(agent)
+    batch = rollout_of(agent, learner)
+    orders = jnp.stack([jax.random.permutation(jax.random.key(i), T * N) for i in range(2)])
+
+    def ours(learner, batch):
+        return ppo.fit(agent, learner, ppo.prepare(agent, learner, batch, H), orders, H)
+
+    after, told = jax.jit(ours)(fresh(agent, learner.params), batch)
+    assert 0 < told["clip_fraction"] < 1
+    params = jax.tree.map(lambda x: torch.tensor(np.array(x)), learner.params)
+    theirs = update(THEIRS[name], params, batch, orders)
+    for found, expected, first in zip(*map(jax.tree.leaves, (after.params, theirs, learner.params)), strict=True):
+        assert float(jnp.abs(found - first).max()) > 1e-3
+        np.testing.assert_allclose(found, expected.detach().numpy(), rtol=0, atol=1e-6)

@@ -1,0 +1,103 @@
+"""PPO with each choice beside the loss: in its first minibatch A2C, later its own clipped surrogate. In float64."""
+
+import dataclasses
+import itertools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from galton.algorithms import a2c, credit, ppo
+from galton.losses import cross_entropy, hl_one_hot
+from galton.networks import mlp
+from galton.types import Transition
+
+from .minibatches import HYPERS, SIZE, N, T, agent_of, moved, rollout_of
+from .test_ppo_gradients import check_equal, deep, first_moments, fit, gradient
+
+CHOICES = {
+    "awr": {"weighting": "awr"},
+    "v-mpo": {"weighting": "v-mpo", "normalize_advantage": True},
+    "split": {"negative_target": "one-hot"},
+    "split, normalised": {"negative_target": "one-hot", "normalize_advantage": True},
+    "width": {"eta_rule": "policy"},
+    "width, split, held": {"eta_rule": "policy", "negative_target": "one-hot", "entropy_target": True},
+    "held, v-mpo": {"entropy_target": True, "weighting": "v-mpo"},
+}
+USED = HYPERS._replace(eta=1.0, temperature=0.7)
+
+
+@pytest.fixture(autouse=True)
+def double():
+    with jax.enable_x64(True):
+        yield
+
+
+def some(cases, quick):
+    """The cases, of which every one that is not among the quick ones is slow."""
+    return [pytest.param(*case, marks=() if case in quick else pytest.mark.slow) for case in cases]
+
+
+ALL = list(itertools.product(CHOICES, [("hl-gauss", "smoothed"), ("hl-gauss-centred", "true")]))
+ALL += list(itertools.product(CHOICES, [("hl-gauss", "true"), ("hl-gauss-centred", "smoothed")]))
+
+
+@pytest.mark.parametrize(("name", "kind"), some(ALL, ALL[: 2 * len(CHOICES) : 3]))
+def test_the_first_minibatch_of_the_first_epoch_is_a2cs(name, kind):
+    loss, ratio = kind
+    agent = agent_of("histogram", loss, ratio=ratio, **CHOICES[name])
+    learner = moved(agent)
+    rows = ppo.prepare(agent, learner, rollout_of(agent, learner), USED)
+    drawn = jax.random.permutation(jax.random.key(5), T * N)[:SIZE]
+    after, _ = fit(agent, learner, rows, drawn[None], USED)
+
+    ends = jnp.ones((SIZE, 1), bool)
+    column = jax.tree.map(lambda x: x[drawn][:, None], rows)
+    batch = Transition(column.observation, column.action, column.returns, column.observation, ends, ~ends)
+    actor_critics = dataclasses.replace(agent, algorithm=a2c.ALGORITHM)
+    a2cs, _ = jax.jit(lambda learner: a2c.update(actor_critics, learner, batch, USED, jax.random.key(0)))(learner)
+    check_equal(first_moments(learner, after), first_moments(learner, a2cs), 1e-9)
+    assert after.dual == a2cs.dual
+
+
+CLIPPED = list(itertools.product(["awr", "split", "split, normalised"], ["smoothed", "true"]))
+
+
+@pytest.mark.parametrize(("name", "ratio"), some(CLIPPED, CLIPPED[-2:]))
+def test_the_gradient_is_that_of_the_clipped_surrogate_of_these_weights_and_targets(name, ratio):
+    agent = agent_of("histogram", "hl-gauss", ratio=ratio, **CHOICES[name])
+    batch, sampling, params = deep(agent)
+    rows = ppo.prepare(agent, sampling, batch, USED)
+    weight = credit.weights(agent.config, rows.advantage, USED)
+    splits = "negative_target" in CHOICES[name]
+    assert bool((weight < 0).any()) == splits
+
+    def clipped_surrogate(params):
+        def measured(params):
+            distribution = agent.policy.distribution(mlp(params["actor"], rows.observation), params, USED)
+            target = rows.target if ratio == "smoothed" else agent.loss.target(distribution, rows.action, USED)
+            loss = cross_entropy(distribution, jax.lax.stop_gradient(target))
+            split = jnp.where(weight < 0, hl_one_hot(distribution, rows.action, USED), loss) if splits else loss
+            return split, distribution.log_prob(rows.action), distribution.entropy().mean()
+
+        (ours, log_prob, entropy), (sampled, sampled_log_prob, _) = measured(params), measured(sampling.params)
+        exponent = sampled - ours if ratio == "smoothed" else log_prob - sampled_log_prob
+        value = jnp.exp(exponent)
+        clipped = jnp.clip(value, 1 - USED.clip_range, 1 + USED.clip_range)
+        if ratio == "smoothed":
+            policy_loss = -jnp.minimum(value * weight, clipped * weight).mean()
+        else:  # what is clipped is the action's own ratio, what is moved is the loss
+            is_open = jnp.where(weight > 0, value <= 1 + USED.clip_range, value >= 1 - USED.clip_range)
+            policy_loss = (jax.lax.stop_gradient(weight * value * is_open) * ours).mean()
+        value_loss = ((mlp(params["critic"], rows.observation)[:, 0] - rows.returns) ** 2).mean()
+        return policy_loss + USED.vf_coef * value_loss - USED.ent_coef * entropy
+
+    found, told = gradient(agent, params, rows, USED)
+    assert 0 < told["clip_fraction"] < 1
+    check_equal(found, jax.grad(clipped_surrogate)(params), 1e-9)
+
+
+def test_a_positive_weight_is_never_clipped_from_below():
+    ratio, weight = jnp.array([0.01, 0.85, 1.0, 1.15, 1.5]), jnp.full(5, 0.3)
+    np.testing.assert_array_equal(ppo.gated(ratio, weight, 0.2), [0.01, 0.85, 1.0, 1.15, 0.0])

@@ -1,0 +1,109 @@
+"""Every method draws as often, and the common numbers alike."""
+
+import numpy as np
+import pytest
+
+from galton.benchmark import stages
+from galton.benchmark.draws import draws, setting
+from galton.benchmark.priors import Prior
+
+from .files import changed, of_record, protocol
+
+N = 16
+KNOWN = protocol(budget__settings=N)
+DRAWN = draws(KNOWN)
+
+
+def column(drawn, name):
+    return [each[name] for each in drawn]
+
+
+def test_every_method_gets_all_draws_with_what_it_can_use():
+    assert {method: len(of) for method, of in DRAWN.items()} == dict.fromkeys(("gaussian", "bins", "ppo"), N)
+    assert [*DRAWN["gaussian"][0]] == ["decay_steps", "gamma", "learning_rate"]  # clip_range is PPO's alone
+    assert [*DRAWN["bins"][0]] == ["decay_steps", "eta", "gamma", "learning_rate"]
+    assert [*DRAWN["ppo"][0]] == ["clip_range", "decay_steps", "eta", "learning_rate", "log_std_init"]  # it fixes gamma
+
+
+@pytest.mark.parametrize("method", ["bins", "ppo"])
+def test_common_numbers_are_the_same_in_all_methods(method):
+    for name in ("learning_rate", "decay_steps"):
+        assert column(DRAWN["gaussian"], name) == column(DRAWN[method], name)
+
+
+@pytest.mark.parametrize(("method", "name"), [("gaussian", "learning_rate"), ("gaussian", "gamma"), ("bins", "eta")])
+def test_each_sixteenth_of_a_prior_is_drawn_once(method, name):
+    prior = {**KNOWN.prior, **KNOWN.methods[1].search}[name]
+    edges = np.array([prior.at(i / N) for i in range(N + 1)])
+    counts = np.histogram(column(DRAWN[method], name), edges)[0]
+    assert counts.tolist() == [1] * N
+
+
+def test_a_choice_is_drawn_evenly():
+    assert sorted(column(DRAWN["gaussian"], "decay_steps")) == [0] * 8 + [0.5] * 8
+
+
+def test_neither_order_nor_other_methods_change_a_draw():
+    record = changed(budget__settings=N)
+    for table in ("methods", "prior"):
+        record[table] = dict(reversed(record[table].items()))
+    del record["methods"]["gaussian"]
+    record["baseline"] = "bins"
+    turned = draws(of_record(record))
+    assert turned == {method: of for method, of in DRAWN.items() if method != "gaussian"}
+
+
+def test_another_seed_draws_others_and_the_same_one_the_same():
+    assert draws(protocol(budget__settings=N)) == DRAWN
+    other = draws(protocol(budget__settings=N, seed=4))
+    assert not {*column(other["gaussian"], "learning_rate")} & {*column(DRAWN["gaussian"], "learning_rate")}
+
+
+def test_a_setting_is_made_of_the_draw_the_fixed_tables_and_the_usual_values():
+    known = protocol()
+    drawn = draws(known)
+    noisy = known.tasks[1]
+    assert noisy.name == "noisy"
+    for fresh, steps in ((False, 200), (True, 300)):
+        of = setting(known, known.methods[2], drawn["ppo"][0], noisy, fresh)
+        assert (of.config.n_envs, of.config.n_steps, of.config.net_arch, of.config.batch_size) == (2, 5, (), 10)
+        assert of.config.normalize_advantage  # PPO's own default
+        assert (of.hypers.gamma, of.hypers.gae_lambda) == (0.5, 0.95)
+        assert of.hypers.learning_rate == drawn["ppo"][0]["learning_rate"]
+        assert of.hypers.decay_steps == drawn["ppo"][0]["decay_steps"] * steps
+    of = setting(known, known.methods[0], drawn["gaussian"][0], noisy, False)
+    assert (of.hypers.gae_lambda, of.hypers.gamma) == (1.0, drawn["gaussian"][0]["gamma"])
+
+
+def test_seeds_are_common_to_methods_and_fresh_ones_are_others():
+    parts = stages.tuning(KNOWN, DRAWN)
+    first = {method.name: 0 for method in KNOWN.methods}
+    parts += stages.afterwards(KNOWN, DRAWN, stages.Selected(first, {task.name: first for task in KNOWN.tuning}))
+    assert [(part.name, part.trials) for part in parts] == [
+        *(("tuning-bandit", 2), ("tuning-noisy", 2)),
+        *(("fresh-bandit", 3), ("fresh-noisy", 3), ("held-out-four", 3)),
+    ]
+    assert {study.common_seeds for part in parts for study in part.studies} == {True}
+    seeds = {part.stage: {study.seed for study in part.studies} for part in parts}
+    assert seeds == {"tuning": {6}, "fresh": {7}, "held-out": {7}}
+    assert [len(part.entries) for part in parts] == [3 * N, 3 * N, 6, 6, 3]
+    assert [len(part.studies[0].settings) for part in parts] == [3 * N, 3 * N, 3, 3, 3]  # the same setting once
+
+
+def test_settings_with_other_log_points_have_a_study_of_their_own():
+    known = protocol(methods__ppo__fixed__n_steps=100, fixed={"net_arch": []}, tasks__noisy=None)
+    (part,) = stages.tuning(known, draws(known))
+    assert [len(study.settings) for study in part.studies] == [6, 3]
+
+
+@pytest.mark.parametrize(
+    ("settings", "trials", "width"), [(16, 3, 16), (2, 10, 10), (1, 10, 10), (3, 7, 11), (1, 17, 9)]
+)
+def test_shards_are_as_wide_as_leaves_the_fewest_places_empty(settings, trials, width):
+    known = protocol(budget__settings=settings, budget__seeds=trials, methods__ppo=None, prior__clip_range=None)
+    study = stages.tuning(known, draws(known))[0].studies[0]
+    assert stages.width(study) == width
+
+
+def test_a_prior_of_one_value_is_still_a_draw():
+    assert Prior.read("prior.gamma", {"choice": [0.9]}).is_drawn

@@ -1,0 +1,222 @@
+"""A benchmark trained twice from one file has the same bytes, goes on where it stopped, and knows its file."""
+
+import json
+import shutil
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from galton import UsageError
+from galton.benchmark import report
+from galton.benchmark.folder import DATA, FILE, MADE, differences, train
+from galton.cli import benchmark as command
+from galton.sweep import engine
+from galton.sweep.parquet import from_bytes, record_of
+from galton.sweep.plan import Plan
+from galton.sweep.shard import finished
+from galton.sweep.store import Store
+
+from .files import changed, of_record
+
+PLACES = {
+    "budget__settings": 2,
+    "budget__fresh_seeds": 4,
+    "budget__steps": 50,
+    "methods__ppo": None,
+    "prior__clip_range": None,
+    "tasks__noisy": None,
+    "tasks__four": {"env": "bandit", "label": "the same again", "held_out": True},
+}
+RECORD = changed(**PLACES)
+
+
+class Here:
+    """Carries plans out in this process, and counts shards; up to so many."""
+
+    def __init__(self, most=99):
+        self.done, self._most = 0, most
+
+    def __call__(self, store, plan):
+        with ThreadPoolExecutor(1) as threads:
+            engine.run(store, plan, threads, lambda: 1, self)
+
+    def resumed(self, reports):
+        pass
+
+    def finished(self, shard):
+        self.done += 1
+        if self.done >= self._most:
+            raise KeyboardInterrupt
+
+
+def benchmark(folder, record=RECORD, here=None):
+    store, here, told = Store(str(folder)), here or Here(), []
+    with store.lock():
+        assert train(store, of_record(record), here, told.append)
+    report.write(store, told[-1])
+    return here.done
+
+
+def files(folder):
+    """Every file that one finds in the end, but sweeps and how it was made."""
+    found = {str(path.relative_to(folder)): path for path in folder.rglob("*") if path.is_file()}
+    return {name: path.read_bytes() for name, path in found.items() if "sweeps" not in name and name != MADE}
+
+
+@pytest.fixture(scope="module")
+def reference(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("reference")
+    benchmark(folder)
+    return folder
+
+
+def test_it_writes_all_that_it_found(reference):
+    names = {"fresh-bandit", "held-out-four", "tuning-bandit"}
+    figures = {f"figures/{name}{suffix}" for name in ("scores", "curves", "best-of-n") for suffix in (".png", ".svg")}
+    wanted = {f"{DATA}/{name}.parquet" for name in names} | figures
+    assert {*files(reference)} - {".lock"} == wanted | {FILE, report.NUMBERS, report.PAGE}
+    assert {*json.loads((reference / MADE).read_text())} == names
+
+
+def test_the_hash_of_the_file_stands_in_every_result(reference):
+    digest = of_record(RECORD).digest
+    for name in (FILE, report.NUMBERS):
+        assert json.loads((reference / name).read_text())["benchmark"] == digest
+    assert digest in (reference / report.PAGE).read_text()
+    for path in (reference / DATA).iterdir():
+        assert record_of(from_bytes(path.read_bytes()))["benchmark"] == digest
+
+
+def test_a_second_run_from_the_same_file_gives_the_same_bytes(reference, tmp_path):
+    with pytest.raises(KeyboardInterrupt):
+        benchmark(tmp_path, here=Here(most=3))
+    assert benchmark(tmp_path) > 0
+    assert files(tmp_path) == files(reference)
+    assert benchmark(tmp_path) == 0
+    assert files(tmp_path) == files(reference)
+
+
+def test_data_that_are_there_need_no_sweeps(reference, tmp_path):
+    folder = tmp_path / "copied"
+    shutil.copytree(reference, folder, ignore=shutil.ignore_patterns("sweeps", "*.html", "figures"))
+    assert benchmark(folder) == 0
+    assert files(folder) == files(reference)
+
+
+@pytest.mark.parametrize(
+    ("places", "told"),
+    [
+        ({"budget__seeds": 3}, "budget.seeds is 3 and was 2"),
+        (
+            {"methods__bins__search__eta": {"uniform": [1, 2]}},
+            "methods.bins.search.eta.uniform is new; .*log-uniform is",
+        ),
+        ({"tasks__four": None}, "tasks.four is missing"),
+        ({"selection__last": 0.2}, "selection is new"),
+    ],
+)
+def test_a_changed_file_is_refused_with_what_differs(reference, places, told):
+    before = files(reference)
+    with pytest.raises(UsageError, match=f"which was begun with another file: {told}.*Put that back, or name another"):
+        benchmark(reference, changed(**PLACES, **places) if "tasks__four" not in places else changed(**PLACES | places))
+    assert files(reference) == before
+
+
+def test_other_draws_and_other_runs_are_refused(reference, tmp_path):
+    folder = tmp_path / "copied"
+    shutil.copytree(reference, folder)
+    file = folder / FILE
+    record = json.loads(file.read_text())
+    record["draws"]["bins"][0]["eta"] = 1.0
+    file.write_text(json.dumps(record))
+    with pytest.raises(UsageError, match=r"other draws of the same file, as another version of SciPy .*: bins.*eta"):
+        benchmark(folder)
+    file.write_text("{")
+    with pytest.raises(UsageError, match=f"whose {FILE} was damaged"):
+        benchmark(folder)
+    shutil.copy(reference / FILE, file)
+    shutil.copy(folder / DATA / "fresh-bandit.parquet", folder / DATA / "tuning-bandit.parquet")
+    with pytest.raises(UsageError, match="its stage is 'fresh', not 'tuning'; remove it to make it again"):
+        benchmark(folder)
+    (folder / DATA / "tuning-bandit.parquet").write_bytes(b"nothing")
+    with pytest.raises(UsageError, match=r"data/tuning-bandit.parquet in .* is not what this benchmark writes"):
+        benchmark(folder)
+
+
+def test_differences_are_told_by_their_place():
+    assert differences({"a": 1, "b": {"c": [1, 2]}}, {"a": 1.5, "b": {"c": [1, 2]}, "d": 3}) == [
+        "a is 1.5 and was 1",
+        "d is new",
+    ]
+
+
+def table(folder, name):
+    return from_bytes((folder / DATA / f"{name}.parquet").read_bytes()).to_pylist()
+
+
+def test_the_report_is_what_the_data_say(reference):
+    """Selection and scores again, from the Parquet files alone."""
+    numbers = json.loads((reference / report.NUMBERS).read_text())
+    rows = table(reference, "tuning-bandit")
+    assert len(rows) == 2 * 2 * 2
+    assert all(row["final_judged"] == pytest.approx(row["judged"][-1]) for row in rows)
+    ranks = stats.rankdata([row["final_judged"] for row in rows])
+    for method in ("gaussian", "bins"):
+        means = [
+            np.mean(
+                [rank for rank, row in zip(ranks, rows, strict=True) if (row["method"], row["draw"]) == (method, i)]
+            )
+            for i in range(2)
+        ]
+        assert numbers["selected"]["shared"][method] == int(np.argmax(means))
+        assert numbers["selected"]["per_task"]["bandit"][method] == int(np.argmax(means))
+    for name in ("fresh-bandit", "held-out-four"):
+        rows = [row for row in table(reference, name) if row["role"] == "shared"]
+        stage = numbers["stages"][name.rpartition("-")[0]]
+        for row in rows:
+            assert row["draw"] == numbers["selected"]["shared"][row["method"]]
+        ours, theirs = ([row["final_judged"] for row in rows if row["method"] == m] for m in ("bins", "gaussian"))
+        share = np.mean([(x > y) + 0.5 * (x == y) for x in ours for y in theirs])
+        assert stage["above"]["bins"]["gaussian"]["mean"] == pytest.approx(share)
+        task = name.rpartition("-")[2]
+        assert stage["results"][task]["bins"]["shared"]["judged"]["mean"] == pytest.approx(np.mean(ours))
+    seeds = {name: {row["seed"] for row in table(reference, name)} for name in ("tuning-bandit", "fresh-bandit")}
+    assert [len(of) for of in seeds.values()] == [2, 4]
+    assert not seeds["tuning-bandit"] & seeds["fresh-bandit"]
+
+
+def test_plans_can_be_carried_out_by_others(reference, tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine.json").write_text(json.dumps(RECORD))
+    monkeypatch.setattr(command, "read", lambda path: of_record(json.loads(path.read_text())))
+    for stage in (["tuning-bandit"], ["fresh-bandit", "held-out-four"]):
+        command.main(["mine.json", "--plan-only", "--out", "out"])
+        printed = capsys.readouterr().out
+        for name in stage:
+            store = Store(f"out/sweeps/{name}")
+            plan = Plan.load(store)
+            assert f"{plan.n_shards} of {plan.n_shards} shards are left: out/sweeps/{name}" in printed
+            for index in range(plan.n_shards):
+                engine.work(store.url, index)
+            assert len(finished(store, plan)) == plan.n_shards
+        assert "there is more to train" in printed
+    command.main(["mine.json", "--plan-only", "--out", "out"])
+    printed = capsys.readouterr().out
+    assert "P(above" in printed
+    assert "more to train" not in printed
+    assert {
+        name for name in files(tmp_path / "out") if files(tmp_path / "out")[name] != files(reference)[name]
+    } == set()
+
+
+def test_the_command_names_the_file_and_writes_nothing_for_a_wrong_one(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(command, "read", lambda path: of_record(changed(tasks__bandit__env="bandid")))
+    with pytest.raises(UsageError, match=r"file is 'mine.toml': tasks.bandit: environment is 'bandid'"):
+        command.main(["mine.toml"])
+    monkeypatch.setattr(command, "read", lambda path: of_record(changed(imports=["not_there"])))
+    with pytest.raises(UsageError, match=r"imports names 'not_there', .* if it lies there and you trust it, give"):
+        command.main(["mine.toml"])
+    assert [*tmp_path.iterdir()] == []

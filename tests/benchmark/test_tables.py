@@ -1,0 +1,69 @@
+"""What a benchmark tells of itself, from runs that were never trained."""
+
+import pytest
+
+from galton.benchmark import tables
+from galton.benchmark.answer import sentences
+from galton.benchmark.draws import draws
+from galton.benchmark.found import Found, plain
+
+from .made_up import KNOWN, made_up
+
+
+def found(better, stages=("fresh", "held-out")):
+    return Found(KNOWN, draws(KNOWN), [], {stage: made_up(stage, better)[0] for stage in stages})
+
+
+@pytest.mark.parametrize(
+    ("better", "first", "clear"),
+    [
+        (
+            4.0,
+            "ppo has the highest score on the tuning tasks, fresh seeds.",
+            "clearly better on four and clearly worse on none",
+        ),
+        (
+            -4.0,
+            "No method has a higher score than Gaussian on the tuning tasks",
+            "clearly better on none and clearly worse on four",
+        ),
+        (0.0, "", "clearly better on none and clearly worse on none"),
+    ],
+)
+def test_the_answer_says_who_is_ahead_and_what_held_out_tasks_say_of_it(better, first, clear):
+    said = sentences(found(better))
+    assert said[0].startswith(first)
+    assert said[1].startswith("On the tuning tasks, fresh seeds, ")
+    assert "Of 1 it is " + clear in said[2]
+
+
+def test_before_fresh_seeds_there_is_no_answer():
+    assert "have not judged yet" in sentences(found(0.0, ()))[0]
+    assert "not all tuning tasks" in sentences(found(0.0, ("held-out",)))[0]
+
+
+def test_tables_have_a_row_for_each_method_and_task():
+    known = found(1.0)
+    assert [row[0] for row in tables.scores(known, "fresh").rows] == ["Gaussian", "bins", "ppo"]
+    assert "sensitivity" in tables.scores(known, "fresh").headings
+    assert "sensitivity" not in tables.scores(known, "held-out").headings
+    assert len(tables.returns(known, "fresh").rows) == 2 * 3 * 2
+    assert [row[0] for row in tables.returns_in_brief(known, "fresh").rows][:5] == [
+        *("bandit", "  Gaussian", "  bins", "  ppo"),
+        "noisy",
+    ]
+    pairs = tables.pairs(known, "held-out").rows
+    assert [row[i + 1] for i, row in enumerate(pairs)] == ["—"] * 3
+    versus = known.standings["fresh"].above
+    assert pairs[2][1].split(" ")[0] == f"{known.standings['held-out'].above['ppo']['gaussian'].mean:.2f}"
+    assert versus["ppo"]["gaussian"].mean == pytest.approx(1 - versus["gaussian"]["ppo"].mean)
+
+
+def test_the_table_of_priors_says_who_draws_what():
+    rows = tables.prior(found(0.0)).rows
+    assert ["eta", "bins", "log-uniform 0.25 … 4"] in rows
+    assert ["decay_steps", "all that have a use for it", "0, 0.5 × steps"] in rows
+
+
+def test_what_is_not_finite_is_null_in_json():
+    assert plain({"a": (float("nan"), 1.5), "b": [float("-inf")]}) == {"a": [None, 1.5], "b": [None]}

@@ -1,0 +1,181 @@
+"""Correlated noise: each step's distribution as without it, the correlation that was asked for, and no other."""
+
+import dataclasses
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy import stats
+
+import galton
+from galton import POLICIES, Config, Hypers, UsageError
+from galton.policies import Correlatable, GaussianPolicy, HistogramPolicy
+from galton.policies.correlation import check_correlation, continued, nothing_before
+from galton.types import without_unused
+
+LOW, HIGH = np.array([-1.0, 0.0], np.float32), np.array([1.0, 5.0], np.float32)
+N, T = 4_000, 12
+CONFIGS = {
+    "normal": (GaussianPolicy, Config()),
+    "uniform": (HistogramPolicy, Config(n_bins=7)),
+    "uniform, two a dimension": (HistogramPolicy, Config(n_bins=7, bin_sample="uniform")),
+    "where a Gaussian explores": (HistogramPolicy, Config(n_bins=7, exploration="gaussian")),
+}
+
+
+def policy_of(kind):
+    make, config = CONFIGS[kind]
+    return make.create(config, LOW, HIGH)
+
+
+def noises(policy, rho, begins, seed=0):
+    """The noise of T steps of N episodes, and what was drawn, each `[T, N, n]`; begins is `[T, N]`."""
+    drawn = policy.noise(jax.random.key(seed), begins.shape)
+
+    @jax.jit
+    def step(z, inputs):
+        x, first = inputs
+        noise, z = continued(policy, x, z, first, jnp.float32(rho))
+        return z, noise
+
+    _, noise = jax.lax.scan(step, nothing_before(policy, begins.shape[1:], rho), (drawn, jnp.asarray(begins)))
+    return np.asarray(noise, np.float64), np.asarray(drawn, np.float64)
+
+
+@functools.cache
+def episodes(kind, rho):
+    """N episodes that begin together."""
+    begins = np.zeros((T, N), bool)
+    begins[0] = True
+    return noises(policy_of(kind), rho, begins)[0]
+
+
+def distribution_of(kind):
+    return "norm" if policy_of(kind).noise_marginals == "normal" else "uniform"
+
+
+def normal_numbers(kind, noise):
+    return noise if distribution_of(kind) == "norm" else stats.norm.ppf(noise)
+
+
+@pytest.mark.parametrize("kind", CONFIGS)
+@pytest.mark.parametrize("rho", [0.5, 0.97])
+def test_in_each_step_noise_is_distributed_as_without_correlation(kind, rho):
+    noise = episodes(kind, rho)
+    for t in (0, 1, 5, T - 1):
+        for entries in noise[t].T:
+            assert stats.kstest(entries, distribution_of(kind)).pvalue > 1e-3
+
+
+@pytest.mark.parametrize("kind", CONFIGS)
+@pytest.mark.parametrize("rho", [0.5, 0.97])
+def test_steps_k_apart_have_the_correlation_rho_to_the_k_and_entries_have_none(kind, rho):
+    z = normal_numbers(kind, episodes(kind, rho))
+    for k in (1, 2, 5, 10):
+        for one, other in zip(z[1].T, z[1 + k].T, strict=True):
+            found = np.corrcoef(one, other)[0, 1]
+            assert abs(found - rho**k) < 4 * (1 - rho ** (2 * k)) / np.sqrt(N)
+    across = np.corrcoef(z.transpose(2, 0, 1).reshape(z.shape[2], -1))  # neighbours in time are no new evidence
+    assert abs(across - np.eye(len(across))).max() < 4 / np.sqrt(N)
+
+
+@pytest.mark.parametrize("kind", CONFIGS)
+def test_an_episode_begins_with_noise_that_knows_nothing_of_the_one_before(kind):
+    begins = np.zeros((4, N), bool)
+    begins[0] = begins[2] = True
+    noise, drawn = noises(policy_of(kind), 0.97, begins)
+    z = normal_numbers(kind, noise)
+    assert np.corrcoef(z[0].ravel(), z[1].ravel())[0, 1] > 0.9
+    assert abs(np.corrcoef(z[1].ravel(), z[2].ravel())[0, 1]) < 4 / np.sqrt(z[0].size)
+    assert np.corrcoef(z[2].ravel(), z[3].ravel())[0, 1] > 0.9
+    np.testing.assert_allclose(noise[2], drawn[2], atol=1e-6)
+
+
+@pytest.mark.parametrize("kind", CONFIGS)
+def test_a_run_without_correlation_beside_one_with_it_has_what_was_drawn_to_the_bit(kind):
+    begins = np.zeros((T, 5), bool)
+    begins[0] = True
+    noise, drawn = noises(policy_of(kind), 0.0, begins)
+    np.testing.assert_array_equal(noise, drawn)
+    assert (noises(policy_of(kind), 0.9, begins)[0][1:] != drawn[1:]).all()
+
+
+def test_the_ends_of_the_uniform_numbers_stay_inside_and_are_not_kept():
+    policy = policy_of("uniform")
+    ends = jnp.array([[0.0, 1 - 2**-23], [1e-7, 0.5]], jnp.float32)
+    begins = jnp.array([True, True])
+    noise, z = continued(policy, ends, jnp.zeros((2, 2)), begins, jnp.float32(0.9))
+    np.testing.assert_allclose(z, stats.norm.ppf(np.asarray(ends, np.float64) + 2**-24), atol=2e-4)
+    assert ((noise >= 0) & (noise < 1)).all()
+    far, z = continued(policy, ends, jnp.full((2, 2), 30.0), ~begins, jnp.float32(0.9))
+    assert ((far >= 0) & (far < 1)).all()
+    assert np.isfinite(z).all()
+
+
+def test_without_correlation_there_is_no_state_and_nothing_is_touched():
+    policy = policy_of("normal")
+    assert nothing_before(policy, (3,), None) == ()
+    drawn = policy.noise(jax.random.key(0), (3,))
+    noise, after = continued(policy, drawn, (), (), None)
+    assert noise is drawn
+    assert after == ()
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Silent:
+    """The Gaussian policy without a word on its noise."""
+
+    low: np.ndarray
+    high: np.ndarray
+
+    family, label, create = "density", "silent", vars(GaussianPolicy)["create"]
+    n_outputs, init = GaussianPolicy.n_outputs, GaussianPolicy.init
+    noise, distribution = GaussianPolicy.noise, GaussianPolicy.distribution
+
+
+def test_a_policy_that_does_not_say_how_its_noise_is_distributed_is_refused_by_name(monkeypatch):
+    monkeypatch.setitem(POLICIES, "silent", Silent)
+    check_correlation("silent", Silent(LOW, HIGH), without_unused(Hypers()))
+    with pytest.raises(UsageError, match=r"^noise_correlation is 0\.5, but the policy 'silent' doesn't say how"):
+        galton.A2C("bandit", "gaussian", policy="silent", noise_correlation=0.5)
+
+
+class Proposing(Silent):
+    """Noise of two kinds, as a policy has that proposes actions and rejects some."""
+
+    noise_marginals = ("normal", "uniform")
+
+    def noise(self, key, shape):
+        normal, uniform = jax.random.split(key)
+        return jax.random.normal(normal, (*shape, 2, 3)), jax.random.uniform(uniform, (*shape, 2))
+
+
+def test_each_leaf_of_a_nest_of_noise_is_correlated_by_its_kind():
+    policy = Proposing(LOW, HIGH)
+    first, second = (policy.noise(jax.random.key(seed), (N,)) for seed in (0, 1))
+    before = nothing_before(policy, (N,), 0.9)
+    noise, z = continued(policy, first, before, jnp.ones(N, bool), jnp.float32(0.9))
+    for ours, theirs in zip(noise, first, strict=True):
+        np.testing.assert_allclose(ours, theirs, atol=1e-6)
+    (normal, uniform), _ = continued(policy, second, z, jnp.zeros(N, bool), jnp.float32(0.9))
+    expected = 0.9 * np.asarray(first[0]) + np.sqrt(1 - 0.9**2) * np.asarray(second[0])
+    np.testing.assert_allclose(normal, expected, rtol=1e-5, atol=1e-6)
+    a, b = (stats.norm.ppf(np.asarray(drawn[1], np.float64) + 2**-24) for drawn in (first, second))
+    np.testing.assert_allclose(uniform, stats.norm.cdf(0.9 * a + np.sqrt(1 - 0.9**2) * b), atol=2e-6)
+
+
+@pytest.mark.parametrize("name", POLICIES)
+def test_each_policy_of_ours_says_how_each_leaf_of_its_noise_is_distributed(name):
+    policy = POLICIES[name].create(Config(n_bins=7), LOW, HIGH)
+    assert isinstance(policy, Correlatable)
+    noise = policy.noise(jax.random.key(1), (20_000,))
+    marginals = policy.noise_marginals
+    assert jax.tree.structure(marginals) == jax.tree.structure(noise)
+    for marginal, leaf in zip(jax.tree.leaves(marginals), jax.tree.leaves(noise), strict=True):
+        entries = np.asarray(leaf, np.float64).reshape(len(leaf), -1).T
+        for numbers in entries:
+            assert stats.kstest(numbers, {"normal": "norm", "uniform": "uniform"}[marginal]).pvalue > 1e-3
+        if len(entries) > 1:
+            assert abs(np.corrcoef(entries) - np.eye(len(entries))).max() < 4 / np.sqrt(20_000)

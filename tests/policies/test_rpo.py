@@ -1,0 +1,117 @@
+"""RPO moves the Gaussian's mean in updates, and nowhere else."""
+
+import dataclasses
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.stats import kstest, uniform
+
+from galton import Config, Hypers
+from galton.algorithms import a2c, actor_critic, ppo
+from galton.networks import mlp
+from galton.policies import GaussianPolicy, RpoPolicy
+
+from ..algorithms.minibatches import HIGH, HYPERS, LOW, N, T, agent_of, fresh, moved, rollout_of
+
+ALPHA = HYPERS._replace(rpo_alpha=0.8, ent_coef=0.0)
+KEY = jax.random.key(11)
+
+
+def policy():
+    return RpoPolicy.create(Config(loss="gaussian", policy="rpo"), LOW, HIGH)
+
+
+def test_it_acts_as_the_gaussian():
+    plain = GaussianPolicy.create(Config(loss="gaussian"), LOW, HIGH)
+    outputs, params, hypers = jnp.array([[0.3, -1.0]]), {"log_std": jnp.array([-0.5, 0.1])}, Hypers(box_units=1.0)
+    noise = plain.noise(KEY, (1,))
+    np.testing.assert_array_equal(policy().noise(KEY, (1,)), noise)
+    found, expected = (one.distribution(outputs, params, hypers) for one in (policy(), plain))
+    np.testing.assert_array_equal(found.sample(noise), expected.sample(noise))
+    np.testing.assert_array_equal(policy().init(hypers)[1]["log_std"], plain.init(hypers)[1]["log_std"])
+
+
+def test_moves_are_uniform_and_new_for_each_output_and_key():
+    outputs = jnp.full((5000, 2), 3.0)
+    first, second = (policy().moved(outputs, key, ALPHA) for key in jax.random.split(KEY))
+    assert kstest(np.ravel(first), uniform(3 - 0.8, 1.6).cdf).pvalue > 1e-3
+    assert len(np.unique(np.concatenate([first, second]))) > 0.99 * 2 * first.size
+
+
+def gradient_of(update, learner):
+    """What Adam was given at its first step."""
+    after = jax.jit(update)(learner)[0]
+    assert int(after.optimizer.count) == int(learner.optimizer.count) + 1
+    return jax.tree.map(lambda moment: moment / 0.1, after.optimizer.mu)
+
+
+def explicit(agent, params, rows, key, weight_of):
+    """The actor's gradient with moves drawn by hand."""
+
+    def objective(params):
+        moves = jax.random.uniform(key, rows.action.shape, minval=-0.8, maxval=0.8)
+        distribution = agent.policy.distribution(mlp(params["actor"], rows.observation) + moves, params, ALPHA)
+        log_prob = distribution.log_prob(rows.action)
+        return -jnp.mean(jax.lax.stop_gradient(weight_of(log_prob)) * log_prob)
+
+    gradient = jax.grad(objective)(params)
+    return {name: gradient[name] for name in ("actor", "log_std")}
+
+
+def check(found, expected):
+    for name in expected:
+        for ours, theirs in zip(jax.tree.leaves(found[name]), jax.tree.leaves(expected[name]), strict=True):
+            np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-5 * float(jnp.abs(theirs).max()))
+
+
+@pytest.mark.parametrize("count", [0, 7])
+def test_ppos_gradient_is_that_of_means_moved_by_the_minibatchs_own_key(count):
+    agent = agent_of("rpo", "gaussian", batch_size=T * N)
+    learner = moved(agent)
+    rows = ppo.prepare(agent, learner, rollout_of(agent, learner), ALPHA)
+    params = jax.tree.map(lambda x: x + 0.01, learner.params)
+    start = fresh(agent, params)
+    counted = start._replace(optimizer=start.optimizer._replace(count=jnp.int32(count)))
+    order = jnp.arange(T * N)[None]
+    found = gradient_of(lambda learner: ppo.fit(agent, learner, rows, order, ALPHA, KEY), counted)
+
+    def weight_of(log_prob):
+        return rows.advantage * ppo.gated(jnp.exp(log_prob - rows.log_prob), rows.advantage, ALPHA.clip_range)
+
+    check(found, explicit(agent, params, rows, jax.random.fold_in(KEY, count), weight_of))
+    with pytest.raises(AssertionError):
+        check(found, explicit(agent, params, rows, jax.random.fold_in(KEY, count + 1), weight_of))
+
+
+def test_a2cs_gradient_is_that_of_means_moved_by_the_updates_key():
+    agent = dataclasses.replace(agent_of("rpo", "gaussian"), algorithm=a2c.ALGORITHM)
+    learner = moved(agent)
+    batch = rollout_of(agent, learner)
+    rows = ppo.prepare(agent, learner, batch, ALPHA)
+    found = gradient_of(lambda learner: a2c.update(agent, learner, batch, ALPHA, KEY), fresh(agent, learner.params))
+    check(found, explicit(agent, learner.params, rows, KEY, lambda _: rows.advantage))
+
+
+@pytest.mark.parametrize("algorithm", [a2c, ppo])
+def test_with_alpha_0_it_learns_what_the_gaussian_learns(algorithm):
+    learners = []
+    for name in ("rpo", "gaussian"):
+        agent = dataclasses.replace(agent_of(name, "gaussian"), algorithm=algorithm.ALGORITHM)
+        learner, hypers = moved(agent), HYPERS._replace(rpo_alpha=0.0)
+        update = jax.jit(functools.partial(algorithm.update, agent))
+        learners.append(update(learner, rollout_of(agent, learner), hypers, KEY)[0])
+    for ours, theirs in zip(*map(jax.tree.leaves, learners), strict=True):
+        np.testing.assert_allclose(ours, theirs, rtol=1e-4, atol=1e-6)
+
+
+def test_every_rollouts_update_has_moves_of_its_own():
+    agent = agent_of("rpo", "gaussian")
+    learner = moved(agent)
+    outputs = mlp(learner.params["actor"], rollout_of(agent, learner).observation.reshape(T * N, -1))
+    seen = [actor_critic.as_update_sees(agent, outputs, key, ALPHA) for key in jax.random.split(KEY)]
+    assert (seen[0] != seen[1]).mean() > 0.99
+    plain = agent_of("gaussian", "gaussian")
+    np.testing.assert_array_equal(actor_critic.as_update_sees(plain, outputs, KEY, ALPHA), outputs)

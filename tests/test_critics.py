@@ -1,0 +1,137 @@
+"""Critics that classify: targets and values against torch and closed forms, gradients, and what is refused."""
+
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.stats import norm
+
+from galton import A2C, PPO, Config, Hypers, UsageError
+from galton.algorithms import check_together, resolve
+from galton.critics import CRITICS, find_critic
+from galton.sweep import Setting
+
+K = 21
+HYPERS = Hypers(value_min=-3.0, value_max=7.0)
+CENTERS = -3 + 10 * (np.arange(K) + 0.5) / K
+CLASSIFIERS = ("hl-gauss", "two-hot")
+
+
+@functools.cache
+def critic(name, n_value_bins=K):
+    return find_critic(name).create(Config(critic=name, n_value_bins=n_value_bins, normalize_reward=True))
+
+
+@functools.partial(jax.jit, static_argnums=0)
+def slope(critic, outputs, returned, hypers):
+    return jax.value_and_grad(critic.loss)(outputs, returned, hypers)
+
+
+def target(name, returns):
+    """The weights that the gradient in the logits tells of, π − target, at uniform logits."""
+    gradient = jax.grad(lambda outputs: critic(name).loss(outputs, jnp.asarray(returns), HYPERS).sum())
+    return 1 / K - np.asarray(gradient(jnp.zeros((len(returns), K))), np.float64)
+
+
+@pytest.mark.parametrize("name", CLASSIFIERS)
+def test_values_and_losses_equal_torchs(name):
+    rng = np.random.default_rng(0)
+    logits, returns = rng.normal(size=(50, K)), rng.uniform(-2.5, 6.5, 50)
+    value = torch.softmax(torch.tensor(logits), -1) @ torch.tensor(CENTERS)
+    np.testing.assert_allclose(critic(name).value(jnp.asarray(logits), HYPERS), value, rtol=1e-5, atol=1e-5)
+    weights = torch.tensor(target(name, returns))
+    entropy = torch.special.entr(weights.clamp_min(0)).sum(-1)
+    expected = torch.nn.functional.cross_entropy(torch.tensor(logits), weights, reduction="none") - entropy
+    np.testing.assert_allclose(
+        critic(name).loss(jnp.asarray(logits), jnp.asarray(returns), HYPERS), expected, rtol=1e-4, atol=1e-5
+    )
+
+
+def test_two_hot_targets_mean_the_return():
+    returns = np.linspace(CENTERS[0], CENTERS[-1], 301)
+    weights = target("two-hot", returns)
+    np.testing.assert_allclose(weights @ CENTERS, returns, atol=1e-4)
+    np.testing.assert_allclose(weights.sum(-1), 1, atol=1e-6)
+    assert ((weights > 1e-5).sum(-1) <= 2).all()
+
+
+def test_hl_gauss_targets_are_the_gaussians_masses():
+    returns, edges = np.array([-1.3, 0.0, 2.22, 5.0]), np.linspace(-3, 7, K + 1)
+    cdf = norm.cdf((edges - returns[:, None]) / (HYPERS.value_eta * 10 / K))
+    masses = np.diff(cdf) / (cdf[:, -1:] - cdf[:, :1])
+    np.testing.assert_allclose(target("hl-gauss", returns), masses, atol=1e-6)
+    np.testing.assert_allclose(masses @ CENTERS, returns, atol=5e-3)
+
+
+@pytest.mark.parametrize("name", CLASSIFIERS)
+@given(st.floats(-1e6, 1e6), st.floats(1e-3, 1e6), st.sampled_from([2, 101]), st.floats(-1, 2))
+def test_over_any_support(name, low, width, n, place):
+    low, high = np.float32(low), np.float32(low + width)
+    if not (high - low) > 1e-3 * max(abs(low), abs(high)):
+        return
+    hypers = Hypers(value_min=low, value_max=high)
+    one, centers = critic(name, n), low + (high - low) * (np.arange(n) + 0.5) / n
+    outputs, returned = jnp.zeros(n), jnp.float32(low + (high - low) * place)
+    loss, gradient = slope(one, outputs, returned, hypers)
+    assert loss >= -1e-5
+    assert np.isfinite(gradient).all()
+    np.testing.assert_allclose(one.value(outputs, hypers), (low + high) / 2, rtol=1e-3, atol=1e-4 * (high - low))
+    _, far = slope(one, outputs, jnp.float32(centers[0] if place < 0 else centers[-1]), hypers)
+    if not 0 <= place <= 1:
+        np.testing.assert_allclose(gradient, far, atol=1e-3)
+
+
+@pytest.mark.parametrize("name", CLASSIFIERS)
+def test_a_return_outside_is_the_nearest_centers(name):
+    returns = np.array([-1e6, -3.0, 7.0, 1e6])
+    inside = np.array([CENTERS[0], CENTERS[0], CENTERS[-1], CENTERS[-1]])
+    np.testing.assert_allclose(target(name, returns), target(name, inside), atol=1e-5)
+
+
+@pytest.mark.parametrize("name", CRITICS)
+@pytest.mark.parametrize("algorithm", [A2C, PPO])
+def test_saved_and_loaded(name, algorithm, tmp_path):
+    steps = {"n_steps": 8, "batch_size": 8} if algorithm is PPO else {}
+    model = algorithm("lqr", critic=name, normalize_reward=True, net_arch=(8,), **steps).learn(64)
+    model.save(tmp_path / "model")
+    loaded = algorithm.load(tmp_path / "model")
+    assert loaded.config.critic == name
+    for one, other in zip(*(jax.tree.leaves(each.get_parameters()) for each in (model, loaded)), strict=True):
+        np.testing.assert_array_equal(one, other)
+    last = model.get_parameters()["critic"][-1]["bias"]
+    assert len(last) == (1 if name == "squared-error" else 101)
+
+
+BOX = np.array([-1.0]), np.array([1.0])
+
+
+@pytest.mark.parametrize(
+    ("fields", "numbers", "words"),
+    [
+        ({"critic": "hl_gauss"}, {}, ["critic is 'hl_gauss'", "did you mean hl-gauss?"]),
+        ({"critic": "hl-gauss"}, {}, ["normalize_reward=True", "value_min"]),
+        ({"critic": "two-hot"}, {"value_min": 2.0, "value_max": 1.0}, ["value_min is 2.0", "value_max 1.0"]),
+        ({"critic": "two-hot", "normalize_reward": True}, {"value_eta": 1.0}, ["value_eta is 1.0", "'hl-gauss'"]),
+        ({"n_value_bins": 51}, {}, ["n_value_bins is 51", "critic 'hl-gauss'", "not 'squared-error'"]),
+        ({"critic": "hl-gauss", "n_value_bins": 1}, {}, ["n_value_bins is 1"]),
+    ],
+)
+def test_what_does_not_fit_is_refused(fields, numbers, words):
+    for attempt in (
+        lambda: check_together(resolve(Config(**fields), *BOX).config, Hypers(**numbers)),
+        lambda: A2C("lqr", **fields, **numbers),
+        lambda: Setting.of_record(fields | numbers),
+    ):
+        with pytest.raises(UsageError) as error:
+            attempt()
+        for word in words:
+            assert word in str(error.value)
+
+
+def test_a_support_of_its_own_needs_no_normalised_rewards():
+    A2C("lqr", critic="hl-gauss", value_min=-30.0, value_max=0.0)

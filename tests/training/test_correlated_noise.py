@@ -1,0 +1,98 @@
+"""Correlated noise in training: over rollouts, through the ends of episodes, and on from a file."""
+
+import jax
+import numpy as np
+import pytest
+
+import galton
+from galton import A2C, Hypers
+from galton.algorithms import actor_critic
+from galton.envs import LQR
+from galton.saving import checkpoint
+from galton.training.on_device import DevicePopulation
+from galton.training.population import populate
+from galton.training.rollout import draw_noise
+from galton.training.run import rollout_key
+
+RHO, LENGTH, T, N = 0.75, 5, 3, 2
+SETTINGS = {"n_bins": 9, "net_arch": (8,), "n_steps": 4, "n_envs": 2, "learning_rate": 1e-2}
+
+
+def noise_of(agent, learner, batch, hypers):
+    """The normal numbers of a Gaussian's actions in a rollout."""
+    distribution = actor_critic.distribution(agent, learner.params, batch.observation, hypers)
+    return np.asarray((batch.action - distribution.mean) / distribution.std(), np.float64)
+
+
+def test_noise_goes_on_over_rollouts_and_begins_anew_with_an_episode():
+    env, config = LQR(max_episode_steps=LENGTH), galton.Config(loss="gaussian", n_steps=T, n_envs=N, net_arch=(4,))
+    hypers = Hypers(learning_rate=1e-2, noise_correlation=RHO)
+    population = populate(env, config, Hypers._make(np.float32([value]) for value in hypers), [7])
+    assert isinstance(population, DevicePopulation)
+    z, steps = np.zeros((N, 2)), 0
+    for _ in range(4):
+        run = jax.tree.map(lambda x: x[0], population._state.run)
+        drawn = np.asarray(draw_noise(rollout_key(run), env, population._agent).action, np.float64)
+        population.advance(1)
+        batch = jax.tree.map(lambda x: x[0], population._batch)
+        found = noise_of(population._agent, run.learner, batch, hypers)
+        for t in range(T):
+            z = drawn[t] if steps % LENGTH == 0 else RHO * z + np.sqrt(1 - RHO**2) * drawn[t]
+            steps += 1
+            np.testing.assert_allclose(found[t], z, rtol=1e-4, atol=1e-5)
+    assert steps > 2 * LENGTH
+    np.testing.assert_allclose(population.snapshot()["environments"].noise[0], z, rtol=1e-4, atol=1e-5)
+
+
+def learned(model):
+    return [leaf.tobytes() for leaf in jax.tree.leaves(jax.device_get(model.learner))]
+
+
+@pytest.mark.parametrize(("env", "loss"), [("lqr", "hl-gauss"), ("Reacher-v5", "gaussian")])
+def test_a_loaded_run_goes_on_to_the_same_bits(env, loss, tmp_path):
+    if env.endswith("-v5"):
+        pytest.importorskip("mujoco")
+    model = A2C(env, loss, noise_correlation=0.9, **SETTINGS)
+    path = model.learn(7 * 8, progress_bar=False).save(tmp_path / "cut")
+    settings, arrays = checkpoint.read(path)
+    assert settings["hypers"]["noise_correlation"] == pytest.approx(0.9)
+    assert arrays["environments/noise"].shape == (1, 2, 2)
+    loaded = A2C.load(path, env)
+    for each in (model, loaded):
+        each.learn(8 * 8, progress_bar=False)
+        each.close()
+    assert learned(loaded) == learned(model)
+
+
+def test_without_correlation_a_file_has_no_word_of_it(tmp_path):
+    settings, arrays = checkpoint.read(A2C("lqr", **SETTINGS).learn(8, progress_bar=False).save(tmp_path / "model"))
+    assert "noise_correlation" not in settings["hypers"]
+    assert not [name for name in arrays if "noise" in name]
+
+
+def test_a_run_trains_alike_whether_or_not_its_neighbours_noise_is_correlated():
+    config = galton.Config(loss="hl-gauss", n_bins=9, n_steps=5, n_envs=2, net_arch=(8,))
+    returns = {}
+    for others in (0.0, 0.9):
+        hypers = Hypers(learning_rate=1e-2, noise_correlation=np.array([0.0, others]))
+        result = galton.train("lqr", config, hypers, [3, 4], 1_000, n_logs=2, n_eval_episodes=0)
+        returns[others] = result.log.training_return
+    np.testing.assert_allclose(returns[0.9][0], returns[0.0][0], rtol=1e-3)
+    assert (abs(returns[0.9][1] - returns[0.0][1]) > 1e-3 * abs(returns[0.0][1])).all()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("loss", ["gaussian", "hl-gauss"])
+def test_before_anything_is_learned_only_noise_that_persists_finds_the_flag_of_mountain_car(loss):
+    rho = np.repeat([0.0, 0.95], 8)
+    hypers = Hypers(learning_rate=0.0, noise_correlation=rho)
+    result = galton.train("mountain-car", galton.Config(loss=loss), hypers, range(16), 20_000, n_logs=1)
+    independent, persistent = np.split(result.log.columns()["training_return"][:, -1], 2)
+    assert independent.max() < 0
+    assert persistent.min() > 30
+
+
+@pytest.mark.parametrize("wrong", [-0.1, 1.0, float("nan")])
+def test_a_correlation_out_of_range_is_refused(wrong):
+    with pytest.raises(galton.UsageError, match=r"noise_correlation is .*; it must be 0 or more, and less than 1"):
+        A2C("bandit", noise_correlation=wrong)
