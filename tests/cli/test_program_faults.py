@@ -112,12 +112,11 @@ def test_a_comparison_with_a_folder_that_is_full_has_the_same_numbers(compared, 
 
 @pytest.mark.slow
 def test_a_comparison_whose_programs_rotted_has_the_same_numbers(compared):
-    kept = rot(compared / "programs")
+    assert rot(compared / "programs")
     done = galton(compared, *COMPARE, "one", programs=compared / "programs")
     assert (done.returncode, done.stderr.count("\n")) == (0, 1)
     assert done.stderr.startswith("galton: compiled programs can't be read and are made again: ")
     assert curves(compared / "one") == curves(compared / "usual")
-    assert entries(compared / "programs").keys() == kept.keys()
     assert galton(compared, *COMPARE, "two", programs=compared / "programs").stderr == ""
 
 
