@@ -5,7 +5,7 @@ OUT ?= runs/demo
 BIN = $(VENV)/bin
 PIP = $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
 
-.PHONY: demo test test-all trust mutants coverage lint docs bench clean
+.PHONY: demo test test-all fuzz trust mutants coverage lint docs bench clean
 
 COMPARE = $(BIN)/galton compare --losses gaussian hl-one-hot hl-gauss hl-gauss-centred --overwrite
 demo: $(VENV)/installed  ## Classification against regression, three times: tables and figures in runs/demo.
@@ -33,6 +33,11 @@ test: lint $(VENV)/browser  ## Lint, types and the tests that take seconds.
 
 test-all: lint $(VENV)/browser  ## All tests, the long learning claims included, compiled as users compile.
 	$(PYTEST)
+
+SECONDS ?= 120
+TARGETS ?=
+fuzz: $(VENV)/installed-dev  ## Readers of files under strange ones, SECONDS for each of TARGETS; what is found lies in runs/fuzz.
+	$(BIN)/python -m tests.fuzz --seconds $(SECONDS) --folder runs/fuzz $(TARGETS)
 
 # About an hour on two cores. With TESTS=tests/test_resume.py only what that file measures.
 trust: $(VENV)/browser  ## Measure every promise of docs/trust.md again: results/trust and the page.

@@ -206,12 +206,12 @@ class TensorBoard:
     """Scalars for TensorBoard, under the names of Stable-Baselines3 where it has them."""
 
     def __init__(self, folder: str | Path) -> None:
-        from tensorboardX.event_file_writer import EventsWriter, directory_check
+        from tensorboardX.event_file_writer import EventsWriter
 
         # tensorboardX's SummaryWriter writes in a thread, where a full disk would end nothing but the thread.
         self.folder = folder
         with _written(folder):
-            directory_check(str(folder))
+            Path(folder).mkdir(parents=True, exist_ok=True)
             self._writer = EventsWriter(f"{folder}/events")
         weakref.finalize(self, _close, self._writer)
 
@@ -237,6 +237,7 @@ def _close(writer: Any) -> None:
 @contextlib.contextmanager
 def _written(path: str | Path) -> Iterator[None]:
     """Turn the error of a file that can't be written into one that says what to do."""
+    files.check_text("path", path)
     try:
         yield
     except OSError as error:

@@ -44,6 +44,12 @@ def require(condition: bool | np.bool, message: str) -> None:
         raise UsageError(message)
 
 
+def in_a_line(error: Exception) -> str:
+    """What an error says, in one line; its type stands before what others than Galton raised."""
+    said = str(error) if isinstance(error, UsageError | CheckpointError) else f"{type(error).__name__}: {error}"
+    return " ".join(said.split())
+
+
 def unknown(name: str, value: object, choices: Iterable[str]) -> UsageError:
     """The error for a word that is none of the choices; it lists them, and says which one was probably meant."""
     choices = tuple(choices)

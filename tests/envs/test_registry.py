@@ -7,6 +7,7 @@ from gymnasium.utils.env_checker import check_env
 
 from galton import UsageError
 from galton.envs import ENVS, Environment, make
+from galton.envs.registry import read_constants
 
 
 @pytest.mark.parametrize("name", ENVS)
@@ -60,3 +61,28 @@ def test_constants_reach_the_record_through_gymnasium():
 def test_an_unknown_environment_is_named():
     with pytest.raises(UsageError, match="environment is 'cartpole'; choose from bandit"):
         make("cartpole")
+
+
+@pytest.mark.parametrize(
+    ("text", "constants"),
+    [("{}", {}), ('{"d": 3, "noise_std": 0.5}', {"d": 3, "noise_std": 0.5}), ('{"x": [1, [2]]}', {"x": (1, (2,))})],
+)
+def test_constants_are_read_from_json(text, constants):
+    assert read_constants(text) == constants
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("", "is not JSON"),
+        ("{'d': 3}", "is not JSON"),
+        ("[" * 100_000, "is not JSON"),
+        (f'{{"d": {"9" * 5000}}}', "is not JSON"),
+        ("[]", "it must be a JSON object"),
+        ("null", "it must be a JSON object"),
+    ],
+)
+def test_what_are_no_constants_is_refused_in_a_line(text, said):
+    with pytest.raises(UsageError, match=said) as told:
+        read_constants(text)
+    assert len(str(told.value)) < 500

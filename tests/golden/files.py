@@ -8,18 +8,18 @@ from pathlib import Path
 import jax
 import numpy as np
 
-V1 = Path(__file__).parent / "v1"
+V1, V2 = (Path(__file__).parent / version for version in ("v1", "v2"))
 CLOSE = {"rtol": 1e-4, "atol": 1e-5}
 """What other compiler flags and other processors may change: a few roundings, added up over hundreds of updates."""
 
 
-def record(name):
-    return json.loads((V1 / name).read_text())
+def record(name, folder=V1):
+    return json.loads((folder / name).read_text())
 
 
-def arrays(name, prefix):
+def arrays(name, prefix, folder=V1):
     """Those of an npz file whose names begin so, by the rest of their names."""
-    with np.load(V1 / name) as file:
+    with np.load(folder / name) as file:
         return {key.removeprefix(prefix): file[key] for key in file.files if key.startswith(prefix)}
 
 

@@ -126,6 +126,7 @@ WHY = {
     "saving/files.py": {"write_bytes", "open"},  # this is the mechanism
     "callbacks.py": {"open"},  # a log: it is appended to, a line at a time
     "cli/_output.py": {"open"},  # os.devnull
+    "cli/_program_faults.py": {"write_bytes"},  # what is removed at once
     "cli/_programs.py": {"touch"},  # an empty file
     "cli/compare.py": {"write_table"},  # into a scratch file of `files.replacing`
     "sweep/parquet.py": {"write_table"},  # into memory

@@ -84,6 +84,12 @@ def test_a_grid_is_read_from_toml(tmp_path):
         ("[[grid]]\neta = [0.5, -1]", "eta is -1.0; it must be finite, and greater than 0"),
         ('[[grid]]\neta = "wide"', "eta is 'wide'; it must be a number"),
         ("[[grid]]\nn_bins = [1]", "n_bins is 1; it must be an integer of at least 2"),
+        (f"[[grid]]\neta = {'[' * 5000}", "can't be read as TOML"),
+        (f"[[grid]]\neta = {'1' * 5000}", "can't be read as TOML"),
+        (
+            "[[grid]]\n" + "\n".join(f"{name} = {[*range(1, 51)]}" for name in ("n_steps", "n_envs", "eta", "n_bins")),
+            "n_steps, n_envs, eta, n_bins have 6,250,000 combinations; give lists with 100,000 at most",
+        ),
     ],
 )
 def test_a_wrong_grid_is_refused_in_words(tmp_path, text, message):

@@ -57,7 +57,7 @@ def _write_mp4(path: Path, frames: list[np.ndarray], fps: int) -> None:
     height, width, _ = frames[0].shape
     raw = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}", "-r", str(fps), "-i", "-"]
     even = ["-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2", "-pix_fmt", "yuv420p", "-y", str(path)]
-    done = subprocess.run(
+    done = subprocess.run(  # noqa: S603  no shell; the path comes last, as a word of its own
         [imageio_ffmpeg.get_ffmpeg_exe(), "-loglevel", "error", *raw, *even],
         input=b"".join(frame.tobytes() for frame in frames),
         capture_output=True,

@@ -27,10 +27,11 @@ def leaving_at_once(told: str) -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def deferred(told: str) -> Iterator[Callable[[], None]]:
+def deferred(told: str, at_first: Callable[[], None] | None = None) -> Iterator[Callable[[], None]]:
     """A function that raises KeyboardInterrupt if the user asked to stop since.
 
-    The first interrupt is answered with these words, the second ends the process at once.
+    The first interrupt is answered with these words, and has `at_first` called in a thread of its own; the second ends
+    the process at once.
     """
     asked = threading.Event()
 
@@ -39,6 +40,8 @@ def deferred(told: str) -> Iterator[Callable[[], None]]:
             _leave("interrupted again")
         asked.set()
         _say(told)
+        if at_first:
+            threading.Thread(target=at_first, daemon=True).start()
 
     def check() -> None:
         if asked.is_set():

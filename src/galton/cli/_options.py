@@ -97,24 +97,31 @@ class Training:
         return find(name, **read_constants(self.env_kwargs))
 
 
-LONGEST = 100
-"""Bytes of an id in the name of a folder; file systems end at 255, and what is beside the id needs some of them."""
+LONGEST, SHORTER = 100, 40
+"""Bytes of an id, and of another name, in that of a folder; file systems end at 255, and locks need some of them."""
+
+
+DEVICES = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(?=\.|$)", re.IGNORECASE)
+"""How names begin that Windows keeps for devices."""
 
 
 def short_name(env: str) -> str:
     """The name of an environment in that of a folder: our own of the task, or the id without what a path can't hold."""
-    if is_known(env):
-        return find_task(env)[0]
-    name = re.sub(r"[^\w.-]+", "-", env)
-    if len(name.encode()) <= LONGEST:
-        return name
-    kept = name.encode()[:LONGEST].decode(errors="ignore")
-    return f"{kept}-{hashlib.sha256(env.encode(errors='surrogateescape')).hexdigest()[:8]}"
+    return find_task(env)[0] if is_known(env) else plain_name(env, LONGEST)
+
+
+def plain_name(name: str, longest: int = SHORTER) -> str:
+    """A name from a registry or an id as a part of a folder's, on any system: without what a path can't hold."""
+    plain = DEVICES.sub(r"\1-", re.sub(r"[^\w.-]+", "-", name)).rstrip(".")
+    if len(plain.encode()) <= longest:
+        return plain
+    kept = plain.encode()[:longest].decode(errors="ignore")
+    return f"{kept}-{hashlib.sha256(name.encode(errors='surrogatepass')).hexdigest()[:8]}"
 
 
 def folder_name(env: str, algorithm: str) -> str:
     """The name of a run's folder: the environment's, with the algorithm's where that is not the paper's."""
-    return short_name(env) if algorithm == "a2c" else f"{short_name(env)}-{algorithm}"
+    return short_name(env) if algorithm == "a2c" else f"{short_name(env)}-{plain_name(algorithm)}"
 
 
 def command_line() -> str:

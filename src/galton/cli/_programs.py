@@ -12,6 +12,8 @@ from pathlib import Path
 
 import platformdirs
 
+from galton.cli._program_faults import check_room, tell_once
+
 PLACE = "GALTON_PROGRAMS"
 """The variable of the environment that names another folder for them, or is "off"."""
 MOST = 10**9
@@ -24,19 +26,20 @@ _ZSTANDARD = b"\x28\xb5\x2f\xfd"
 def keep_programs() -> None:
     """Have this process and its workers keep what they compile, unless the user says where JAX does, or PLACE is off.
 
-    To be called before JAX is imported. A folder that can't be written is told, and nothing is kept.
+    To be called before JAX is imported. A folder that can't be written, or is full, is told, and nothing is kept.
     """
     given = os.environ.get(PLACE) or platformdirs.user_cache_dir("galton")
     if given == "off" or "JAX_COMPILATION_CACHE_DIR" in os.environ:
         return
-    folder = Path(given, _kind())
+    folder, remedy = Path(given, _kind()), f"{PLACE} names another folder, or is off"
     try:
         folder.mkdir(parents=True, exist_ok=True)
         tidy(folder)
-    except OSError as error:
-        told = f"compiled programs are not kept: {error}; {PLACE} names another folder, or is off"
-        print(f"galton: {told}", file=sys.stderr)
+        check_room(folder)
+    except (OSError, ValueError) as error:  # of a name with a character that none can have
+        print(f"galton: compiled programs are not kept: {error}; {remedy}", file=sys.stderr)
         return
+    tell_once(folder, remedy)
     os.environ["JAX_COMPILATION_CACHE_DIR"] = str(folder)
     os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
 
@@ -49,7 +52,7 @@ def tidy(folder: Path) -> None:
     """
     checked, now = folder / "checked", time.time()
     since = checked.stat().st_mtime if checked.exists() else 0.0
-    files = {path: path.stat() for path in folder.iterdir() if path.is_file() and path != checked}
+    files = {path: stat for path in folder.iterdir() if path != checked and (stat := _stat(path))}
     for path, stat in files.items():
         if stat.st_mtime >= since and not _is_whole(path):
             path.unlink(missing_ok=True)
@@ -62,9 +65,20 @@ def tidy(folder: Path) -> None:
     os.utime(checked, (now, now))  # what is written from now on is looked at the next time
 
 
+def _stat(path: Path) -> os.stat_result | None:
+    """What the system says of a file; None for what is none, or that another process has removed meanwhile."""
+    try:
+        return path.stat() if path.is_file() else None
+    except FileNotFoundError:
+        return None
+
+
 def _is_whole(path: Path) -> bool:
-    """Whether all of a packed program is there."""
-    data = path.read_bytes()
+    """Whether all of a packed program is there, or it is gone altogether."""
+    try:
+        data = path.read_bytes()
+    except FileNotFoundError:
+        return True
     packer = zlib
     if data.startswith(_ZSTANDARD):
         packer = importlib.import_module("compression.zstd" if sys.version_info >= (3, 14) else "zstandard")

@@ -20,8 +20,13 @@ STOPPING = "interrupted; stopping after this update (once more: at once)"
 
 
 @contextlib.contextmanager
-def live_progress(console: Console) -> Iterator[Follow]:
-    """A line per task: done, speed, time left. A Ctrl-C or SIGTERM is raised between two updates."""
+def live_progress(console: Console, at_first: Callable[[], None] | None = None) -> Iterator[Follow]:
+    """A line per task: done, speed, time left. A Ctrl-C or SIGTERM is raised between two updates.
+
+    Args:
+        console: where it is drawn.
+        at_first: what a thread of its own does at once when the user asks to stop.
+    """
     columns = (
         TextColumn("{task.description:<24}", markup=False),
         BarColumn(),
@@ -29,7 +34,7 @@ def live_progress(console: Console) -> Iterator[Follow]:
         _Rate(),
         TimeRemainingColumn(elapsed_when_finished=True),
     )
-    with deferred(STOPPING) as check, Progress(*columns, console=console) as progress:
+    with deferred(STOPPING, at_first) as check, Progress(*columns, console=console) as progress:
 
         def follow(title: str, steps: int, runs: int) -> Show:
             task = progress.add_task(title, total=steps * runs)

@@ -10,8 +10,18 @@ from pathlib import Path
 
 from galton import callbacks
 from galton.cli._console import plain_console
+from galton.cli._kept_model import KeptModel
 from galton.cli._metrics import METRICS, forget_after, known
-from galton.cli._options import AlgorithmName, EnvName, LossName, Training, command_line, folder_name, short_name
+from galton.cli._options import (
+    AlgorithmName,
+    EnvName,
+    LossName,
+    Training,
+    command_line,
+    folder_name,
+    plain_name,
+    short_name,
+)
 from galton.cli._parsing import TrainingOptions, parse
 from galton.cli._progress import Show, live_progress
 from galton.devices import use_all_cores
@@ -22,6 +32,7 @@ from galton.envs.registry import is_known, read_constants
 from galton.errors import DivergenceError, UsageError, require
 from galton.losses import find_loss
 from galton.models import InexactResume, Model
+from galton.models.file import Taken
 from galton.saving.result_folder import CONFIG, check_free, claimed, read_settings, replacing, told, write_settings
 from galton.training.size import check_size
 
@@ -54,7 +65,8 @@ class Options:
     @property
     def folder(self) -> Path:
         """The run folder, named or by default."""
-        return self.out or Path("runs", f"{folder_name(self.env, self.algorithm)}-{self.loss}-{self.seed}")
+        name = f"{folder_name(self.env, self.algorithm)}-{plain_name(self.loss)}-{self.seed}"
+        return self.out or Path("runs", name)
 
 
 def main(arguments: Sequence[str]) -> None:
@@ -68,14 +80,15 @@ def main(arguments: Sequence[str]) -> None:
     env = options.training.find(options.env)
     check_size(env, options.training.config, 1, options.training.eval_episodes)
     _check_folder(options)
-    with claimed(out), live_progress(plain_console()) as follow:
+    record = _Record(options)
+    with claimed(out), live_progress(plain_console(), record.model.save_taken) as follow:
         _check_folder(options)  # nobody else can change it now
         model = _resumed(options, env) if options.resume else _new(options, env)
         require(
             model.num_timesteps < steps,
             f"steps is {steps}, which the run in {out} has reached; name more to go on with it",
         )
-        _learn(model, options, follow(f"{label} on {options.env}", steps, 1))
+        _learn(model, options, record, follow(f"{label} on {options.env}", steps, 1))
     last = known(out / METRICS) | ({} if options.training.eval_episodes else {"eval/mean_reward": math.nan})
     training_return, evaluation_return, speed = (
         f"{last[name]:,.2f}" if math.isfinite(last.get(name, math.nan)) else "not known"
@@ -113,7 +126,10 @@ def _resumed(options: Options, env: Environment | HostTask) -> Model:
         same = value == own[name]
         require(same, f"{name} is {value}, but the run in {out} has {own[name]}; give the same options to resume it")
     for warning in told:
-        print(f"galton: {warning.message}", file=sys.stderr)
+        if issubclass(warning.category, InexactResume):
+            print(f"galton: {warning.message}", file=sys.stderr)
+        else:
+            warnings.showwarning(warning.message, warning.category, warning.filename, warning.lineno)
     other_logs = read_settings(out).get("logs", options.training.logs) != options.training.logs
     if other_logs and _interval_asked(options.training, model) != _interval(options.training, model):
         every = model.log_interval
@@ -134,13 +150,13 @@ def _environments(options: Options, env: Environment | HostTask) -> tuple[object
     return (short_name(name.rpartition(":")[2]), constants), asked
 
 
-def _learn(model: Model, options: Options, show: Show) -> None:
+def _learn(model: Model, options: Options, record: "_Record", show: Show) -> None:
     """Train what is missing. However it ends, what was learnt is kept, or the earlier run that it has not replaced."""
     first, last = model.num_timesteps, options.training.steps
-    record = _Record(options, first)
-    calls: list[callbacks.Callback] = [record, _Watching(show)]
+    record.start = first
+    calls: list[callbacks.Callback] = [record, _Watching(record.model, show)]
     if last // options.save_every > first // options.save_every:
-        calls.append(_Saving(record, options.save_every))
+        calls.append(_Saving(record.model, options.save_every))
     try:
         model.learn(last - first, calls, progress_bar=False, log_interval=_interval(options.training, model))
     except DivergenceError as error:
@@ -154,7 +170,8 @@ def _learn(model: Model, options: Options, show: Show) -> None:
             sys.exit(130)
     finally:
         if model.num_timesteps and record.keeps:
-            record.save(model)
+            record.model.save(model)
+        record.model.end()
 
 
 def _interval(training: Training, model: Model) -> int:
@@ -172,14 +189,14 @@ def _interval_asked(training: Training, model: Model) -> int:
 class _Record:
     """What is kept of a run. Its folder is begun at the first log point: until then an earlier run stays there."""
 
-    def __init__(self, options: Options, start: int) -> None:
-        self._options, self._start, self._begun = options, start, False
+    def __init__(self, options: Options) -> None:
+        self._options, self.start = options, 0
+        self.model = KeptModel(options.folder / MODEL, self._begin, lambda: self.keeps)
         self._calls: list[callbacks.Callback] = []
 
     def __call__(self, model: Model, log: callbacks.Log) -> None:
         """Write down what is due at a log point."""
-        if not self._begun:
-            self._begin(model)
+        self.model.begin(model)
         self._calls = self._calls or list(self._due())
         for call in self._calls:
             call(model, log)
@@ -187,25 +204,19 @@ class _Record:
     @property
     def keeps(self) -> bool:
         """Whether there is a folder to keep the model in, or room for one: an earlier run has it until then."""
-        return self._begun or not (self._options.overwrite and (self._options.folder / CONFIG).exists())
+        return self.model.begun or not (self._options.overwrite and (self._options.folder / CONFIG).exists())
 
-    def save(self, model: Model) -> None:
-        """Write the model, as it is now, into the run folder."""
-        if not self._begun:
-            self._begin(model)
-        model.save(self._options.folder / MODEL)
-
-    def _begin(self, model: Model) -> None:
+    def _begin(self, taken: Taken) -> None:
         """Put settings and model in the place of an earlier run, both or neither; or go on with that one."""
         options, out = self._options, self._options.folder
         if options.resume:
-            forget_after(self._start, out / METRICS)
+            forget_after(self.start, out / METRICS)
+            taken.save(out / MODEL)
         else:
             given = {"env": options.env, "loss": options.loss, "seed": options.seed}
             with replacing(out, options.overwrite) as folder, told(out):
                 write_settings(folder, given | options.training.record() | {"command": command_line()})
-                model.save(folder / MODEL)
-        self._begun = True
+                taken.save(folder / MODEL)
 
     def _due(self) -> Iterator[callbacks.Callback]:
         options, out = self._options, self._options.folder
@@ -222,21 +233,23 @@ class _Record:
 class _Saving:
     """Saves the model into the run folder as often as the user wants it."""
 
-    record: _Record
+    kept: KeptModel
     every: int
 
     def __call__(self, model: Model, _: callbacks.Log) -> None:
-        self.record.save(model)
+        self.kept.save(model)
 
 
 @dataclasses.dataclass(frozen=True)
 class _Watching:
-    """Shows how far training is, and raises what Ctrl-C asked for."""
+    """Shows how far training is, takes what an interrupt would save, and raises what Ctrl-C asked for."""
 
+    kept: KeptModel
     show: Show
 
     def __call__(self, model: Model, _: callbacks.Log) -> None:
         self.show(model.num_timesteps)
 
     def meanwhile(self, model: Model, _: float) -> None:
+        self.kept.take(model)
         self.show(model.num_timesteps)

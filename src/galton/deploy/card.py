@@ -152,8 +152,8 @@ def _number(value: float | None) -> str:
 
 
 def _plain(value: object) -> str:
-    """A text in one line that ends no block of code; files of strangers may hold any."""
-    return " ".join(str(value).split()).replace("`", "'")
+    """A text in one line that ends no block of code and that a file can hold; files of strangers may hold any."""
+    return " ".join(str(value).encode(errors="backslashreplace").decode().split()).replace("`", "'")
 
 
 def _code(value: object) -> str:

@@ -40,7 +40,7 @@ def export(model: Model, path: str | Path, origin: Mapping[str, object] | None =
     text = json.dumps(terms, indent=2, allow_nan=False, ensure_ascii=False) + "\n"
     try:
         files.write(path, content)
-        files.write(path.with_suffix(".json"), text.encode())
+        files.write(path.with_suffix(".json"), text.encode(errors="backslashreplace"))  # which is how JSON writes them
     except OSError as error:
         raise UsageError(f"path is {path}, which can't be written: {error.strerror}; name another") from None
     return path

@@ -76,10 +76,10 @@ def read_constants(text: str) -> dict[str, object]:
     """
     try:
         constants = json.loads(text)
-    except json.JSONDecodeError as error:
-        raise UsageError(f"env_kwargs is {text!r}, which is not JSON: {error}") from None
+    except (ValueError, RecursionError) as error:
+        raise UsageError(f"env_kwargs is {text[:200]!r}, which is not JSON: {error}") from None
     if not isinstance(constants, dict):
-        raise UsageError(f"env_kwargs is {text!r}; it must be a JSON object")
+        raise UsageError(f"env_kwargs is {text[:200]!r}; it must be a JSON object")
     return {name: _tuples(value) for name, value in constants.items()}
 
 

@@ -86,8 +86,26 @@ def existing(path: Path) -> Path:
     return saved_as if not path.is_file() and saved_as.is_file() else path
 
 
-def save(path: Path, model: Described, arrays: dict[str, np.ndarray]) -> Path:
-    """Write the model and its arrays to one file, and return the file's path."""
+class Taken(NamedTuple):
+    """What a file would hold of a model at one moment; it can be written later, and by another thread."""
+
+    settings: checkpoint.Settings
+    arrays: dict[str, np.ndarray]
+
+    @property
+    def num_timesteps(self) -> int:
+        """How many environment steps the model's run had taken."""
+        return int(self.settings["step"])
+
+    def save(self, path: str | Path) -> Path:
+        """Write it to one file as `Model.save` does, and return the file's path."""
+        path = with_suffix(Path(path))
+        checkpoint.write(path, self.settings, saved.with_ballast(self.settings, self.arrays))
+        return path
+
+
+def take(model: Described, arrays: dict[str, np.ndarray]) -> Taken:
+    """What a file would hold of a model and its arrays now."""
     settings = {
         "class": find_algorithm(model.config.algorithm).label,
         "env": model.env_name,
@@ -100,9 +118,7 @@ def save(path: Path, model: Described, arrays: dict[str, np.ndarray]) -> Path:
         "action_space": to_json(model.actions.space),
         "observation_space": to_json(model.observations.space),
     }
-    path = with_suffix(path)
-    checkpoint.write(path, settings, saved.with_ballast(settings, arrays))
-    return path
+    return Taken(settings, arrays)
 
 
 def read(path: Path, opener: str) -> tuple[ModelFile, dict[str, np.ndarray]]:

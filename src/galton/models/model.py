@@ -95,9 +95,8 @@ class Model:
         self._interval, self.verbose = self.agent.algorithm.log_interval, 0
 
     def __repr__(self) -> str:
-        settings = unusual(self.agent.algorithm, self.config, self.hypers)
-        what = f"{self.config.loss} on {self.env_name}, {settings}, seed={self.seed}"
-        return f"<galton.{type(self).__name__}: {what}, {self.num_timesteps:,} steps>"
+        what = f"{self.config.loss} on {self.env_name}, {unusual(self.agent.algorithm, self.config, self.hypers)}"
+        return f"<galton.{type(self).__name__}: {what}, seed={self.seed}, {self.num_timesteps:,} steps>"
 
     @property
     def env(self) -> Environment | HostTask | None:
@@ -231,7 +230,11 @@ class Model:
 
         It holds all that `load` needs to go on exactly. Loading it runs no code.
         """
-        return file.save(Path(path), self, self._run.arrays)
+        return self.take().save(path)
+
+    def take(self) -> file.Taken:
+        """What `save` would write now, to be written later or by another thread."""
+        return file.take(self, self._run.arrays)
 
     @classmethod
     def load(
@@ -250,8 +253,7 @@ class Model:
         model = cls.__new__(cls)
         model._describe(found.config, found.hypers, found.seed, found.actions, found.observations)
         model._interval, model.n_predictions = found.updates_per_log, found.n_predictions
-        learner = file.learner_of(found, model.agent, arrays)
-        model._run = Loaded(found.env_name, found.num_timesteps, learner, arrays)
+        model._run = Loaded(found.env_name, found.num_timesteps, file.learner_of(found, model.agent, arrays), arrays)
         if env is None:
             require(not env_kwargs, f"env_kwargs is {env_kwargs}; give env with it")
         elif cause := model._go_on(find(env, **(env_kwargs or {})), found.path, arrays):

@@ -46,7 +46,7 @@ def svg(figure: Figure, name: str, tags: Mapping[Artist, str], hidden: Sequence[
             artist.set_gid(gid)
         for artist in hidden:
             artist.set_visible(True)
-    root = ET.fromstring(file.getvalue())
+    root = ET.fromstring(file.getvalue())  # noqa: S314  matplotlib wrote it just now
     _tidy(root, name, tags.values())
     return root
 

@@ -5,7 +5,7 @@ from typing import Any, get_args
 
 import pyarrow as pa
 
-from galton.errors import UsageError, require
+from galton.errors import UsageError, in_a_line, require
 from galton.paper.figure import FigureStudy
 from galton.paper.registry import FIGURES, all_sweeps
 from galton.paper.summary import Summary
@@ -47,7 +47,8 @@ def _measured(store: Store, file: str) -> pa.Table:
         table = from_bytes(data)
         record = record_of(table)
     except (pa.ArrowException, OSError, KeyError, TypeError, ValueError) as error:
-        raise UsageError(f"{file} in {store.url} is not what was measured, or was damaged: {error}") from None
+        told = in_a_line(error)
+        raise UsageError(f"{file} in {store.url} is not what was measured, or was damaged: {told}") from None
     _check_provenance(f"{file} in {store.url}", record, MEASURED)
     return table
 

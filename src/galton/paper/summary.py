@@ -10,7 +10,7 @@ import pyarrow as pa
 from jaxtyping import Bool, Float, Int
 
 from galton.analysis.statistics import fill_until
-from galton.errors import NewerVersionError, UsageError, require
+from galton.errors import NewerVersionError, UsageError, in_a_line, require
 from galton.losses import find_loss
 from galton.saving.model_file import MALFORMED
 from galton.sweep import columns
@@ -93,7 +93,7 @@ class Summary:
         except (pa.ArrowException, OSError, *MALFORMED) as error:
             if isinstance(error, MemoryError):
                 raise
-            told = error if isinstance(error, UsageError) else f"{type(error).__name__}: {error}"
+            told = in_a_line(error)
             raise UsageError(
                 f"{name} in {store.url} is no summary of a sweep, or was damaged: {told}; remove it, and make it again "
                 "with: galton reproduce"

@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Literal
 
 from galton.paper.summary import Summary
+from galton.saving.files import check_inside
 from galton.sweep.grid import expand, paper_blocks, paper_grid, task_defaults
 from galton.sweep.study import Setting, Study
 from galton.tasks import TASKS
@@ -36,6 +37,9 @@ class Sweep:
     """What the page calls it beside its name, where it says how it was made."""
     winners_of: "Sweep | None" = None
     """The sweep whose best settings it trains, which is done before it."""
+
+    def __post_init__(self) -> None:
+        check_inside("name", self.name)
 
 
 def best_of_each_loss(summary: Summary) -> tuple[Setting, ...]:

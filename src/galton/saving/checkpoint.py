@@ -15,7 +15,7 @@ from jaxtyping import PyTree
 from safetensors import SafetensorError
 from safetensors.numpy import load, save
 
-from galton.errors import CheckpointError, UsageError, require
+from galton.errors import CheckpointError, UsageError, in_a_line, require
 from galton.saving import files
 from galton.saving.provenance import version
 
@@ -79,7 +79,7 @@ def read(path: Path) -> tuple[Settings, dict[str, np.ndarray]]:
     except CheckpointError as error:
         raise CheckpointError(f"{path} can't be loaded: {error}") from None
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError, SafetensorError) as error:
-        raise CheckpointError(f"{path} is not a checkpoint of Galton's: {type(error).__name__}: {error}") from None
+        raise CheckpointError(f"{path} is not a checkpoint of Galton's: {in_a_line(error)}") from None
     return record["settings"], arrays
 
 

@@ -6,7 +6,7 @@ import platform
 import re
 import secrets
 from collections.abc import Iterator
-from pathlib import Path
+from pathlib import Path, PureWindowsPath
 
 from galton.errors import UsageError, require
 
@@ -46,8 +46,24 @@ def replacing(path: Path) -> Iterator[Path]:
             scratch.unlink(missing_ok=True)
 
 
+def check_inside(name: str, value: str) -> None:
+    """Raise UsageError, which calls the value by this name, unless it is the path of a file inside a folder.
+
+    What stands in a registry may become one. It is the same on every system.
+    """
+    parts = re.split(r"[/\\]", value)
+    inside = "\0" not in value and not {"", ".", ".."} & {*parts} and not PureWindowsPath(value).drive
+    require(inside, f"{name} is {value!r}, which is no name of a file in a folder; leave out '..' and what leads away")
+
+
+def check_text(name: str, path: str | Path) -> None:
+    """Raise UsageError, which calls the path by this name, where no path can be of that text."""
+    require("\0" not in str(path), f"{name} is {str(path)!r}, with a NUL, which no path can have; leave it out")
+
+
 def check_name(name: str, path: Path) -> None:
     """Raise UsageError, which calls the path by this name, where it names no file."""
+    check_text(name, path)
     require(
         path.name not in ("", ".."), f"{name} is {str(path)!r}, which names no file; give a name such as runs/model"
     )
@@ -58,6 +74,7 @@ def check_place(name: str, path: Path) -> None:
     check_name(name, path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
+        path.exists()  # an error for a name that is too long
         writable = os.access(path.parent, os.W_OK)
     except OSError as error:
         raise UsageError(f"{name} is {path}, which can't be written: {error.strerror}; name another") from None

@@ -8,7 +8,7 @@ import numpy as np
 
 from galton.algorithms import find_algorithm
 from galton.envs.host.answers import shown
-from galton.errors import CheckpointError, NewerVersionError, UsageError
+from galton.errors import CheckpointError, NewerVersionError, in_a_line
 from galton.records import FIRST_FIELDS, defaults, refuse_unknown
 from galton.saving.checkpoint import Settings
 from galton.types import Config, Hypers, make_config
@@ -49,8 +49,7 @@ MALFORMED = (
 
 def unusable(path: Path, error: Exception) -> CheckpointError:
     """The error for a file whose settings or arrays make no model."""
-    told = error if isinstance(error, CheckpointError | UsageError) else f"{type(error).__name__}: {error}"
-    return CheckpointError(f"{path} is not a model of Galton's: {told}")
+    return CheckpointError(f"{path} is not a model of Galton's: {in_a_line(error)}")
 
 
 def checked(path: Path, settings: Settings, arrays: dict[str, np.ndarray]) -> Settings:

@@ -53,6 +53,7 @@ def check_free(path: Path, overwrite: bool, instead: str = "--overwrite") -> Non
         overwrite: whether an earlier folder of results may be.
         instead: the options that the user could give, where it may not.
     """
+    files.check_text("out", path)
     path = path.resolve()
     with told(path):
         require(path.is_dir() or not path.exists(), f"out is {path}, which is a file; name a folder")

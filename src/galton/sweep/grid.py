@@ -14,6 +14,9 @@ from galton.losses import LOSSES
 from galton.sweep.study import Setting
 from galton.tasks import settings_of, task_of
 
+MOST_SETTINGS = 100_000
+"""The most points that a block of a grid may have; ten short lists make more."""
+
 
 def expand(blocks: Iterable[Mapping[str, object]], base: Mapping[str, object]) -> tuple[Setting, ...]:
     """Each block's product: a list is an axis (net_arch's, a list of lists), anything else is fixed.
@@ -21,10 +24,17 @@ def expand(blocks: Iterable[Mapping[str, object]], base: Mapping[str, object]) -
     Args:
         blocks: fields of Config and Hypers.
         base: for the fields that a block doesn't name.
+
+    Raises:
+        UsageError: an unknown field, a value out of range, or more than MOST_SETTINGS points.
     """
     found: dict[Setting, None] = {}
     for block in blocks:
         axes = {name: _axis(name, value) for name, value in block.items()}
+        n = math.prod(map(len, axes.values()))
+        require(
+            n <= MOST_SETTINGS, f"{', '.join(axes)} have {n:,} combinations; give lists with {MOST_SETTINGS:,} at most"
+        )
         for point in itertools.product(*axes.values()):
             found[Setting.of_record(dict(base) | dict(zip(axes, point, strict=True)))] = None
     return tuple(found)
@@ -88,7 +98,7 @@ def read_grid(path: Path, base: Mapping[str, object]) -> tuple[Setting, ...]:
     """
     try:
         record = tomllib.loads(path.read_text())
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         meant = did_you_mean(path, GRIDS)
         raise UsageError(f"grid is {str(path)!r}, which can't be read as TOML: {error}{meant}") from None
     blocks = record.get("grid")

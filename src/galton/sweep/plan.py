@@ -11,13 +11,18 @@ import pyarrow as pa
 from jaxtyping import Int, UInt
 
 from galton.envs.registry import is_known
-from galton.errors import NewerVersionError, UsageError, require, require_integer
+from galton.errors import NewerVersionError, UsageError, in_a_line, require, require_integer
+from galton.saving.model_file import MALFORMED
+from galton.sweep import columns
 from galton.sweep.parquet import from_bytes, record_of, to_bytes, with_record
 from galton.sweep.store import Store, checksum
 from galton.sweep.study import Study, canonical
 from galton.types import Config, Hypers
 
 FILE = "plan.parquet"
+MOST_RUNS = 100_000
+"""How many runs one shard may have."""
+_COLUMNS: dict[str, type[np.generic]] = {"shard": np.int32, "setting": np.int32, "trial": np.int32, "seed": np.uint32}
 COMMON = "common"
 """What stands for the setting in the seeds of a study whose settings share them."""
 
@@ -63,7 +68,7 @@ class Plan:
         if shard_width is None:
             of_config = collections.Counter(setting.config for setting in study.settings)
             shard_width = min(16 if is_known(study.env) else 32, max(of_config.values()) * study.trials)
-        require_integer("shard_width", shard_width, 1)
+        _check_width(shard_width)
         none = np.zeros(0, np.int32)
         empty = dataclasses.replace(study, settings=study.settings[:1])
         return cls(empty, shard_width, none, none, none, none.astype(np.uint32)).extended(study)
@@ -180,9 +185,8 @@ def _parse(url: str, data: bytes) -> Plan:
         table = from_bytes(data)
         whole = record_of(table)
         record = whole["plan"]
-        columns = [table.column(name).to_numpy() for name in ("shard", "setting", "trial", "seed")]
         intact = whole["digest"] == _digest(record, table)
-    except (pa.ArrowException, OSError, KeyError, TypeError, ValueError, MemoryError):
+    except (pa.ArrowException, OSError, *MALFORMED):
         intact = False
     if not intact:
         raise UsageError(
@@ -190,10 +194,43 @@ def _parse(url: str, data: bytes) -> Plan:
             "folder and move the shards folder there: whole shards of the same runs count"
         )
     try:
-        study = Study.of_record(record)
+        plan = Plan(Study.of_record(record), record["shard_width"], *_columns(table))
+        _check(plan)
     except NewerVersionError as error:
         raise NewerVersionError(f"out is {url}, whose {FILE} can't be read: {error}") from None
-    return Plan(study, record["shard_width"], *columns)
+    except MALFORMED as error:
+        told = in_a_line(error)
+        raise UsageError(f"out is {url}, whose {FILE} is none of Galton's: {told}; plan the sweep anew") from None
+    return plan
+
+
+def _columns(table: pa.Table) -> list[np.ndarray]:
+    """Shard, setting, trial and seed of each run; UsageError where one is missing or of another type."""
+    columns.check_names(table, _COLUMNS)
+    return [columns.numbers(table, name, kind) for name, kind in _COLUMNS.items()]
+
+
+def _check(plan: Plan) -> None:
+    """Raise UsageError unless a plan is one that `create` and `extended` make."""
+    _check_width(plan.shard_width)
+    shard, setting, trial, n = plan.shard, plan.setting, plan.trial, len(plan.study.settings)
+    for name, given, most in (("setting", setting, n), ("trial", trial, plan.study.trials)):
+        require(((given >= 0) & (given < most)).all(), f"its {name} must be 0 to {most - 1}, as the study has {most}")
+    wanted = n * plan.study.trials
+    n_pairs = len(np.unique(setting.astype(np.int64) << 32 | trial))
+    require(len(shard) == n_pairs == wanted, f"it must have each trial of each setting once, {wanted:,} runs")
+    steps = np.diff(shard, prepend=-1)
+    require(steps[0] == 1 and ((steps == 0) | (steps == 1)).all(), "its shards must be numbered from 0 on, in order")
+    require(np.bincount(shard).max() <= plan.shard_width, f"a shard of it has more than {plan.shard_width} runs")
+    configs: dict[Config, int] = {}
+    group = np.array([configs.setdefault(s.config, len(configs)) for s in plan.study.settings])[setting]
+    require((np.diff(group)[steps[1:] == 0] == 0).all(), "a shard of it has settings of several programs")
+
+
+def _check_width(shard_width: object) -> None:
+    require_integer("shard_width", shard_width, 1)
+    assert isinstance(shard_width, int)
+    require(shard_width <= MOST_RUNS, f"shard_width is {shard_width:,}; it must be {MOST_RUNS:,} at most")
 
 
 def _digest(record: dict[str, object], table: pa.Table) -> str:

@@ -13,7 +13,7 @@ import pyarrow as pa
 from galton.devices import use_all_cores
 from galton.envs.find import find
 from galton.envs.registry import read_constants
-from galton.errors import UsageError, require
+from galton.errors import UsageError, in_a_line, require
 from galton.saving.provenance import machine, versions
 from galton.sweep import columns
 from galton.sweep.parquet import from_bytes, record_of, to_bytes, with_record
@@ -192,7 +192,7 @@ def read(store: Store, done: Done) -> pa.Table | None:
         table = from_bytes(data)
         check(table, done)
     except (pa.ArrowException, OSError, KeyError, TypeError, ValueError) as error:
-        told = error if isinstance(error, UsageError) else f"{type(error).__name__}: {error}"
+        told = in_a_line(error)
         raise UsageError(
             f"{FOLDER}/{done.file} in {store.url} is not what this sweep's workers write: {told}; remove the file and "
             "run the sweep again, which trains its runs anew"

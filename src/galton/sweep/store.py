@@ -26,6 +26,7 @@ class Store:
     """
 
     def __init__(self, url: str) -> None:
+        files.check_text("out", url)
         try:
             self._files, self._root = fsspec.core.url_to_fs(url)
         except (ImportError, ValueError) as error:
@@ -62,7 +63,7 @@ class Store:
             UsageError: it can't be read.
         """
         try:
-            return self._files.cat_file(f"{self._root}/{name}")
+            return self._files.cat_file(self._at(name))
         except FileNotFoundError:
             raise
         except OSError as error:
@@ -74,11 +75,12 @@ class Store:
         Raises:
             UsageError: no room, or no permission.
         """
+        place = self._at(name)
         try:
             if self.local is not None:
-                files.write(self.local / name, data)
+                files.write(Path(place), data)
             else:
-                self._files.pipe_file(f"{self._root}/{name}", data)
+                self._files.pipe_file(place, data)
         except OSError as error:
             if error.errno in (errno.ENOSPC, errno.EDQUOT):
                 raise UsageError(
@@ -90,7 +92,12 @@ class Store:
     def remove(self, name: str) -> None:
         """Remove a file, if it is there."""
         with contextlib.suppress(FileNotFoundError):
-            self._files.rm_file(f"{self._root}/{name}")
+            self._files.rm_file(self._at(name))
+
+    def _at(self, name: str) -> str:
+        """The address of a file; UsageError for a name that leads out of the folder."""
+        files.check_inside("name", name)
+        return f"{self._root}/{name}"
 
     @contextlib.contextmanager
     def lock(self) -> Iterator[None]:

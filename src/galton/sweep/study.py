@@ -14,7 +14,7 @@ from galton.fields import AtLeast, check_fields
 from galton.losses import find_loss
 from galton.policies import USES
 from galton.records import FIRST_FIELDS, Fields, defaults, filled, refuse_unknown, written
-from galton.training.train import log_points
+from galton.training.train import log_plan
 from galton.types import Config, Count, Hypers, check_hypers, check_one_run, make_config
 
 
@@ -77,6 +77,10 @@ Natural = Annotated[int, AtLeast(0)]
 """A whole number that may be 0."""
 
 
+MOST_LOGS = 1_000_000
+"""How many points a learning curve of a study may have."""
+
+
 @dataclasses.dataclass(frozen=True)
 class Study:
     """What a sweep trains: settings on one environment, with several runs of each."""
@@ -111,7 +115,7 @@ class Study:
         require(len(set(self.settings)) == len(self.settings), "settings holds the same setting twice; give each once")
         require(self.seed < 2**63, f"seed is {self.seed}; it must be less than 2⁶³")
         points = {
-            len(log_points(config, self.steps, self.logs)): (config.n_envs, config.n_steps)
+            log_plan(config, self.steps, self.logs)[0]: (config.n_envs, config.n_steps)
             for config in dict.fromkeys(setting.config for setting in self.settings)
         }
         shown = " and ".join(
@@ -121,6 +125,7 @@ class Study:
             len(points) == 1,
             f"logs is {self.logs}, which makes {shown}; choose steps and logs so that every setting has as many",
         )
+        require(max(points) <= MOST_LOGS, f"logs is {self.logs:,}; a curve may have {MOST_LOGS:,} points at most")
 
     @property
     def modules(self) -> tuple[str, ...]:

@@ -6,7 +6,7 @@ waiting for the others.
 
 import time
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, wait
 from typing import TypeVar
 
 import jax
@@ -115,16 +115,17 @@ class HostPopulation:
             group.restore(jax.tree.map(lambda x, part=part: np.asarray(x)[part], snapshot))
 
     def close(self) -> None:
-        """Let go of the environments and threads."""
+        """Let go of the threads and environments."""
+        if self._pool:
+            self._pool.shutdown()  # it waits for those that still use an environment
         for group in self._groups:
             group.close()
-        if self._pool:
-            self._pool.shutdown()
 
     def _each(self, method: Callable[..., Answer], *arguments: object) -> list[Answer]:
         if not self._pool:
             return [method(group, *arguments) for group in self._groups]
         futures = [self._pool.submit(method, group, *arguments) for group in self._groups]
+        wait(futures)  # for all of them, also where one fails
         return [future.result() for future in futures]
 
     @staticmethod

@@ -2,7 +2,6 @@
 
 import contextlib
 import dataclasses
-import math
 import time
 from collections.abc import Callable, Mapping, Sequence
 
@@ -161,10 +160,16 @@ def _train(
 
 def log_points(config: Config, total_timesteps: int, n_logs: int) -> Int[np.ndarray, " L"]:
     """The environment steps at which `train` writes its log: whole updates, as many between each two."""
+    n, interval = log_plan(config, total_timesteps, n_logs)
+    return (1 + np.arange(n)) * interval
+
+
+def log_plan(config: Config, total_timesteps: int, n_logs: int) -> tuple[int, int]:
+    """How many log points there are, and how many environment steps lie between each two."""
     batch = config.n_steps * config.n_envs
-    n_updates = math.ceil(total_timesteps / batch)
-    updates_per_log = math.ceil(n_updates / min(n_logs, n_updates))
-    return (1 + np.arange(math.ceil(n_updates / updates_per_log))) * updates_per_log * batch
+    n_updates = -(-total_timesteps // batch)
+    updates_per_log = -(-n_updates // min(n_logs, n_updates))
+    return -(-n_updates // updates_per_log), updates_per_log * batch
 
 
 def check_arguments(

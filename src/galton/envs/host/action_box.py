@@ -92,6 +92,6 @@ def _check_bounds(actions: str, space: Box) -> None:
         raise UsageError(f"{actions}; low must lie below high at {_first(empty)}. Leave that dimension out or widen it")
 
 
-def _first(where: np.ndarray) -> str:
+def _first(where: np.ndarray | np.bool) -> str:
     """The index of the first entry that is True, as it is written in Python."""
     return f"[{', '.join(map(str, np.argwhere(where)[0]))}]"

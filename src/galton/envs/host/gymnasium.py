@@ -3,7 +3,7 @@
 import contextlib
 import functools
 import weakref
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any
 
 import gymnasium
@@ -41,6 +41,7 @@ class GymnasiumTask:
         self._given = source if isinstance(source, gymnasium.Env) else None
         self.given: int | None = None if self._given is None else 1
         self._made: list[weakref.ref[Env]] = []
+        self._spare: list[Env] = []
         if isinstance(source, str):
             self.name: str = source
             self._make: Callable[[], object] = functools.partial(gymnasium.make, source, **kwargs)
@@ -48,37 +49,62 @@ class GymnasiumTask:
             require(not kwargs, f"env_kwargs is {kwargs}; it goes with an id, not with an environment that is there")
             self._make = source if callable(source) else functools.partial(_make_again, source)
             self.name = getattr(source, "__name__", None) or type(getattr(source, "unwrapped", source)).__name__
-        first = self._check(try_to_make(self.name, self._make) if self._given is None else self._given)
+        first = self._check(try_to_make(self.name, self._make)) if self._given is None else self._check(self._given)
         if self.name in _NAMELESS:
             self.name = type(first.unwrapped).__name__
-        self._spare = [first]
         self._by_id = isinstance(source, str)
         self.action_space: Any = first.action_space
         self.observation_space = first.observation_space
-        self._actions = ActionBox(self.name, self.action_space)
-        self._observations = Observations(self.name, self.observation_space)
+        with self._closing_at_failure([first]):
+            self._actions = ActionBox(self.name, self.action_space)
+            self._observations = Observations(self.name, self.observation_space)
+        self._spare.append(first)
+        if self._given is None:  # one that nobody came to need
+            weakref.finalize(self, _close, self._spare).atexit = False
 
     def make(self, n_copies: int, n_threads: int = 1) -> "GymnasiumEnvs":
         """That many copies, in one thread; of an environment that was there, the first is itself."""
         del n_threads
-        envs = [self._spare.pop() if self._spare else self._make_another() for _ in range(n_copies)]
-        moves = () if self._by_id else moves_of(envs)  # what a function returns the user may hold too
+        envs: list[Env] = []
+        with self._closing_at_failure(envs):
+            envs.extend(self._spare.pop() if self._spare else self._make_another() for _ in range(n_copies))
+            moves = () if self._by_id else moves_of(envs)  # what a function returns the user may hold too
         return GymnasiumEnvs(self.name, envs, self._actions, self._observations, self._given, moves)
 
     def _make_another(self) -> Env:
         env = self._check(try_to_make(self.name, self._make))
-        for kind, first, other in (
-            ("actions", self.action_space, env.action_space),
-            ("observations", self.observation_space, env.observation_space),
-        ):
-            require(first == other, f"{self.name}'s copies differ: one has {kind} {first}, another {other}")
+        with self._closing_at_failure([env]):
+            for kind, first, other in (
+                ("actions", self.action_space, env.action_space),
+                ("observations", self.observation_space, env.observation_space),
+            ):
+                require(first == other, f"{self.name}'s copies differ: one has {kind} {first}, another {other}")
         return env
+
+    @contextlib.contextmanager
+    def _closing_at_failure(self, envs: Sequence[Env]) -> Iterator[None]:
+        """A time after which these environments are closed if it ends in an error; the user's own is not."""
+        try:
+            yield
+        except BaseException:
+            _close(env for env in envs if env is not self._given)
+            raise
 
     def _check(self, env: object) -> Env:
         if not isinstance(env, gymnasium.Env):
             raise UsageError(
                 f"{self.name} is {shown(env)}, not a gymnasium.Env; for an environment of the old gym use shimmy"
             )
+        with self._closing_at_failure([env]):
+            self._check_spaces(env)
+        require(
+            all(earlier() is not env.unwrapped for earlier in self._made),
+            f"{self.name} returned the same environment twice; it must make a new one at each call",
+        )
+        self._made = [earlier for earlier in self._made if earlier() is not None] + [weakref.ref(env.unwrapped)]
+        return env
+
+    def _check_spaces(self, env: Env) -> None:
         for name in ("action_space", "observation_space"):
             try:
                 space = getattr(env, name, None)
@@ -88,12 +114,6 @@ class GymnasiumTask:
                 isinstance(space, gymnasium.Space),
                 f"{self.name}'s {name} is {shown(space)}; it must be a Gymnasium space",
             )
-        require(
-            all(earlier() is not env.unwrapped for earlier in self._made),
-            f"{self.name} returned the same environment twice; it must make a new one at each call",
-        )
-        self._made = [earlier for earlier in self._made if earlier() is not None] + [weakref.ref(env.unwrapped)]
-        return env
 
 
 class GymnasiumEnvs:
@@ -164,10 +184,7 @@ class GymnasiumEnvs:
 
     def close(self) -> None:
         """Close what Galton made; an environment that the user gave stays open."""
-        for env in self._envs:
-            if env is not self._given:
-                with contextlib.suppress(*FAULTS):  # nothing is wanted of it any more
-                    env.close()
+        _close(env for env in self._envs if env is not self._given)
 
     def _step(self, i: int, action: np.ndarray, where: str) -> tuple[object, ...]:
         try:  # `blame` does the same, more slowly
@@ -184,6 +201,13 @@ class GymnasiumEnvs:
 
     def _where(self, i: int) -> str:
         return f"{self._name}, copy {i}, step {self._n_steps}"
+
+
+def _close(envs: Iterable[Env]) -> None:
+    """Close environments of which nothing is wanted any more."""
+    for env in envs:
+        with contextlib.suppress(*FAULTS):
+            env.close()
 
 
 def _make_again(env: Env) -> Env:

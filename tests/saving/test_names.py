@@ -1,0 +1,168 @@
+"""Whatever a thing is called, nothing is written outside of the folder that is meant for it."""
+
+import contextlib
+from pathlib import Path, PureWindowsPath
+
+import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
+
+import galton
+from galton import A2C, LOSSES, UsageError
+from galton.algorithms import ALGORITHMS
+from galton.analysis import plots
+from galton.callbacks import Checkpoint, Evaluate, JSONLines, TensorBoard
+from galton.cli._options import plain_name
+from galton.cli.compare import Options as Compare
+from galton.cli.report import write
+from galton.cli.sweep.run import Options as Sweeping
+from galton.cli.train import Options as Train
+from galton.deploy import export, hub
+from galton.envs.registry import ENVS
+from galton.paper import report
+from galton.paper.registry import FIGURES
+from galton.paper.sweeps import Sweep
+from galton.paper.trained import Trained
+from galton.saving import files
+from galton.saving.result_folder import result_folder
+from galton.sweep import engine
+from galton.sweep.store import Store
+
+from ..cli.test_train_keeps import small
+
+LEADING_AWAY = [
+    "..",
+    "../x",
+    "../../x",
+    "a/../../x",
+    "/x",
+    "//x",
+    "",
+    "a//b",
+    ".",
+    "a\0b",
+    "..\\x",
+    "\\x",
+    "C:\\x",
+    "C:x",
+]
+"""What is no name of a file inside of a folder, on one system or another."""
+ODD = [
+    *LEADING_AWAY,
+    "x" * 300,
+    "é" * 300,
+    "CON",
+    "nul.v0",
+    "Com1.-v0",
+    "aux.",
+    "\udcff",
+    "\ud800" * 200,
+    "a\nb",
+    "~",
+    "-rf",
+    "x.",
+]
+NAMES = st.text() | st.text(st.sampled_from("./\\:~ \0.conaux1")) | st.sampled_from(ODD)
+
+
+def everything(folder):
+    return {path: path.read_bytes() if path.is_file() else None for path in folder.rglob("*")}
+
+
+def check_part(folder):
+    """Raise unless a folder lies in runs/ and any system can make it."""
+    folder = Path(folder)
+    assert folder.parent == Path("runs")
+    assert folder.name == PureWindowsPath(folder.name).name
+    assert not {*'<>:"/\\|?*\0'} & {*folder.name}
+    assert not PureWindowsPath(folder.name).is_reserved()
+    assert not folder.name.endswith((".", " "))
+    assert len(folder.name.encode()) <= 230  # with what a lock and a scratch folder add
+
+
+@given(NAMES, NAMES, NAMES)
+@example("..", "..", "../x")
+def test_the_folder_of_a_run_lies_in_runs_whatever_environment_loss_and_algorithm_are_called(env, loss, algorithm):
+    check_part(Train(env, small(), loss, algorithm).folder)
+    check_part(Sweeping(env, algorithm).folder)
+    check_part(Path("runs", f"compare-{plain_name(env)}"))
+
+
+def test_registered_names_are_as_they_are():
+    for name in (*LOSSES, *ALGORITHMS, *ENVS, "Pendulum-v1", "HalfCheetah-v5", "galton_x.y-v0", "conic", "nullable.x"):
+        assert plain_name(name) == name
+    assert Compare("lqr", small()).out is None
+
+
+@pytest.mark.parametrize("name", LEADING_AWAY)
+def test_a_store_writes_reads_and_removes_nothing_elsewhere(name, tmp_path):
+    (tmp_path / "x").write_bytes(b"mine")
+    store = Store(str(tmp_path / "deep" / "folder"))
+    store.write("kept", b"1")
+    before = everything(tmp_path)
+    for act in (lambda: store.write(name, b"2"), lambda: store.read(name), lambda: store.remove(name)):
+        with pytest.raises(UsageError, match=r"name is .*, which is no name of a file in a folder; leave out"):
+            act()
+    assert everything(tmp_path) == before
+
+
+@given(NAMES)
+def test_what_a_store_takes_lies_below_it(name):
+    try:
+        files.check_inside("name", name)
+    except UsageError:
+        return
+    for root in (Path("/root"), PureWindowsPath("C:\\root")):
+        below = root / name
+        assert below.parts[: len(root.parts)] == root.parts
+        assert ".." not in below.parts
+        assert below != root
+
+
+@pytest.mark.parametrize("name", LEADING_AWAY)
+def test_figures_and_sweeps_of_ones_own_stay_in_the_reports_folder(name, tmp_path, monkeypatch):
+    with pytest.raises(UsageError, match="name is "):
+        Sweep(name, lambda budget, done: None)
+    out = tmp_path / "deep" / "paper"
+    before = everything(tmp_path)
+    monkeypatch.setitem(FIGURES, name, FIGURES["figure-1"])
+    monkeypatch.setattr(report, "figures", lambda _: {name: None})
+    monkeypatch.setattr(report, "page", lambda *_: "")
+    monkeypatch.setattr(plots, "images", lambda _: {".png": b"drawn"})
+    with contextlib.suppress(UsageError):  # figures/...png, of "..", is as good as any
+        write(out, Trained({}, {}))
+    assert {path for path in everything(tmp_path) if not path.is_relative_to(tmp_path / "deep")} == {*before}
+
+
+@pytest.fixture(scope="module")
+def model():
+    return A2C("bandit", n_bins=4, net_arch=())
+
+
+UNUSABLE = ["a\0b", "x" * 300, "d/" * 3000 + "x"]
+WRITERS = {
+    "save": lambda model, path: model.save(path),
+    "export": export,
+    "a log": lambda model, path: JSONLines(path),
+    "TensorBoard": lambda model, path: TensorBoard(path),
+    "a checkpoint": lambda model, path: Checkpoint(path, every=5).check(model),
+    "the best model": lambda model, path: Evaluate(best_model=path).check(model),
+    "a run": lambda model, path: result_folder(Path(path), False).__enter__(),
+    "a sweep": lambda model, path: engine.sweep(galton.sweep.Study("bandit", SETTINGS, 1, 20, 1, 0), path, workers=1),
+}
+SETTINGS = galton.sweep.expand([{"n_steps": 5, "net_arch": ()}], {})
+
+
+@pytest.mark.parametrize("path", UNUSABLE, ids=["NUL", "long", "deep"])
+@pytest.mark.parametrize("what", WRITERS)
+def test_a_path_that_no_disk_has_is_refused_by_name(what, path, model, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(UsageError, match=r"^(path|out|best_model) is "):
+        WRITERS[what](model, path)
+    assert not [found for found in tmp_path.rglob("*") if found.is_file()]
+
+
+@pytest.mark.parametrize("name", [*ODD, "a/..", "../a/b", "a/b/c", "a/-b", "-a/b", "a b/c", f"{'a' * 97}/b", "a/b\n"])
+def test_a_repository_has_a_plain_name(name):
+    with pytest.raises(UsageError, match=r"push is .*; it must be OWNER/NAME"):
+        hub.check_repository(name)

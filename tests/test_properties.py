@@ -1,0 +1,194 @@
+"""What holds of any action space, any numbers and any file, by examples that hypothesis looks for."""
+
+import json
+import math
+
+import gymnasium
+import jax
+import numpy as np
+import pytest
+from gymnasium.spaces import Box, Dict, Discrete, MultiBinary, MultiDiscrete, Tuple
+from hypothesis import example, given, settings, target
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+import galton
+from galton import CheckpointError, Hypers, UsageError
+from galton.envs.host.action_box import ActionBox
+from galton.envs.host.observations import Observations
+from galton.envs.host.space_json import from_json, to_json
+from galton.fields import annotations
+from galton.saving import checkpoint
+from galton.sweep.grid import read_grid
+from galton.sweep.plan import Plan
+from galton.sweep.store import Store
+from galton.sweep.study import Setting, Study
+from galton.types import check_hypers
+
+DTYPES = st.sampled_from([np.float16, np.float32, np.float64])
+SHAPES = hnp.array_shapes(min_dims=0, max_dims=3, max_side=4)
+
+
+@st.composite
+def boxes(draw):
+    """Boxes of actions as environments may have them: narrow, wide, lopsided, unbounded, without width."""
+    dtype, shape = draw(DTYPES), draw(SHAPES)
+    numbers = hnp.arrays(dtype, shape, elements=st.floats(width=8 * np.dtype(dtype).itemsize, allow_nan=False))
+    first, second = draw(numbers), draw(numbers)
+    low, high = np.minimum(first, second), np.maximum(first, second)
+    with np.errstate(all="ignore"):
+        return Box(low, high, shape, dtype)
+
+
+@pytest.mark.filterwarnings("ignore:.*:UserWarning")
+@given(boxes(), st.data())
+def test_a_box_is_refused_or_every_action_lies_in_it_in_its_own_type(space, data):
+    try:
+        box = ActionBox("it", space)
+    except UsageError:
+        return
+    d = math.prod(space.shape)
+    assert (box.low < box.high).all()
+    assert np.isfinite([box.low, box.high]).all()
+    actions = data.draw(hnp.arrays(np.float32, (3, d), elements=st.floats(width=32, allow_nan=False)))
+    target(float(np.log1p(np.abs(actions[np.isfinite(actions)]).max(initial=0))))
+    there = box.to_env(actions)
+    assert (there.shape, there.dtype) == ((3, *space.shape), space.dtype)
+    for action in there:
+        assert space.contains(action)
+    bins = galton.Bins(box.low, box.high, 7)
+    assert (bins.centers >= box.low[:, None]).all()
+    assert (bins.centers <= box.high[:, None]).all()
+
+
+def spaces():
+    """What an environment may show, with spaces in spaces."""
+    finite = st.floats(-1e6, 1e6, width=32)
+    flat = st.one_of(
+        st.builds(lambda a, b, shape: Box(min(a, b), max(a, b), shape), finite, finite, SHAPES),
+        st.builds(lambda n, start: Discrete(n, start=start), st.integers(1, 9), st.integers(-9, 9)),
+        st.builds(lambda nvec: MultiDiscrete(nvec), st.lists(st.integers(1, 5), min_size=1, max_size=3)),
+        st.builds(MultiBinary, st.integers(1, 5)),
+    )
+    names = st.text(min_size=1, max_size=3)
+    return st.recursive(
+        flat,
+        lambda inner: (
+            st.builds(Dict, st.dictionaries(names, inner, min_size=1, max_size=3))
+            | st.builds(lambda parts: Tuple(parts), st.lists(inner, min_size=1, max_size=3))
+        ),
+        max_leaves=4,
+    )
+
+
+@given(spaces(), st.integers(0, 2**31))
+def test_a_space_comes_back_from_a_file_and_its_samples_are_flat_numbers(space, seed):
+    again = from_json(json.loads(json.dumps(to_json(space))))
+    assert again == space
+    assert to_json(again) == to_json(space)
+    space.seed(seed)
+    sample = space.sample()
+    observations = Observations("it", space)
+    flat = observations.flatten(sample, "it")
+    assert (flat.shape, flat.dtype) == ((observations.size,), np.float32)
+    np.testing.assert_array_equal(flat, gymnasium.spaces.flatten(space, sample).astype(np.float32))
+
+
+NUMBERS = st.floats() | st.sampled_from([0.0, -0.0, 1.0, 1e-45, 1e-30, 3e38, math.inf, -math.inf, math.nan, 0.5, 2.0])
+ROWS = st.fixed_dictionaries({}, optional=dict.fromkeys(annotations(Hypers), NUMBERS))
+N_RUNS = 8
+
+
+@settings(max_examples=10)
+@given(st.lists(ROWS, min_size=N_RUNS, max_size=N_RUNS))
+@example([{"learning_rate": 3e38}] * N_RUNS)
+@example([{"eta": 1e-45, "max_grad_norm": 1e-45, "log_std_init": -100.0, "log_std_min": -math.inf}] * N_RUNS)
+def test_numbers_that_are_taken_train_or_diverge_and_what_is_kept_is_finite(rows):
+    """Whatever numbers pass the check: no other error, and no run that is neither finite nor called diverged."""
+    taken = []
+    for row in rows:
+        try:
+            check_hypers(Hypers(**row))
+            taken.append(Hypers(**row))
+        except UsageError:
+            assert row
+    taken += [Hypers()] * (N_RUNS - len(taken))
+    with np.errstate(over="ignore"):
+        hypers = Hypers._make([np.float32(column) for column in zip(*taken, strict=True)])
+    hypers = hypers._replace(box_units=np.zeros(N_RUNS), clip_range=0.2, target_kl=math.inf)  # other programs
+    result = galton.train("bandit", CONFIG, hypers, range(N_RUNS), 20, n_logs=1, n_eval_episodes=1)
+    for leaf in jax.tree.leaves(result.learner.params):
+        finite = np.isfinite(leaf).reshape(N_RUNS, -1).all(1)
+        assert (finite | (result.diverged_at >= 0)).all()
+
+
+CONFIG = galton.Config("gaussian", n_steps=5, net_arch=())
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory):
+    """A folder that examples write into, one after the other."""
+    return tmp_path_factory.mktemp("place")
+
+
+KINDS = [np.float32, np.float64, np.int32, np.uint8, np.uint32, np.int64, np.bool_]
+ARRAYS = st.dictionaries(
+    st.text(min_size=1, max_size=8), st.sampled_from(KINDS).flatmap(lambda kind: hnp.arrays(kind, SHAPES)), max_size=4
+)
+JSON = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False) | st.text(),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=5), inner, max_size=3),
+    max_leaves=8,
+)
+
+
+@settings(max_examples=40)
+@given(st.dictionaries(st.text(max_size=5), JSON, max_size=4), ARRAYS, st.data())
+def test_a_checkpoint_comes_back_as_it_was_and_with_any_byte_changed_not_at_all(place, kept, arrays, data):
+    path = place / "file"
+    checkpoint.write(path, kept, arrays)
+    again, found = checkpoint.read(path)
+    assert json.dumps(again) == json.dumps(kept)
+    assert {name: (array.tobytes(), array.dtype, array.shape) for name, array in found.items()} == {
+        name: (array.tobytes(), array.dtype, array.shape) for name, array in arrays.items()
+    }
+    content = bytearray(path.read_bytes())
+    changed = data.draw(st.integers(0, len(content) - 1))
+    content[changed] ^= data.draw(st.integers(1, 255))
+    path.write_bytes(content)
+    with pytest.raises(CheckpointError):
+        checkpoint.read(path)
+
+
+SETTINGS = st.fixed_dictionaries(
+    {"learning_rate": st.floats(0, 1e3), "gamma": st.floats(0, 1), "n_bins": st.integers(2, 10**6)},
+    optional={
+        "eta": st.floats(1e-30, 1e30),
+        "loss": st.sampled_from([*galton.LOSSES]),
+        "net_arch": st.lists(st.integers(1, 9), max_size=3),
+        "normalize_reward": st.booleans(),
+        "deterministic_action": st.sampled_from(["mode", "mean", "median"]),
+        "log_std_min": st.floats(-10, 10) | st.just(-math.inf),
+    },
+)
+
+
+@settings(max_examples=30)
+@given(st.lists(SETTINGS, min_size=1, max_size=4), st.integers(1, 3), st.integers(0, 2**63 - 1), st.integers(1, 9))
+def test_settings_come_back_from_a_grid_a_plan_and_their_records(place, rows, trials, seed, width):
+    wanted = tuple(dict.fromkeys(map(Setting.of_record, rows)))
+    path = place / "grid.toml"
+    path.write_text("".join("[[grid]]\n" + "".join(f"{k} = {toml(v)}\n" for k, v in row.items()) for row in rows))
+    assert read_grid(path, {}) == wanted
+    assert [Setting.of_record(json.loads(json.dumps(setting.record()))) for setting in wanted] == [*wanted]
+    plan = Plan.create(Study("bandit", wanted, trials, 40, 2, 1, seed=seed), width)
+    store = Store(str(place))
+    plan.save(store)
+    again = Plan.load(store)
+    assert (again.study, again.shard_width, again.names) == (plan.study, width, plan.names)
+    for name in ("shard", "setting", "trial", "seed"):
+        np.testing.assert_array_equal(getattr(again, name), getattr(plan, name))
+
+
+def toml(value):
+    return "-inf" if value == -math.inf else json.dumps(value)

@@ -1,0 +1,70 @@
+"""What a process holds while it trains for long: `python tests/training/growing.py ENGINE`, a JSON object at the end.
+
+ENGINE is jax or gymnasium. 10,000 updates in 200 calls of `learn`, with all that users do between them.
+"""
+
+import gc
+import json
+import os
+import sys
+import tempfile
+import threading
+from pathlib import Path
+
+import gymnasium
+import jax
+import numpy as np
+
+import galton
+from galton.callbacks import Checkpoint, Evaluate, JSONLines
+
+CALLS, UPDATES = 200, 50
+"""Calls of `learn`, and updates in each."""
+SETTINGS = {"n_bins": 5, "net_arch": (4,), "n_steps": 5, "n_envs": 2, "normalize_observation": True}
+
+
+class Walk(gymnasium.Env):
+    """Ten steps, each of them noise."""
+
+    observation_space = action_space = gymnasium.spaces.Box(-1, 1, (1,))
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        self.t = 0
+        return np.zeros(1, np.float32), {}
+
+    def step(self, action):
+        self.t += 1
+        return self.np_random.uniform(-1, 1, 1).astype(np.float32), float(action[0]), self.t == 10, False, {}
+
+
+def held():
+    """Kilobytes in memory, open files, threads and pieces of mapped memory."""
+    gc.collect()
+    resident = int(Path("/proc/self/status").read_text().partition("VmRSS:")[2].split()[0])
+    maps = Path("/proc/self/maps").read_bytes().count(b"\n")
+    return [resident, len(os.listdir("/proc/self/fd")), threading.active_count(), maps]  # noqa: PTH208
+
+
+def main(engine):
+    galton.use_all_cores()
+    compiled = []
+    jax.monitoring.register_event_duration_secs_listener(
+        lambda event, _, **__: compiled.append(event) if event.endswith("backend_compile_duration") else None
+    )
+    seen, programs = [], []
+    with tempfile.TemporaryDirectory() as folder:
+        model = galton.A2C("bandit" if engine == "jax" else Walk, **SETTINGS)
+        size = UPDATES * model.config.n_steps * model.config.n_envs
+        for _ in range(CALLS):
+            calls = [Evaluate(size, 2), JSONLines(f"{folder}/log"), Checkpoint(f"{folder}/model", size)]
+            model.learn(size, calls, progress_bar=False, log_interval=10)
+            model.predict(np.zeros(model.observation_space.shape, np.float32))
+            seen.append(held())
+            programs.append(len(compiled))
+    assert model.num_timesteps == CALLS * size
+    print(json.dumps({"updates": CALLS * UPDATES, "held": seen, "programs": programs}))
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])
