@@ -12,6 +12,7 @@ from galton.envs.host.gymnasium import GymnasiumTask
 from galton.envs.host.vector import VectorTask, is_sb3
 from galton.envs.rescaled import rescaled
 from galton.errors import UsageError, did_you_mean, require
+from galton.extras import needed
 
 
 def find(env: object, **kwargs: object) -> Environment | HostTask:
@@ -73,11 +74,9 @@ def _find_mujoco(name: str, kwargs: Mapping[str, object]) -> HostTask | None:
     spec = gymnasium.registry.get(name)
     if spec is None or not str(spec.entry_point).startswith("gymnasium.envs.mujoco."):
         return None
-    try:
+    with needed(f"environment {name!r}", "mujoco", "imageio"):  # which Gymnasium imports with it
         from galton.envs.host.mujoco import MujocoTask
         from galton.envs.host.mujoco_functions import MUJOCO_FUNCTIONS
-    except ImportError as error:
-        raise UsageError(f"environment {name!r} needs MuJoCo: pip install 'galton[mujoco]' ({error})") from None
     return MujocoTask(name, **kwargs) if name in MUJOCO_FUNCTIONS else None
 
 
