@@ -5,7 +5,7 @@ OUT ?= runs/demo
 BIN = $(VENV)/bin
 PIP = $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
 
-.PHONY: demo test test-all fuzz trust mutants coverage lint docs bench clean
+.PHONY: demo test test-all fuzz trust mutants coverage lint docs bench package lowest matrix audit clean
 
 COMPARE = $(BIN)/galton compare --losses gaussian hl-one-hot hl-gauss hl-gauss-centred --overwrite
 demo: $(VENV)/installed  ## Classification against regression, three times: tables and figures in runs/demo.
@@ -74,8 +74,20 @@ bench: $(VENV)/installed-dev $(VENV)-rejax/installed  ## Speed against others an
 	$(BIN)/python benchmarks/against_physics.py
 	$(BIN)/python benchmarks/ppo_speed.py
 
+package: $(VENV)-package/installed  ## The wheel, built twice, looked into, and used with each extra by itself, far from here.
+	$(VENV)-package/bin/python tools/package.py
+
+lowest: $(VENV)-package/installed  ## The wheel, used with the lowest versions of libraries that pyproject.toml declares.
+	$(VENV)-package/bin/python tools/lowest.py
+
+matrix: $(VENV)-package/installed  ## The wheel with all extras, used under each version of Python that is here.
+	$(VENV)-package/bin/python tools/matrix.py
+
+audit: $(VENV)-package/installed  ## Whether a known vulnerability is in the pinned versions; needs the network.
+	$(VENV)-package/bin/python tools/audit.py
+
 clean:
-	rm -rf $(VENV) $(VENV)-rejax
+	rm -rf $(VENV) $(VENV)-rejax $(VENV)-package
 
 $(VENV)/bin/python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
@@ -83,7 +95,7 @@ $(VENV)/bin/python:
 	$(PYTHON) -m venv $(VENV)
 
 $(VENV)/installed: pyproject.toml constraints.txt | $(VENV)/bin/python
-	$(PIP) -e .
+	$(PIP) -e '.[studies]'
 	@touch $@
 
 $(VENV)/installed-dev: pyproject.toml constraints.txt | $(VENV)/bin/python
@@ -91,12 +103,19 @@ $(VENV)/installed-dev: pyproject.toml constraints.txt | $(VENV)/bin/python
 	@touch $@ $(VENV)/installed $(VENV)/installed-docs
 
 $(VENV)/installed-docs: pyproject.toml constraints.txt | $(VENV)/bin/python
-	$(PIP) -e '.[docs]'
+	$(PIP) -e '.[studies,docs]'
 	@touch $@ $(VENV)/installed
 
 # The tests of the page need a browser: one that is there, or else Playwright's or Debian's.
 $(VENV)/browser: tests/page/browser.py | $(VENV)/installed-dev
 	$(BIN)/python tests/page/browser.py
+	@touch $@
+
+# What builds and checks the wheel, beside no library of Galton's.
+$(VENV)-package/installed: constraints.txt | $(VENV)/bin/python
+	$(PYTHON) -m venv $(VENV)-package
+	$(VENV)-package/bin/python -m pip install --quiet --disable-pip-version-check -c constraints.txt \
+	  build hatch-fancy-pypi-readme hatchling pip-audit twine
 	@touch $@
 
 # rejax needs packages that Galton doesn't: an environment of its own.

@@ -2,16 +2,17 @@
 
 import os
 import sys
-import tomllib
 from pathlib import Path
 
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE / "_ext"))
 os.environ.setdefault("JAX_PLATFORMS", "cpu")
 
+from galton.version import __version__  # noqa: E402, after the platform of JAX is chosen
+
 project = "Galton"
 author = "The Galton developers"
-version = release = tomllib.loads((HERE.parent / "pyproject.toml").read_text())["project"]["version"]
+version = release = __version__
 
 extensions = ["myst_parser", "sphinx.ext.autodoc", "docstrings", "from_code", "mathml"]
 myst_enable_extensions = ["dollarmath", "colon_fence"]

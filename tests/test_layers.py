@@ -13,7 +13,8 @@ ROOT = Path(galton.__file__).parent
 
 # Folders and files under src/galton, the lowest first; what shares a line may not import one another.
 RANKS = """
-    errors devices foreign
+    errors devices version
+    extras foreign
     fields
     types
     records
@@ -37,10 +38,11 @@ RANKS = """
 CORE = "fields types records bins networks returns normalization targets theory policies losses critics algorithms"
 CORE_LIBRARIES = "jax numpy optax jaxtyping"
 
-# Libraries of the command line, and the folders and files outside it that may import them all the same.
+# Libraries of the command line and of many runs, and the folders and files outside it that may import them too.
 COMMAND_LINE = "cli"
 COMMAND_LINE_LIBRARIES = {
     "matplotlib": ["analysis", "page", "paper", "benchmark"],  # which draw
+    "pyarrow": ["analysis", "paper", "sweep", "benchmark"],  # which keep what thousands of runs told
     "rich": ["models/learning.py"],  # the progress bar of `learn`
     "tyro": [],
 }

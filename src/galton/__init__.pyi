@@ -16,6 +16,7 @@ from .errors import DivergenceError as DivergenceError
 from .errors import NewerVersionError as NewerVersionError
 from .errors import SharedEnvironment as SharedEnvironment
 from .errors import UsageError as UsageError
+from .extras import MissingExtraError as MissingExtraError
 from .losses import LOSSES as LOSSES
 from .losses import Loss as Loss
 from .models import A2C as A2C
@@ -28,3 +29,4 @@ from .training.train import Result as Result
 from .training.train import train as train
 from .types import Config as Config
 from .types import Hypers as Hypers
+from .version import __version__ as __version__

@@ -25,6 +25,7 @@ from galton.envs.base import Environment
 from galton.envs.find import find
 from galton.envs.fitting import check_same_spaces
 from galton.errors import UsageError, require, require_integer
+from galton.extras import needed
 from galton.saving import files
 from galton.training.evaluate import copies
 
@@ -252,10 +253,8 @@ class WeightsAndBiases:
     """
 
     def __init__(self, **settings: object) -> None:
-        try:
+        with needed("WeightsAndBiases", "wandb"):
             import wandb
-        except ImportError:
-            raise UsageError("WeightsAndBiases needs wandb: pip install 'galton[wandb]'") from None
         self.run = wandb.init(**settings)
 
     def __call__(self, model: Model, log: Log) -> None:

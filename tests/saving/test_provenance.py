@@ -1,12 +1,14 @@
 import importlib.metadata
 import platform
 
+import galton
 from galton.saving import provenance
 
 
 def test_versions_are_those_of_what_is_installed():
     known = provenance.versions("pytest", "no-such-package")
-    for name in (*provenance.PACKAGES, "pytest"):
+    assert known["galton"] == galton.__version__
+    for name in {*provenance.PACKAGES, "pytest"} - {"galton"}:
         assert known[name] == importlib.metadata.version(name)
     assert known["no-such-package"] is None
     assert known["python"] == platform.python_version()

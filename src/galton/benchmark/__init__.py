@@ -5,3 +5,7 @@ The file says what is searched and how it is judged (priors, protocol). Each met
 for all tuning tasks and one for each (selection); fresh seeds judge them (standings), and tables, figures and a page
 tell what came of it.
 """
+
+from galton.extras import require_libraries
+
+require_libraries("galton.benchmark", "pyarrow", "matplotlib")

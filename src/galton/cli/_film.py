@@ -7,6 +7,7 @@ import gymnasium
 import numpy as np
 
 from galton.errors import UsageError, require
+from galton.extras import check_named, require_libraries
 from galton.saving import files
 
 Env = gymnasium.Env[object, object]
@@ -17,6 +18,7 @@ def frame(env: Env) -> np.ndarray:
     try:
         picture = np.asarray(env.render())
     except Exception as error:
+        check_named("the environment's picture", error)
         raise UsageError(
             f"the environment can't be rendered: {type(error).__name__}: {error}. For MuJoCo without a screen install "
             "EGL or OSMesa (on Debian: libegl1 or libosmesa6) and set MUJOCO_GL to egl or osmesa"
@@ -26,6 +28,11 @@ def frame(env: Env) -> np.ndarray:
         f"the environment's picture is {picture.shape} {picture.dtype}; it must be [height, width, 3] uint8",
     )
     return picture
+
+
+def check_libraries(out: Path) -> None:
+    """Raise MissingExtraError unless a file of that kind, .mp4 or .gif, can be written here."""
+    require_libraries(f"out is {out}, which", "imageio_ffmpeg" if out.suffix == ".mp4" else "PIL")
 
 
 def write(out: Path, frames: list[np.ndarray], fps: int) -> None:
@@ -48,12 +55,8 @@ def _write_gif(path: Path, frames: list[np.ndarray], fps: int) -> None:
 
 
 def _write_mp4(path: Path, frames: list[np.ndarray], fps: int) -> None:
-    try:
-        import imageio_ffmpeg
-    except ImportError:
-        raise UsageError(
-            "an .mp4 needs ffmpeg: pip install 'galton[video]', or name an --out that ends in .gif"
-        ) from None
+    import imageio_ffmpeg
+
     height, width, _ = frames[0].shape
     raw = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}", "-r", str(fps), "-i", "-"]
     even = ["-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2", "-pix_fmt", "yuv420p", "-y", str(path)]

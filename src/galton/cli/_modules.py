@@ -8,7 +8,7 @@ import sys
 from collections.abc import Sequence
 
 from galton.errors import UsageError
-from galton.sweep.study import import_all
+from galton.foreign import import_all
 
 
 def search_here() -> None:

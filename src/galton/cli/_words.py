@@ -6,10 +6,12 @@ import functools
 import importlib
 import re
 from collections.abc import Iterator, Sequence
+from types import ModuleType
 from typing import Annotated, get_args, get_origin, get_type_hints
 
 from galton.cli._interrupts import leaving_at_once
 from galton.errors import UsageError
+from galton.extras import MissingExtraError
 
 ABOUT = r"(?= (?:is|are|has|holds|names|goes|needs)\b)"
 """What follows the name of an argument where a message begins with it."""
@@ -83,6 +85,15 @@ def in_its_words(record: type | None) -> Iterator[None]:
 def run_command(module: str, arguments: Sequence[str]) -> None:
     """Run the command in that module: its `main`, whose errors are said in the words of its `Options`."""
     with leaving_at_once("interrupted; nothing was written"):
-        command = importlib.import_module(module)
+        command = _imported(module)
     with in_its_words(vars(command).get("Options")):
         command.main(arguments)
+
+
+def _imported(module: str) -> ModuleType:
+    """The module of a command; an extra that one of its modules lacks is one that the command lacks."""
+    try:
+        return importlib.import_module(module)
+    except MissingExtraError as error:
+        name, (_, rest) = module.split(".")[2], str(error).split(" needs ", 1)
+        raise MissingExtraError(f"{name} needs {rest}") from None

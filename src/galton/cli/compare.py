@@ -5,8 +5,6 @@ import json
 from collections.abc import Sequence
 from pathlib import Path
 
-import pyarrow.parquet as pq
-
 from galton.analysis.comparison import Row, curves, learning_curves, summarise, verdicts
 from galton.analysis.plots import save
 from galton.cli._compare_view import table
@@ -86,6 +84,8 @@ def _keep(
     folder: Path, options: Options, results: dict[str, Result], rows: list[Row], known: Environment | None
 ) -> None:
     """Write settings, summary, curves and figure into a folder."""
+    import pyarrow.parquet as pq  # galton.analysis says how to install it
+
     given = {"env": options.env, "losses": options.losses, "seeds": options.seeds}
     write_settings(folder, given | options.training.record() | {"command": command_line()})
     files.write(folder / "summary.json", (json.dumps([row.record() for row in rows], indent=2) + "\n").encode())

@@ -6,7 +6,6 @@ Whatever becomes of the output, a command does its work and keeps it.
 """
 
 import atexit
-import importlib
 import signal
 import sys
 
@@ -15,6 +14,7 @@ from galton.cli._output import Lasting, lasting_output
 from galton.cli._programs import keep_programs
 from galton.cli._words import run_command
 from galton.errors import BrokenEnvironmentError, CheckpointError, UsageError, unknown
+from galton.version import __version__
 
 COMMANDS = {
     "train": "train one policy and keep it in a run folder",
@@ -91,7 +91,7 @@ def _run(name: str, arguments: list[str]) -> int:
         print(HELP, end="")
         return 0
     if name == "--version":
-        print(importlib.import_module("importlib.metadata").version("galton"))
+        print(__version__)
         return 0
     for number in ASKING:
         if signal.getsignal(number) != signal.SIG_IGN:

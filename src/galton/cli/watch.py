@@ -23,6 +23,7 @@ from galton.envs.host.gymnasium import GymnasiumTask
 from galton.envs.host.mujoco_log import mujoco_warns
 from galton.envs.registry import is_known, read_constants
 from galton.errors import UsageError, require, require_integer
+from galton.extras import check_named
 from galton.models import Model
 from galton.saving.result_folder import CONFIG, read_settings
 from galton.training.train import check_seed
@@ -58,6 +59,7 @@ def main(arguments: Sequence[str]) -> None:
     file = model_of(options.run)
     out = options.out or file.with_name("video.mp4")
     require(out.suffix in (".mp4", ".gif"), f"out is {out}; its name must end in .mp4 or .gif")
+    film.check_libraries(out)
     model = Model.load(file)
     name, kwargs = _environment(options, file)
     env = _make(name, kwargs)
@@ -112,6 +114,7 @@ def _make(name: str, kwargs: dict[str, Any]) -> film.Env:
         with mujoco_warns():
             return gymnasium.make(name, **kwargs | {"render_mode": "rgb_array"})
     except FAULTS as error:
+        check_named(f"env is {name}, which", error)
         raise UsageError(f"env is {name}, which can't be made for watching: {error}") from error
 
 

@@ -6,6 +6,7 @@ import numpy as np
 
 from galton.deploy.decision import ACTION, OBSERVATION, Decision
 from galton.errors import UsageError
+from galton.extras import needed
 
 OPSET, IR_VERSION = 13, 7
 """Of December 2020: ONNX 1.8, and ONNX Runtime from 1.6 on."""
@@ -48,11 +49,9 @@ def _tensor(onnx: ModuleType, name: str, array: np.ndarray) -> object:
 
 
 def _onnx() -> ModuleType:
-    try:
+    with needed("the format onnx", "onnx"):
         import onnx
         import onnx.checker
         import onnx.helper
         import onnx.shape_inference
-    except ImportError as error:
-        raise UsageError(f"the format onnx needs ONNX: pip install 'galton[onnx]' ({error})") from None
     return onnx

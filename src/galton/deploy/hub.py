@@ -4,6 +4,7 @@ import re
 from collections.abc import Mapping
 
 from galton.errors import UsageError, require
+from galton.extras import needed
 
 
 def check_repository(name: str) -> None:
@@ -27,10 +28,8 @@ def upload(repository: str, contents: Mapping[str, bytes]) -> str:
     Raises:
         UsageError: huggingface_hub is not installed, nobody is logged in, or the Hub refuses or can't be reached.
     """
-    try:
+    with needed("push", "huggingface_hub"):
         from huggingface_hub import CommitOperationAdd, HfApi
-    except ImportError as error:
-        raise UsageError(f"push needs huggingface_hub: pip install 'galton[hub]' ({error})") from None
     operations = [CommitOperationAdd(name, content) for name, content in contents.items()]
     try:
         api = HfApi(library_name="galton")

@@ -12,6 +12,7 @@ from galton.envs.host.gymnasium import GymnasiumTask
 from galton.envs.host.vector import VectorTask, is_sb3
 from galton.envs.rescaled import rescaled
 from galton.errors import UsageError, did_you_mean, require
+from galton.extras import needed, require_libraries
 
 
 def find(env: object, **kwargs: object) -> Environment | HostTask:
@@ -57,7 +58,7 @@ def _find_by_name(name: str, kwargs: Mapping[str, object]) -> Environment | Host
         if isinstance(error.__cause__, gymnasium.error.UnregisteredEnv):
             raise UsageError(f"environment is {name!r}; {_why_unknown(name, error.__cause__)}") from error
         if isinstance(error.__cause__, gymnasium.error.DependencyNotInstalled) and _comes_from(name, "box2d"):
-            raise UsageError(f"environment {name!r} needs Box2D: pip install 'galton[box2d]'") from error
+            require_libraries(f"environment {name!r}", "Box2D")
         raise
 
 
@@ -80,11 +81,9 @@ def _find_mujoco(name: str, kwargs: Mapping[str, object]) -> HostTask | None:
     """The batched task of that id, if there is one."""
     if not _comes_from(name, "mujoco"):
         return None
-    try:
+    with needed(f"environment {name!r}", "mujoco", "imageio"):  # which Gymnasium imports with it
         from galton.envs.host.mujoco import MujocoTask
         from galton.envs.host.mujoco_functions import MUJOCO_FUNCTIONS
-    except ImportError as error:
-        raise UsageError(f"environment {name!r} needs MuJoCo: pip install 'galton[mujoco]' ({error})") from None
     return MujocoTask(name, **kwargs) if name in MUJOCO_FUNCTIONS else None
 
 

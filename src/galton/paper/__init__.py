@@ -6,4 +6,7 @@ registry.FIGURES; reproduce trains and measures what figures need, and report ma
 
 import lazy_loader
 
+from galton.extras import require_libraries
+
+require_libraries("galton.paper", "pyarrow", "matplotlib", "fsspec")
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -6,6 +6,8 @@ import platform
 import subprocess
 from pathlib import Path
 
+from galton.version import __version__
+
 PACKAGES = ("galton", "jax", "jaxlib", "numpy", "optax", "gymnasium", "mujoco")
 """The packages that results depend on."""
 
@@ -18,7 +20,9 @@ def versions(*more: str) -> dict[str, str | None]:
 
 
 def version(package: str = "galton") -> str | None:
-    """The version of an installed package, if it is one."""
+    """The version of Galton or of an installed package, if it is one."""
+    if package == "galton":
+        return __version__
     try:
         return importlib.metadata.version(package)
     except importlib.metadata.PackageNotFoundError:

@@ -6,4 +6,7 @@ them to executors (engine, executors, cluster); and store, parquet and results k
 
 import lazy_loader
 
+from galton.extras import require_libraries
+
+require_libraries("galton.sweep", "pyarrow", "fsspec")
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -9,12 +9,11 @@ from pathlib import Path
 from typing import NamedTuple
 
 from galton.errors import UsageError, require, require_integer
+from galton.extras import needed
 
-try:
+with needed("a cluster", "dask_jobqueue", "distributed"):
     import dask_jobqueue
     import distributed
-except ImportError as missing:
-    raise UsageError(f"a cluster needs Dask: pip install 'galton[cluster]' ({missing})") from None
 
 CLUSTERS = {
     "htcondor": dask_jobqueue.HTCondorCluster,

@@ -5,14 +5,13 @@ from typing import Any
 
 import numpy as np
 
-from galton.errors import UsageError, require_integer
+from galton.errors import require_integer
+from galton.extras import needed
 from galton.losses import LOSSES, find_loss
 from galton.sweep.study import Setting
 
-try:
+with needed("grid is 'optuna', which", "optuna"):
     import optuna
-except ImportError as missing:
-    raise UsageError(f"grid is 'optuna', which needs Optuna: pip install 'galton[search]' ({missing})") from None
 
 FAILED = -1e30
 """What a setting with a diverged run is told to be worth."""

@@ -14,12 +14,12 @@ from galton.devices import use_all_cores
 from galton.envs.find import find
 from galton.envs.registry import read_constants
 from galton.errors import UsageError, in_a_line, require
+from galton.foreign import import_all
 from galton.saving.provenance import machine, versions
 from galton.sweep import columns
 from galton.sweep.parquet import from_bytes, record_of, to_bytes, with_record
 from galton.sweep.plan import Plan, Shard
 from galton.sweep.store import Store, checksum
-from galton.sweep.study import import_all
 from galton.training.log import Log
 from galton.training.train import Result, log_points, train
 

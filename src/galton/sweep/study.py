@@ -2,14 +2,13 @@
 
 import dataclasses
 import hashlib
-import importlib
 import json
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from typing import Annotated, Any, NamedTuple
 
 from galton.algorithms import check_together, find_algorithm, refuse_others
 from galton.critics import find_critic
-from galton.errors import UsageError, require
+from galton.errors import require
 from galton.fields import AtLeast, check_fields
 from galton.losses import find_loss
 from galton.policies import USES
@@ -170,19 +169,6 @@ _FIRST_FIELDS = frozenset(
     {"env", "settings", "trials", "steps", "logs", "eval_episodes", "env_kwargs", "seed", "imports"}
 )
 """The fields that version 0.1.0 wrote, always; later ones are left out where they have their defaults."""
-
-
-def import_all(modules: Iterable[str]) -> None:
-    """Import the modules that a study names, which register its losses and environments.
-
-    Raises:
-        UsageError: a module that can't be imported.
-    """
-    for module in modules:
-        try:
-            importlib.import_module(module)
-        except (ImportError, TypeError, ValueError) as error:
-            raise UsageError(f"imports names {module!r}, which can't be imported: {error}") from None
 
 
 def canonical(record: object) -> str:

@@ -1,0 +1,84 @@
+"""Libraries that only a part of Galton needs: which extra brings each, and the one message that names it."""
+
+import contextlib
+import importlib.util
+import re
+import sys
+from collections.abc import Iterator
+
+from galton.errors import UsageError
+
+LIBRARIES = {
+    "pyarrow": "studies",
+    "matplotlib": "studies",
+    "jinja2": "studies",
+    "fsspec": "studies",
+    "mujoco": "mujoco",
+    "imageio": "mujoco",
+    "Box2D": "box2d",
+    "imageio_ffmpeg": "video",
+    "PIL": "video",
+    "pygame": "video",
+    "onnx": "onnx",
+    "huggingface_hub": "hub",
+    "wandb": "wandb",
+    "dask_jobqueue": "cluster",
+    "distributed": "cluster",
+    "optuna": "search",
+}
+"""The extra of pyproject.toml that brings each library, which is known here by the name that one imports."""
+
+
+class MissingExtraError(UsageError, ImportError):
+    """A library of an extra is not installed: the message names both, and the command that installs it."""
+
+
+def require_libraries(what: str, *libraries: str) -> None:
+    """Raise MissingExtraError unless all of these are installed; none is imported, for that may take a second.
+
+    Args:
+        what: the part of Galton that needs them; the message begins with it.
+        libraries: of LIBRARIES, all in one extra.
+    """
+    missing = [library for library in libraries if not _is_there(library)]
+    if missing:
+        raise MissingExtraError(_told(what, missing))
+
+
+@contextlib.contextmanager
+def needed(what: str, *libraries: str) -> Iterator[None]:
+    """Import these libraries inside; where one is not installed, or is and can't be loaded, MissingExtraError says so.
+
+    Args:
+        what: the part of Galton that needs them; the message begins with it.
+        libraries: of LIBRARIES, all in one extra.
+    """
+    require_libraries(what, *libraries)
+    try:
+        yield
+    except ImportError as error:
+        raise MissingExtraError(f"{_told(what, libraries)} ({' '.join(str(error).split())})") from error
+
+
+def check_named(what: str, error: BaseException) -> None:
+    """Raise MissingExtraError if the error of another library names one of LIBRARIES that is not installed.
+
+    Args:
+        what: the part of Galton that needs it; the message begins with it.
+        error: such as Gymnasium's, which tells how to install the library beside Gymnasium.
+    """
+    named = re.findall(r"\w+", str(error).lower())
+    for library in LIBRARIES:
+        if library.lower() in named:
+            require_libraries(what, library)
+
+
+def _is_there(library: str) -> bool:
+    if library in sys.modules:
+        return sys.modules[library] is not None
+    return importlib.util.find_spec(library) is not None
+
+
+def _told(what: str, libraries: list[str] | tuple[str, ...]) -> str:
+    (extra,) = {LIBRARIES[library] for library in libraries}
+    return f"{what} needs {' and '.join(libraries)}: pip install 'galton[{extra}]'"

@@ -1,0 +1,188 @@
+"""What is not installed is named by the extra that brings it, and the core works without any extra."""
+
+import ast
+import json
+import re
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+import galton
+from galton import MissingExtraError, UsageError, extras
+
+ROOT = Path(galton.__file__).parent
+PYPROJECT = Path(__file__).parents[1] / "pyproject.toml"
+DISTRIBUTIONS = {"PIL": "pillow"}
+"""The name of a library on the package index, where it is another."""
+
+# Runs commands and lines of Python in one process, as one in which these libraries were not installed.
+WITHOUT = """
+import contextlib, io, json, sys
+hidden, asked = json.load(sys.stdin)
+
+class Without:
+    def __init__(self, finder):
+        self.finder = finder
+    def __getattr__(self, name):
+        return getattr(self.finder, name)
+    def find_spec(self, name, path=None, target=None):
+        return None if name.partition(".")[0] in hidden else self.finder.find_spec(name, path, target)
+
+sys.meta_path[:] = [Without(finder) for finder in sys.meta_path]
+from galton.cli import main
+from galton.errors import UsageError
+for call in asked:
+    said, done, sys.argv = io.StringIO(), io.StringIO(), ["galton", *call]
+    with contextlib.redirect_stderr(said), contextlib.redirect_stdout(done):
+        if isinstance(call, list):
+            code = main._run(call[0], call[1:])
+        else:
+            try:
+                code = exec(call, {})
+            except UsageError as error:
+                code = f"{type(error).__name__}: {error}"
+    print(json.dumps([code, said.getvalue()]))
+"""
+
+STUDIES = "pip install 'galton[studies]'\n"
+FEW = ["--steps", "200", "--logs", "1", "--eval-episodes", "1", "--net-arch", "4", "--n-bins", "5"]
+EXPORT = "import galton.deploy; galton.deploy.export(galton.A2C('bandit'), 'policy')"
+UPLOAD = "from galton.deploy import hub; hub.upload('ada/pendulum', {})"
+WANDB = "import galton; galton.callbacks.WeightsAndBiases()"
+
+CORE = [
+    (["--version"], 0, ""),
+    (["train", "bandit", "--out", "run", *FEW, "--tensorboard"], 0, ""),
+    (["export", "run", "--format", "card"], 0, ""),
+    (["compare", "bandit"], 2, f"galton: compare needs pyarrow and matplotlib: {STUDIES}"),
+    (["sweep", "bandit"], 2, f"galton: sweep needs pyarrow and fsspec: {STUDIES}"),
+    (["sweep", "status", "x"], 2, f"galton: sweep needs pyarrow and fsspec: {STUDIES}"),
+    (["reproduce", "figure-3"], 2, f"galton: reproduce needs pyarrow and fsspec: {STUDIES}"),
+    (["report", "x"], 2, f"galton: report needs pyarrow and matplotlib: {STUDIES}"),
+    (
+        ["watch", "run", "--out", "x.mp4"],
+        2,
+        "galton: --out is x.mp4, which needs imageio_ffmpeg: pip install 'galton[video]'\n",
+    ),
+    (["watch", "run", "--out", "x.gif"], 2, "galton: --out is x.gif, which needs PIL: pip install 'galton[video]'\n"),
+    (
+        ["train", "Reacher-v5", *FEW],
+        2,
+        "galton: environment 'Reacher-v5' needs mujoco and imageio: pip install 'galton[mujoco]'\n",
+    ),
+    (["export", "run", "--format", "onnx"], 2, "galton: the format onnx needs onnx: pip install 'galton[onnx]'\n"),
+    (EXPORT, "MissingExtraError: the format onnx needs onnx: pip install 'galton[onnx]'", ""),
+    (UPLOAD, "MissingExtraError: push needs huggingface_hub: pip install 'galton[hub]'", ""),
+    (WANDB, "MissingExtraError: WeightsAndBiases needs wandb: pip install 'galton[wandb]'", ""),
+    (
+        "import galton; galton.sweep",
+        "MissingExtraError: galton.sweep needs pyarrow and fsspec: pip install 'galton[studies]'",
+        "",
+    ),
+]
+"""What is asked of an environment with the core alone; the exit code or the error; and what stands on stderr."""
+
+WITH_STUDIES = [
+    (
+        ["sweep", "bandit", "--grid", "optuna", "--workers", "1"],
+        2,
+        "galton: --grid is 'optuna', which needs optuna: pip install 'galton[search]'\n",
+    ),
+    (
+        ["sweep", "bandit", "--cluster", "slurm"],
+        2,
+        "galton: a cluster needs dask_jobqueue and distributed: pip install 'galton[cluster]'\n",
+    ),
+]
+
+
+def answers(hidden, asked, folder):
+    """What each call came to where these libraries can't be found, in one process."""
+    given = json.dumps([hidden, [call for call, _, _ in asked]])
+    done = subprocess.run([sys.executable, "-c", WITHOUT], input=given, capture_output=True, text=True, cwd=folder)
+    assert done.returncode == 0, done.stderr
+    return [json.loads(line) for line in done.stdout.splitlines()]
+
+
+@pytest.fixture(scope="module")
+def bare(tmp_path_factory):
+    return answers(list(extras.LIBRARIES), CORE, tmp_path_factory.mktemp("bare"))
+
+
+@pytest.fixture(scope="module")
+def with_studies(tmp_path_factory):
+    hidden = [library for library, extra in extras.LIBRARIES.items() if extra in ("search", "cluster")]
+    return answers(hidden, WITH_STUDIES, tmp_path_factory.mktemp("studies"))
+
+
+def name_of(call):
+    return " ".join(call[:4]) if isinstance(call, list) else call
+
+
+@pytest.mark.parametrize("index", range(len(CORE)), ids=[name_of(call) for call, _, _ in CORE])
+def test_the_core_alone_works_or_names_the_extra_in_one_line(index, bare):
+    assert bare[index] == list(CORE[index][1:])
+
+
+@pytest.mark.parametrize("index", range(len(WITH_STUDIES)), ids=["optuna", "cluster"])
+def test_a_sweep_names_the_extra_that_an_option_needs(index, with_studies):
+    assert with_studies[index] == list(WITH_STUDIES[index][1:])
+
+
+def test_every_extra_is_missed_once():
+    said = " ".join(f"{code} {line}" for _, code, line in [*CORE, *WITH_STUDIES])
+    assert set(re.findall(r"galton\[(\w+)\]", said)) == set(extras.LIBRARIES.values())
+
+
+def test_libraries_and_their_extras_are_those_of_pyproject():
+    project = tomllib.loads(PYPROJECT.read_text())["project"]
+    for library, extra in extras.LIBRARIES.items():
+        wanted = DISTRIBUTIONS.get(library, library).replace("_", "-")
+        there = [re.split(r"[<>=]", line)[0].replace("_", "-") for line in project["optional-dependencies"][extra]]
+        assert wanted in there, f"{library} is not in the extra {extra}"
+        core = [re.split(r"[<>=]", line)[0] for line in project["dependencies"]]
+        assert wanted not in core
+
+
+def test_only_this_file_says_how_to_install_an_extra():
+    literals = {}
+    for path in ROOT.rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text())):
+            said = isinstance(node, ast.JoinedStr) and "pip install" in ast.unparse(node)
+            if said or (isinstance(node, ast.Constant) and node.value == "galton["):
+                literals.setdefault(path.name, node)
+    assert list(literals) == ["extras.py"]
+
+
+def test_a_library_that_is_there_and_can_not_be_loaded_is_told_with_the_cause():
+    with (
+        pytest.raises(MissingExtraError, match=r"^it needs onnx: pip install 'galton\[onnx\]' \(no such symbol\)$"),
+        extras.needed("it", "onnx"),
+    ):
+        raise ImportError("no such\nsymbol")
+
+
+def test_the_error_is_one_of_an_argument_and_one_of_an_import():
+    assert issubclass(MissingExtraError, UsageError)
+    assert issubclass(MissingExtraError, ImportError)
+
+
+@pytest.mark.parametrize(
+    ("told", "extra"),
+    [
+        ('MuJoCo is not installed, run `pip install "gymnasium[mujoco]"`', "mujoco"),
+        ("pygame is not installed, run `pip install swig`", "video"),
+    ],
+)
+def test_gymnasiums_advice_is_said_in_our_extras(told, extra, monkeypatch):
+    for library in ("mujoco", "pygame"):
+        monkeypatch.setitem(sys.modules, library, None)
+    with pytest.raises(MissingExtraError, match=rf"^watching needs \w+: pip install 'galton\[{extra}\]'$"):
+        extras.check_named("watching", RuntimeError(told))
+
+
+def test_another_librarys_error_is_left_alone():
+    extras.check_named("watching", RuntimeError("mujoco and pygame are there; box2d is not"))

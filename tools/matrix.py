@@ -1,0 +1,48 @@
+"""Uses the wheel, with all extras for users, under every version of Python that is here.
+
+The versions of the libraries are those of constraints.txt.
+
+    python tools/matrix.py [--pythons 3.11 3.12 3.13] [--out results/packaging]
+"""
+
+import argparse
+import json
+from pathlib import Path
+
+import builds
+from environments import Environment, find_python
+from requirements import USERS
+from smoke import CORE, SMOKE, check
+
+CALLS = [*CORE, *(call for extra in USERS for call in SMOKE[extra])]
+
+
+def main() -> None:
+    """Try each version, print a line for it, and keep what was seen."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--pythons", nargs="+", default=["3.11", "3.12", "3.13"], help="their versions")
+    parser.add_argument("--keep", type=Path, default=builds.ROOT / "build" / "matrix", help="the folder to work in")
+    parser.add_argument("--out", type=Path, default=builds.ROOT / "results" / "packaging")
+    options = parser.parse_args()
+    folder = options.keep.resolve()
+    wheel, _ = builds.build(folder / "built")
+    options.out.mkdir(parents=True, exist_ok=True)
+    found: dict[str, dict[str, object]] = {}
+    for version in options.pythons:
+        python = find_python(version)
+        if python is None:
+            print(f"Python {version}: not here", flush=True)
+            continue
+        requirement = f"{wheel}[{','.join(USERS)}]"
+        environment = Environment.make(folder / version, [requirement], builds.ROOT / "constraints.txt", python)
+        seconds = check(environment, CALLS, str(folder.with_name("programs")))
+        whole = environment.run("python", "-c", "import platform; print(platform.python_version())").stdout.strip()
+        environment.remove()
+        found[version] = {"python": whole, "calls": len(CALLS), "seconds": round(seconds)}
+        ordered = {name: found[name] for name in sorted(found, key=lambda name: int(name.partition(".")[2]))}
+        (options.out / "matrix.json").write_text(json.dumps(ordered, indent=1) + "\n")
+        print(f"Python {whole}: {len(CALLS)} calls as they must be, {round(seconds)} s", flush=True)
+
+
+if __name__ == "__main__":
+    main()
