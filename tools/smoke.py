@@ -97,7 +97,7 @@ MISSING = [
     Call("galton watch run", r"^galton: .* needs imageio_ffmpeg: pip install 'galton\[video\]'$", 2),
     Call("galton train Reacher-v5", r"^galton: .* needs mujoco and imageio: pip install 'galton\[mujoco\]'$", 2),
     Call("galton benchmark my.toml", r"^galton: benchmark needs .*: pip install 'galton\[studies\]'$", 2),
-    Call("galton train LunarLander-v3", r"^galton: .* needs Box2D: pip install 'galton\[box2d\]'$", 2),
+    Call("galton train LunarLanderContinuous-v3", r"^galton: .* needs Box2D: pip install 'galton\[box2d\]'$", 2),
     Call("galton export run --format onnx", r"^galton: .* needs onnx: pip install 'galton\[onnx\]'$", 2),
 ]
 """What the core alone answers where an extra is asked for."""
