@@ -15,7 +15,7 @@ from galton import MissingExtraError, UsageError, extras
 
 ROOT = Path(galton.__file__).parent
 PYPROJECT = Path(__file__).parents[1] / "pyproject.toml"
-DISTRIBUTIONS = {"PIL": "pillow"}
+DISTRIBUTIONS = {"PIL": "pillow", "Box2D": "box2d"}
 """The name of a library on the package index, where it is another."""
 
 # Runs commands and lines of Python in one process, as one in which these libraries were not installed.
@@ -73,6 +73,12 @@ CORE = [
         2,
         "galton: environment 'Reacher-v5' needs mujoco and imageio: pip install 'galton[mujoco]'\n",
     ),
+    (
+        ["train", "LunarLanderContinuous-v3", *FEW],
+        2,
+        "galton: environment 'LunarLanderContinuous-v3' needs Box2D: pip install 'galton[box2d]'\n",
+    ),
+    (["benchmark", "my.toml"], 2, f"galton: benchmark needs pyarrow and matplotlib: {STUDIES}"),
     (["export", "run", "--format", "onnx"], 2, "galton: the format onnx needs onnx: pip install 'galton[onnx]'\n"),
     (EXPORT, "MissingExtraError: the format onnx needs onnx: pip install 'galton[onnx]'", ""),
     (UPLOAD, "MissingExtraError: push needs huggingface_hub: pip install 'galton[hub]'", ""),
