@@ -70,9 +70,7 @@ STUDIES = [
 SMOKE = {
     "studies": STUDIES,
     "mujoco": [Call(f"galton train Reacher-v5 --out reacher {TINY}", "run folder: reacher")],
-    "box2d": [
-        Call(f"galton train LunarLander-v3 --env-kwargs continuous=True --out lander {TINY}", "run folder: lander")
-    ],
+    "box2d": [Call(f"galton train LunarLanderContinuous-v3 --out lander {TINY}", "run folder: lander")],
     "video": [
         Call(f"galton train Pendulum-v1 --out pendulum {TINY}", "run folder: pendulum"),
         Call("galton watch pendulum --max-steps 5", "video: pendulum/video.mp4"),
