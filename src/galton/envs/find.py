@@ -12,7 +12,7 @@ from galton.envs.host.gymnasium import GymnasiumTask
 from galton.envs.host.vector import VectorTask, is_sb3
 from galton.envs.rescaled import rescaled
 from galton.errors import UsageError, did_you_mean, require
-from galton.extras import needed, require_libraries
+from galton.extras import check_named, needed, require_libraries
 
 
 def find(env: object, **kwargs: object) -> Environment | HostTask:
@@ -59,6 +59,7 @@ def _find_by_name(name: str, kwargs: Mapping[str, object]) -> Environment | Host
             raise UsageError(f"environment is {name!r}; {_why_unknown(name, error.__cause__)}") from error
         if isinstance(error.__cause__, gymnasium.error.DependencyNotInstalled) and _comes_from(name, "box2d"):
             require_libraries(f"environment {name!r}", "Box2D")
+            check_named(f"environment {name!r}", error)
         raise
 
 
