@@ -90,7 +90,7 @@ def main():
 
         def outputs(params):
             observation, following = map(actor_critic.flatten, (batch.observation, batch.next_observation))
-            values, next_values = (actor_critic.value(params, rows) for rows in (observation, following))
+            values, next_values = (actor_critic.value(agent, params, rows, hypers) for rows in (observation, following))
             logits = mlp(params["actor"], observation)
             return logits.sum() + values.sum() + lax.stop_gradient(next_values).sum()
 

@@ -18,17 +18,19 @@ def update(agent, learner, batch, hypers, key):
     """Ten gradient steps on a rollout [T, N], with advantages of the critic that began it; nothing is random."""
     del key
     observation, following, action = map(flatten, (batch.observation, batch.next_observation, batch.action))
-    values = actor_critic.value(learner.params, observation)
-    advantage = actor_critic.advantages(values, actor_critic.value(learner.params, following), batch, hypers)
+    values = actor_critic.value(agent, learner.params, observation, hypers)
+    next_values = actor_critic.value(agent, learner.params, following, hypers)
+    advantage = actor_critic.advantages(values, next_values, batch, hypers)
     returns = advantage + values
     weight = jnp.minimum(jnp.exp(actor_critic.standardise(advantage) / BETA), LARGEST)
 
     def step(learner, _):
         def objective(params):
-            outputs, values = actor_critic.outputs_and_values(params, observation)
+            outputs, estimates = actor_critic.outputs(params, observation)
             distribution = agent.policy.distribution(outputs, params, hypers)
             loss = agent.loss.function(distribution, action, hypers)
-            parts = actor_critic.objective(distribution, loss, weight, values, returns, hypers)
+            critic_loss = agent.critic.loss(estimates, returns, hypers)
+            parts = actor_critic.objective(distribution, loss, weight, critic_loss, hypers)
             return parts.total, parts
 
         gradient, parts = jax.grad(objective, has_aux=True)(learner.params)

@@ -62,7 +62,7 @@ def test_target_kl_leaves_everything_as_it_was_from_the_first_minibatch_over_it_
 def test_every_epoch_has_an_order_of_its_own(monkeypatch):
     seen = []
 
-    def fit(agent, learner, rows, orders, hypers):
+    def fit(agent, learner, rows, orders, hypers, key):
         seen.append(orders)
         return learner, {}
 

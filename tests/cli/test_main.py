@@ -13,6 +13,13 @@ from galton.cli import main as command
 from galton.errors import BrokenEnvironmentError, CheckpointError, UsageError
 
 
+def put_in_place(monkeypatch, main):
+    """Make this the function that `galton train` runs."""
+    module = types.ModuleType("galton.cli.train")
+    monkeypatch.setattr(module, "main", main, raising=False)
+    monkeypatch.setitem(sys.modules, module.__name__, module)
+
+
 @pytest.fixture
 def end_with(monkeypatch, capsys):
     """A function that runs `galton train` with these words, where it ends with this error: code and stderr."""
@@ -21,7 +28,7 @@ def end_with(monkeypatch, capsys):
         def fail(_):
             raise error
 
-        monkeypatch.setitem(sys.modules, "galton.cli.train", types.SimpleNamespace(main=fail))
+        put_in_place(monkeypatch, fail)
         monkeypatch.setattr(sys, "argv", ["galton", "train", *words])
         monkeypatch.setattr(sys, "path", [*sys.path])
         with pytest.raises(SystemExit) as left:
@@ -88,7 +95,7 @@ def test_a_bug_keeps_its_traceback(error, monkeypatch):
     def fail(_):
         raise error
 
-    monkeypatch.setitem(sys.modules, "galton.cli.train", types.SimpleNamespace(main=fail))
+    put_in_place(monkeypatch, fail)
     monkeypatch.setattr(sys, "argv", ["galton", "train"])
     monkeypatch.setattr(sys, "path", [*sys.path])
     with pytest.raises(type(error)):
