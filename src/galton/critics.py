@@ -70,18 +70,18 @@ class SquaredErrorCritic(Critic):
 
     @property
     def n_outputs(self) -> int:
-        """The value."""
+        """One output, the value of the state."""
         return 1
 
     def value(self, outputs: Float[Array, "*batch 1"], hypers: Hypers) -> Float[Array, "*batch"]:
-        """The output itself."""
+        """The network's one output, as it is."""
         del hypers
         return outputs[..., 0]
 
     def loss(
         self, outputs: Float[Array, "*batch 1"], returns: Float[Array, "*batch"], hypers: Hypers
     ) -> Float[Array, "*batch"]:
-        """(return − value)²."""
+        """The squared error, (return − value)², of each sample."""
         return (returns - self.value(outputs, hypers)) ** 2
 
 

@@ -47,12 +47,16 @@ def fit(agent, learner, rows, orders, hypers=HYPERS):
 
 
 def deep(agent):
-    """A rollout, who sampled it, and the parameters after three epochs on it, where some ratios are clipped."""
+    """A rollout, who sampled it, and the parameters after three epochs on it, where some ratios are clipped.
+
+    The truncated Gaussian, whose ratios leave 1 more slowly, gets five.
+    """
     learner = moved(agent)
     batch = rollout_of(agent, learner)
-    orders = jnp.stack([jax.random.permutation(jax.random.key(i), T * N) for i in range(3)])
+    n_epochs = 5 if agent.config.policy == "truncated-gaussian" else 3
+    orders = jnp.stack([jax.random.permutation(jax.random.key(i), T * N) for i in range(n_epochs)])
     after, told = fit(agent, learner, ppo.prepare(agent, learner, batch, HYPERS), orders)
-    assert 0.05 < told["clip_fraction"] < 0.9
+    assert 0.1 < told["clip_fraction"] < 0.9
     return batch, learner, after.params
 
 

@@ -25,7 +25,7 @@ class Prior:
     """A distribution over the values of one field, or a value that is fixed."""
 
     kind: str
-    """One of KINDS."""
+    """The key in KINDS of how values are drawn."""
     values: tuple[Any, ...]
     """The two ends, the values to choose from, or the one value."""
     in_steps: bool = False

@@ -26,7 +26,7 @@ class ClippedGaussian:
     """
 
     gaussian: Gaussian
-    """What is clipped."""
+    """The Gaussian whose actions the box clips."""
 
     def sample(self, noise: Float[Array, "*batch d"]) -> Float[Array, "*batch d"]:
         """The mean plus σ times standard normal noise, clipped into the box."""
@@ -120,7 +120,7 @@ class ClippedGaussianPolicy:
 
     @property
     def noise_marginals(self) -> Marginal:
-        """The Gaussian policy's."""
+        """How the noise is distributed: as the Gaussian policy's, standard normal."""
         return self.gaussian.noise_marginals
 
     def noise(self, key: Key[Array, ""], shape: tuple[int, ...]) -> Float[Array, "*batch d"]:

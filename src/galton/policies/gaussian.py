@@ -95,7 +95,7 @@ class GaussianPolicy:
 
     @property
     def noise_marginals(self) -> Marginal:
-        """Standard normal."""
+        """How the noise is distributed: standard normal."""
         return "normal"
 
     def noise(self, key: Key[Array, ""], shape: tuple[int, ...]) -> Float[Array, "*batch d"]:

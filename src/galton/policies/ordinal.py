@@ -42,7 +42,7 @@ class OrdinalPolicy:
 
     @property
     def noise_marginals(self) -> Marginal:
-        """The softmax policy's."""
+        """How the noise is distributed: as the softmax policy's."""
         return self.histogram.noise_marginals
 
     def noise(self, key: Key[Array, ""], shape: tuple[int, ...]) -> Float[Array, "*batch n"]:

@@ -41,7 +41,7 @@ class RpoPolicy:
 
     @property
     def noise_marginals(self) -> Marginal:
-        """The Gaussian policy's."""
+        """How the noise is distributed: as the Gaussian policy's, standard normal."""
         return self.gaussian.noise_marginals
 
     def noise(self, key: Key[Array, ""], shape: tuple[int, ...]) -> Float[Array, "*batch d"]:

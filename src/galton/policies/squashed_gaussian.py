@@ -27,9 +27,9 @@ class SquashedGaussian:
     """
 
     mean: Float[Array, "*batch d"]
-    """Of u."""
+    """The mean of u, before the tanh."""
     log_std: Float[Array, " d"]
-    """Of u."""
+    """The logarithm of u's standard deviation."""
     low: Float[np.ndarray, " d"]
     high: Float[np.ndarray, " d"]
 
@@ -131,7 +131,7 @@ class SquashedGaussianPolicy:
 
     @property
     def noise_marginals(self) -> Marginal:
-        """Standard normal."""
+        """How the noise is distributed: standard normal."""
         return "normal"
 
     def noise(self, key: Key[Array, ""], shape: tuple[int, ...]) -> Float[Array, "*batch d"]:

@@ -100,7 +100,7 @@ class TruncatedGaussianPolicy:
 
     @property
     def noise_marginals(self) -> Marginal:
-        """Uniform."""
+        """How the noise is distributed: uniform, for the inverse of the distribution function."""
         return "uniform"
 
     def noise(self, key: Key[Array, ""], shape: tuple[int, ...]) -> Float[Array, "*batch d"]:
