@@ -130,7 +130,8 @@ class Silent:
     low: np.ndarray
     high: np.ndarray
 
-    family, label, create = "density", "silent", vars(GaussianPolicy)["create"]
+    family, label = "density", "silent"
+    create = classmethod(lambda cls, config, low, high: cls(low, high))
     n_outputs, init = GaussianPolicy.n_outputs, GaussianPolicy.init
     noise, distribution = GaussianPolicy.noise, GaussianPolicy.distribution
 

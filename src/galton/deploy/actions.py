@@ -12,10 +12,9 @@ from galton.deploy.graph import Graph
 from galton.policies import (
     BetaPolicy,
     ClippedGaussianPolicy,
-    GaussianPolicy,
+    GaussianHead,
     HistogramPolicy,
     OrdinalPolicy,
-    RpoPolicy,
     SmoothedPolicy,
     SquashedGaussianPolicy,
     TruncatedGaussianPolicy,
@@ -43,7 +42,7 @@ MEANINGS = {
 """What a softmax policy's rules mean."""
 
 
-def gaussian(graph: Graph, outputs: str, policy: GaussianPolicy, params: Params, hypers: Hypers) -> Chosen:
+def gaussian(graph: Graph, outputs: str, policy: GaussianHead, params: Params, hypers: Hypers) -> Chosen:
     """The mean: the outputs, or, in units of the box, its center plus the outputs times its half-width."""
     del params
     if hypers.box_units:
@@ -52,22 +51,11 @@ def gaussian(graph: Graph, outputs: str, policy: GaussianPolicy, params: Params,
     return Chosen(outputs, "mean", "The mean of the Gaussian, moved to the nearest point of the action box.")
 
 
-def of_gaussian(
-    graph: Graph,
-    outputs: str,
-    policy: RpoPolicy | ClippedGaussianPolicy | TruncatedGaussianPolicy,
-    params: Params,
-    hypers: Hypers,
-) -> Chosen:
-    """As the Gaussian policy chooses that this one is made of."""
-    return gaussian(graph, outputs, policy.gaussian, params, hypers)
-
-
 def clipped_gaussian(
     graph: Graph, outputs: str, policy: ClippedGaussianPolicy, params: Params, hypers: Hypers
 ) -> Chosen:
     """The median: the Gaussian's mean."""
-    chosen = of_gaussian(graph, outputs, policy, params, hypers)
+    chosen = gaussian(graph, outputs, policy, params, hypers)
     return chosen._replace(rule="median", meaning="The median: the mean of the Gaussian, clipped into the action box.")
 
 
@@ -75,7 +63,7 @@ def truncated_gaussian(
     graph: Graph, outputs: str, policy: TruncatedGaussianPolicy, params: Params, hypers: Hypers
 ) -> Chosen:
     """The mode: the Gaussian's mean."""
-    chosen = of_gaussian(graph, outputs, policy, params, hypers)
+    chosen = gaussian(graph, outputs, policy, params, hypers)
     return chosen._replace(rule="mode", meaning="The mode: the point of the action box nearest to the Gaussian's mean.")
 
 
@@ -118,17 +106,17 @@ def histogram(graph: Graph, outputs: str, policy: HistogramPolicy, params: Param
 
 def ordinal(graph: Graph, outputs: str, policy: OrdinalPolicy, params: Params, hypers: Hypers) -> Chosen:
     """As the softmax policy chooses, from the cumulative sums of the outputs of each dimension."""
-    steps = graph.add("Reshape", outputs, np.array([0, *policy.histogram.bins.centers.shape]))
-    return histogram(graph, graph.add("CumSum", steps, np.array(-1)), policy.histogram, params, hypers)
+    steps = graph.add("Reshape", outputs, np.array([0, *policy.bins.centers.shape]))
+    return histogram(graph, graph.add("CumSum", steps, np.array(-1)), policy, params, hypers)
 
 
 def smoothed(graph: Graph, outputs: str, policy: SmoothedPolicy, params: Params, hypers: Hypers) -> Chosen:
     """As the softmax policy chooses, from moving averages of the outputs of each dimension."""
-    bins = policy.histogram.bins
-    z = graph.add("Reshape", outputs, np.array([0, *bins.centers.shape]))
+    shape = policy.bins.centers.shape
+    z = graph.add("Reshape", outputs, np.array([0, *shape]))
     logits = graph.add("MatMul", z, np.asarray(policy.kernel(hypers)).T)
-    first = np.broadcast_to(np.asarray(policy.first_logits(hypers)), bins.centers.size).reshape(bins.centers.shape)
-    return histogram(graph, graph.add("Add", logits, first), policy.histogram, params, hypers)
+    first = np.broadcast_to(np.asarray(policy.first_logits(hypers)), policy.n_outputs).reshape(shape)
+    return histogram(graph, graph.add("Add", logits, first), policy, params, hypers)
 
 
 def _median(graph: Graph, logits: str) -> str:
@@ -149,6 +137,6 @@ ACTIONS: dict[str, Callable[[Graph, str, Any, Params, Hypers], Chosen]] = {
     "truncated-gaussian": truncated_gaussian,
     "squashed-gaussian": squashed_gaussian,
     "beta": beta,
-    "rpo": of_gaussian,
+    "rpo": gaussian,
 }
 """By the names in POLICIES: (graph, the outputs' name in it `[batch, n_outputs]`, policy, parameters, numbers)."""

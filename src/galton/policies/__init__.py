@@ -6,7 +6,7 @@ A new one is a class in a file and a line in POLICIES.
 from galton.policies.base import Correlatable, Distribution, Family, MovesOutputs, Policy
 from galton.policies.beta import Beta, BetaPolicy
 from galton.policies.clipped_gaussian import ClippedGaussian, ClippedGaussianPolicy
-from galton.policies.gaussian import Gaussian, GaussianPolicy
+from galton.policies.gaussian import Gaussian, GaussianHead, GaussianPolicy
 from galton.policies.histogram import Histogram, HistogramPolicy
 from galton.policies.ordinal import OrdinalPolicy
 from galton.policies.rpo import RpoPolicy
@@ -40,6 +40,7 @@ __all__ = [
     "Distribution",
     "Family",
     "Gaussian",
+    "GaussianHead",
     "GaussianPolicy",
     "Histogram",
     "HistogramPolicy",

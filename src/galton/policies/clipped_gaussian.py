@@ -4,13 +4,11 @@ import dataclasses
 from typing import ClassVar
 
 import jax.numpy as jnp
-import numpy as np
-from jaxtyping import Array, Bool, Float, Key
+from jaxtyping import Array, Bool, Float
 
-from galton.policies.base import Family, Marginal
-from galton.policies.gaussian import Gaussian, GaussianPolicy
+from galton.policies.gaussian import Gaussian, GaussianHead
 from galton.policies.tails import LEAST, LOG_SQRT_2PI, Inside, inside, log_tail
-from galton.types import Config, Hypers, Params
+from galton.types import Hypers, Params
 
 _NOTHING = -80.0
 """log p below which p log p is 0 in float32."""
@@ -91,42 +89,14 @@ class ClippedGaussian:
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class ClippedGaussianPolicy:
+class ClippedGaussianPolicy(GaussianHead):
     """A Gaussian that is trained on the actions that reach the environment: on a bound only the tail's mass counts.
 
     Its gradient has the Gaussian's mean and less variance. Mean, σ and their units are the Gaussian policy's.
     """
 
-    gaussian: GaussianPolicy
-
-    family: ClassVar[Family] = "density"
     label: ClassVar[str] = "clipped Gaussian"
 
-    @classmethod
-    def create(
-        cls, config: Config, low: Float[np.ndarray, " d"], high: Float[np.ndarray, " d"]
-    ) -> "ClippedGaussianPolicy":
-        """The policy for actions in the box [low, high]; the configuration has no part in it."""
-        return cls(GaussianPolicy.create(config, low, high))
-
-    @property
-    def n_outputs(self) -> int:
-        """One mean per action dimension."""
-        return self.gaussian.n_outputs
-
-    def init(self, hypers: Hypers) -> tuple[Float[Array, " d"], Params]:
-        """As the Gaussian policy starts."""
-        return self.gaussian.init(hypers)
-
-    @property
-    def noise_marginals(self) -> Marginal:
-        """How the noise is distributed: as the Gaussian policy's, standard normal."""
-        return self.gaussian.noise_marginals
-
-    def noise(self, key: Key[Array, ""], shape: tuple[int, ...]) -> Float[Array, "*batch d"]:
-        """Standard normal numbers, one per action dimension."""
-        return self.gaussian.noise(key, shape)
-
     def distribution(self, outputs: Float[Array, "*batch d"], params: Params, hypers: Hypers) -> ClippedGaussian:
-        """The Gaussian policy's distribution, clipped."""
-        return ClippedGaussian(self.gaussian.distribution(outputs, params, hypers))
+        """The Gaussian, clipped."""
+        return ClippedGaussian(self.gaussian(outputs, params, hypers))

@@ -2,7 +2,7 @@
 
 import dataclasses
 import math
-from typing import ClassVar
+from typing import ClassVar, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -13,6 +13,7 @@ from galton.policies.base import Family, Marginal
 from galton.types import Config, Hypers, Number, Params
 
 Box = Float[np.ndarray, " d"]
+Head = TypeVar("Head", bound="GaussianHead")
 
 
 def units_of(low: Box, high: Box, hypers: Hypers) -> tuple[Float[Array, " d"] | float, Float[Array, " d"] | float]:
@@ -64,21 +65,21 @@ class Gaussian:
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class GaussianPolicy:
-    """The network gives the mean; log σ is a parameter of its own, the same in every state.
+class GaussianHead:
+    """What policies have in common that a Gaussian is behind, before each makes its own distribution of it.
 
-    Mean and σ are in the environment's units, or, where `hypers.box_units` is 1, in half-widths of the action box
-    around its center: what the same numbers then mean does not depend on the scale of the box.
+    The network gives the mean; log σ is a parameter of its own, the same in every state. Mean and σ are in the
+    environment's units, or, where `hypers.box_units` is 1, in half-widths of the action box around its center: what the
+    same numbers then mean does not depend on the scale of the box.
     """
 
     low: Float[np.ndarray, " d"]
     high: Float[np.ndarray, " d"]
 
     family: ClassVar[Family] = "density"
-    label: ClassVar[str] = "Gaussian"
 
     @classmethod
-    def create(cls, config: Config, low: Float[np.ndarray, " d"], high: Float[np.ndarray, " d"]) -> "GaussianPolicy":
+    def create(cls: type[Head], config: Config, low: Float[np.ndarray, " d"], high: Float[np.ndarray, " d"]) -> Head:
         """The policy for actions in the box [low, high]; the configuration has no part in it."""
         del config
         return cls(low, high)
@@ -102,7 +103,7 @@ class GaussianPolicy:
         """Standard normal numbers, one per action dimension."""
         return jax.random.normal(key, (*shape, self.n_outputs))
 
-    def distribution(self, outputs: Float[Array, "*batch d"], params: Params, hypers: Hypers) -> Gaussian:
+    def gaussian(self, outputs: Float[Array, "*batch d"], params: Params, hypers: Hypers) -> Gaussian:
         """N(c + h · outputs, diag (h σ)²) with log σ = max(log_std, log_std_min).
 
         c and h are 0 and 1 in the environment's units, the box's center and half-width in the box's.
@@ -112,3 +113,14 @@ class GaussianPolicy:
         if isinstance(scale, float):
             return Gaussian(outputs, log_std, self.low, self.high)
         return Gaussian(shift + scale * outputs, log_std + jnp.log(scale), self.low, self.high)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class GaussianPolicy(GaussianHead):
+    """A Gaussian, whose actions the environment clips."""
+
+    label: ClassVar[str] = "Gaussian"
+
+    def distribution(self, outputs: Float[Array, "*batch d"], params: Params, hypers: Hypers) -> Gaussian:
+        """The Gaussian itself."""
+        return self.gaussian(outputs, params, hypers)

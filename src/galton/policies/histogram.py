@@ -169,4 +169,8 @@ class HistogramPolicy:
     def distribution(self, outputs: Float[Array, "*batch dk"], params: Params, hypers: Hypers) -> Histogram:
         """Softmax policies with these logits."""
         del params, hypers
-        return Histogram(self.bins, outputs.reshape(*outputs.shape[:-1], *self.bins.centers.shape), self.choices)
+        return Histogram(self.bins, self.by_dimension(outputs), self.choices)
+
+    def by_dimension(self, outputs: Float[Array, "*batch dk"]) -> Float[Array, "*batch d k"]:
+        """The network's outputs with an axis for the action dimensions and one for the bins."""
+        return outputs.reshape(*outputs.shape[:-1], *self.bins.centers.shape)

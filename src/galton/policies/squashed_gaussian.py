@@ -7,11 +7,12 @@ from typing import ClassVar
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Key
+from jaxtyping import Array, Bool, Float
 
-from galton.policies.base import Family, Marginal, near_edge
+from galton.policies.base import near_edge
+from galton.policies.gaussian import GaussianHead
 from galton.policies.tails import LEAST, LOG_SQRT_2PI, log_tail
-from galton.types import Config, Hypers, Params
+from galton.types import Hypers, Params
 
 _Z = np.linspace(-6.0, 6.0, 33)
 _P = np.exp(-0.5 * _Z**2) / np.exp(-0.5 * _Z**2).sum()
@@ -99,44 +100,13 @@ def log_slope(u: Float[Array, "*batch"]) -> Float[Array, "*batch"]:
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class SquashedGaussianPolicy:
+class SquashedGaussianPolicy(GaussianHead):
     """The network gives the mean of u, whose log σ is a parameter of its own; the action is tanh(u) in the box.
 
     Its units are always the box's: at u = 0 the action moves by half-widths of the box as u moves.
     """
 
-    low: Float[np.ndarray, " d"]
-    high: Float[np.ndarray, " d"]
-
-    family: ClassVar[Family] = "density"
     label: ClassVar[str] = "squashed Gaussian"
-
-    @classmethod
-    def create(
-        cls, config: Config, low: Float[np.ndarray, " d"], high: Float[np.ndarray, " d"]
-    ) -> "SquashedGaussianPolicy":
-        """The policy for actions in the box [low, high]; the configuration has no part in it."""
-        del config
-        return cls(low, high)
-
-    @property
-    def n_outputs(self) -> int:
-        """One mean per action dimension."""
-        return len(self.low)
-
-    def init(self, hypers: Hypers) -> tuple[Float[Array, " d"], Params]:
-        """Mean 0, the center of the box, and σ = exp(log_std_init)."""
-        zeros = jnp.zeros(self.n_outputs)
-        return zeros, {"log_std": zeros + hypers.log_std_init}
-
-    @property
-    def noise_marginals(self) -> Marginal:
-        """How the noise is distributed: standard normal."""
-        return "normal"
-
-    def noise(self, key: Key[Array, ""], shape: tuple[int, ...]) -> Float[Array, "*batch d"]:
-        """Standard normal numbers, one per action dimension."""
-        return jax.random.normal(key, (*shape, self.n_outputs))
 
     def distribution(self, outputs: Float[Array, "*batch d"], params: Params, hypers: Hypers) -> SquashedGaussian:
         """The tanh of N(outputs, diag σ²) with log σ = max(log_std, log_std_min)."""

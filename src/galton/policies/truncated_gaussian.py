@@ -5,13 +5,12 @@ from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Bool, Float, Key
 
-from galton.policies.base import Family, Marginal, near_edge
-from galton.policies.gaussian import Gaussian, GaussianPolicy
+from galton.policies.base import Marginal, near_edge
+from galton.policies.gaussian import Gaussian, GaussianHead
 from galton.policies.tails import LEAST, Inside, inside, quantile
-from galton.types import Config, Hypers, Params
+from galton.types import Hypers, Params
 
 
 @dataclasses.dataclass(frozen=True)
@@ -74,29 +73,10 @@ class TruncatedGaussian:
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class TruncatedGaussianPolicy:
+class TruncatedGaussianPolicy(GaussianHead):
     """A Gaussian given that the action is inside the box. Mean, σ and their units are the Gaussian policy's."""
 
-    gaussian: GaussianPolicy
-
-    family: ClassVar[Family] = "density"
     label: ClassVar[str] = "truncated Gaussian"
-
-    @classmethod
-    def create(
-        cls, config: Config, low: Float[np.ndarray, " d"], high: Float[np.ndarray, " d"]
-    ) -> "TruncatedGaussianPolicy":
-        """The policy for actions in the box [low, high]; the configuration has no part in it."""
-        return cls(GaussianPolicy.create(config, low, high))
-
-    @property
-    def n_outputs(self) -> int:
-        """One mean per action dimension."""
-        return self.gaussian.n_outputs
-
-    def init(self, hypers: Hypers) -> tuple[Float[Array, " d"], Params]:
-        """As the Gaussian policy starts, before it is cut off."""
-        return self.gaussian.init(hypers)
 
     @property
     def noise_marginals(self) -> Marginal:
@@ -108,5 +88,5 @@ class TruncatedGaussianPolicy:
         return jax.random.uniform(key, (*shape, self.n_outputs))
 
     def distribution(self, outputs: Float[Array, "*batch d"], params: Params, hypers: Hypers) -> TruncatedGaussian:
-        """The Gaussian policy's distribution, cut off."""
-        return TruncatedGaussian(self.gaussian.distribution(outputs, params, hypers))
+        """The Gaussian, cut off."""
+        return TruncatedGaussian(self.gaussian(outputs, params, hypers))
