@@ -1,6 +1,7 @@
 """Shapes and types are checked at every call of every galton function; and no process keeps too many programs."""
 
 import functools
+import signal
 
 import hypothesis
 import pytest
@@ -14,6 +15,7 @@ from galton.training.programs import make_room  # noqa: E402
 from .trust import FOLDER, note  # noqa: E402
 
 galton.use_all_cores()
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background job ignores it
 hypothesis.settings.register_profile("galton", deadline=None)  # a busy machine is no failure
 hypothesis.settings.load_profile("galton")
 
