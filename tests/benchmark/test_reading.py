@@ -38,6 +38,7 @@ WRONG = [
     ({"methods__ppo__fixed__algorithm": ["ppo"]}, "methods.ppo has algorithm .*; it must be a name"),
     ({"methods__bins__search__learning_rate": {"uniform": [1, 2]}}, "methods.bins.search has learning_rate, and so"),
     ({"methods__bins__search__n_bins": {"choice": [1, 2]}}, "methods.bins.search has n_bins, and so has prior or"),
+    ({"budget__settings": 50_000}, "budget.settings times the number of methods is 150,000; draw 100,000 settings at"),
     ({"tasks": {}}, r"tasks is missing; add a \[tasks.NAME\] table for each"),
     ({"tasks__bandit": None, "tasks__noisy": None}, r"tasks has none to tune on; add a \[tasks.NAME\] table without"),
     ({"tasks__bandit__env": "bandid"}, "tasks.bandit: environment is 'bandid'"),
@@ -92,7 +93,7 @@ def test_the_file_is_named(tmp_path):
     file.write_text(TEXT.replace('env = "bandit"', "env = 2026-11-23"))
     with pytest.raises(UsageError, match="it holds a date or a time"):
         read(file)
-    for text in ("[budget", "\0"):
+    for text in ("[budget", "\0", "x = " + "[" * 2000, "x = " + "1" * 5000):
         file.write_text(text)
         with pytest.raises(UsageError, match="which can't be read as TOML"):
             read(file)

@@ -10,6 +10,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
+from galton.benchmark.draws import draws, setting
+from galton.benchmark.reading import read
 from galton.cli._metrics import known, points
 from galton.deploy.card import card
 from galton.envs.registry import read_constants
@@ -28,6 +30,7 @@ from .guard import FindingError, reading_only
 
 HERE = Path(__file__).parent
 GOLDEN = HERE.parent / "golden" / "v1"
+EXAMPLES = HERE.parents[1] / "examples"
 ERRORS = (CheckpointError, UsageError)
 """The errors that readers of files have; NewerVersionError is a UsageError."""
 
@@ -104,6 +107,15 @@ def _grid(folder: Path) -> None:
     assert len({setting.name for setting in settings}) == len(settings) > 0
 
 
+def _benchmark(folder: Path) -> None:
+    protocol = read(folder / "benchmark.toml")
+    drawn = draws(protocol)
+    for method in protocol.methods:
+        assert len(drawn[method.name]) == protocol.budget.settings >= 1
+        for task in protocol.tasks:
+            assert setting(protocol, method, drawn[method.name][0], task, fresh=True).name
+
+
 @functools.cache
 def _carded() -> Model:
     return Model.load(GOLDEN / "run" / "model.safetensors")
@@ -134,6 +146,7 @@ TARGETS = {
         _summary, _file(f"{reproduce.DATA}/bandit.parquet"), ("results/data/*.parquet",), changes.table
     ),
     "grids": Target(_grid, _file("grid.toml"), ("grid.toml",), changes.text),
+    "benchmarks": Target(_benchmark, _file("benchmark.toml"), (), changes.text),
     "runs": Target(_run, _place_run, (), changes.documents),
 }
 """The readers by the name of what they read."""
@@ -142,6 +155,8 @@ TARGETS = {
 def seeds(name: str) -> list[bytes]:
     """Valid files of a target, and what was found with it, oldest first."""
     golden = [path.read_bytes() for pattern in TARGETS[name].seeds for path in sorted(GOLDEN.glob(pattern))]
+    if name == "benchmarks":
+        golden = [(EXAMPLES / "benchmark.toml").read_bytes()]
     if name == "runs":
         settings = re.sub(rb"\s*\n\s*", b"", (GOLDEN / "run" / CONFIG).read_bytes())
         golden = [settings + b"\n" + (GOLDEN / "run" / "metrics.jsonl").read_bytes()]

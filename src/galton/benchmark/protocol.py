@@ -10,6 +10,7 @@ from galton.algorithms import ALGORITHMS, find_algorithm
 from galton.benchmark.priors import Prior, Priors, Record
 from galton.errors import UsageError, require
 from galton.fields import Within
+from galton.sweep.grid import MOST_SETTINGS
 from galton.sweep.study import DEFAULTS, Natural
 from galton.types import Count
 
@@ -137,6 +138,9 @@ def check(protocol: Protocol) -> None:
     """Raise UsageError for parts of a file that don't go together."""
     require(len(protocol.methods) > 1, "methods has fewer than two; add a [methods.NAME] table for each")
     require(bool(protocol.tuning), "tasks has none to tune on; add a [tasks.NAME] table without held_out = true")
+    n = len(protocol.methods) * protocol.budget.settings
+    most = f"draw {MOST_SETTINGS:,} settings at most in all"
+    require(n <= MOST_SETTINGS, f"budget.settings times the number of methods is {n:,}; {most}")
     for field in protocol.prior:
         require(field not in protocol.fixed, f"fixed has {field}, and so has prior; leave it in one of them")
         free = any(field not in method.fixed for method in protocol.methods)

@@ -43,7 +43,7 @@ def load(path: Path, before: Collection[Path] = ()) -> dict[str, Any]:
     """
     try:
         record = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise UsageError(f"file is {str(path)!r}, which can't be read as TOML: {error}") from None
     if "extends" not in record:
         return record
