@@ -114,7 +114,7 @@ class _Classifier(Critic):
         require(
             fits,
             f"critic is {config.critic!r}, whose bins go from value_min = {usual['value_min']:g} to value_max = "
-            f"{usual['value_max']:g}: that fits normalised rewards; set normalize_reward=True, or value_min and "
+            f"{usual['value_max']:g}, which fits normalised rewards; set normalize_reward, or value_min and "
             "value_max to the least and greatest discounted return of your task",
         )
 
