@@ -347,7 +347,13 @@ def test_compare_writes_table_figure_and_numbers(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("number", "delay"), [(signal.SIGINT, 0.5), (signal.SIGINT, 3), (signal.SIGINT, 10), (signal.SIGTERM, 2)]
+    ("number", "delay"),
+    [
+        (signal.SIGINT, 0.5),
+        pytest.param(signal.SIGINT, 3, marks=pytest.mark.slow),
+        pytest.param(signal.SIGINT, 10, marks=pytest.mark.slow),
+        (signal.SIGTERM, 2),
+    ],
 )
 def test_an_interrupt_leaves_nothing_half_written(number, delay, tmp_path):
     """While it compiles, and while it trains."""

@@ -34,7 +34,7 @@ def fits(policy, loss, algorithm):
     return True
 
 
-FIRST = ("gaussian", "histogram", "ordinal")
+FIRST = ("gaussian", "histogram")
 """The policies that are tried with everything without being slow; of the others, one combination of some is."""
 
 
@@ -43,8 +43,8 @@ def marked(combinations):
 
 
 def quick(policy, loss, algorithm):
-    one = (policy, loss, algorithm) == ("smoothed", "hl-one-hot", "ppo")
-    return policy in FIRST or one or (policy in ("beta", "truncated-gaussian", "rpo") and algorithm == "ppo")
+    one = (policy, loss) in (("ordinal", "hl-gauss-centred"), ("smoothed", "hl-one-hot"))
+    return policy in FIRST or (algorithm == "ppo" and (one or policy in ("beta", "truncated-gaussian", "rpo")))
 
 
 FITTING = [names for names in ALL if fits(*names)]

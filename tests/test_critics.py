@@ -94,7 +94,7 @@ def test_a_return_outside_is_the_nearest_centers(name):
 
 
 @pytest.mark.parametrize("name", CRITICS)
-@pytest.mark.parametrize("algorithm", [A2C, PPO])
+@pytest.mark.parametrize("algorithm", [A2C, pytest.param(PPO, marks=pytest.mark.slow)])
 def test_saved_and_loaded(name, algorithm, tmp_path):
     steps = {"n_steps": 8, "batch_size": 8} if algorithm is PPO else {}
     model = algorithm("lqr", critic=name, normalize_reward=True, net_arch=(8,), **steps).learn(64)
@@ -114,7 +114,7 @@ BOX = np.array([-1.0]), np.array([1.0])
     ("fields", "numbers", "words"),
     [
         ({"critic": "hl_gauss"}, {}, ["critic is 'hl_gauss'", "did you mean hl-gauss?"]),
-        ({"critic": "hl-gauss"}, {}, ["normalize_reward=True", "value_min"]),
+        ({"critic": "hl-gauss"}, {}, ["set normalize_reward, or value_min"]),
         ({"critic": "two-hot"}, {"value_min": 2.0, "value_max": 1.0}, ["value_min is 2.0", "value_max 1.0"]),
         ({"critic": "two-hot", "normalize_reward": True}, {"value_eta": 1.0}, ["value_eta is 1.0", "'hl-gauss'"]),
         ({"n_value_bins": 51}, {}, ["n_value_bins is 51", "critic 'hl-gauss'", "not 'squared-error'"]),

@@ -54,8 +54,10 @@ def test_the_example_of_a_benchmark_is_trained_and_told(tmp_path):
     assert (folder / "report.json").read_bytes() == before
 
 
+QUICK = ("README", "index", "quickstart", "own_environment")
+"""The documents whose Python is run without being slow: what a new user tries first."""
 BLOCKS = [
-    pytest.param(i, block, id=f"{name}-{n}")
+    pytest.param(i, block, id=f"{name}-{n}", marks=[pytest.mark.slow] * (name not in QUICK))
     for i, (name, n, block) in enumerate(
         (path.stem, n, block)
         for path in [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
@@ -85,13 +87,11 @@ for folder, block in json.load(sys.stdin):
 
 
 @pytest.fixture(scope="module")
-def folders(tmp_path_factory):
-    """Where each of BLOCKS has run, in a process of its own; all of them begin where Galton has been imported once."""
-    made = [tmp_path_factory.mktemp("block") for _ in BLOCKS]
-    jobs = [
-        (str(folder), block.values[1].replace("learn(1_000_000", "learn(4_096"))
-        for folder, block in zip(made, BLOCKS, strict=True)
-    ]
+def folders(tmp_path_factory, request):
+    """Where each chosen one of BLOCKS has run, in a process of its own, all from where Galton was imported once."""
+    calls = [item.callspec.params for item in request.session.items if "folders" in item.fixturenames]
+    made = {call["index"]: tmp_path_factory.mktemp("block") for call in calls}
+    jobs = [(str(made[call["index"]]), call["block"].replace("learn(1_000_000", "learn(4_096")) for call in calls]
     subprocess.run([sys.executable, "-c", RUN], input=json.dumps(jobs), text=True, timeout=900, check=True)
     return made
 

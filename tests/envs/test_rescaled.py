@@ -38,6 +38,7 @@ def test_a_softmax_policy_learns_the_same_to_the_bit_at_any_scale_of_the_box(env
     assert same(trained(env, 1, loss), trained(env, scale, loss))
 
 
+@pytest.mark.slow
 def test_a_gaussian_notices_the_scale_unless_its_units_are_the_boxs():
     usual = trained("lqr", 1, "gaussian")
     assert not same(usual, trained("lqr", 8.0, "gaussian"))

@@ -226,6 +226,7 @@ def turned(table, keep, sign):
     return table.take(np.argsort(-table.column("setting").to_numpy(), kind="stable"))
 
 
+@pytest.mark.slow
 def test_other_losses_and_another_order_turn_nothing(tables, trained, sweeps):
     edits = [(AGAIN, moved, of(CENTRED), 1), (AGAIN, turned, of(()), 0), (WHOLE, turned, of(()), 0)]
     changed_trained, changed_sweeps = both_paths(trained, sweeps, changed(tables, edits))
@@ -263,6 +264,7 @@ def lost(table, keep, sign):
     return table
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("losses", [GAUSSIAN, CLASSIFIED])
 def test_runs_that_diverge_are_the_worst_of_all_by_both_paths(losses, tables, trained, sweeps):
     edits = [(AGAIN, lost, of(losses), 0), (WHOLE, lost, of(losses, learning_rate=max), 0)]

@@ -28,10 +28,10 @@ CLOSE = {"rtol": 1e-4, "atol": 1e-5}
 NORMALIZE = {"normalize_observation": True, "normalize_reward": True}
 CASES = [
     ("a2c", "gaussian", NORMALIZE),
-    ("a2c", "hl-gauss", {}),
-    ("ppo", "gaussian", {}),
+    pytest.param("a2c", "hl-gauss", {}, marks=pytest.mark.slow),
+    pytest.param("ppo", "gaussian", {}, marks=pytest.mark.slow),
     ("ppo", "hl-gauss-centred", NORMALIZE),
-    ("a2c", "gaussian", {"noise_correlation": 0.8}),
+    pytest.param("a2c", "gaussian", {"noise_correlation": 0.8}, marks=pytest.mark.slow),
     ("ppo", "hl-gauss", {"noise_correlation": 0.8}),
 ]
 
