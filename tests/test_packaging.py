@@ -71,6 +71,16 @@ def test_the_versions_of_python_that_were_tried_are_those_named():
     assert PROJECT["requires-python"] == f">={named[0]}"
 
 
+def test_the_lowest_versions_that_were_tried_are_those_declared():
+    tried = {name_of(name): version for name, version in found("lowest")["declared"].items()}
+    lines = [*PROJECT["dependencies"], *(line for name in USERS for line in PROJECT["optional-dependencies"][name])]
+    declared = {name_of(line): re.search(r">=([\d.]+)", line)[1] for line in lines if not line.startswith("galton[")}
+    assert tried == declared
+    installed = found("lowest")["installed"]
+    for name, version in declared.items():
+        assert numbers(installed[name])[: len(numbers(version))] == numbers(version), name
+
+
 def test_the_table_of_extras_says_what_was_measured():
     sizes = {name: one["megabytes"] for name, one in found("package")["environments"].items()}
     page = (ROOT / "docs" / "install.md").read_text()

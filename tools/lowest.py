@@ -22,7 +22,6 @@ TESTS = (
     "test_targets.py",
     "test_losses.py",
     "test_returns.py",
-    "test_normalization.py",
     "test_theory.py",
 )
 """The tests of what computes, which need no other library to compare with."""

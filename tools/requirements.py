@@ -24,8 +24,8 @@ def lowest(extras: tuple[str, ...] = USERS) -> dict[str, str]:
     for line in [*PROJECT["dependencies"], *lines]:
         if line.startswith("galton["):
             continue
-        said = re.fullmatch(r"([\w.-]+)(?:>=|==)([\d.]+)(?:,<[\d.]+)?", line)
+        said = re.fullmatch(r"([\w.-]+)(?:>=|==)([\d.]+)(?:,<[\d.]+)?(?:; .*)?", line)
         if said is None:
-            raise ValueError(f"{line!r} is no name>=lowest or name>=lowest,<next")
+            raise ValueError(f"{line!r} is no name>=lowest or name>=lowest,<next, with a marker behind it or none")
         found[said[1]] = said[2]
     return found

@@ -4,7 +4,7 @@ import functools
 import gc
 from collections.abc import Callable
 from pathlib import Path
-from typing import ParamSpec, TypeVar
+from typing import ParamSpec, TypeVar, cast
 
 import jax
 
@@ -16,7 +16,7 @@ _KEPT: list[Callable[[], None]] = []
 """What empties each cache of programs."""
 
 
-def kept(make: Callable[P, T]) -> "functools._lru_cache_wrapper[T]":
+def kept(make: Callable[P, T]) -> Callable[P, T]:
     """Keep what a function compiles for each of its arguments; room is made before it compiles something new."""
 
     @functools.wraps(make)
@@ -26,7 +26,7 @@ def kept(make: Callable[P, T]) -> "functools._lru_cache_wrapper[T]":
 
     cached = functools.lru_cache(maxsize=64)(with_room)
     _KEPT.append(cached.cache_clear)
-    return cached
+    return cast("Callable[P, T]", cached)
 
 
 def make_room(share: float = 0.5) -> None:
