@@ -1,6 +1,8 @@
 """What is handed over as an environment and is none, or is a record that lacks something."""
 
 import dataclasses
+import importlib.util
+import subprocess
 import sys
 import tomllib
 
@@ -140,6 +142,15 @@ def test_what_needs_box2d_says_how_to_install_it_where_it_is_missing(monkeypatch
     for name, kwargs in (("LunarLander-v3", {"continuous": True}), ("LunarLanderContinuous-v3", {})):
         with pytest.raises(UsageError, match=rf"^environment '{name}' needs Box2D: pip install 'galton\[box2d\]'$"):
             find(name, **kwargs)
+
+
+def test_box2d_is_imported_where_warnings_are_errors():
+    """In a process of its own: Box2D's warning of itself, as an error, ends the process."""
+    if importlib.util.find_spec("Box2D") is None:
+        pytest.skip("Box2D is not installed")
+    code = "from galton.envs.find import find; print(find('LunarLander-v3', continuous=True).observation_space)"
+    done = subprocess.run([sys.executable, "-W", "error", "-c", code], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
 
 
 IN_TOML = """

@@ -4,6 +4,7 @@
 """
 
 import contextlib
+import warnings
 from collections.abc import Callable, Iterator
 from typing import Any, TypeVar
 
@@ -32,7 +33,9 @@ def blame(where: str) -> Iterator[None]:
 def try_to_make(name: str, make: Callable[[], Made]) -> Made:
     """What `make` makes of an environment of that name; a UsageError says why it can't."""
     try:
-        with mujoco_warns():
+        with mujoco_warns(), warnings.catch_warnings():
+            # Box2D warns of itself while it is imported, and ends the process where warnings are errors.
+            warnings.filterwarnings("ignore", "builtin type", DeprecationWarning)
             return make()
     except FAULTS as error:
         raise UsageError(f"environment is {name!r}, which can't be made: {told(error)}") from error
