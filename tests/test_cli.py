@@ -232,7 +232,7 @@ def test_a_resumed_run_equals_one_without_a_break(tmp_path):
 
 def test_an_interrupted_run_is_saved_and_goes_on(tmp_path):
     out = tmp_path / "run"
-    command = [GALTON, "train", "lqr", "--n-bins", "10", "--eval-episodes", "0", "--out", out]
+    command = [GALTON, "train", "lqr", "--n-bins", "10", "--eval-episodes", "0", "--logs", "10000", "--out", out]
     process = subprocess.Popen([*command, "--steps", "100000000"], stderr=subprocess.PIPE, stdout=subprocess.DEVNULL)
     deadline = time.monotonic() + 120
     while not (out / "metrics.jsonl").exists() and time.monotonic() < deadline:
@@ -276,6 +276,7 @@ def content(folder):
     return {path.name: path.read_bytes() for path in folder.iterdir()}
 
 
+@pytest.mark.slow
 def test_an_earlier_run_stays_until_the_first_log_point_of_the_new_one(tmp_path):
     (tmp_path / "failing.py").write_text(FAILING)
     out = tmp_path / "run"

@@ -10,9 +10,8 @@ FIRST, SECOND = ({"PYTHONHASHSEED": seed} for seed in "01")
 RUN = "A run with the same seed and settings gives the same bits"
 
 
-@pytest.mark.parametrize(
-    "case", [pytest.param(case, marks=[] if case == "bandit" else pytest.mark.slow) for case in CASES]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("case", CASES)
 def test_another_process_on_one_core_gives_the_same_bits(case, tmp_path, trust):
     if case == "mujoco":
         pytest.importorskip("mujoco")

@@ -21,7 +21,7 @@ FITTING = [
     for policy, kind in POLICIES.items()
     if entry.family in ("density", kind.family)
 ]
-FIRST = ("gaussian", "histogram", "ordinal")
+FIRST = ("gaussian", "histogram")
 
 
 def marked(pairs):

@@ -41,7 +41,7 @@ FIRST = ("gaussian", "histogram")
 
 def quick(policy, way, algorithm, normalize):
     one = policy in ("beta", "squashed-gaussian", "smoothed", "ordinal") and way in (1.0, "mean")
-    return (algorithm == "a2c") == normalize and (policy in FIRST or (one and normalize))
+    return (algorithm, normalize) == (("ppo", False) if policy in FIRST else ("a2c", True)) and (policy in FIRST or one)
 
 
 def marked(cases):

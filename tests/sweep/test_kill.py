@@ -176,6 +176,7 @@ def test_a_second_sweep_on_the_folder_is_refused_at_once(tmp_path, grid, program
     first.communicate()
 
 
+@pytest.mark.slow
 def test_status_shard_results_and_rerun(tmp_path, grid, programs, reference):
     out = tmp_path / "out"
     assert "16 runs in 8 shards" in finish(out, grid, programs, "--plan-only")

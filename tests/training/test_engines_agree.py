@@ -32,7 +32,7 @@ CASES = [
     pytest.param("ppo", "gaussian", {}, marks=pytest.mark.slow),
     ("ppo", "hl-gauss-centred", NORMALIZE),
     pytest.param("a2c", "gaussian", {"noise_correlation": 0.8}, marks=pytest.mark.slow),
-    ("ppo", "hl-gauss", {"noise_correlation": 0.8}),
+    pytest.param("ppo", "hl-gauss", {"noise_correlation": 0.8}, marks=pytest.mark.slow),
 ]
 
 
