@@ -87,7 +87,7 @@ def _returns(model: Model, settings: Mapping[str, Any], points: Sequence[Point])
     if not evaluated:
         return ["The run was not evaluated, so what the policy returns without exploration is not known."]
     n = settings.get("eval_episodes")
-    n = n if type(n) is int and n > 0 else 0
+    n = n if type(n) is int and 0 < n < 2**31 else 0  # more are no episodes
     best = max(evaluated, key=lambda point: point[MEAN])
     own = [point for point in evaluated if point[STEP] == model.num_timesteps][-1:]
     known = {"This policy": own[0]} if own else {"The last of its run": evaluated[-1]}
