@@ -105,6 +105,19 @@ def test_with_narrow_targets_every_histogram_loss_is_ppo_on_hl_one_hot(ratio, po
         check_equal(wide, expected, 1e-2)
 
 
+@pytest.mark.parametrize("advantage", [-2.0, 0.0, 0.5])
+@pytest.mark.parametrize("clip_range", [0.1, 0.3])
+def test_the_gate_is_the_slope_of_the_clipped_surrogate_on_each_side_of_its_bounds(clip_range, advantage):
+    bounds = jnp.array([1 - clip_range, 1 + clip_range])
+    ratio = jnp.concatenate([jnp.array([0.01, 1.0, 5.0]), bounds - 1e-9, bounds + 1e-9])
+
+    def clipped_surrogate(ratio):
+        return jnp.minimum(ratio * advantage, jnp.clip(ratio, *bounds) * advantage)
+
+    slope = jax.vmap(jax.grad(clipped_surrogate))(ratio)  # ∇ r is r ∇ log π
+    np.testing.assert_array_equal(advantage * ppo.gated(ratio, jnp.full(7, advantage), clip_range), ratio * slope)
+
+
 @pytest.mark.parametrize("ratio", ["smoothed", "true"])
 @pytest.mark.parametrize(("policy", "loss"), marked(LIKELIHOODS))
 def test_the_gated_weights_gradient_is_that_of_ppos_clipped_surrogate(policy, loss, ratio):
