@@ -132,6 +132,8 @@ def test_another_plan_is_refused_and_an_extension_adds(tmp_path):
     assert sorted(recorder.before) == list(range(before.n_shards))
     assert sorted(recorder.now) == list(range(before.n_shards, plan.n_shards))
     assert table.num_rows == 20
+    runs = list(zip(table["setting"].to_pylist(), table["trial"].to_pylist(), strict=True))
+    assert runs == sorted(runs)
 
 
 def test_a_shard_that_fails_ends_the_sweep_and_keeps_the_others(tmp_path, monkeypatch):
@@ -266,11 +268,16 @@ def test_a_setting_with_a_diverged_or_missing_trial_does_not_win(reference):
     plan = Plan.load(store)
     table = results.collect(store, plan)
     finals = table.column("final_training_return").to_numpy().copy()
-    finals[:3] = [1e3, 1e3, np.nan]
     place = table.column_names.index("final_training_return")
-    spoilt = table.set_column(place, "final_training_return", [finals])
-    assert results.best_settings(plan.study, spoilt)["gaussian"].setting == SETTINGS[1]
-    assert results.best_settings(plan.study, table.slice(1))["gaussian"].setting == SETTINGS[1]
+
+    def winner(first, begin=0):
+        finals[:3] = first
+        changed = table.set_column(place, "final_training_return", [finals])
+        return results.best_settings(plan.study, changed.slice(begin))["gaussian"].setting
+
+    assert winner([1e3, 1e3, 1e3]) == SETTINGS[0]
+    assert winner([1e3, 1e3, np.nan]) == SETTINGS[1]
+    assert winner([1e3, 1e3, 1e3], begin=1) == SETTINGS[1]
 
 
 def test_a_rerun_has_the_winners_and_none_of_the_seeds(reference):
