@@ -39,11 +39,12 @@ TARGETS ?=
 fuzz: $(VENV)/installed-dev  ## Readers of files under strange ones, SECONDS for each of TARGETS; what is found lies in runs/fuzz.
 	$(BIN)/python -m tests.fuzz --seconds $(SECONDS) --folder runs/fuzz $(TARGETS)
 
-# About an hour on two cores. With TESTS=tests/test_resume.py only what that file measures.
+# About two hours on two cores. With TESTS=tests/test_resume.py only what that file measures.
 trust: $(VENV)/browser  ## Measure every promise of docs/trust.md again: results/trust and the page.
 	rm -rf build/trust
 	GALTON_TRUST=build/trust $(BIN)/python -m pytest -n auto $(TESTS)
-	$(if $(TESTS),,$(MAKE) mutants coverage)
+	$(if $(TESTS),,$(MAKE) mutants coverage package lowest matrix)
+	$(if $(TESTS),,$(BIN)/python benchmarks/starting.py)
 	$(BIN)/python -m tests.trust build/trust
 
 # With AREAS="losses plan" only those of tests/mutants.

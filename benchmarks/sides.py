@@ -1,5 +1,6 @@
 """What the benchmarks measure, each in processes of its own, and how they keep what they found."""
 
+import datetime
 import json
 import subprocess
 import time
@@ -118,6 +119,8 @@ class Script:
 
 def write(path, packages, **found):
     """A benchmark's numbers with the machine and the versions that they were taken on."""
-    record = {"cores": n_cores(), "machine": provenance.processor(), "versions": provenance.versions(*packages)}
+    today = datetime.datetime.now(datetime.UTC).date().isoformat()
+    record = {"measured": today, "cores": n_cores(), "machine": provenance.processor()}
+    record["versions"] = provenance.versions(*packages)
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(json.dumps(record | found, indent=2) + "\n")

@@ -5,7 +5,7 @@ import json
 
 import pytest
 
-from .trust import PAGE, RECORDS, ROOT, TOPICS, Record, check, gather, load, note, number, page, table
+from .trust import PAGE, RECORDS, ROOT, TOPICS, Record, check, gather, load, note, number, outside, page, table
 
 RECORD = Record("It holds.", "work", 50, "kills", "tests/test_a.py::test_b", "make", "2026-01-01", "1", at_least=50)
 
@@ -16,6 +16,7 @@ def test_a_record_is_complete_and_its_test_exists(name):
     check(name, record)
     path, _, function = record.test.partition("::")
     assert (ROOT / path).is_file(), f"{name} names {path}"
+    assert path.startswith("tests/") or record == outside()[name], "python -m tests.trust"
     if function:
         functions = {node.name for node in ast.walk(ast.parse((ROOT / path).read_text())) if hasattr(node, "name")}
         assert function in functions, f"{path} has no {function}"

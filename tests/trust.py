@@ -2,7 +2,8 @@
 
 A test that holds a promise takes the fixture `trust` and calls it in the end with the figure that it found. Where
 GALTON_TRUST names a folder, only such tests run, and each call leaves a file there; otherwise nothing is written.
-`python -m tests.trust FOLDER` then makes the records in results/trust of them, and the table of all records.
+`python -m tests.trust FOLDER` then makes the records in results/trust of them and of what `make package`, `make
+lowest`, `make matrix` and `benchmarks/starting.py` found, and the table of all records.
 """
 
 import datetime
@@ -21,7 +22,8 @@ from galton.saving import files
 from galton.saving.provenance import version
 
 ROOT = Path(__file__).parents[1]
-RECORDS, PAGE = ROOT / "results" / "trust", ROOT / "docs" / "trust.md"
+RESULTS = ROOT / "results"
+RECORDS, PAGE = RESULTS / "trust", ROOT / "docs" / "trust.md"
 FOLDER = os.environ.get("GALTON_TRUST") and Path(os.environ["GALTON_TRUST"]).absolute()
 TOPICS = {
     "numbers": "The numbers are right",
@@ -140,6 +142,56 @@ def gather(folder: Path) -> dict[str, Record]:
     return records
 
 
+def outside() -> dict[str, Record]:
+    """The records by name of what is measured outside the tests: the wheel far from here, and a command's start."""
+    package, lowest, matrix, starting = (
+        json.loads((RESULTS / f"{name}.json").read_text())
+        for name in ("packaging/package", "packaging/lowest", "packaging/matrix", "benchmarks/starting")
+    )
+
+    def record(promise: str, figure: float, unit: str, file: str, command: str, of: dict[str, Any], **bound: float):
+        return Record(promise, "starting", figure, unit, file, command, of["measured"], of["version"], **bound)
+
+    versions = starting["versions"]
+    starting["version"] = f"{versions['galton']} ({versions['commit']})"
+    alone, newest = package["environments"], list(matrix.values())[-1]
+    return {
+        "wheel": record(
+            "The wheel works in an empty environment by its core, and with each extra alone; a lacking extra is named.",
+            sum(one["calls"] for one in alone.values()),
+            f"calls as they must be, in {len(alone)} environments",
+            *("tools/package.py", "make package", package),
+            at_least=30,
+        ),
+        "wheel-twice": record(
+            "Two builds give the same wheel and the same source distribution.",
+            *(0, "bytes differ", "tools/package.py", "make package", package),
+            at_most=0,
+        ),
+        "lowest": record(
+            "The wheel works with the lowest version of every library that it declares, all at once.",
+            lowest["calls"],
+            f"calls as they must be with {len(lowest['declared'])} libraries, and {lowest['tests']}",
+            *("tools/lowest.py", "make lowest", lowest),
+            at_least=20,
+        ),
+        "pythons": record(
+            "The wheel works with all its extras under Python 3.11, 3.12 and 3.13.",
+            len(matrix),
+            f"versions, each with {newest['calls']} calls as they must be",
+            *("tools/matrix.py", "make matrix", newest),
+            at_least=3,
+        ),
+        "starting": record(
+            "`galton compare` soon shows its first numbers when it is started a second time.",
+            starting["again_median"]["first"],
+            f"seconds, the median of {len(starting['again'])} starts on {starting['cores']} cores",
+            *("benchmarks/starting.py", "python benchmarks/starting.py", starting),
+            at_most=5,
+        ),
+    }
+
+
 def load(folder: Path = RECORDS) -> dict[str, Record]:
     """The records of a folder by name, in order."""
     return {path.stem: Record(**json.loads(path.read_text())) for path in sorted(folder.glob("*.json"))}
@@ -185,8 +237,8 @@ def page(text: str, records: Iterable[Record]) -> str:
 
 def main(*folders: str) -> None:
     """Take over what tests left in folders, and write the page."""
-    for folder in map(Path, folders):
-        for name, record in gather(folder).items():
+    for found in (*(gather(Path(folder)) for folder in folders), outside()):
+        for name, record in found.items():
             write(RECORDS / f"{name}.json", record)
     files.write(PAGE, page(PAGE.read_text(encoding="utf-8"), load().values()).encode())
 

@@ -1,5 +1,7 @@
 """The wheel and the source distribution: built twice, compared, checked and looked into."""
 
+import datetime
+import functools
 import hashlib
 import subprocess
 import sys
@@ -96,6 +98,16 @@ def in_source(source: Path) -> list[str]:
     """What lies at the top of the source distribution."""
     with tarfile.open(source) as archive:
         return sorted({name.split("/")[1] for name in archive.getnames()})
+
+
+def made(wheel: Path) -> dict[str, str]:
+    """The day, and the wheel's version and commit, with a + where the source is not as in that commit."""
+    git = functools.partial(subprocess.run, cwd=ROOT, capture_output=True, text=True)
+    commit = git(["git", "rev-parse", "--short=12", "HEAD"]).stdout.strip()
+    changed = git(["git", "diff", "--quiet", "HEAD", "--", "src", "pyproject.toml"]).returncode
+    today = datetime.datetime.now(datetime.UTC).date()
+    version = wheel.name.split("-")[1]
+    return {"measured": today.isoformat(), "version": f"{version} ({commit}{'+' if changed else ''})"}
 
 
 def digest(file: Path) -> str:

@@ -45,9 +45,8 @@ def main() -> None:
     constraints.write_text("".join(f"{name}=={version}\n" for name, version in declared.items()))
     requirements = [f"{wheel}[{','.join(USERS)}]", *TEST_LIBRARIES]
     environment = Environment.make(folder / "environment", requirements, constraints, python)
-    seconds = check(
-        environment, [*CORE, *(call for extra in USERS for call in SMOKE[extra])], str(folder.with_name("programs"))
-    )
+    calls = [*CORE, *(call for extra in USERS for call in SMOKE[extra])]
+    seconds = check(environment, calls, str(folder.with_name("programs")))
     tests = [str(builds.ROOT / "tests" / name) for name in TESTS]
     lenient = ("-o", "filterwarnings=", "-p", "no:cacheprovider", "-m", "not slow")
     done = environment.run("python", "-m", "pytest", *lenient, *tests)
@@ -58,7 +57,8 @@ def main() -> None:
     told = done.stdout.strip().splitlines()[-1].partition(" in ")[0]
     print(f"Python {options.python} with the lowest versions: {round(seconds)} s of use, and {told}")
     options.out.mkdir(parents=True, exist_ok=True)
-    record = {"python": options.python, "declared": declared, "installed": installed, "tests": told}
+    record = {"python": options.python, "declared": declared, "installed": installed}
+    record |= {"calls": len(calls), "tests": told} | builds.made(wheel)
     (options.out / "lowest.json").write_text(json.dumps(record, indent=1) + "\n")
 
 

@@ -84,6 +84,7 @@ def main() -> None:
         "python": platform.python_version(),
         "wheel": {"sha256": builds.digest(wheel), "bytes": wheel.stat().st_size, "holds": kinds},
         "source bytes": source.stat().st_size,
+        **builds.made(wheel),
     }
     found = try_all(wheel, options.extras, options.out / "package.json", record, folder)
     print(f"{table(found)}\nthe wheel: {wheel}")
