@@ -77,15 +77,22 @@ def test_the_bandit_in_units_of_its_box_is_judged_by_its_own_runs():
     assert not box.text.startswith("0 of")
 
 
+def nudged(summary, name):
+    """The summary whose runs end one bit higher by this number."""
+    finals = np.nextafter(summary.final(name).astype(np.float32), np.float32(9))
+    place = summary.table.column_names.index(f"final_{name}")
+    return dataclasses.replace(summary, table=summary.table.set_column(place, f"final_{name}", pa.array(finals)))
+
+
 def test_runs_are_equal_across_scales_only_if_no_bit_differs():
     trained = made_up.data(lambda name, setting: 1.0, noise=0.0)
     series = rescaling.across(trained, "lqr")
-    assert rescaling.are_equal(series["hl-gauss"])
-    one = series["hl-gauss"][8.0]
-    finals = np.nextafter(one.final("entropy").astype(np.float32), np.float32(9))
-    place = one.table.column_names.index("final_entropy")
-    other = dataclasses.replace(one, table=one.table.set_column(place, "final_entropy", pa.array(finals)))
-    assert not rescaling.are_equal(series["hl-gauss"] | {8.0: other})
+    for name in ("hl-gauss", "gaussian", rescaling.IN_THE_BOX):
+        runs, in_box = series[name], name == rescaling.IN_THE_BOX
+        assert rescaling.are_equal(runs)
+        for column, matters in (("sigma", False), ("entropy", not in_box), ("training_return", True)):
+            assert rescaling.are_equal(runs | {8.0: nudged(runs[8.0], column)}) != matters
+        assert rescaling.are_equal(runs | {1.0: nudged(runs[1.0], "training_return")}) == in_box  # another program's
 
 
 def test_without_the_lowest_rate_the_winners_are_others():

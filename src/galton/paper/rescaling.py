@@ -77,9 +77,15 @@ def across(trained: Trained, task: str) -> dict[str, dict[float, Summary]]:
 
 
 def are_equal(by_scale: Mapping[float, Summary]) -> bool:
-    """Whether all that is kept of the runs is the same to the bit at every scale, but for σ, which is in its units."""
-    first, *others = by_scale.values()
-    names = [name for name in first.table.column_names if name not in ("setting", "final_sigma")]
+    """Whether all that is kept of the runs is the same to the bit at every scale, but for what is in its units.
+
+    That is σ, and for a density its logarithm too, and so its entropy and loss. Where policies act in units of the box
+    runs that don't, which at scale 1 are as good, do not count: another program rounds otherwise.
+    """
+    boxed = [summary for summary in by_scale.values() if summary.study.settings[0].hypers.box_units]
+    first, *others = boxed or by_scale.values()
+    of_density = {"final_entropy", "entropy", "final_policy_loss"} if boxed else set()
+    names = {*first.table.column_names} - {"setting", "final_sigma"} - of_density
     return all(_bits(first.table[name]) == _bits(other.table[name]) for other in others for name in names)
 
 
@@ -105,15 +111,19 @@ def draw(trained: Trained) -> Figure:
             panel.set_xscale("log", base=2)
             panel.set_xlim(SCALES[0] / 1.25, SCALES[-1] * 1.25)
             panel.set_xticks(SCALES, [f"{scale:g}" for scale in SCALES])
-            others = (by_scale for name, by_scale in series.items() if not name.startswith("gaussian"))
-            softmax = [by_scale for by_scale in others if len(by_scale) > 1]
-            equal = sum(map(are_equal, softmax))
-            panel.set_title(f"{heading(task)}\nsoftmax equal to the bit: {equal} of {len(softmax)}", fontsize=9)
+            panel.set_title(f"{heading(task)}\nequal to the bit: {_equal(series)}", fontsize=9)
             panel.set_xlabel("action box times")
             fit_curves(panel, drawn)
         label_rows(axes[row * len(found) : (row + 1) * len(found)], f"{kind} return")
     finish(figure, axes)
     return figure
+
+
+def _equal(series: Mapping[str, Mapping[float, Summary]]) -> str:
+    """Of how many softmax policies, and Gaussians in units of the box, the runs are equal across scales."""
+    equal = {name: are_equal(by_scale) for name, by_scale in series.items() if len(by_scale) > 1 and name != "gaussian"}
+    boxed = equal.pop(IN_THE_BOX, False)
+    return f"softmax {sum(equal.values())} of {len(equal)}, Gaussian in the box's units: {'yes' if boxed else 'no'}"
 
 
 def _final(summary: Summary, kind: str) -> Scores:

@@ -35,13 +35,13 @@ class ClippedGaussian:
 
         An action beyond a bound counts as the bound.
         """
-        mean, log_std = self.gaussian.mean, self.gaussian.log_std
-        low, high = self.gaussian.low, self.gaussian.high
+        gaussian = self.gaussian
+        mean, low, high = gaussian.mean, gaussian.low, gaussian.high
         below, above = action <= low, action >= high
         behind = jnp.where(below, mean - low, jnp.where(above, high - mean, 0.0))
-        tail = log_tail(behind / jnp.exp(log_std)) - jnp.log(0.5 * (high - low))
-        z = jnp.where(below | above, 0.0, action - mean) * jnp.exp(-log_std)
-        density = -0.5 * z**2 - log_std - LOG_SQRT_2PI
+        tail = log_tail(behind / gaussian.sigma) - jnp.log(0.5 * (high - low))
+        z = gaussian.in_sigmas(jnp.where(below | above, 0.0, action - mean))
+        density = -0.5 * z**2 - gaussian.log_sigma - LOG_SQRT_2PI
         return jnp.where(below | above, tail, density).sum(-1)
 
     def entropy(self) -> Float[Array, "*batch"]:
@@ -53,14 +53,14 @@ class ClippedGaussian:
             entropy -= jnp.exp(log_mass) * (log_mass - half)
         for piece in (part.below, part.above):
             squares = part.zeta**2 * piece.mass + 2 * part.zeta * piece.first + piece.second
-            entropy += density * ((gaussian.log_std + LOG_SQRT_2PI) * piece.mass + 0.5 * squares)
+            entropy += density * ((gaussian.log_sigma + LOG_SQRT_2PI) * piece.mass + 0.5 * squares)
         return entropy.sum(-1)
 
     def std(self) -> Float[Array, "*batch d"]:
         """The standard deviation of the clipped action."""
         gaussian, part, density = self._parts()
         ends = gaussian.low - part.edge, gaussian.high - part.edge
-        std, masses = jnp.exp(gaussian.log_std), [jnp.exp(log_mass) for log_mass in self._log_masses()]
+        std, masses = gaussian.sigma, [jnp.exp(log_mass) for log_mass in self._log_masses()]
         first = density * std * (part.above.first - part.below.first)
         second = density * std**2 * (part.above.second + part.below.second)
         for mass, end in zip(masses, ends, strict=True):
@@ -78,12 +78,12 @@ class ClippedGaussian:
     def _parts(self) -> tuple[Gaussian, Inside, Float[Array, "*batch d"]]:
         """The Gaussian, what of it lies inside, and the density at the point that is nearest to the mean, times σ."""
         gaussian = self.gaussian
-        part = inside(gaussian.mean, jnp.exp(gaussian.log_std), gaussian.low, gaussian.high)
+        part = inside(gaussian.mean, gaussian.sigma, gaussian.low, gaussian.high)
         return gaussian, part, jnp.exp(-0.5 * part.zeta**2 - LOG_SQRT_2PI)
 
     def _log_masses(self) -> tuple[Float[Array, "*batch d"], Float[Array, "*batch d"]]:
         """The log-masses of the lower and the upper bound, not below what is 0 in float32."""
-        gaussian, std = self.gaussian, jnp.exp(self.gaussian.log_std)
+        gaussian, std = self.gaussian, self.gaussian.sigma
         low, high = (log_tail(x / std) for x in (gaussian.mean - gaussian.low, -(gaussian.mean - gaussian.high)))
         return jnp.maximum(low, _NOTHING), jnp.maximum(high, _NOTHING)
 

@@ -34,26 +34,43 @@ class Gaussian:
 
     mean: Float[Array, "*batch d"]
     log_std: Float[Array, " d"]
+    """log σ in units of `unit`."""
     low: Float[np.ndarray, " d"]
     high: Float[np.ndarray, " d"]
+    unit: Float[Array, " d"] | float = 1.0
+    """What σ is a multiple of. It is no part of log_std, so that a box twice as large changes no bit but exponents."""
+
+    @property
+    def sigma(self) -> Float[Array, " d"]:
+        """σ in the environment's units."""
+        return jnp.exp(self.log_std) * self.unit
+
+    @property
+    def log_sigma(self) -> Float[Array, " d"]:
+        """The logarithm of σ in the environment's units."""
+        return self.log_std + jnp.log(self.unit)
+
+    def in_sigmas(self, distance: Float[Array, "*batch d"]) -> Float[Array, "*batch d"]:
+        """How many σ a distance is."""
+        return distance / self.unit * jnp.exp(-self.log_std)
 
     def sample(self, noise: Float[Array, "*batch d"]) -> Float[Array, "*batch d"]:
         """The mean plus σ times standard normal noise."""
-        return self.mean + jnp.exp(self.log_std) * noise
+        return self.mean + self.sigma * noise
 
     def log_prob(self, action: Float[Array, "*batch d"]) -> Float[Array, "*batch"]:
         """Σ_l −(a_l − μ_l)² / 2σ_l² − log σ_l − ½ log 2π."""
-        z = (action - self.mean) * jnp.exp(-self.log_std)
-        return (-0.5 * z**2 - self.log_std - 0.5 * math.log(2 * math.pi)).sum(-1)
+        z = self.in_sigmas(action - self.mean)
+        return (-0.5 * z**2 - self.log_sigma - 0.5 * math.log(2 * math.pi)).sum(-1)
 
     def entropy(self) -> Float[Array, "*batch"]:
         """Σ_l log σ_l + ½ log 2πe."""
-        entropy = (self.log_std + 0.5 * math.log(2 * math.pi * math.e)).sum(-1)
+        entropy = (self.log_sigma + 0.5 * math.log(2 * math.pi * math.e)).sum(-1)
         return jnp.broadcast_to(entropy, self.mean.shape[:-1])
 
     def std(self) -> Float[Array, "*batch d"]:
         """The same σ in every state."""
-        return jnp.broadcast_to(jnp.exp(self.log_std), self.mean.shape)
+        return jnp.broadcast_to(self.sigma, self.mean.shape)
 
     def at_edge(self, action: Float[Array, "*batch d"]) -> Bool[Array, "*batch d"]:
         """Which entries the environment clips."""
@@ -112,7 +129,7 @@ class GaussianHead:
         shift, scale = units_of(self.low, self.high, hypers)
         if isinstance(scale, float):
             return Gaussian(outputs, log_std, self.low, self.high)
-        return Gaussian(shift + scale * outputs, log_std + jnp.log(scale), self.low, self.high)
+        return Gaussian(shift + scale * outputs, log_std, self.low, self.high, scale)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

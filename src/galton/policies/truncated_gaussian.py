@@ -42,14 +42,14 @@ class TruncatedGaussian:
         """
         gaussian, std, part = self._parts()
         t = jnp.abs(jnp.clip(action, gaussian.low, gaussian.high) - part.edge) / std
-        return (-part.zeta * t - 0.5 * t**2 - gaussian.log_std - part.log_mass).sum(-1)
+        return (-part.zeta * t - 0.5 * t**2 - gaussian.log_sigma - part.log_mass).sum(-1)
 
     def entropy(self) -> Float[Array, "*batch"]:
         """−E log π(a), whose closed form is computed by quadrature (see `galton.policies.tails`)."""
         gaussian, _, part = self._parts()
         first, second = part.below.first + part.above.first, part.below.second + part.above.second
         share = (part.zeta * first + 0.5 * second) / (part.below.mass + part.above.mass)
-        return (share + gaussian.log_std + part.log_mass).sum(-1)
+        return (share + gaussian.log_sigma + part.log_mass).sum(-1)
 
     def std(self) -> Float[Array, "*batch d"]:
         """The standard deviation of what is left, which is less than σ."""
@@ -68,7 +68,7 @@ class TruncatedGaussian:
         return self.gaussian.deterministic_action()
 
     def _parts(self) -> tuple[Gaussian, Float[Array, " d"], Inside]:
-        gaussian, std = self.gaussian, jnp.exp(self.gaussian.log_std)
+        gaussian, std = self.gaussian, self.gaussian.sigma
         return gaussian, std, inside(gaussian.mean, std, gaussian.low, gaussian.high)
 
 
