@@ -11,11 +11,13 @@ from matplotlib.figure import Figure
 from galton.analysis.bands import mean_band
 from galton.analysis.plots import draw_series, finish, label_rows, look_of, panels
 from galton.analysis.scales import fit_curves
+from galton.analysis.statistics import mean_interval
 from galton.paper.curves import heading
 from galton.paper.measures import Scores, final_return, logged
 from galton.paper.summary import Summary
 from galton.paper.sweeps import AGAIN, MAIN, Budget, Done, Sweep, on_fresh_seeds
 from galton.paper.trained import Trained
+from galton.paper.verdicts import rounded
 from galton.sweep.study import Setting, Study
 from galton.tasks import TASKS
 
@@ -93,6 +95,20 @@ def _bits(column: pa.ChunkedArray) -> bytes:
     """All numbers of a column, or of its lists; of two NaN at one place Arrow says that they differ."""
     values = column.combine_chunks()
     return (values.flatten() if pa.types.is_nested(values.type) else values).to_numpy(zero_copy_only=False).tobytes()
+
+
+def markdown(trained: Trained) -> str:
+    """Final training returns by the scale of the box as a Markdown table, and whether the runs are the same bits."""
+    heads = [f"× {scale:g}" for scale in SCALES]
+    lines = ["| the action box | | " + " | ".join(heads) + " | equal to the bit |", "|---" * (len(SCALES) + 3) + "|"]
+    for task in SCALE_TASKS:
+        known = {name: by_scale for name, by_scale in across(trained, task).items() if len(by_scale) > 1}
+        for name, by_scale in known.items():
+            finals = {scale: mean_interval(_final(summary, "training")) for scale, summary in by_scale.items()}
+            cells = [rounded(finals[scale], "") if scale in finals else "—" for scale in SCALES]
+            same = "yes" if are_equal(by_scale) else "no"
+            lines.append(f"| {TASKS[task].title} | {_look(name)[0]} | {' | '.join(cells)} | {same} |")
+    return "\n".join(lines) if len(lines) > 2 else ""
 
 
 def draw(trained: Trained) -> Figure:

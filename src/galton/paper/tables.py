@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from galton.page.page import VERDICTS, Matrix
-from galton.paper import boxed, hypotheses, reproduce
+from galton.paper import boxed, hypotheses, reproduce, rescaling
 from galton.paper.standings import readme_table
 from galton.paper.trained import Trained
 from galton.saving import files
@@ -25,6 +25,7 @@ def tables(trained: Trained) -> dict[str, str]:
         "Final training return on fresh seeds": readme_table(trained) if trained.judged else "",
         "What makes the paper's result appear?": markdown(hypotheses.table(trained)),
         "Figure 3 in both units": markdown(boxed.table(trained)),
+        "The scale of the action box": rescaling.markdown(trained),
     }
     return {name: table for name, table in found.items() if table}
 
