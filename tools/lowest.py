@@ -40,6 +40,7 @@ def main() -> None:
         sys.exit(f"there is no Python {options.python} here")
     folder = options.keep.resolve()
     wheel, _ = builds.build(folder / "built")
+    made = builds.made(wheel)
     declared = lowest()
     constraints = folder / "lowest.txt"
     constraints.write_text("".join(f"{name}=={version}\n" for name, version in declared.items()))
@@ -58,7 +59,7 @@ def main() -> None:
     print(f"Python {options.python} with the lowest versions: {round(seconds)} s of use, and {told}")
     options.out.mkdir(parents=True, exist_ok=True)
     record = {"python": options.python, "declared": declared, "installed": installed}
-    record |= {"calls": len(calls), "tests": told} | builds.made(wheel)
+    record |= {"calls": len(calls), "tests": told} | made
     (options.out / "lowest.json").write_text(json.dumps(record, indent=1) + "\n")
 
 

@@ -26,6 +26,7 @@ def main() -> None:
     options = parser.parse_args()
     folder = options.keep.resolve()
     wheel, _ = builds.build(folder / "built")
+    made = builds.made(wheel)
     options.out.mkdir(parents=True, exist_ok=True)
     found: dict[str, dict[str, object]] = {}
     for version in options.pythons:
@@ -38,7 +39,7 @@ def main() -> None:
         seconds = check(environment, CALLS, str(folder.with_name("programs")))
         whole = environment.run("python", "-c", "import platform; print(platform.python_version())").stdout.strip()
         environment.remove()
-        found[version] = {"python": whole, "calls": len(CALLS), "seconds": round(seconds)} | builds.made(wheel)
+        found[version] = {"python": whole, "calls": len(CALLS), "seconds": round(seconds)} | made
         ordered = {name: found[name] for name in sorted(found, key=lambda name: int(name.partition(".")[2]))}
         (options.out / "matrix.json").write_text(json.dumps(ordered, indent=1) + "\n")
         print(f"Python {whole}: {len(CALLS)} calls as they must be, {round(seconds)} s", flush=True)

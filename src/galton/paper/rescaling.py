@@ -138,8 +138,9 @@ def draw(trained: Trained) -> Figure:
 def _equal(series: Mapping[str, Mapping[float, Summary]]) -> str:
     """Of how many softmax policies, and Gaussians in units of the box, the runs are equal across scales."""
     equal = {name: are_equal(by_scale) for name, by_scale in series.items() if len(by_scale) > 1 and name != "gaussian"}
-    boxed = equal.pop(IN_THE_BOX, False)
-    return f"softmax {sum(equal.values())} of {len(equal)}, Gaussian in the box's units: {'yes' if boxed else 'no'}"
+    boxed = equal.pop(IN_THE_BOX, None)
+    told = f"softmax {sum(equal.values())} of {len(equal)}"
+    return told if boxed is None else f"{told}, Gaussian in the box's units: {'yes' if boxed else 'no'}"
 
 
 def _final(summary: Summary, kind: str) -> Scores:

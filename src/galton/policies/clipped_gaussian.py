@@ -98,5 +98,5 @@ class ClippedGaussianPolicy(GaussianHead):
     label: ClassVar[str] = "clipped Gaussian"
 
     def distribution(self, outputs: Float[Array, "*batch d"], params: Params, hypers: Hypers) -> ClippedGaussian:
-        """The Gaussian, clipped."""
+        """The Gaussian of these outputs, clipped into the box."""
         return ClippedGaussian(self.gaussian(outputs, params, hypers))

@@ -139,5 +139,5 @@ class GaussianPolicy(GaussianHead):
     label: ClassVar[str] = "Gaussian"
 
     def distribution(self, outputs: Float[Array, "*batch d"], params: Params, hypers: Hypers) -> Gaussian:
-        """The Gaussian itself."""
+        """The Gaussian of these outputs, as wide as the parameters say."""
         return self.gaussian(outputs, params, hypers)
