@@ -2,14 +2,16 @@
 
 Populations: 64 runs of HL-Gauss at k = 100, 20 steps an update, in a process per core as a sweep trains them, beside
 `mujoco.batch` stepping 64 simulations with random actions on as many threads (for Ant, whose contact forces it does
-not compute, a loop over MjData in threads), and beside one SB3 process per core with A2C on MultiDiscrete. One run:
-HalfCheetah-v5 through plain Gymnasium. SB3 takes one torch thread, which is its faster setting. Each side lives in
-processes of its own; sides take turns; medians over the rounds. Nothing else should be running.
+not compute, a loop over MjData in threads), with and without the clock of MuJoCo's profiler, and beside one SB3
+process per core with A2C on MultiDiscrete. One run: HalfCheetah-v5 through plain Gymnasium. SB3 takes one torch
+thread, which is its faster setting. Each side lives in processes of its own; sides take turns; medians over the
+rounds. Nothing else should be running.
 
     python benchmarks/against_physics.py [--rounds 3] [--out results/benchmarks]
 """
 
 import argparse
+import contextlib
 import statistics
 from pathlib import Path
 
@@ -20,6 +22,7 @@ from sides import SB3, K, Ours, Side, write
 
 import galton
 from galton.devices import n_cores
+from galton.envs.host import simulation
 from galton.sweep.executors import Place, one_per_core
 
 RUNS = 64
@@ -40,6 +43,14 @@ class Physics:
         return len(self.control) * RUNS
 
 
+class Profiled(Physics):
+    """The simulations as MuJoCo's Python package has them, with the clock of its profiler."""
+
+    def __init__(self, task):
+        simulation.unprofiled = contextlib.nullcontext
+        super().__init__(task)
+
+
 def main():
     parser = argparse.ArgumentParser()
     parser.add_argument("--rounds", type=int, default=3)
@@ -49,6 +60,7 @@ def main():
     sides = {}
     for task in TASKS:
         sides[task, "physics"] = Side(free, Physics, task)
+        sides[task, "profiled"] = Side(free, Profiled, task)
         sides[task, "galton"] = Side(cores, Ours, task, False, "hl-gauss", K, RUNS // len(cores), 10)
         sides[task, "sb3"] = Side(cores, SB3, task, True, 1_500)
     for discrete in (False, True):
@@ -64,13 +76,16 @@ def main():
     median = {key: statistics.median(values) for key, values in speeds.items()}
 
     table = Table(title=f"{RUNS} runs, HL-Gauss, k = {K}; {n_cores()} cores, median of {arguments.rounds} rounds")
-    for heading in ("task", "physics alone", "training", "share of physics", "SB3, a process per core", "× SB3"):
+    headings = ("task", "physics, profiled", "physics alone", "training", "share of physics", "SB3, a process per core")
+    for heading in (*headings, "× SB3"):
         table.add_column(heading, justify="left" if heading == "task" else "right")
     rows = []
     for task in TASKS:
-        physics, training, theirs = (median[task, side] for side in ("physics", "galton", "sb3"))
-        rows.append({"task": task, "physics": physics, "training": training, "sb3_processes": theirs})
-        numbers = (f"{physics:,.0f}", f"{training:,.0f}", f"{training / physics:.2f}", f"{theirs:,.0f}")
+        profiled, physics, training, theirs = (median[task, side] for side in ("profiled", "physics", "galton", "sb3"))
+        row = {"task": task, "profiled": profiled, "physics": physics, "training": training, "sb3_processes": theirs}
+        rows.append(row)
+        share = f"{training / physics:.2f}"
+        numbers = (f"{profiled:,.0f}", f"{physics:,.0f}", f"{training:,.0f}", share, f"{theirs:,.0f}")
         table.add_row(task, *numbers, f"{training / theirs:.0f}")
     Console().print(table)
 

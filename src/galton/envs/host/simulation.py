@@ -8,6 +8,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from mujoco.batch import Batch
 
+from galton.envs.host.clock import unprofiled
+
 Fields = dict[str, Float[np.ndarray, "N ..."]]
 """Fields of MjData by name."""
 
@@ -57,7 +59,8 @@ class Batched:
     def step(self, control: Float[np.ndarray, "N u"], n_substeps: int) -> None:
         """Take that many substeps under constant controls."""
         self._control[:] = control
-        self._batch.step(nstep=n_substeps)
+        with unprofiled():
+            self._batch.step(nstep=n_substeps)
         self._refresh()
         self.was_reset = self._batch.warning[:, UNSTABLE, 1].any(1)
 
@@ -109,7 +112,8 @@ class Looped:
                 self._read(i)
                 self.was_reset[i] = any(data.warning[kind].number for kind in UNSTABLE)
 
-        list(self._pool.map(work, self._parts)) if self._pool else work(self._parts[0])
+        with unprofiled():
+            list(self._pool.map(work, self._parts)) if self._pool else work(self._parts[0])
 
     def reset(self, ids: Int[np.ndarray, " n"], qpos: Float[np.ndarray, "n q"], qvel: Float[np.ndarray, "n v"]) -> None:
         """Start these simulations again from the given positions and velocities."""
