@@ -162,6 +162,9 @@ class Hypers(NamedTuple):
     """Environment steps in which the entropy target goes from start to end, linearly in its logarithm; 0: it stays."""
     entropy_rate: Positive = 0.02
     """The step size of what decides α, per gradient step and nat that the entropy of a dimension is off its target."""
+    entropy_alpha_min: Annotated[Number, Within(lambda x: np.isfinite(x) & (x <= 0), "finite, and 0 or less")] = -1.0
+    """The least α of a held entropy. Below 0 a policy that is wider than its target is narrowed; with 0 the target is a
+    floor, above which the policy is left alone."""
 
 
 _UNUSED_AT_0 = ("box_units", "noise_correlation")

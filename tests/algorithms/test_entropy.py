@@ -45,17 +45,19 @@ def test_the_share_of_the_box_means_the_same_for_every_policy():
     assert float(entropy.log_share(density, jnp.asarray(uniform_on_box))) == pytest.approx(0, abs=1e-6)
 
 
+@pytest.mark.parametrize("least", [-1.0, -0.25, 0.0])
 @pytest.mark.parametrize(
     ("dual", "share"), [(0.0, 0.1), (1.0, 0.1), (-2.0, 0.12), (0.5, 0.08), (0.0, 1.0), (3.0, 1e-9)]
 )
-def test_alpha_and_its_step_are_the_documented_ones(dual, share):
+def test_alpha_and_its_step_are_the_documented_ones(dual, share, least):
     agent, learner, _ = setup("hl-one-hot", **HELD)
-    hypers, learner = Hypers(entropy_start=0.1, entropy_rate=0.5), learner._replace(dual=jnp.float32(dual))
+    hypers = Hypers(entropy_start=0.1, entropy_rate=0.5, entropy_alpha_min=least)
+    learner = learner._replace(dual=jnp.float32(dual))
     nats, missing = jnp.float32(2 * math.log(10 * share)), math.log(0.1 / share)
-    expected = np.clip(0.2 * math.sinh(np.clip(dual + 10 * missing, -20, 20)), -1, 100)
+    expected = np.clip(0.2 * math.sinh(np.clip(dual + 10 * missing, -20, 20)), least, 100)
     assert float(entropy.alpha(agent, learner, nats, hypers)) == pytest.approx(expected, rel=1e-4, abs=1e-5)
     after = entropy.follow(agent, learner, nats, hypers, jnp.array(True))
-    at_bound = expected in (-1, 100) and expected * missing > 0
+    at_bound = expected == (100 if missing > 0 else least)
     assert float(after.dual) == pytest.approx(dual + 0.5 * missing * (not at_bound), abs=1e-5)
     assert entropy.follow(agent, learner, nats, hypers, jnp.array(False)).dual == learner.dual
     assert jax.tree.leaves(after.params) == jax.tree.leaves(learner.params)
@@ -118,6 +120,18 @@ def test_the_bonus_is_alpha_standard_deviations_of_the_weights():
     jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-4, atol=1e-6), held, expected)
 
 
+def test_a_floor_leaves_a_policy_alone_that_is_wider():
+    agent, learner, batch = setup("hl-gauss-centred", **HELD)
+    hypers = Hypers(entropy_start=0.1, entropy_alpha_min=0.0)
+    ours, after, told = actors_gradient(agent, learner, batch, hypers)
+    plain, bare = _unheld(agent, learner)
+    theirs, _, _ = actors_gradient(plain, bare, batch, hypers)
+    jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-5, atol=1e-9), ours, theirs)
+    assert float(told["entropy_alpha"]) == 0 == float(after.dual)
+    _, _, held = actors_gradient(agent, learner, batch, hypers._replace(entropy_alpha_min=-1.0))
+    assert float(held["entropy_alpha"]) == -1
+
+
 def test_the_dual_variable_is_no_parameter():
     agent, learner, batch = setup("hl-gauss-centred", **HELD)
     assert jax.tree.structure(learner.optimizer.mu) == jax.tree.structure(learner.params)
@@ -177,6 +191,16 @@ def test_the_target_is_reached_on_the_bandit(loss):
     config = Config(loss=loss, n_bins=50, n_steps=5, n_envs=4, net_arch=(), **HELD)
     found = shares("bandit", config, Hypers(learning_rate=0.05, entropy_steps=5_000.0), 16_000)
     np.testing.assert_allclose(found.mean(1), 0.05, rtol=0.1)
+
+
+def test_a_floor_is_not_fallen_through():
+    config = Config(loss="hl-one-hot", n_bins=50, n_steps=5, n_envs=4, net_arch=(), **HELD)
+    floored, free = (
+        shares("bandit", config, Hypers(0.05, entropy_start=floor, entropy_end=floor, entropy_alpha_min=0.0), 16_000)
+        for floor in (0.2, 1e-3)
+    )
+    assert (free.mean(1) < 0.15).all()
+    np.testing.assert_allclose(floored.mean(1), 0.2, rtol=0.1)
 
 
 OF_PPO = {"algorithm": "ppo", "n_steps": 64, "batch_size": 32, "n_epochs": 4, "normalize_advantage": True}

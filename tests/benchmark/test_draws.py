@@ -43,6 +43,19 @@ def test_a_choice_is_drawn_evenly():
     assert sorted(column(DRAWN["gaussian"], "decay_steps")) == [0] * 8 + [0.5] * 8
 
 
+@pytest.mark.parametrize("seed", range(5))
+def test_no_field_rises_or_falls_with_another(seed):
+    names = ("learning_rate", "gamma", "vf_coef", "ent_coef", "max_grad_norm")
+    prior = {name: {"uniform": [0.1, 1]} for name in names}
+    search = {name: {"uniform": [1, 2]} for name in ("eta", "temperature")}
+    known = protocol(budget__settings=N, seed=seed, prior=prior, methods__bins__search=search, methods__ppo=None)
+    drawn = np.array([[*of.values()] for of in draws(known)["bins"]])
+    found = np.corrcoef(drawn.T) - np.eye(7)
+    assert np.abs(found).max() < 0.45  # of hypercubes by chance more in five of six
+    for few in (1, 2):
+        assert len(draws(protocol(budget__settings=few))["bins"]) == few
+
+
 def test_neither_order_nor_other_methods_change_a_draw():
     record = changed(budget__settings=N)
     for table in ("methods", "prior"):

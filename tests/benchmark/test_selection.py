@@ -72,7 +72,8 @@ def test_standings_are_what_plain_counting_finds():
         for i, key in enumerate(of_task):
             scores.setdefault(key, []).append(ranked[8 * i : 8 * i + 8] / pool.size)
     for (method, role), of in scores.items():
-        assert found.scores[method][role].judged.mean == pytest.approx(stats.trim_mean(np.ravel(of), 0.25))
+        assert found.scores[method][role].judged.mean == pytest.approx(np.mean(of))
+        assert found.scores[method][role].middle.mean == pytest.approx(stats.trim_mean(np.ravel(of), 0.25))
     for ours, theirs in (("bins", "gaussian"), ("gaussian", "ppo")):
         a, b = scores[ours, "shared"], scores[theirs, "shared"]
         share = np.mean([(x > y) + 0.5 * (x == y) for p, q in zip(a, b, strict=True) for x in p for y in q])

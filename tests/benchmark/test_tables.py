@@ -2,7 +2,7 @@
 
 import pytest
 
-from galton.benchmark import tables
+from galton.benchmark import figures, tables
 from galton.benchmark.answer import sentences
 from galton.benchmark.draws import draws
 from galton.benchmark.found import Found, plain
@@ -15,26 +15,54 @@ def found(better, stages=("fresh", "held-out")):
 
 
 @pytest.mark.parametrize(
-    ("better", "first", "clear"),
+    ("better", "first", "near", "clear"),
     [
         (
             4.0,
             "ppo has the highest score on the tuning tasks, fresh seeds.",
+            "none.",
             "clearly better on four and clearly worse on none",
         ),
         (
             -4.0,
             "No method has a higher score than Gaussian on the tuning tasks",
+            "none.",
             "clearly better on none and clearly worse on four",
         ),
-        (0.0, "", "clearly better on none and clearly worse on none"),
+        (0.0, "", "", "clearly better on none and clearly worse on none"),
     ],
 )
-def test_the_answer_says_who_is_ahead_and_what_held_out_tasks_say_of_it(better, first, clear):
+def test_the_answer_says_who_is_ahead_and_what_held_out_tasks_say_of_it(better, first, near, clear):
     said = sentences(found(better))
     assert said[0].startswith(first)
-    assert said[1].startswith("On the tuning tasks, fresh seeds, ")
+    assert said[1].startswith(f"Not clearly behind it: {near}")
+    assert said[2].startswith("On the held-out tasks, ")
     assert "Of 1 it is " + clear in said[2]
+    assert len(said) == 3
+
+
+def test_methods_that_may_be_as_good_as_the_first_are_named():
+    known = found(0.0)
+    above, labels = known.standings["fresh"].above, {"gaussian": "Gaussian", "bins": "bins", "ppo": "ppo"}
+    first = max(known.standings["fresh"].scores.items(), key=lambda each: each[1]["shared"].judged.mean)[0]
+    near = {labels[name] for name, versus in above[first].items() if versus.low <= 0.5}
+    assert near
+    assert set(sentences(known)[1].removeprefix("Not clearly behind it: ").removesuffix(".").split(", ")) == near
+
+
+def test_without_held_out_tasks_the_answer_says_that_its_seeds_flatter():
+    said = sentences(found(4.0, ("fresh",)))
+    assert said[2].startswith("On the tuning tasks, fresh seeds, ppo is above Gaussian")
+    assert said[2].endswith("The same seeds chose it, which flatters it.")
+
+
+def test_of_many_methods_the_baseline_and_those_ahead_are_drawn(monkeypatch):
+    known = found(1.0)
+    assert [method.name for method in figures.leading(known)] == ["gaussian", "bins", "ppo"]
+    assert figures.few(known) == ""
+    monkeypatch.setattr(figures, "MOST_CURVES", 2)
+    assert [method.name for method in figures.leading(known)] == ["gaussian", "ppo"]
+    assert figures.few(known) == "Of all methods 2 are drawn: the baseline and those with the highest scores."
 
 
 def test_before_fresh_seeds_there_is_no_answer():

@@ -78,7 +78,7 @@ CHOICES = ("eta_rule", "negative_target", "weighting", "entropy_target")
 NUMBERS = {
     "eta_rule": ("eta_min", "eta_max"),
     "weighting": ("temperature",),
-    "entropy_target": ("entropy_start", "entropy_end", "entropy_steps", "entropy_rate"),
+    "entropy_target": ("entropy_start", "entropy_end", "entropy_steps", "entropy_rate", "entropy_alpha_min"),
 }
 """The fields of Hypers that have a use only where such a choice is not at its default."""
 

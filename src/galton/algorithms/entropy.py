@@ -9,14 +9,15 @@ e^(H/d) / k, or of a density e^(h/d) / (high − low). It is 1 for the uniform p
 α is the multiplier of the constraint that the entropy equals its target, so it may have either sign. With the nats m
 that a dimension's entropy is short of the target it is
 
-    α = 0.2 · sinh(dual + 10 m), from −1 to 100, and dual ← dual + entropy_rate · m after each gradient step
-    whose α was not at the bound already.
+    α = 0.2 · sinh(dual + 10 m), from entropy_alpha_min to 100, and dual ← dual + entropy_rate · m after each
+    gradient step whose α was not at the bound already.
 
 The dual variable climbs as that of soft actor-critic does (Haarnoja et al., 2018). By itself it would swing, for the
 entropy needs many steps to follow; the part that is proportional to m damps it (Stooke et al., 2020). The sinh lets α
 grow tenfold where the policy is about to collapse, and pass through 0. Against entropy α never outweighs the
-advantages: the policy narrows towards what they prefer. Neither Adam nor the clipping of gradients knows of the dual
-variable.
+advantages with the usual least α of −1: the policy narrows towards what they prefer. With a least α of 0 the entropy
+may be anything above its target, the constraint of soft actor-critic. Neither Adam nor the clipping of gradients knows
+of the dual variable.
 """
 
 import jax
@@ -31,8 +32,8 @@ from galton.types import Config, Hypers, Learner
 
 SCALE, GAIN = 0.2, 10.0
 """α with nothing in the sinh but 1, nearly, and how much a nat that is missing adds there."""
-LEAST, MOST = -1.0, 100.0
-"""The bounds of α."""
+MOST = 100.0
+"""The greatest α."""
 REACH = float(np.arcsinh(MOST / SCALE))
 """How far the dual variable may go either way, as far as α itself would."""
 
@@ -69,7 +70,7 @@ def alpha(agent: Agent, learner: Learner, entropy: Float[Array, ""], hypers: Hyp
     """The multiplier of a gradient step, at the entropy before it."""
     assert not isinstance(learner.dual, tuple)
     inside = jnp.clip(learner.dual + GAIN * missing(agent, entropy, hypers), -20.0, 20.0)
-    return jnp.clip(SCALE * jnp.sinh(inside), LEAST, MOST)
+    return jnp.clip(SCALE * jnp.sinh(inside), hypers.entropy_alpha_min, MOST)
 
 
 def with_bonus(
@@ -92,7 +93,7 @@ def follow(
     if isinstance(learner.dual, tuple):
         return learner
     short, now = missing(agent, entropy, hypers), alpha(agent, learner, entropy, hypers)
-    spent = jnp.where(short > 0, now >= MOST, now <= LEAST)
+    spent = jnp.where(short > 0, now >= MOST, now <= hypers.entropy_alpha_min)
     moved = jnp.clip(learner.dual + hypers.entropy_rate * short, -REACH, REACH)
     return learner._replace(dual=jnp.where(going & ~spent, moved, learner.dual))
 

@@ -110,20 +110,26 @@ def draw_marks(
     shift: float,
     marker: str = "o",
     hollow: bool = False,
+    across: bool = False,
 ) -> None:
-    """A mark with its interval at 0, 1, …, drawn so far to the right, so that series stand side by side."""
+    """A mark with its interval at 0, 1, …, drawn so far to the right, so that series stand side by side.
+
+    Across, intervals lie along the x axis, and the marks are at 0, 1, … of the y axis and moved along that.
+    """
     mean, low, high = np.array(intervals).T
+    place, lengths = np.arange(len(mean)), [mean - low, high - mean]
     line, _, bars = axes.errorbar(
-        range(len(mean)),
-        mean,
-        [mean - low, high - mean],
+        mean if across else place,
+        place if across else mean,
+        None if across else lengths,
+        lengths if across else None,
         fmt=marker,
         ms=4,
         lw=0.8 if hollow else 1.2,
         color=color,
         mfc="none" if hollow else color,
         label=name,
-        transform=Affine2D().translate(shift, 0) + axes.transData,
+        transform=Affine2D().translate(*((0, shift) if across else (shift, 0))) + axes.transData,
     )
     for artist in (line, *bars):
         artist.set_gid(name)

@@ -1,6 +1,6 @@
 """The answer of a benchmark in a few sentences: who is ahead on the tuning tasks, and does that hold elsewhere?"""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from galton.analysis.statistics import ALPHA
 from galton.benchmark.found import Found
@@ -11,8 +11,9 @@ from galton.benchmark.tables import STAGES
 def sentences(found: Found) -> list[str]:
     """What the stages that are done say; the first sentence is the answer.
 
-    Who is ahead is told by the interquartile mean of shared settings on fresh seeds of the tuning tasks, and never by
-    held-out ones.
+    Who is ahead is told by the scores of shared settings on fresh seeds of the tuning tasks, and never by held-out
+    ones. Those compare it with the baseline, for seeds that have chosen it flatter it; they do so where none are held
+    out, and then it is said.
     """
     base = found.protocol.baseline
     labels = {method.name: method.label for method in found.protocol.methods}
@@ -27,7 +28,17 @@ def sentences(found: Found) -> list[str]:
     else:
         first = f"{labels[order[0]]} has the highest score on the {STAGES['fresh']}."
     ahead = next(name for name in order if name != base.name)
-    return [first, *(_against(found, stage, ahead) for stage in found.standings)]
+    said = [first, _behind(found, order, labels)]
+    if "held-out" in found.standings:
+        return [*said, _against(found, "held-out", ahead)]
+    return [*said, _against(found, "fresh", ahead) + " The same seeds chose it, which flatters it."]
+
+
+def _behind(found: Found, order: Sequence[str], labels: Mapping[str, str]) -> str:
+    """Which methods may be as good as the first, by P(X > Y) over the tuning tasks."""
+    above = found.standings["fresh"].above[order[0]]
+    near = [labels[name] for name in order[1:] if above[name].low <= 0.5]
+    return f"Not clearly behind it: {_list(near)}."
 
 
 def _against(found: Found, stage: Stage, ahead: str) -> str:

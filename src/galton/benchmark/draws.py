@@ -14,6 +14,10 @@ from galton.records import Fields
 from galton.sweep.grid import task_defaults
 from galton.sweep.study import DEFAULTS, Setting
 
+Quantiles = dict[str, Float[np.ndarray, " n"]]
+"""Where in its prior each draw of a field lies, by field; each n-th of a prior has one."""
+CANDIDATES = 200
+"""Hypercubes of which a method's own is chosen."""
 Draws = dict[str, list[Fields]]
 """The values of the drawn fields, by method and draw; those that count in lengths of a run are multiples of it."""
 
@@ -24,11 +28,10 @@ def draws(protocol: Protocol) -> Draws:
     The order of fields and methods in the file has no part in it, and no method in another's draws. Methods whose own
     fields have the same names have the same quantiles of these too.
     """
-    n, common = protocol.budget.settings, _quantiles(protocol.seed, "prior", protocol.prior, protocol.budget.settings)
+    n, common = protocol.budget.settings, _common(protocol)
     found: Draws = {}
     for method in protocol.methods:
-        own = _quantiles(protocol.seed, "search", method.search, n)
-        quantiles = common | own
+        quantiles = common | _own(protocol, method, common)
         searched = protocol.searched(method)
         found[method.name] = [
             {name: searched[name].at(float(quantiles[name][i])) for name in sorted(searched)} for i in range(n)
@@ -56,14 +59,41 @@ def setting(protocol: Protocol, method: Method, drawn: Fields, task: Task, fresh
         raise UsageError(f"methods.{method.name} on tasks.{task.name}: {error}") from None
 
 
-def _quantiles(seed: int, table: str, names: Collection[str], n: int) -> dict[str, Float[np.ndarray, " n"]]:
-    """A scrambled Latin hypercube of n points, a column for each field: each n-th of a field's range has one point."""
-    columns = sorted(names)
+def _common(protocol: Protocol) -> Quantiles:
+    """Those of the common fields: a Latin hypercube whose points scipy has spread evenly over all fields at once."""
+    columns = sorted(protocol.prior)
     if not columns:
         return {}
-    rng = np.random.default_rng((seed, *" ".join([table, *columns]).encode()))
-    points = qmc.LatinHypercube(len(columns), seed=rng).random(n)
-    return dict(zip(columns, points.T, strict=True))
+    rng = _generator(protocol, "prior", columns)
+    cube = qmc.LatinHypercube(len(columns), seed=rng, optimization="random-cd")
+    return dict(zip(columns, cube.random(protocol.budget.settings).T, strict=True))
+
+
+def _own(protocol: Protocol, method: Method, common: Quantiles) -> Quantiles:
+    """Those of a method's own fields: the Latin hypercube, of CANDIDATES, that is the least correlated with the others.
+
+    With a dozen draws a hypercube by chance would have η rise with the learning rate, and nobody could tell them apart.
+    """
+    columns = sorted(method.search)
+    if not columns:
+        return {}
+    cube = qmc.LatinHypercube(len(columns), seed=_generator(protocol, "search", columns))
+    beside = np.array([*common.values()]).reshape(len(common), -1)
+    candidates = [np.asarray(cube.random(protocol.budget.settings).T) for _ in range(CANDIDATES)]
+    found = candidates[int(np.argmin([_correlation(own, beside) for own in candidates]))]
+    return dict(zip(columns, found, strict=True))
+
+
+def _correlation(own: Float[np.ndarray, "own n"], beside: Float[np.ndarray, "others n"]) -> float:
+    """The largest correlation, either way, of a field with another; 0 for one draw, which has none."""
+    if own.shape[1] < 2:
+        return 0.0
+    found = np.corrcoef(np.vstack([own, beside]) if len(beside) else own).reshape(len(own) + len(beside), -1)
+    return float(np.abs(np.triu(found, 1)[: len(own)]).max())
+
+
+def _generator(protocol: Protocol, table: str, columns: Collection[str]) -> np.random.Generator:
+    return np.random.default_rng((protocol.seed, *" ".join([table, *columns]).encode()))
 
 
 def _times(priors: Priors, values: Fields, steps: int) -> Fields:

@@ -11,6 +11,7 @@ from galton.analysis.scales import fit_curves
 from galton.analysis.statistics import Interval, mean_interval
 from galton.benchmark import tables
 from galton.benchmark.found import Found
+from galton.benchmark.protocol import Method
 from galton.benchmark.stages import Role, Stage
 
 _SERIES: dict[tuple[Stage, Role], tuple[str, str, str]] = {
@@ -20,13 +21,16 @@ _SERIES: dict[tuple[Stage, Role], tuple[str, str, str]] = {
 }
 """Name, mark and colour of what has a score."""
 
+MOST_CURVES = 8
+"""Methods in a panel of curves: as many as there are colours that anybody can tell apart."""
+
 
 def scores(found: Found) -> Figure:
-    """Interquartile means of normalised scores with their intervals, by method; by both returns."""
+    """Mean normalised scores with their intervals, by method from above to below; by both returns."""
     standings = found.standings
     there = [(stage, role) for stage, role in _SERIES if stage in standings]
-    figure, axes = panels(2 if there else 0, width=max(3.1, 0.9 * len(found.protocol.methods)), height=3.1)
     labels = [method.label for method in found.protocol.methods]
+    figure, axes = panels(2 if there else 0, width=3.9, height=0.7 + 0.3 * len(labels))
     for panel, curve, title in zip(
         axes, ("judged", "training"), (tables.metric(found), "training return"), strict=False
     ):
@@ -34,11 +38,11 @@ def scores(found: Found) -> Figure:
             of_method = standings[stage].scores
             marks = [getattr(of_method[method.name][role], curve) for method in found.protocol.methods]
             name, mark, shade = _SERIES[stage, role]
-            draw_marks(panel, marks, name, shade, (i - (len(there) - 1) / 2) * 0.16, mark)
+            draw_marks(panel, marks, name, shade, (i - (len(there) - 1) / 2) * 0.22, mark, across=True)
         panel.set_title(title, fontsize=10)
-        panel.set_xticks(range(len(labels)), labels, rotation=20, ha="right")
-        panel.set_xlim(-0.5, len(labels) - 0.5)
-    label_rows(axes, "interquartile mean of percentiles")
+        panel.set_xlabel("mean percentile")
+        panel.set_yticks(range(len(labels)), labels if panel is axes[0] else [""] * len(labels))
+        panel.set_ylim(len(labels) - 0.5, -0.5)
     finish(figure, axes)
     return figure
 
@@ -48,11 +52,9 @@ def best_of(found: Found) -> Figure:
     figure, axes = panels(2, height=3.1, width=3.9)
     kinds = {"shared": "one setting for all tuning tasks", "per_task": "a setting for each tuning task"}
     for panel, (kind, title) in zip(axes, kinds.items(), strict=True):
-        for i, method in enumerate(found.protocol.methods):
+        for i, method in enumerate(leading(found)):
             got = getattr(found.best_of[method.name], kind)
-            draw_series(
-                panel, np.arange(1, len(got) + 1), Interval(got, got, got), method.label, color(i), _line(i), "o"
-            )
+            draw_series(panel, np.arange(1, len(got) + 1), Interval(got, got, got), method.label, color(i), "-", "o")
         panel.set_title(title, fontsize=10)
         panel.set_xlabel("draws")
         panel.xaxis.set_major_locator(MaxNLocator(integer=True))
@@ -67,10 +69,10 @@ def curves(found: Found) -> Figure:
     figure, axes = panels(len(stages), columns=3)
     for panel, runs in zip(axes, stages, strict=True):
         drawn = []
-        for i, method in enumerate(found.protocol.methods):
+        for i, method in enumerate(leading(found)):
             steps, of_runs = runs.curves(method.name, "shared")
             drawn.append(mean_interval(of_runs))
-            draw_series(panel, steps, drawn[-1], method.label, color(i), _line(i), single_runs=of_runs)
+            draw_series(panel, steps, drawn[-1], method.label, color(i), "-", single_runs=of_runs)
         fit_curves(panel, drawn)
         held_out = " (held out)" if runs.stage == "held-out" else ""
         panel.set_title(f"{runs.part.task.label}{held_out}", fontsize=10)
@@ -80,9 +82,30 @@ def curves(found: Found) -> Figure:
     return figure
 
 
-def _line(i: int) -> str:
-    """The line style of the i-th method, where colours repeat."""
-    return "-" if i < 8 else "--"
+def leading(found: Found) -> list[Method]:
+    """The methods whose curves are drawn, in the file's order: all of them, or the baseline and those ahead.
+
+    Ahead are those whose shared setting has the highest score: on fresh seeds of the tuning tasks, or among the draws.
+    """
+    methods, base = found.protocol.methods, found.protocol.baseline
+    if len(methods) <= MOST_CURVES:
+        return list(methods)
+    standings = found.standings.get("fresh")
+
+    def score(method: Method) -> float:
+        if standings:
+            return float(standings.scores[method.name]["shared"].judged.mean)
+        return float(found.best_of[method.name].shared[-1])
+
+    ahead = sorted((method for method in methods if method != base), key=score, reverse=True)[: MOST_CURVES - 1]
+    return [method for method in methods if method == base or method in ahead]
+
+
+def few(found: Found) -> str:
+    """What a caption says where not all methods are drawn."""
+    if len(leading(found)) == len(found.protocol.methods):
+        return ""
+    return f"Of all methods {MOST_CURVES} are drawn: the baseline and those with the highest scores."
 
 
 FIGURES: dict[str, Callable[[Found], Figure]] = {"scores": scores, "curves": curves, "best-of-n": best_of}

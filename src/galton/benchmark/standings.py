@@ -20,9 +20,11 @@ class Score(NamedTuple):
     """How a method does over all tasks of a stage, by percentiles among all methods' runs of each task."""
 
     judged: Interval
-    """The interquartile mean of what runs are judged by."""
+    """The mean over tasks of the mean over runs, by what runs are judged by."""
+    middle: Interval
+    """The interquartile mean of all runs, by the same: it may leave out a whole task, where a method fails or wins."""
     training: Interval
-    """The same of the training return."""
+    """The mean as `judged`, by the training return."""
 
 
 class Result(NamedTuple):
@@ -85,8 +87,9 @@ def standings(protocol: Protocol, runs: Sequence[Runs]) -> Standings:
 
 
 def _score(judged: Judged, training: Judged, method: str, row: int) -> Score:
-    """The interquartile means of a method in one role."""
-    return Score(interquartile_mean(_of(judged, method, row)), interquartile_mean(_of(training, method, row)))
+    """The scores of a method in one role."""
+    found, trained = _of(judged, method, row), _of(training, method, row)
+    return Score(mean_band(found, 2000), interquartile_mean(found), mean_band(trained, 2000))
 
 
 def _improvement(scores: Judged, method: str, other: str) -> Interval:

@@ -88,12 +88,12 @@ def drawn_as_text(drawn: Fields) -> str:
 def scores(found: Found, stage: Stage) -> Table:
     """How the shared settings do over all tasks of a stage."""
     standings, base = found.standings[stage], found.protocol.baseline
-    headings = ["method", "score", "training score", "P(above)", "P, training"]
+    headings = ["method", "score", "IQM", "training score", "P(above)", "P, training"]
     headings += ["sensitivity"] * bool(standings.sensitivity) + ["diverged"]
     rows = []
     for method in found.protocol.methods:
         name, score = method.name, standings.scores[method.name]["shared"]
-        row = [method.label, f"{score.judged:.3f}", f"{score.training:.3f}"]
+        row = [method.label, f"{score.judged:.3f}", f"{score.middle:.3f}", f"{score.training:.3f}"]
         if method == base:
             row += ["—", "—"]
         else:

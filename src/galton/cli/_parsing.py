@@ -30,7 +30,7 @@ GROUPS: dict[str, tuple[str, ...]] = {
     "learning": (
         *("learning_rate", "decay_steps", "n_steps", "gamma", "gae_lambda", "ent_coef", "vf_coef", "max_grad_norm"),
         *("normalize_observation", "normalize_reward", "normalize_advantage", "weighting", "temperature"),
-        *("entropy_target", "entropy_start", "entropy_end", "entropy_steps", "entropy_rate"),
+        *("entropy_target", "entropy_start", "entropy_end", "entropy_steps", "entropy_rate", "entropy_alpha_min"),
     ),
     **{name: algorithm.own for name, algorithm in ALGORITHMS.items() if algorithm.own},
     "policy": ("net_arch", "n_bins", "eta", "eta_rule", "eta_min", "eta_max", "negative_target"),

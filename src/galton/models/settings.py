@@ -66,6 +66,7 @@ class Settings(TypedDict, total=False):
     entropy_end: float
     entropy_steps: float
     entropy_rate: float
+    entropy_alpha_min: float
 
 
 def usual(algorithm: Algorithm, env: object = None) -> Fields:
