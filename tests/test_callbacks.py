@@ -83,7 +83,7 @@ def test_log_points_do_not_depend_on_how_training_is_cut_but_for_the_ends():
     def numbers(cuts):
         run, logs = A2C("lqr", n_bins=10, net_arch=(8,), n_steps=10), {}
         for updates in cuts:
-            run.learn(updates * 10, lambda model, log: logs.update({model.num_timesteps: log}), False, 2)
+            run.learn(updates * 10, lambda model, log: logs.update({model.num_timesteps: log}), 2, progress_bar=False)
         return {step: {name: log[name] for name in log if name.split("/")[0] != "time"} for step, log in logs.items()}
 
     whole, cut = numbers([10]), numbers([1, 2, 2, 5])
@@ -184,7 +184,7 @@ def test_what_could_only_fail_later_is_refused_before_training(make, message, tm
 @pytest.mark.parametrize("log_interval", [1, 7, 1000])
 def test_training_does_not_depend_on_who_looks_at_it(log_interval):
     def params(callback):
-        run = A2C("lqr", n_bins=10, net_arch=(8,), n_steps=10).learn(100, callback, False, log_interval)
+        run = A2C("lqr", n_bins=10, net_arch=(8,), n_steps=10).learn(100, callback, log_interval, progress_bar=False)
         return np.asarray(run.learner.params["actor"][0]["kernel"])
 
     np.testing.assert_array_equal(params([Timed(10), Timed(37), Evaluate(20, 1)]), params(None))

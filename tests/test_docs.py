@@ -56,6 +56,7 @@ LQRS = {
     "R = 0.01 I": LQR(R=0.01 * np.eye(2)),
     "spectral radius 1.02": LQR(A=np.array(LQR().A) * 1.02 / 0.98),
     "200 steps": LQR(max_episode_steps=200),
+    "spectral radius 1 and 200 steps": LQR(A=np.array(LQR().A) / 0.98, max_episode_steps=200),
 }
 
 

@@ -25,7 +25,7 @@ FORM = ["When to use it", "The equation", "An example", "Measured results", "How
 IN_FORM = [DOCS / f"{name}.md" for name in ALGORITHMS] + [
     DOCS / "losses" / f"{name.replace('-', '_')}.md" for name in LOSSES
 ]
-OLDER = ("gaussian", "histogram", "ordinal")
+OLDER = ("gaussian", "histogram")
 """Policies that the pages of losses describe."""
 IN_FORM += [DOCS / "policies" / f"{name.replace('-', '_')}.md" for name in POLICIES if name not in OLDER]
 IN_FORM += [DOCS / "critics.md"]

@@ -93,6 +93,13 @@ def test_a_push_has_both_formats_and_the_model(run, pushed, capsys):
     assert "pushed: https://hub.example/ada/pendulum" in capsys.readouterr().out
 
 
+def test_the_model_that_is_pushed_has_the_name_that_its_card_says(run, pushed):
+    export.main([str(run / "best_model.safetensors"), "--push", "ada/pendulum"])
+    ((_, contents),) = pushed
+    assert 'Model.load("model.safetensors")' in contents["README.md"].decode()
+    assert contents["model.safetensors"] == (run / "best_model.safetensors").read_bytes()
+
+
 def test_an_export_again_replaces_its_files(run):
     for _ in range(2):
         export.main([str(run), "--format", "onnx", "card"])

@@ -51,6 +51,14 @@ def test_an_argument_of_their_learn_gets_one_too(argument):
     assert model.num_timesteps == 0
 
 
+def test_the_third_argument_of_learn_is_the_log_interval():
+    steps = []
+    model = A2C("bandit", **SMALL).learn(40, lambda model, log: steps.append(model.num_timesteps), 2, **QUIET)
+    assert steps == [20, 40]
+    with pytest.raises(UsageError, match="log_interval is True"):
+        model.learn(10, None, True, **QUIET)
+
+
 @pytest.mark.parametrize("steps", [1e2, 100, np.float64(100)])
 def test_a_whole_number_of_steps_may_be_a_float(steps):
     assert A2C("bandit", **SMALL).learn(steps, **QUIET).num_timesteps == 100

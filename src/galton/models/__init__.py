@@ -12,7 +12,7 @@ __all__ = ["A2C", "PPO", "InexactResume", "Model", "Settings"]
 
 
 class A2C(Model):
-    """Advantage actor-critic with SB3's semantics and, but for Adam in the place of RMSprop, its defaults (App. C.2).
+    """Advantage actor-critic with SB3's semantics, Adam in the place of RMSprop and 20 steps an update (App. C.2).
 
     Keyword arguments are the fields of `Config` and `Hypers`, which describe them; see `Model` for the others.
     """
@@ -34,7 +34,7 @@ class A2C(Model):
 
 
 class PPO(Model):
-    """Proximal policy optimisation with SB3's semantics and defaults, for every loss (see `galton.algorithms.ppo`).
+    """Proximal policy optimisation with SB3's semantics and numbers, for every loss (see `galton.algorithms.ppo`).
 
     Keyword arguments are the fields of `Config` and `Hypers`, which describe them; see `Model` for the others.
     """

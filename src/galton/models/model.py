@@ -142,8 +142,9 @@ class Model:
         self: ModelT,
         total_timesteps: int | float,
         callback: object = None,
-        progress_bar: bool = True,
         log_interval: int | None = None,
+        *,
+        progress_bar: bool = True,
         **others: object,
     ) -> ModelT:
         """Train for that many more steps, rounded up to whole updates.
