@@ -16,6 +16,8 @@ import onnxruntime
 
 def load(folder):
     """The policy of a folder as a function from observations [n, ...] to actions [n, ...], and its contract."""
+    if not Path(folder, "policy.json").is_file():
+        raise SystemExit(f"{folder} is no folder with a policy.json; give the one that `galton export` wrote into")
     contract = json.loads(Path(folder, "policy.json").read_text())
     content = Path(folder, contract["file"]).read_bytes()
     if hashlib.sha256(content).hexdigest() != contract["sha256"]:
@@ -40,6 +42,8 @@ def swing_up(act, n_episodes=10, n_steps=200, seed=0):
 
 
 if __name__ == "__main__":
+    if len(sys.argv) != 2:
+        raise SystemExit("usage: python deploy.py FOLDER")
     act, contract = load(sys.argv[1])
     source, returns = contract["source"], swing_up(act)
     print(f"{source['algorithm']} with {source['loss']}, {source['steps']:,} steps, rule: {contract['rule']}")

@@ -5,6 +5,7 @@ import shutil
 import subprocess
 import sys
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
@@ -14,13 +15,14 @@ from galton.cli.reproduce import asked
 from galton.errors import UsageError
 from galton.paper import made, reproduce
 from galton.paper.figure import FigureStudy
+from galton.paper.gradients import Sample
 from galton.paper.registry import FIGURES
 from galton.paper.report import claims
 from galton.paper.summary import Summary
 from galton.paper.sweeps import AGAIN, MAIN, Sweep, again, needed
 from galton.paper.verdicts import claim
 from galton.saving.provenance import machine, versions
-from galton.sweep.parquet import record_of
+from galton.sweep.parquet import record_of, to_bytes, with_record
 from galton.tasks import TASKS
 
 from . import made_up
@@ -128,12 +130,19 @@ def test_words_ask_for_sweeps():
         asked(["lqr", "cart-pole"])
 
 
+def samples(**changed):
+    """A table of one sample that was never measured."""
+    row = {"task": "lqr", "loss": "gaussian", "reading": "sigma", "step": 20, "swept": False, "factor": 1.0}
+    row |= {"seed": 0, "sample": 0} | dict.fromkeys(Sample._fields, np.float32(1))
+    return pa.table({name: [value] for name, value in (row | changed).items() if value is not None})
+
+
 def test_what_a_figure_measured_is_kept_and_refused_at_another_budget(tmp_path):
     calls = []
 
     def measure(budget):
         calls.append(budget)
-        return pa.table({"norm": [1.0]})
+        return samples()
 
     figures = {"propositions": dataclasses.replace(FIGURES["propositions"], measure=measure)}
     for _ in range(2):
@@ -150,11 +159,31 @@ def test_damaged_propositions_are_named(tmp_path):
     store = reproduce.Store(f"{tmp_path}/{reproduce.DATA}")
     for content in (b"PAR1", None):
         if content is None:
-            pq.write_table(pa.table({"norm": [1.0]}), tmp_path / reproduce.DATA / "propositions.parquet")
+            pq.write_table(samples(), tmp_path / reproduce.DATA / "propositions.parquet")
         else:
             store.write("propositions.parquet", content)
         with pytest.raises(UsageError, match=r"propositions.parquet in .* is not what was measured, or was damaged"):
             reproduce.load(str(tmp_path))
+
+
+@pytest.mark.parametrize(
+    ("changed", "told"),
+    [
+        ({"norm": None}, "it has no column norm"),
+        ({"loss": None}, "it has no column loss"),
+        ({"loss": "hl-laplace"}, "its loss has 'hl-laplace'; it must be one of 'gaussian'"),
+        ({"reading": None}, "it has no column reading"),
+        ({"task": 3}, "its task has 3"),
+        ({"step": 1.5}, "its step are double; they must be int64"),
+        ({"bound": "1"}, "its bound are string; they must be float"),
+    ],
+)
+def test_samples_of_another_form_are_refused_by_the_column(tmp_path, changed, told):
+    store = reproduce.Store(f"{tmp_path}/{reproduce.DATA}")
+    record = {"budget": "smoke", "versions": [{}], "machines": [""]}
+    store.write("propositions.parquet", to_bytes(with_record(samples(**changed), record)))
+    with pytest.raises(UsageError, match=f"propositions.parquet in .*{told}"):
+        reproduce.load(str(tmp_path))
 
 
 def test_a_summary_of_another_study_is_refused(tmp_path):
@@ -196,6 +225,7 @@ def test_a_summary_is_enough(tmp_path):
 MINE = """
 from galton.analysis.plots import panels
 from galton.paper.figure import FigureStudy
+from galton.paper.gradients import Sample
 from galton.paper.registry import FIGURES
 from galton.paper.verdicts import claim
 

@@ -1,6 +1,6 @@
 """What the samples of `gradients` say of Propositions 1 and 2 (§4.3)."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -8,12 +8,30 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from jaxtyping import Float, Int
 
+from galton.errors import require
 from galton.losses import LOSSES
-from galton.paper.gradients import Sample
+from galton.paper.gradients import READINGS, Sample
+from galton.sweep import columns
+from galton.tasks import TASKS
 
+_WORDS: dict[str, Sequence[str]] = {"task": [*TASKS], "loss": [*LOSSES], "reading": ["", *READINGS]}
+_COLUMNS = {"step": np.int64, "swept": np.bool_, "factor": np.float64, "seed": np.int64, "sample": np.int64}
 Rows = dict[str, np.ndarray]
 Series = tuple[str, str, str]
 """What samples are sorted by: task, loss and reading of the Gaussian's σ."""
+
+
+def check(table: pa.Table) -> None:
+    """Raise UsageError for a table that `gradients.collect` can't have made."""
+    names = [*_WORDS, *_COLUMNS, *Sample._fields]
+    columns.check_names(table, names)
+    for name, kind in _COLUMNS.items():
+        columns.numbers(table, name, kind)
+    for name in Sample._fields:
+        columns.numbers(table, name, np.float32)
+    for name, known in _WORDS.items():
+        for word in pc.unique(table.column(name)).to_pylist():
+            require(word in known, f"its {name} has {word!r}; it must be one of {', '.join(map(repr, known))}")
 
 
 def read(table: pa.Table) -> Rows:

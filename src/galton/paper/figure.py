@@ -32,6 +32,8 @@ class FigureStudy:
     between 2 and 3. They are judged from whatever there is."""
     measure: Callable[[Budget], pa.Table] | None = None
     """Measures what no sweep trains; the figure finds it in `Trained.tables` under its name."""
+    check: Callable[[pa.Table], None] = lambda _: None
+    """Raises UsageError for a table of a file that `measure` can't have made."""
 
     def is_there(self, name: str, trained: Trained) -> bool:
         """Whether anything was trained or measured for it, or it needs nothing."""

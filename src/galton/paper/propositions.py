@@ -13,7 +13,7 @@ from galton.analysis.statistics import Interval
 from galton.losses import LOSSES
 from galton.page.page import Table
 from galton.paper import norms
-from galton.paper.bounds import Rows, findings, look_means, parts, read
+from galton.paper.bounds import Rows, check, findings, look_means, parts, read
 from galton.paper.figure import FigureStudy
 from galton.paper.gradients import collect
 from galton.paper.norms import LIKELIHOOD, PRINTED
@@ -144,4 +144,5 @@ FIGURE = FigureStudy(
         8: norms.sigma_explodes,
     },
     measure=collect,
+    check=check,
 )

@@ -37,15 +37,16 @@ def load(out: str) -> Trained:
     sweeps = {name: Summary.load(store, f"{name}.parquet") for name in all_sweeps() if f"{name}.parquet" in files}
     for name, summary in sweeps.items():
         _check_provenance(f"{name}.parquet in {store.url}", summary.provenance, SUMMARISED)
-    measured = [name for name, figure in FIGURES.items() if figure.measure and f"{name}.parquet" in files]
-    return Trained(sweeps, {name: _measured(store, f"{name}.parquet") for name in measured})
+    measured = {name: fig for name, fig in FIGURES.items() if fig.measure and f"{name}.parquet" in files}
+    return Trained(sweeps, {name: _measured(store, f"{name}.parquet", fig) for name, fig in measured.items()})
 
 
-def _measured(store: Store, file: str) -> pa.Table:
+def _measured(store: Store, file: str, figure: FigureStudy) -> pa.Table:
     data = store.read(file)
     try:
         table = from_bytes(data)
         record = record_of(table)
+        figure.check(table)
     except (pa.ArrowException, OSError, KeyError, TypeError, ValueError) as error:
         told = in_a_line(error)
         raise UsageError(f"{file} in {store.url} is not what was measured, or was damaged: {told}") from None
