@@ -88,6 +88,19 @@ def test_a_setting_is_made_of_the_draw_the_fixed_tables_and_the_usual_values():
     assert (of.hypers.gae_lambda, of.hypers.gamma) == (1.0, drawn["gaussian"][0]["gamma"])
 
 
+def test_a_task_may_count_a_drawn_number_in_multiples():
+    known = protocol(tasks__noisy__scale={"learning_rate": 10, "gamma": 0.5})
+    drawn = draws(known)
+    assert drawn == draws(protocol())
+    for task, rate, discount in zip(known.tasks, (1, 10, 1), (1, 0.5, 1), strict=True):
+        for method in known.methods:
+            for each in drawn[method.name]:
+                of = setting(known, method, each, task, False).hypers
+                assert of.learning_rate == rate * each["learning_rate"]
+                assert of.gamma == (0.5 if method.name == "ppo" else discount * each["gamma"])  # which it fixes
+                assert of.eta == each.get("eta", 0.25)
+
+
 def test_seeds_are_common_to_methods_and_fresh_ones_are_others():
     parts = stages.tuning(KNOWN, DRAWN)
     first = {method.name: 0 for method in KNOWN.methods}

@@ -52,7 +52,8 @@ def setting(protocol: Protocol, method: Method, drawn: Fields, task: Task, fresh
     for table in (protocol.fixed, method.fixed, task.fixed):
         fixed |= _times(table, {name: prior.values[0] for name, prior in table.items()}, steps)
     usual = dict(find_algorithm(protocol.algorithm(method)).defaults)
-    fields = task_defaults(task.env) | usual | fixed | _times(protocol.searched(method), drawn, steps)
+    scaled = {name: value * task.scale[name] if name in task.scale else value for name, value in drawn.items()}
+    fields = task_defaults(task.env) | usual | fixed | _times(protocol.searched(method), scaled, steps)
     try:
         return Setting.of_record({name: _like(name, value) for name, value in fields.items()})
     except (TypeError, UsageError) as error:

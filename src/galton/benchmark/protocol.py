@@ -4,6 +4,7 @@ import dataclasses
 import functools
 import hashlib
 import json
+from collections.abc import Mapping
 from typing import Annotated, Literal
 
 from galton.algorithms import ALGORITHMS, find_algorithm
@@ -74,6 +75,9 @@ class Task:
     """Whether no setting is selected by it."""
     fixed: Priors
     """Fields with the same value for every method, such as n_envs."""
+    scale: Mapping[str, float]
+    """What drawn numbers are multiplied by, by field, for every method: a task with a hundredth of the updates may need
+    learning rates that are a hundred times those of the others."""
     budget: Budget
     """The file's, with what the task has of its own: steps, fresh_steps, logs and eval_episodes."""
 
@@ -162,6 +166,8 @@ def _check_task(protocol: Protocol, task: Task) -> None:
         metric == "training_return" or task.budget.eval_episodes > 0,
         f"{where} has eval_episodes 0, but selection.metric is {metric!r}; give it some, or judge by 'training_return'",
     )
+    for field in sorted({*task.scale} - {*protocol.prior}):
+        raise UsageError(f"{where}.scale has {field}, which prior does not draw; draw it there, or take it out")
     for field in sorted({"algorithm", "loss", "policy", *protocol.prior} & {*task.fixed}):
         raise UsageError(f"{where}.fixed has {field}, which is the methods' or the prior's; take it out")
     for method in protocol.methods:

@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import math
 import re
 import tomllib
 from collections.abc import Collection
@@ -12,6 +13,7 @@ from galton.benchmark.priors import Record, check_names, read_table
 from galton.benchmark.protocol import Budget, Method, Protocol, Rule, Task, check
 from galton.errors import UsageError, require, require_integer, unknown
 from galton.fields import annotations, checked
+from galton.types import Hypers
 
 TABLES = ("budget", "selection", "fixed", "prior", "methods", "tasks")
 """The tables of a file."""
@@ -131,14 +133,24 @@ def _method(name: str, given: object) -> Method:
 
 def _task(name: str, given: object, budget: Budget) -> Task:
     where = f"tasks.{name}"
-    table = check_names(where, given, ("label", "env", "env_kwargs", "held_out", "fixed", *_OF_TASK))
+    table = check_names(where, given, ("label", "env", "env_kwargs", "held_out", "fixed", "scale", *_OF_TASK))
     env, kwargs, held_out = table.get("env", name), table.get("env_kwargs", {}), table.get("held_out", False)
     require(isinstance(env, str), f"{where}.env is {env!r}; it must be the name of an environment")
     require(isinstance(kwargs, dict), f"{where}.env_kwargs is {kwargs!r}; it must be a table")
     require(isinstance(held_out, bool), f"{where}.held_out is {held_out!r}; it must be true or false")
     own = {name: value for name, value in table.items() if name in _OF_TASK}
     fixed = read_table(f"{where}.fixed", table.get("fixed", {}), drawn=False)
-    return Task(name, _label(where, name, table), env, kwargs, held_out, fixed, _record(where, own, budget))
+    scale = _scale(f"{where}.scale", table.get("scale", {}))
+    return Task(name, _label(where, name, table), env, kwargs, held_out, fixed, scale, _record(where, own, budget))
+
+
+def _scale(where: str, given: object) -> dict[str, float]:
+    """What numbers are multiplied by, by field."""
+    table = check_names(where, given, Hypers._fields)
+    for name, value in table.items():
+        number = isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+        require(number and value > 0, f"{where}.{name} is {value!r}; it must be a finite number above 0")
+    return {name: float(value) for name, value in table.items()}
 
 
 def _label(where: str, name: str, table: Record) -> str:
