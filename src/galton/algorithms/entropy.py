@@ -33,7 +33,7 @@ from galton.types import Config, Hypers, Learner
 SCALE, GAIN = 0.2, 10.0
 """α with nothing in the sinh but 1, nearly, and how much a nat that is missing adds there."""
 MOST = 100.0
-"""The greatest α."""
+"""The greatest α, however far the entropy is below its target."""
 REACH = float(np.arcsinh(MOST / SCALE))
 """How far the dual variable may go either way, as far as α itself would."""
 
