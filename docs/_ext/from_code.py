@@ -143,7 +143,7 @@ def paper_returns(*names: str) -> Rows:
 
 
 def winners(*names: str) -> Rows:
-    """The best settings of these losses in the paper's grid."""
+    """The best settings of these losses of App. C.2's grid."""
     labels = [LOSSES[name].label for name in names]
     rows = [row[:3] for row in standings.winners(trained()).rows if row[1] in labels]
     table = [["task", "loss", "best setting of its grid"], *rows]

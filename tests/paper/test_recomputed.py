@@ -1,5 +1,6 @@
 """Winners, claims and hypotheses on the committed results, found again by code that shares nothing with Galton's."""
 
+import numpy as np
 import pytest
 
 from galton.paper import boxed, hypotheses
@@ -69,6 +70,7 @@ def test_the_table_of_winners(sweeps, trained):
                 setting[field] == task.again.of(loss).setting[field] for field in ("n_bins", "learning_rate", "eta")
             )
             assert row[place["runs"]] == str(task.again.trials)
+            assert is_printed(row[place["their median"]], np.median(task.again.final(loss)))
             over = task.again.mean(loss)
             cells = {
                 "as it won": task.grid.final(loss),

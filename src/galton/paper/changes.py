@@ -155,7 +155,8 @@ HYPOTHESES: dict[str, Hypothesis] = {
     "f": Hypothesis(
         "The critic",
         "The critic is learned by regressing to observed returns (§5.1, App. C.2); whether those are bootstrapped, and "
-        "whether the gradients of actor and critic are clipped together, is not said.",
+        "whether the gradients of actor and critic are clipped together, is not said. A rollout of a whole episode is "
+        "longer than 20 steps, so it is cut into minibatches: that row changes two things.",
         "With a critic that is not late the bias of HL-Gauss is small, and an actor whose step the critic's error does "
         "not shorten learns sooner.",
         (

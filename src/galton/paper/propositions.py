@@ -130,7 +130,7 @@ FIGURE = FigureStudy(
     "trained policies whose σ is made small (for HL-Gauss: logits times a constant), without what the propositions "
     "share. Black is the Gaussian's own likelihood, (a − μ)² / 2σ², which grows as 1/σ; with the loss as §4.3 prints "
     "it, (a − μ)² / 2σ (grey, dashed), nothing explodes, since |a − μ| shrinks with σ. The table has medians over "
-    "runs of what is averaged over the steps of training.",
+    "runs of what is averaged over the steps of training. These are two tasks, one setting of each loss and six seeds.",
     lambda trained: draw(trained.tables[NAME]),
     table=bounds,
     claims={

@@ -66,7 +66,7 @@ def readme_table(trained: Trained) -> str:
 
 def winners(trained: Trained) -> Table:
     """The table of each loss's best setting on each task, with its returns as it won and on fresh seeds."""
-    headings = ["task", "loss", "best setting", "as it won", "runs", "on fresh seeds", "P", "p"]
+    headings = ["task", "loss", "best setting", "as it won", "runs", "on fresh seeds", "their median", "P", "p"]
     headings += [f"evaluation, {name}" for name in DETERMINISTIC.values()]
     headings += ["over training", "noise costs", "doing nothing", "optimum"]
     found = decisions(trained)
@@ -78,7 +78,7 @@ def winners(trained: Trained) -> Table:
         title = TASKS[task].title + (" (null)" if task in trained.nulls else "")
         for loss, best in summary.best.items():
             cells = [title, LOSSES[loss].label, best.setting.brief(), _final(summary, loss)]
-            cells += [str(again.study.trials), _final(again, loss)] if again else ["—", "—"]
+            cells += [str(again.study.trials), _final(again, loss), _median(again, loss)] if again else ["—"] * 3
             cells += _against(found.get((task, loss)), p.get((task, loss), np.nan))
             rows.append([*cells, *_deterministic(again or summary, loss), *levels])
     return Table(headings, rows)
@@ -103,6 +103,11 @@ def _deterministic(summary: Summary, loss: str) -> list[str]:
 
 def _final(summary: Summary, loss: str, metric: str = "training_return") -> str:
     return f"{mean_interval(final_return(summary, loss, metric)):.2f}"
+
+
+def _median(summary: Summary, loss: str) -> str:
+    """The median final training return, which a few runs that fail do not move."""
+    return _plain(float(np.median(final_return(summary, loss))))
 
 
 def _plain(value: float) -> str:

@@ -28,7 +28,7 @@ from galton.sweep.study import Setting, Study
 from galton.tasks import TASKS
 
 CHANGES: dict[str, dict[str, float | bool]] = {
-    "as in the paper": {},
+    "as in the main experiment": {},
     "λ = 0.95": {"gae_lambda": 0.95},
     "entropy bonus 0.01": {"ent_coef": 0.01},
     "λ = 0.95 and entropy bonus": {"gae_lambda": 0.95, "ent_coef": 0.01},
@@ -59,7 +59,7 @@ def _sweep(task: str) -> Sweep:
     def study(budget: Budget, _: Done) -> Study:
         smoke = budget == "smoke"
         rates, bins = ([1e-3], 20) if smoke else (WHY_RATES, 100)
-        names = ["as in the paper", "λ = 0.95"] if smoke else list(CHANGES)
+        names = ["as in the main experiment", "λ = 0.95"] if smoke else list(CHANGES)
         losses: list[dict[str, object]] = [
             {"loss": ["gaussian", "hl-one-hot"]},
             {"loss": "hl-gauss", "eta": 0.25},
@@ -154,7 +154,7 @@ def draw(trained: Trained) -> Figure:
 
 
 def _draw_task(axes: Axes, task: str, summary: Summary) -> None:
-    """A mean far below all others is written down, and does not stretch the axis."""
+    """A mean far from all others is written down, and does not stretch the axis."""
     results = outcomes(summary)
     losses = list(dict.fromkeys(loss for _, loss in results))
     changes = _by_classification({key: outcome.finals["training_return"] for key, outcome in results.items()})
@@ -163,14 +163,14 @@ def _draw_task(axes: Axes, task: str, summary: Summary) -> None:
         for (change, loss), outcome in results.items()
         for metric in _SHOWN
     }
-    bottom = _fit_marks(axes, task, np.array([mark.mean for mark in marks.values()]))
+    bottom, top = _fit_marks(axes, task, np.array([mark.mean for mark in marks.values()]))
     for i, loss in enumerate(losses):
         label, color, _ = look_of(loss)
         for metric, (word, aside) in _SHOWN.items():
             shift = 0.2 * (i - (len(losses) - 1) / 2) + aside
             intervals = [marks[change, loss, metric] for change in changes]
             draw_marks(axes, intervals, label + word, color, shift, marker_of(loss), hollow=bool(word))
-            _draw_beyond(axes, intervals, bottom, shift, color, line=bool(word))
+            _draw_beyond(axes, intervals, bottom, top, shift, color, line=bool(word))
     axes.set_xticks(range(len(changes)), [textwrap.fill(change, 14) for change in changes], fontsize=8)
     axes.set_xlim(-0.5, len(changes) - 0.5)
     axes.set_title(numbered(heading(task), summary, every=True), fontsize=10)
@@ -192,32 +192,51 @@ def _by_classification(finals: Mapping[tuple[str, str], Float[np.ndarray, " tria
     return [unchanged, *sorted(others, key=lambda change: np.nan_to_num(earned[change], nan=-np.inf))]
 
 
-def _fit_marks(axes: Axes, task: str, means: Float[np.ndarray, " n"]) -> float:
-    """Fit the y axis to these means and the task's levels; the value below which none stretches it."""
-    known = [np.nanmedian(means), *([] if (rest := TASKS[task].at_rest) is None else [rest])]
-    bottom = float(min(known) - 2 * (np.nanmax(means) - min(known)))
-    fit(axes, [means[means >= bottom], np.array(draw_levels(axes, task))])
-    return bottom
+def _fit_marks(axes: Axes, task: str, means: Float[np.ndarray, " n"]) -> tuple[float, float]:
+    """Fit the y axis to these means and the task's levels; the values beyond which none stretches it."""
+    rest = TASKS[task].at_rest
+    low, high = np.nanquantile(means, [0.1, 0.9])
+    low = low if rest is None else min(low, rest)
+    bottom, top = float(low - 2 * (high - low)), float(high + 2 * (high - low))
+    top = top if np.nanmax(means) > top else np.inf
+    kept = means[means >= bottom]
+    levels = np.array(draw_levels(axes, task))
+    fit(axes, [each[each <= top] for each in (kept, levels)])
+    if np.isfinite(top):  # room for words
+        least, most = axes.get_ylim()
+        axes.set_ylim(least, most + 0.2 * (most - least))
+    return bottom, top
 
 
 def _draw_beyond(
-    axes: Axes, intervals: Sequence[Interval], bottom: float, shift: float, color: ColorType, line: int
+    axes: Axes,
+    intervals: Sequence[Interval],
+    bottom: float,
+    top: float,
+    shift: float,
+    color: ColorType,
+    line: int,
 ) -> None:
-    """An arrow where an interval goes on below the axis; where its mean lies there too its numbers, on that line."""
-    low, _ = axes.get_ylim()
+    """An arrow where an interval goes on below the axis; where a mean lies beyond it its numbers, on that line."""
+    low, high = axes.get_ylim()
     for x, interval in enumerate(intervals):
-        at = x + shift, low
         if interval.mean < bottom:
-            words, aside = f" ↓ {interval:.0f}", (0, 11 * line)
-            axes.annotate(words, at, aside, textcoords="offset points", color=color, fontsize=8, va="bottom")
+            _write(axes, f" ↓ {interval:.0f}", (x + shift, low), 11 * line, color, "bottom")
+        elif interval.mean > top:
+            _write(axes, f" ↑ {interval:.0f}", (x + shift, high), -11 * line, color, "top")
         elif interval.low < low:
-            axes.plot(*at, marker=11, color=color, ms=5, clip_on=False)  # points down, from the axis
+            axes.plot(x + shift, low, marker=11, color=color, ms=5, clip_on=False)  # points down, from the axis
+
+
+def _write(axes: Axes, words: str, at: tuple[float, float], above: int, color: ColorType, side: str) -> None:
+    axes.annotate(words, at, (0, above), textcoords="offset points", color=color, fontsize=8, va=side, clip_on=False)
 
 
 def causes(trained: Trained) -> Table:
     """What the policies look like in the end, under each change."""
     rows = []
     for task, summary in retrained(trained).items():
+        title = TASKS[task].title + (" (null)" if task in trained.nulls else "")
         for (change, loss), outcome in outcomes(summary).items():
             cells = [
                 f"{np.nanmedian(values):.2f}".replace("-", "−")  # it may be −∞
@@ -225,17 +244,17 @@ def causes(trained: Trained) -> Table:
                 else f"{mean_interval(values):.2f}"
                 for metric, values in outcome.finals.items()
             ]
-            rows.append([TASKS[task].title, change, LOSSES[loss].label, outcome.setting.brief(), *cells])
+            rows.append([title, change, LOSSES[loss].label, outcome.setting.brief(), *cells])
     return Table(["task", "change", "loss", "setting", *METRICS.values()], rows)
 
 
 FIGURE = FigureStudy(
     "Why: one thing changed at a time",
     "Final return of each loss (k = 100; HL-Gauss with η = 0.25, centred HL-Gauss with the better of η = 2 and 4, each "
-    "with the best of three learning rates up to 0.003) under the paper's settings and with one thing changed. Filled: "
+    "with the best of three learning rates up to 0.003) as in the main experiment and with one thing changed. Filled: "
     "in training; hollow: by the deterministic policy. Changes stand in the order of what the better of HL-1-Hot and "
     f"HL-Gauss earns in training. Means of n runs on fresh seeds, and {BANDS}; a small arrow says that the bar goes on "
-    "below the axis, a number that the mean does too. Dotted: what the action 0 earns, always taken.",
+    "below the axis, a number that the mean lies beyond it. Dotted: what the action 0 earns, always taken.",
     draw,
     tuple(sweep for task in WHY_TASKS for sweep in (SWEEPS[task], AGAIN[task])),
     table=causes,
