@@ -46,10 +46,11 @@ def test_values_and_losses_equal_torchs(name):
     np.testing.assert_allclose(critic(name).value(jnp.asarray(logits), HYPERS), value, rtol=1e-5, atol=1e-5)
     weights = torch.tensor(target(name, returns))
     entropy = torch.special.entr(weights.clamp_min(0)).sum(-1)
-    expected = torch.nn.functional.cross_entropy(torch.tensor(logits), weights, reduction="none") - entropy
-    np.testing.assert_allclose(
-        critic(name).loss(jnp.asarray(logits), jnp.asarray(returns), HYPERS), expected, rtol=1e-4, atol=1e-5
-    )
+    given = torch.tensor(logits, requires_grad=True)
+    expected = torch.nn.functional.cross_entropy(given, weights, reduction="none") - entropy
+    loss, gradient = jax.vmap(lambda *row: slope(critic(name), *row, HYPERS))(jnp.asarray(logits), jnp.asarray(returns))
+    np.testing.assert_allclose(loss, expected.detach().numpy(), rtol=1e-5, atol=1e-5)
+    np.testing.assert_allclose(gradient, torch.autograd.grad(expected.sum(), given)[0].numpy(), atol=1e-5)
 
 
 def test_two_hot_targets_mean_the_return():

@@ -59,6 +59,25 @@ def benchmark(folder, record=RECORD, here=None):
     return here.done
 
 
+def test_a_method_is_not_slow_because_its_shards_are_not_full(tmp_path):
+    """A place that is filled by a repeated run takes its time, and trains nothing that counts."""
+    store = Store(str(tmp_path))
+    with store.lock():
+        assert train(store, of_record(RECORD), Here(), lambda _: None, shard_width=3)
+    place = Store(f"{tmp_path}/sweeps/tuning-bandit")
+    plan, steps, seconds = Plan.load(place), {}, {}
+    for done in finished(place, plan).values():
+        table = from_bytes(place.read(f"shards/{done.file}"))
+        loss = plan.study.settings[table["setting"][0].as_py()].config.loss
+        method = "gaussian" if loss == "gaussian" else "bins"
+        record = record_of(table)
+        steps[method] = steps.get(method, 0) + record["env_steps"]
+        seconds[method] = seconds.get(method, 0) + record["train_seconds"] * table.num_rows / 3
+        assert table.num_rows in (3, 1)  # of 2 settings × 2 seeds
+    told = json.loads((tmp_path / MADE).read_text())["tuning-bandit"]["steps_per_second"]
+    assert told == {method: pytest.approx(steps[method] / seconds[method], abs=1) for method in steps}
+
+
 def files(folder):
     """Every file that one finds in the end, but sweeps and how it was made."""
     found = {str(path.relative_to(folder)): path for path in folder.rglob("*") if path.is_file()}

@@ -12,11 +12,14 @@ NAMES = ("clipped-gaussian", "truncated-gaussian", "squashed-gaussian", "beta")
 
 
 def make(name, low, high, outputs, log_std=0.0, **numbers):
-    """A policy over the box, and its distribution in units of the box: outputs as of `outputs_of`, log σ for each d."""
+    """A policy over the box, and its distribution in units of the box: outputs as of `outputs_of`, log σ for each d.
+
+    Under `jax.enable_x64` it computes in float64.
+    """
     low, high = (np.atleast_1d(np.asarray(bound, np.float32)) for bound in (low, high))
     policy = POLICIES[name].create(Config(loss="gaussian", policy=name), low, high)
-    params = {"log_std": jnp.zeros(len(low)) + jnp.asarray(log_std, jnp.float32)}
-    return policy, policy.distribution(jnp.asarray(outputs, jnp.float32), params, Hypers(box_units=1.0, **numbers))
+    params = {"log_std": jnp.zeros(len(low)) + jnp.asarray(log_std, float)}
+    return policy, policy.distribution(jnp.asarray(outputs, float), params, Hypers(box_units=1.0, **numbers))
 
 
 def outputs_of(name, mean):

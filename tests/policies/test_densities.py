@@ -7,6 +7,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from scipy import stats
 
 from galton import Hypers
@@ -26,7 +28,7 @@ N = 16
 
 @functools.cache
 def sampled(name):
-    """Outputs `[7, N, …]`, log σ `[7]`, actions `[7, N, 6]`, and log π with its gradients."""
+    """Outputs `[7, N, …]`, log σ `[7, 6]`, actions `[7, N, 6]`, and log π."""
     outputs = outputs_of(name, np.tile(MEAN[:, None, None], (N, len(LOW))))
 
     def tell(outputs, log_std, key):
@@ -35,26 +37,52 @@ def sampled(name):
         if name in ("squashed-gaussian", "beta"):  # near a bound float32 can't say where an action is
             room = jnp.minimum(action - LOW, HIGH - action) / (HIGH - LOW)
             action = jnp.where(room > 3e-3, action, LOW + 0.3 * (HIGH - LOW))
-        log_prob = lambda outputs, log_std: make(name, LOW, HIGH, outputs, log_std)[1].log_prob(action)  # noqa: E731
-        slopes = jax.grad(lambda *given: log_prob(*given).sum(), (0, 1))(outputs, log_std)
-        return action, log_prob(outputs, log_std), slopes
+        return action, distribution.log_prob(action)
 
     keys, log_std = jax.random.split(jax.random.key(0), len(MEAN)), np.tile(LOG_STD[:, None], len(LOW))
     return outputs, log_std, *jax.jit(jax.vmap(tell))(outputs, jnp.asarray(log_std, jnp.float32), keys)
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_log_prob_and_its_gradient_are_torchs_in_every_box(name):
-    outputs, log_std, action, log_prob, slopes = sampled(name)
-    given = [np.float32(outputs), np.float32(log_std)[:, None]]
-    tensors = [torch.tensor(x.astype(np.float64), requires_grad=True) for x in given]
+def test_log_prob_and_its_gradient_are_torchs_in_every_box(name, trust):
+    outputs, log_std, action, log_prob = sampled(name)
+    given = [np.float32(outputs).astype(np.float64), np.float32(log_std).astype(np.float64)[:, None]]
+    tensors = [torch.tensor(x, requires_grad=True) for x in given]
     expected = Reference(name, LOW, HIGH, *tensors).log_prob(action).sum(-1)
-    np.testing.assert_allclose(log_prob, expected.detach().numpy(), rtol=1e-4, atol=1e-3)
+    np.testing.assert_allclose(log_prob, expected.detach().numpy(), rtol=1e-5, atol=1e-5)
+    with jax.enable_x64(True):
+        action = jnp.asarray(action, float)
+        log_probs = lambda *given: make(name, LOW, HIGH, *given[:2])[1].log_prob(given[2])  # noqa: E731
+        slopes = jax.vmap(jax.grad(lambda *given: log_probs(*given).sum(), (0, 1)))
+        ours = jax.jit(slopes)(given[0], given[1][:, 0], action)
     theirs = torch.autograd.grad(expected.sum(), tensors, allow_unused=True)
-    np.testing.assert_allclose(slopes[0], theirs[0].numpy(), rtol=2e-3, atol=2e-3)
-    if name != "beta":
-        of_std = theirs[1].numpy()[:, 0]
-        np.testing.assert_allclose(slopes[1] / (1 + abs(of_std)), of_std / (1 + abs(of_std)), atol=2e-3)
+    for our, their in zip(ours, theirs, strict=True):
+        expected_slope = np.zeros(our.shape) if their is None else their.numpy().reshape(our.shape)  # Beta has no σ
+        np.testing.assert_allclose(our, expected_slope, rtol=1e-5, atol=1e-5)
+    promise = "Densities over a box have torch's log-probability, in six boxes, and its gradient to 1e-5 of it."
+    error = np.max(np.abs(log_prob - expected.detach().numpy()) / (1 + np.abs(expected.detach().numpy())))
+    trust("densities", promise, topic="numbers", figure=float(error), unit="of 1 + |log π|", at_most=1e-5)
+
+
+@pytest.mark.parametrize("name", NAMES)
+@settings(max_examples=25, deadline=None)
+@given(
+    st.floats(-1e3, 1e3),
+    st.floats(1e-3, 1e4),
+    st.lists(st.floats(-6, 6), min_size=2, max_size=2),
+    st.floats(-5, 2),
+    st.integers(0, 99),
+)
+def test_over_any_box(name, low, width, mean, log_std, seed):
+    """Actions lie in it, and density and entropy are finite there."""
+    low, high = np.float32(low), np.float32(low + width)
+    if not high - low > 1e-3 * max(abs(low), abs(high)):
+        return
+    policy, distribution = make(name, [low] * 2, [high] * 2, outputs_of(name, mean), log_std)
+    for action in (distribution.sample(policy.noise(jax.random.key(seed), ())), distribution.deterministic_action()):
+        assert ((action >= low) & (action <= high)).all()
+        assert np.isfinite(distribution.log_prob(action))
+    assert np.isfinite(distribution.entropy())
 
 
 @functools.cache

@@ -19,8 +19,11 @@ def critic(request):
     return request.param
 
 
-def values_after(env, critic, steps=40_000, gamma=0.9, **hypers):
-    config = Config(loss="gaussian", n_steps=8, n_envs=2, net_arch=(32,), critic=critic)
+OF_PPO = {"algorithm": "ppo", "n_steps": 32, "batch_size": 32, "n_epochs": 4}
+
+
+def values_after(env, critic, steps=40_000, gamma=0.9, own=(), **hypers):
+    config = Config(**{"loss": "gaussian", "n_steps": 8, "n_envs": 2, "net_arch": (32,), "critic": critic} | dict(own))
     hypers |= {} if critic == "squared-error" else {"value_min": -8.0, "value_max": 7.0}
     result = train(env, config, Hypers(3e-3, gamma=gamma, **hypers), [0], steps, n_logs=5, n_eval_episodes=2)
     params = {"critic": [{name: x[0] for name, x in layer.items()} for layer in result.learner.params["critic"]]}
@@ -32,8 +35,9 @@ def test_the_critic_learns_a_constant(critic):
     np.testing.assert_allclose(values_after(Probe("constant"), critic), 1.0, atol=0.05)
 
 
-def test_the_critic_sees_the_observation(critic):
-    np.testing.assert_allclose(values_after(Probe("coin"), critic), [-1.0, 1.0], atol=0.05)
+@pytest.mark.parametrize("own", [{}, pytest.param(OF_PPO, marks=pytest.mark.slow)], ids=["a2c", "ppo"])
+def test_the_critic_sees_the_observation(critic, own):
+    np.testing.assert_allclose(values_after(Probe("coin"), critic, own=own), [-1.0, 1.0], atol=0.05)
 
 
 def test_the_critic_discounts_what_comes_a_step_later(critic):

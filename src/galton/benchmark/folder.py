@@ -178,7 +178,8 @@ def made(store: Store) -> dict[str, Any]:
 def _speeds(part: Part, sweeps: Sequence[tuple[Store, Plan]]) -> dict[str, int]:
     """Environment steps a second, training and evaluation, of a worker that trains a method's runs side by side.
 
-    Runs of several methods that are trained together share their time evenly.
+    Runs that are trained together share their time evenly. A shard that is not full takes as long as a full one, so its
+    runs have the share that they would have in that.
     """
     costs: dict[Setting, list[tuple[float, float]]] = {}
     for place, plan in sweeps:
@@ -187,7 +188,7 @@ def _speeds(part: Part, sweeps: Sequence[tuple[Store, Plan]]) -> dict[str, int]:
             if table is not None:
                 record, n = record_of(table), table.num_rows
                 for i in table.column("setting").to_pylist():
-                    cost = record["env_steps"] / n, record["train_seconds"] / n
+                    cost = record["env_steps"] / n, record["train_seconds"] / plan.shard_width
                     costs.setdefault(plan.study.settings[i], []).append(cost)
     speeds = {}
     for method in dict.fromkeys(entry.method for entry in part.entries):
