@@ -4,6 +4,7 @@ import json
 import shutil
 from concurrent.futures import ThreadPoolExecutor
 
+import gymnasium
 import numpy as np
 import pytest
 from scipy import stats
@@ -228,6 +229,43 @@ def test_plans_can_be_carried_out_by_others(reference, tmp_path, capsys, monkeyp
     assert {
         name for name in files(tmp_path / "out") if files(tmp_path / "out")[name] != files(reference)[name]
     } == set()
+
+
+OWN = """
+import gymnasium
+from gymnasium.spaces import Box
+
+
+class Point(gymnasium.Env):
+    observation_space, action_space = Box(-1.0, 1.0, (1,)), Box(-1.0, 1.0, (1,))
+
+    def __init__(self, target):
+        self.target = target
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        return self.observation_space.sample() * 0, {}
+
+    def step(self, action):
+        return self.observation_space.sample() * 0, -abs(float(action[0]) - self.target), True, False, {}
+
+
+gymnasium.register("Point-v0", Point)
+"""
+
+
+def test_an_environment_of_ones_own_is_trained_and_held_out(tmp_path, monkeypatch):
+    (tmp_path / "a_point_of_mine.py").write_text(OWN)
+    monkeypatch.syspath_prepend(tmp_path)
+    own = {"env": "a_point_of_mine:Point-v0", "env_kwargs": {"target": 0.5}}
+    held_out = own | {"held_out": True, "env_kwargs": {"target": -0.5}}
+    benchmark(tmp_path / "out", changed(**PLACES | {"tasks__bandit": own, "tasks__four": held_out}))
+    for name in ("tuning-bandit", "held-out-four"):
+        returns = [row["final_judged"] for row in table(tmp_path / "out", name)]
+        assert max(returns) <= 0
+        assert min(returns) >= -1.5
+    monkeypatch.undo()
+    gymnasium.registry.pop("Point-v0")
 
 
 def test_the_command_names_the_file_and_writes_nothing_for_a_wrong_one(tmp_path, monkeypatch):
