@@ -10,6 +10,7 @@ import pytest
 
 import galton
 from galton.envs.lqr import LQR
+from galton.page import quotes
 from galton.paper import reproduce, tables
 
 ROOT = Path(__file__).parents[1]
@@ -84,7 +85,7 @@ def test_tables_of_results_are_quoted_as_they_were_made():
     for path in (ROOT / "README.md", ROOT / "docs" / "why.md"):
         text = path.read_text()
         assert "<!-- table: " in text
-        assert tables.filled(text, known) == text, f"python -m galton.paper.tables {folder} {path}"
+        assert quotes.filled(text, known) == text, f"python -m galton.paper.tables {folder} {path}"
 
 
 def test_readme_quotes_the_demo_as_it_was_run():

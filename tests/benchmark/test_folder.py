@@ -11,7 +11,7 @@ from scipy import stats
 
 from galton import UsageError
 from galton.benchmark import report
-from galton.benchmark.folder import DATA, FILE, MADE, differences, train
+from galton.benchmark.folder import DATA, FILE, MADE, differences, load, train, written
 from galton.cli import benchmark as command
 from galton.sweep import engine
 from galton.sweep.parquet import from_bytes, record_of
@@ -123,6 +123,20 @@ def test_data_that_are_there_need_no_sweeps(reference, tmp_path):
     shutil.copytree(reference, folder, ignore=shutil.ignore_patterns("sweeps", "*.html", "figures"))
     assert benchmark(folder) == 0
     assert files(folder) == files(reference)
+
+
+def test_what_a_folder_holds_is_read_without_training(reference, tmp_path):
+    folder = tmp_path / "copied"
+    shutil.copytree(reference, folder, ignore=shutil.ignore_patterns("sweeps"))
+    assert written(load(Store(str(folder))).record()) == (reference / report.NUMBERS).read_bytes()
+    (folder / DATA / "held-out-four.parquet").unlink()
+    assert [*load(Store(str(folder))).later] == ["fresh"]
+    assert {*files(folder)} == {*files(reference)} - {f"{DATA}/held-out-four.parquet"}
+    (folder / DATA / "tuning-bandit.parquet").unlink()
+    with pytest.raises(UsageError, match=r"out is .*copied, where tuning is not done; run its benchmark again"):
+        load(Store(str(folder)))
+    with pytest.raises(UsageError, match=f"out is .*, which holds no {FILE}; name the folder of a benchmark"):
+        load(Store(str(tmp_path)))
 
 
 @pytest.mark.parametrize(

@@ -6,6 +6,7 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
+from galton.page import quotes
 from galton.paper import boxed, changes, hypotheses, rescaling, tables
 from galton.paper.changes import HYPOTHESES
 from galton.paper.sweeps import AGAIN, MAIN
@@ -125,7 +126,7 @@ def test_the_tables_that_documents_quote_are_markdown_with_a_sign_for_each_verdi
 
 def test_a_document_gets_its_tables_where_it_names_them():
     text = "a\n\n<!-- table: one -->\n\n| old |\n|---|\n\nb\n\n<!-- table: other -->\n\n| stays |\n"
-    filled = tables.filled(text, {"one": "| new |\n|---|\n| 1 |"})
+    filled = quotes.filled(text, {"one": "| new |\n|---|\n| 1 |"})
     assert filled == text.replace("| old |\n|---|\n", "| new |\n|---|\n| 1 |\n")
     for same in (filled, text.replace("|\n\nb", "|\nb")):  # a table without a blank line after it swallows the text
-        assert tables.filled(same, {"one": "| new |\n|---|\n| 1 |"}) == filled
+        assert quotes.filled(same, {"one": "| new |\n|---|\n| 1 |"}) == filled

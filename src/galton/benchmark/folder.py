@@ -11,6 +11,7 @@ import numpy as np
 from galton.benchmark.draws import Draws, draws
 from galton.benchmark.found import Found, plain
 from galton.benchmark.protocol import Protocol
+from galton.benchmark.reading import of_record
 from galton.benchmark.runs import Runs, gather
 from galton.benchmark.stages import Part, Stage, afterwards, tuning, width
 from galton.errors import UsageError, require
@@ -78,10 +79,26 @@ def differences(there: Any, here: Any, where: str = "") -> list[str]:
     return [] if canonical(there) == canonical(here) else [f"{where} is {here!r} and was {there!r}"]
 
 
+def load(store: Store) -> Found:
+    """What the folder's finished stages hold.
+
+    Raises:
+        UsageError: its draws are not all trained, or a file there is damaged.
+    """
+    latest: list[Found] = []
+    try:
+        record = json.loads(store.read(FILE))["file"]
+    except FileNotFoundError:
+        raise UsageError(f"out is {store.url}, which holds no {FILE}; name the folder of a benchmark") from None
+    train(store, of_record(record), None, latest.append)
+    require(bool(latest), f"out is {store.url}, where tuning is not done; run its benchmark again to go on")
+    return latest[-1]
+
+
 def train(
     store: Store,
     protocol: Protocol,
-    carry_out: CarryOut,
+    carry_out: CarryOut | None,
     tell: Callable[[Found], None],
     shard_width: int | None = None,
 ) -> bool:
@@ -91,6 +108,7 @@ def train(
         store: the folder.
         protocol: what the folder is begun with.
         carry_out: trains what a plan lacks; where it leaves something out, the stages after this one are not begun.
+            None leaves out all that is not there.
         tell: is given what there is before a later stage is trained, and in the end.
         shard_width: runs side by side, for plans that are not there yet; by default as `stages.width` has it.
 
@@ -120,7 +138,7 @@ def train(
 
 
 def _stage(
-    store: Store, protocol: Protocol, carry_out: CarryOut, shard_width: int | None, parts: Sequence[Part]
+    store: Store, protocol: Protocol, carry_out: CarryOut | None, shard_width: int | None, parts: Sequence[Part]
 ) -> list[Runs] | None:
     """The runs of all parts of a stage, or None if some are left out."""
     done = [_done(store, protocol, part, carry_out, shard_width) for part in parts]
@@ -133,11 +151,15 @@ def _file(part: Part) -> str:
     return f"{part.name}.parquet"
 
 
-def _done(store: Store, protocol: Protocol, part: Part, carry_out: CarryOut, shard_width: int | None) -> Runs | None:
+def _done(
+    store: Store, protocol: Protocol, part: Part, carry_out: CarryOut | None, shard_width: int | None
+) -> Runs | None:
     """The runs of a part, from its file or trained now; None if something is left out."""
     file = f"{DATA}/{_file(part)}"
     if _file(part) in store.names(DATA):
         return Runs.load(store.read(file), part, protocol.digest, f"{file} in {store.url}")
+    if carry_out is None:
+        return None
     sweeps = [*_prepared(store, part, shard_width)]
     for place, plan in sweeps:
         with place.lock():
