@@ -115,7 +115,7 @@ class _Classifier(Critic):
             fits,
             f"critic is {config.critic!r}, whose bins go from value_min = {usual['value_min']:g} to value_max = "
             f"{usual['value_max']:g}, which fits normalised rewards; set normalize_reward, or value_min and "
-            "value_max to the least and greatest discounted return of your task",
+            "value_max to the least and greatest discounted return of your task, one of them another number",
         )
 
     @property

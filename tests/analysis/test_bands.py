@@ -52,3 +52,11 @@ def test_unknown_runs_are_left_out_and_one_alone_has_no_band():
 def test_the_same_runs_have_the_same_band():
     runs = np.random.default_rng(3).normal(size=(5, 7))
     np.testing.assert_array_equal(mean_band([runs]), mean_band([runs]))
+
+
+@pytest.mark.parametrize("value", [1.0, -500.0, 0.1])
+@pytest.mark.parametrize("n", range(2, 21))
+def test_the_mean_of_equal_runs_lies_in_its_band(n, value):
+    mean, low, high = mean_band([np.full(n, value)] * 3)
+    assert low <= mean <= high
+    assert high - low < 1e-12 * abs(value)

@@ -70,16 +70,30 @@ def test_without_a_known_optimum_there_is_no_share(results):
     assert all(row.rest_to_optimum is None for row in rows)
 
 
-def test_verdicts_name_what_differs_and_what_does_not(results):
+def test_verdicts_name_what_differs_and_what_does_not():
+    base = np.linspace(-21.0, -20.0, 12)
+    results = {
+        "gaussian": result("gaussian", base),
+        "hl-gauss": result("hl-gauss", base + np.linspace(9.5, 10.5, 12)),
+        "hl-one-hot": result("hl-one-hot", base + 0.1 * (-1.0) ** np.arange(12)),
+    }
     sentences = verdicts(results)
-    assert [s.rsplit(": ", 1)[1] for s in sentences] == [
-        "better",
-        "better",
-        "no clear difference",
-        "no clear difference",
-    ]
+    assert [s.rsplit(": ", 1)[1] for s in sentences] == ["better", "no clear difference"] * 2
     assert sentences[0].startswith("HL-Gauss − Gaussian, training return: +10.00 ±")
     assert verdicts({"hl-gauss": results["hl-gauss"]}) == []
+
+
+def test_a_loss_whose_runs_diverge_is_not_better_by_the_others(results):
+    base = np.linspace(4.0, 6.0, 10)
+    known = {
+        "gaussian": result("gaussian", base),
+        "hl-gauss": result("hl-gauss", base + 5, diverged=range(3, 10)),
+        "hl-one-hot": result("hl-one-hot", base - 3, diverged=range(3, 10)),
+    }
+    assert [s.rsplit(": ", 1)[1] for s in verdicts(known)] == ["no clear difference", "worse"] * 2
+    assert {s.rsplit(": ", 1)[1] for s in verdicts(results)} == {"no clear difference"}  # four runs, four decisions
+    three = {loss: result(loss, [1.0, 2.0, 3.0]) for loss in ("gaussian", "hl-gauss")}
+    assert {s.rsplit(": ", 1)[1] for s in verdicts(three)} == {"too few seeds to tell"}
 
 
 def test_curves_hold_every_run_and_log_point(results):

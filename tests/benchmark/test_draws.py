@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from galton import UsageError
 from galton.benchmark import stages
 from galton.benchmark.draws import draws, setting
 from galton.benchmark.priors import Prior
@@ -133,3 +134,19 @@ def test_shards_are_as_wide_as_leaves_the_fewest_places_empty(settings, trials, 
 
 def test_a_prior_of_one_value_is_still_a_draw():
     assert Prior.read("prior.gamma", {"choice": [0.9]}).is_drawn
+
+
+def test_a_common_field_that_a_method_has_no_use_for_is_not_drawn_for_it():
+    known = protocol(prior__eta={"uniform": [0.5, 1]}, methods__bins__search=None, methods__ppo__search=None)
+    drawn = draws(known)
+    assert "eta" in drawn["bins"][0]
+    assert "eta" in drawn["ppo"][0]
+    assert "eta" not in drawn["gaussian"][0]
+    alone = {"loss": "gaussian", "learning_rate": 0.1, "gamma": 0.9, "decay_steps": 0}
+    with pytest.raises(UsageError, match=r"methods.gaussian searches nothing, so its draws would all be alike"):
+        protocol(
+            prior__eta={"uniform": [0.5, 1]},
+            methods__gaussian__fixed=alone,
+            methods__bins__search=None,
+            methods__ppo__search=None,
+        )

@@ -17,6 +17,11 @@ WRONG = [
     ({"baseline": "gausian"}, "baseline is 'gausian'; choose from gaussian, bins, ppo; did you mean gaussian"),
     ({"budget__settings": 0}, "budget.settings is 0; it must be an integer of at least 1"),
     ({"budget__setings": 3}, "budget has 'setings', which it can't have; .* did you mean settings"),
+    ({"methods__bins__label": "Gaussian"}, "methods has two with the label 'Gaussian'; give each a label of its own"),
+    (
+        {"fixed__decay_steps": {"value": True, "times": "steps"}, "prior__decay_steps": None},
+        "fixed.decay_steps.value has True; it must have finite numbers",
+    ),
     ({"budget__steps": 1e6}, "budget.steps is 1000000.0; it must be an integer"),
     ({"selection__metric": "loss"}, "selection.metric is 'loss'; choose from evaluation_return"),
     ({"selection__last": 0.0}, "selection.last is 0.0; it must be above 0, and 1 at most"),
@@ -123,6 +128,12 @@ def test_a_file_may_extend_another(tmp_path):
     file.write_text("extends = 3\n")
     with pytest.raises(UsageError, match="extends is 3; give the name of a file"):
         read(file)
+
+
+def test_steps_of_a_task_are_its_steps_on_fresh_seeds_too():
+    known = protocol(budget__fresh_steps=1000, tasks__four__steps=50)
+    steps = {task.name: (task.steps(False), task.steps(True)) for task in known.tasks}
+    assert steps == {"bandit": (100, 1000), "noisy": (200, 300), "four": (50, 50)}
 
 
 def test_the_hash_is_of_content_and_order_alone(tmp_path):

@@ -1,5 +1,8 @@
 """What a benchmark tells of itself, from runs that were never trained."""
 
+import dataclasses
+
+import pyarrow as pa
 import pytest
 
 from galton.benchmark import figures, tables
@@ -7,6 +10,7 @@ from galton.benchmark.answer import sentences
 from galton.benchmark.draws import draws
 from galton.benchmark.found import Found, plain
 
+from .files import protocol
 from .made_up import KNOWN, made_up
 
 
@@ -54,6 +58,29 @@ def test_without_held_out_tasks_the_answer_says_that_its_seeds_flatter():
     said = sentences(found(4.0, ("fresh",)))
     assert said[2].startswith("On the tuning tasks, fresh seeds, ppo is above Gaussian")
     assert said[2].endswith("The same seeds chose it, which flatters it.")
+
+
+@pytest.mark.parametrize("n", [1, 3])
+def test_with_too_few_seeds_nothing_is_clear(n):
+    few = protocol(budget__fresh_seeds=n)
+    later = {stage: made_up(stage, 4.0, few)[0] for stage in ("fresh", "held-out")}
+    said = sentences(Found(few, draws(few), [], later))
+    assert said[2].endswith("There are too few fresh seeds for anything to be clear on a task by itself.")
+    if n == 1:
+        others = [method.label for method in few.methods if not said[0].startswith(method.label)]
+        assert sorted(said[1].removeprefix("Not clearly behind it: ").removesuffix(".").split(", ")) == sorted(others)
+
+
+def equal(runs):
+    rows = [-500.0] * runs.table.num_rows
+    table = pa.table({"final_judged": rows, "final_training": rows, "diverged_at": [-1] * len(rows)})
+    return dataclasses.replace(runs, table=table)
+
+
+def test_where_all_runs_are_equal_figures_are_drawn():
+    known = found(1.0)
+    later = {stage: [equal(each) for each in runs] for stage, runs in known.later.items()}
+    assert figures.scores(dataclasses.replace(known, later=later)).axes
 
 
 def test_of_many_methods_the_baseline_and_those_ahead_are_drawn(monkeypatch):

@@ -27,6 +27,7 @@ __all__ = [
     "Scalars",
     "check_together",
     "find_algorithm",
+    "idle",
     "policy_of",
     "refuse_idle",
     "refuse_others",
@@ -96,25 +97,42 @@ def refuse_idle(config: Config, settings: Config | Hypers) -> None:
     """
     if config.policy not in ("auto", *POLICIES):
         return
-    loss, policy = find_loss(config.loss), policy_of(config)
-    has_bins = POLICIES[policy].family == "histogram"
-    wanted = {
-        "bin_centers": (has_bins, "a policy over bins"),
-        "target_tails": (has_bins and ("eta" in loss.uses or "eta" in USES.get(policy, ())), "targets of width η"),
-        "initial_policy": (has_bins or config.initial_policy != "clipped-gaussian", "a policy over bins"),
-        "rpo_alpha": ("rpo_alpha" in USES.get(policy, ()), "the policy 'rpo'"),
-    }
-    usual = defaults(type(settings))
-    for name in wanted.keys() & usual.keys():
-        used, whose = wanted[name]
-        values = np.atleast_1d(getattr(settings, name))
-        for value in [] if used else values[values != usual[name]][:1]:
-            shown = repr(str(value)) if isinstance(value, str) else str(value)
+    usual, whose = defaults(type(settings)), idle(config)
+    for name in whose.keys() & usual.keys() - {*_IDLE_OF_OLD}:
+        given = getattr(settings, name)
+        values = np.atleast_1d(usual[name] if given is None else given)  # None is without_unused's
+        for value in values[values != usual[name]][:1]:
+            if (name, value) == ("initial_policy", "gaussian"):
+                continue  # of old too
+            shown, policy = repr(str(value)) if isinstance(value, str) else str(value), policy_of(config)
             raise UsageError(
-                f"{name} is {shown}; it goes with {whose}, not with the policy {policy!r} and the loss {config.loss!r}"
+                f"{name} is {shown}; it goes with {whose[name]}, not with the policy {policy!r} and the loss "
+                f"{config.loss!r}"
             )
     if isinstance(settings, Hypers):
         credit.check_numbers(config, settings)
+
+
+_IDLE_OF_OLD = ("eta", "n_bins", "exploration", "bin_sample", "deterministic_action")
+"""What files of before these checks may have although nothing uses it."""
+
+
+def idle(config: Config) -> dict[str, str]:
+    """The fields that the configuration's loss and policy have no use for, each with what has one."""
+    loss, policy = find_loss(config.loss), policy_of(config)
+    found: dict[str, str] = {}
+    if POLICIES[policy].family != "histogram":
+        bins = ("n_bins", "initial_policy", "exploration", "bin_sample", "deterministic_action", "bin_centers")
+        found |= dict.fromkeys((*bins, "target_tails"), "a policy over bins")
+    if "eta" not in (*loss.uses, *USES.get(policy, ())):
+        found |= dict.fromkeys(("eta", "target_tails"), "targets of width η")
+    if "rpo_alpha" not in USES.get(policy, ()):
+        found["rpo_alpha"] = "the policy 'rpo'"
+    if policy == "beta":
+        found |= dict.fromkeys(("log_std_init", "log_std_min"), "a policy that has a σ")
+    if policy in ("beta", "squashed-gaussian"):
+        found["box_units"] = "a policy that is not in units of the box anyway"
+    return found
 
 
 def find_algorithm(name: str) -> Algorithm:

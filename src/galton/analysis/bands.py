@@ -27,7 +27,8 @@ def mean_band(strata: Sequence[Shaped[np.ndarray, "_ *rest"]], n_resamples: int 
     mean = _mean_of_means([np.ones((1, len(runs))) for runs in flat], flat)[0]
     low, high = np.full((2, *mean.shape), np.nan)
     enough = np.min([(~np.isnan(runs)).sum(0) for runs in flat], axis=0) > 1
-    low[enough], high[enough] = _percentiles(_mean_of_means(draws, flat)[:, enough])
+    ends = _percentiles(_mean_of_means(draws, flat)[:, enough])
+    low[enough], high[enough] = np.minimum(ends[0], mean[enough]), np.maximum(ends[1], mean[enough])  # equal runs round
     return Interval(*(end.reshape(shape)[()] for end in (mean, low, high)))
 
 

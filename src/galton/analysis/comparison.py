@@ -9,7 +9,7 @@ import pyarrow as pa
 from matplotlib.figure import Figure
 
 from galton.analysis.plots import draw_level, draw_series, finish, fit, look_of, over_steps, panels
-from galton.analysis.statistics import Interval, difference_interval, fill_until, mean_interval
+from galton.analysis.statistics import ALPHA, Comparison, Interval, compare, fill_until, holm, mean_interval
 from galton.envs.base import Environment
 from galton.losses import LOSSES
 from galton.training.train import Result
@@ -83,21 +83,33 @@ def summarise(results: Results, env: Environment | None, at_rest: float | None =
 
 
 def verdicts(results: Results, baseline: str = "gaussian") -> list[str]:
-    """What the final returns say of each loss against the baseline: a sentence each, none if it was not trained."""
-    if baseline not in results:
-        return []
-    sentences = []
-    for loss, result in results.items():
-        if loss == baseline:
-            continue
-        for metric, name in (("training_return", "training"), ("evaluation_return", "evaluation")):
-            gap = difference_interval(result.final(metric), results[baseline].final(metric))
-            verdict = "better" if gap.low > 0 else "worse" if gap.high < 0 else "no clear difference"
-            if not np.isnan(gap.low):
-                sentences.append(
-                    f"{LOSSES[loss].label} − {LOSSES[baseline].label}, {name} return: {gap:+.2f}: {verdict}"
-                )
-    return sentences
+    """What the final returns say of each loss against the baseline: a sentence each, none if it was not trained.
+
+    Runs of one seed are pairs, a diverged run counts as the worst of all, and the p values of the rank tests are
+    adjusted for all sentences by Holm's method.
+    """
+    found: dict[str, Comparison] = {}
+    for metric, name in (("training_return", "training"), ("evaluation_return", "evaluation")):
+        finals = {loss: result.final(metric) for loss, result in results.items()}
+        known = np.concatenate([of[~np.isnan(of)] for of in finals.values()])
+        for loss, of in finals.items():
+            if loss != baseline and baseline in finals and known.size:
+                ours, theirs = (np.where(np.isnan(runs), known.min(), runs) for runs in (of, finals[baseline]))
+                sentence = f"{LOSSES[loss].label} − {LOSSES[baseline].label}, {name} return"
+                found[sentence] = compare(ours, theirs, paired=True)
+    adjusted = holm([comparison.p for comparison in found.values()])
+    return [
+        f"{sentence}: {comparison.difference:+.2f}: {_verdict(comparison, p)}"
+        for (sentence, comparison), p in zip(found.items(), adjusted, strict=True)
+    ]
+
+
+def _verdict(comparison: Comparison, p: float) -> str:
+    if math.isnan(p):
+        return "too few seeds to tell"
+    if p >= ALPHA:
+        return "no clear difference"
+    return "better" if comparison.above > 0.5 else "worse"
 
 
 def learning_curves(results: Results, env: Environment | None, title: str) -> Figure:

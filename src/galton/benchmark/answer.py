@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 
+from galton.analysis.ranks import least_p
 from galton.analysis.statistics import ALPHA
 from galton.benchmark.found import Found
 from galton.benchmark.stages import Stage
@@ -37,7 +38,7 @@ def sentences(found: Found) -> list[str]:
 def _behind(found: Found, order: Sequence[str], labels: Mapping[str, str]) -> str:
     """Which methods may be as good as the first, by P(X > Y) over the tuning tasks."""
     above = found.standings["fresh"].above[order[0]]
-    near = [labels[name] for name in order[1:] if above[name].low <= 0.5]
+    near = [labels[name] for name in order[1:] if not above[name].low > 0.5]  # nor where it is not known
     return f"Not clearly behind it: {_list(near)}."
 
 
@@ -49,10 +50,12 @@ def _against(found: Found, stage: Stage, ahead: str) -> str:
     clear = {name: versus for name, versus in standings.versus[ahead].items() if versus.p < ALPHA}
     better = [tasks[name] for name, versus in clear.items() if versus.difference.mean > 0]
     worse = [tasks[name] for name, versus in clear.items() if versus.difference.mean < 0]
-    return (
-        f"On the {STAGES[stage]}, {label} is above {base.label} with P = {standings.above[ahead][base.name]:.2f}. Of "
-        f"{len(standings.tasks)} it is clearly better on {_list(better)} and clearly worse on {_list(worse)}."
-    )
+    first = f"On the {STAGES[stage]}, {label} is above {base.label} with P = {standings.above[ahead][base.name]:.2f}."
+    n = found.protocol.budget.fresh_seeds
+    if least_p(n, n) * len(standings.tasks) >= ALPHA:
+        return f"{first} There are too few fresh seeds for anything to be clear on a task by itself."
+    clearly = f"it is clearly better on {_list(better)} and clearly worse on {_list(worse)}."
+    return f"{first} Of {len(standings.tasks)} {clearly}"
 
 
 def _list(names: Sequence[str]) -> str:

@@ -51,7 +51,7 @@ class Prior:
         require(times == STEPS, f'{where}.times is {times!r}; leave it out, or write times = "{STEPS}"')
         kind, values = kinds[0], given[kinds[0]]
         if kind == "value":
-            return cls(kind, (values,), "times" in given)
+            values = [values]
         wanted = "two numbers" if kind in CONTINUOUS else "one value or more"
         right = isinstance(values, list) and (len(values) == 2 if kind in CONTINUOUS else len(values) >= 1)
         require(right, f"{where}.{kind} is {values!r}; give a list of {wanted}")

@@ -4,16 +4,18 @@ import dataclasses
 import functools
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Annotated, Literal
 
-from galton.algorithms import ALGORITHMS, find_algorithm
+from galton.algorithms import ALGORITHMS, find_algorithm, idle
 from galton.benchmark.priors import Prior, Priors, Record
 from galton.errors import UsageError, require
 from galton.fields import Within
+from galton.losses import LOSSES
+from galton.policies import POLICIES
 from galton.sweep.grid import MOST_SETTINGS
 from galton.sweep.study import DEFAULTS, Natural
-from galton.types import Count
+from galton.types import Config, Count
 
 
 @dataclasses.dataclass(frozen=True)
@@ -131,17 +133,29 @@ class Protocol:
         return name
 
     def searched(self, method: Method) -> dict[str, Prior]:
-        """What a method draws: the common fields that its algorithm has and it doesn't fix, and its own."""
+        """What a method draws: the common fields that it has a use for and doesn't fix, and its own."""
         own = find_algorithm(self.algorithm(method)).own
         others = {field for other in ALGORITHMS.values() for field in other.own if field not in own}
-        common = {name: prior for name, prior in self.prior.items() if name not in {*others, *method.fixed}}
-        return common | dict(method.search)
+        others |= {*method.fixed, *self._idle(method)}
+        return {name: prior for name, prior in self.prior.items() if name not in others} | dict(method.search)
+
+    def _idle(self, method: Method) -> Collection[str]:
+        """The fields that a method's loss and policy have no use for; none where it draws one of the two."""
+        if {"loss", "policy"} & {*self.prior, *method.search}:
+            return ()
+        fixed = {**self.fixed, **method.fixed}
+        named = {name: fixed[name].values[0] for name in ("loss", "policy") if name in fixed}
+        return idle(Config(**named)) if {*named.values()} <= {*LOSSES, *POLICIES, "auto"} else ()
 
 
 def check(protocol: Protocol) -> None:
     """Raise UsageError for parts of a file that don't go together."""
     require(len(protocol.methods) > 1, "methods has fewer than two; add a [methods.NAME] table for each")
     require(bool(protocol.tuning), "tasks has none to tune on; add a [tasks.NAME] table without held_out = true")
+    for kind, entries in (("methods", protocol.methods), ("tasks", protocol.tasks)):
+        labels = [entry.label for entry in entries]
+        for label in (label for label in labels if labels.count(label) > 1):
+            raise UsageError(f"{kind} has two with the label {label!r}; give each a label of its own")
     n = len(protocol.methods) * protocol.budget.settings
     most = f"draw {MOST_SETTINGS:,} settings at most in all"
     require(n <= MOST_SETTINGS, f"budget.settings times the number of methods is {n:,}; {most}")

@@ -139,6 +139,8 @@ def _task(name: str, given: object, budget: Budget) -> Task:
     require(isinstance(kwargs, dict), f"{where}.env_kwargs is {kwargs!r}; it must be a table")
     require(isinstance(held_out, bool), f"{where}.held_out is {held_out!r}; it must be true or false")
     own = {name: value for name, value in table.items() if name in _OF_TASK}
+    if "steps" in own:
+        own = {"fresh_steps": 0} | own
     fixed = read_table(f"{where}.fixed", table.get("fixed", {}), drawn=False)
     scale = _scale(f"{where}.scale", table.get("scale", {}))
     return Task(name, _label(where, name, table), env, kwargs, held_out, fixed, scale, _record(where, own, budget))

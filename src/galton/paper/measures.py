@@ -143,10 +143,10 @@ def spread(summary: Summary, loss: str, field: str, scale: Scale) -> Scores | No
 
     It is the marginal mean of its best value less that of its worst. The two are chosen by one half of the trials and
     compared by the other, and the other way round: were the field without effect, the mean would be 0. None where the
-    grid does not vary it.
+    grid does not vary it, or where there is but one trial.
     """
     marginals = np.array([*by_value(summary, loss, field).values()])
-    if len(marginals) < 2:
+    if len(marginals) < 2 or summary.study.trials < 2:
         return None
     half = np.arange(marginals.shape[1]) % 2
     differences = np.full(len(half), np.nan)

@@ -66,10 +66,10 @@ Gaussian in its units is trained there too."""
 def across(trained: Trained, task: str) -> dict[str, dict[float, Summary]]:
     """The runs of each loss, and of IN_THE_BOX, at each scale that is done: summaries of one setting."""
     found: dict[str, dict[float, Summary]] = {}
-    done = {scale: trained.of(SWEEPS[task, scale]) for scale in SCALES if (task, scale) in SWEEPS}
-    n = min((summary.study.trials for summary in done.values() if summary is not None), default=0)
-    known = [(scale, summary) for scale, summary in [*done.items(), (1.0, trained.of(AGAIN[task]))] if summary and n]
-    for scale, summary in known:
+    scaled = [(scale, trained.of(SWEEPS[task, scale])) for scale in SCALES if (task, scale) in SWEEPS]
+    known = [(scale, summary) for scale, summary in [*scaled, (1.0, trained.of(AGAIN[task]))] if summary]
+    n = min((summary.study.trials for _, summary in known), default=0)
+    for scale, summary in known if any(summary for _, summary in scaled) else []:
         for setting in summary.study.settings:
             name = name_of(setting)
             names = (name, IN_THE_BOX) if name == "gaussian" and scale == 1 and task != "bandit" else (name,)
