@@ -33,7 +33,7 @@ SB3_NAMES = {
 
 @pytest.fixture(scope="module")
 def model():
-    return A2C("lqr", n_bins=10, net_arch=(8,), n_steps=10)
+    return A2C("lqr", "hl-gauss", n_bins=10, net_arch=(8,), n_steps=10)
 
 
 def learn(model, callback, updates=10, log_interval=2):
@@ -81,7 +81,7 @@ def test_the_log_comes_at_every_interval_under_the_names_of_sb3(model):
 
 def test_log_points_do_not_depend_on_how_training_is_cut_but_for_the_ends():
     def numbers(cuts):
-        run, logs = A2C("lqr", n_bins=10, net_arch=(8,), n_steps=10), {}
+        run, logs = A2C("lqr", "hl-gauss", n_bins=10, net_arch=(8,), n_steps=10), {}
         for updates in cuts:
             run.learn(updates * 10, lambda model, log: logs.update({model.num_timesteps: log}), 2, progress_bar=False)
         return {step: {name: log[name] for name in log if name.split("/")[0] != "time"} for step, log in logs.items()}
@@ -119,14 +119,14 @@ class Timed:
 )
 @pytest.mark.parametrize("log_interval", [1, 3, 1000])
 def test_what_names_steps_is_called_at_them_whatever_the_log_interval(every, steps, log_interval):
-    run, timed, more = A2C("lqr", n_bins=10, net_arch=(8,), n_steps=10), Timed(every), Timed(30)
+    run, timed, more = A2C("lqr", "hl-gauss", n_bins=10, net_arch=(8,), n_steps=10), Timed(every), Timed(30)
     run.learn(100, [timed, more], progress_bar=False, log_interval=log_interval)
     assert timed.steps == steps
     assert more.steps == [30, 60, 90]
 
 
 def test_what_names_steps_counts_them_from_the_start_of_the_run_through_every_learn():
-    run, timed = A2C("lqr", n_bins=10, net_arch=(8,), n_steps=10), Timed(30)
+    run, timed = A2C("lqr", "hl-gauss", n_bins=10, net_arch=(8,), n_steps=10), Timed(30)
     run.learn(20, progress_bar=False)
     for _ in range(2):
         run.learn(40, timed, progress_bar=False)
@@ -134,7 +134,7 @@ def test_what_names_steps_counts_them_from_the_start_of_the_run_through_every_le
 
 
 def test_one_that_adds_to_the_log_makes_a_log_point_for_those_behind_it_alone():
-    run, seen = A2C("lqr", n_bins=10, net_arch=(8,), n_steps=10), {"before": [], "behind": []}
+    run, seen = A2C("lqr", "hl-gauss", n_bins=10, net_arch=(8,), n_steps=10), {"before": [], "behind": []}
     callbacks = [
         lambda model, log: seen["before"].append((model.num_timesteps, log.get("a"))),
         Timed(20),
@@ -147,7 +147,7 @@ def test_one_that_adds_to_the_log_makes_a_log_point_for_those_behind_it_alone():
 
 
 def test_one_that_names_steps_may_stop_and_those_behind_it_still_log_the_end():
-    run, steps = A2C("lqr", n_bins=10, net_arch=(8,), n_steps=10), []
+    run, steps = A2C("lqr", "hl-gauss", n_bins=10, net_arch=(8,), n_steps=10), []
     callbacks = [Timed(30, stops=True), lambda model, log: steps.append(model.num_timesteps)]
     run.learn(100, callbacks, progress_bar=False, log_interval=1000)
     assert steps == [30] == [run.num_timesteps]
@@ -155,7 +155,7 @@ def test_one_that_names_steps_may_stop_and_those_behind_it_still_log_the_end():
 
 @pytest.mark.parametrize("at", [0, 1, 2])
 def test_the_end_is_logged_by_all_wherever_the_one_that_stops_stands(at):
-    run, steps = A2C("lqr", n_bins=10, net_arch=(8,), n_steps=10), [[], []]
+    run, steps = A2C("lqr", "hl-gauss", n_bins=10, net_arch=(8,), n_steps=10), [[], []]
     callbacks = [lambda model, log, own=own: own.append(model.num_timesteps) for own in steps]
     callbacks.insert(at, Timed(30, stops=True))
     run.learn(100, callbacks, progress_bar=False, log_interval=1000)
@@ -175,7 +175,7 @@ def test_the_end_is_logged_by_all_wherever_the_one_that_stops_stands(at):
 )
 def test_what_could_only_fail_later_is_refused_before_training(make, message, tmp_path):
     (tmp_path / "file").touch()
-    run = A2C("lqr", n_bins=10, net_arch=(8,), n_steps=10)
+    run = A2C("lqr", "hl-gauss", n_bins=10, net_arch=(8,), n_steps=10)
     with pytest.raises(UsageError, match=message):
         run.learn(100, make(tmp_path), progress_bar=False)
     assert run.num_timesteps == 0
@@ -184,7 +184,8 @@ def test_what_could_only_fail_later_is_refused_before_training(make, message, tm
 @pytest.mark.parametrize("log_interval", [1, 7, 1000])
 def test_training_does_not_depend_on_who_looks_at_it(log_interval):
     def params(callback):
-        run = A2C("lqr", n_bins=10, net_arch=(8,), n_steps=10).learn(100, callback, log_interval, progress_bar=False)
+        run = A2C("lqr", "hl-gauss", n_bins=10, net_arch=(8,), n_steps=10)
+        run.learn(100, callback, log_interval, progress_bar=False)
         return np.asarray(run.learner.params["actor"][0]["kernel"])
 
     np.testing.assert_array_equal(params([Timed(10), Timed(37), Evaluate(20, 1)]), params(None))
@@ -196,7 +197,7 @@ def test_training_does_not_depend_on_who_looks_at_it(log_interval):
     ids=lambda callback: f"{type(callback).__name__} {callback.every!r}",
 )
 def test_what_can_not_be_called_at_its_steps_is_refused_before_training(callback):
-    run = A2C("lqr", n_bins=10, net_arch=(8,), n_steps=10)
+    run = A2C("lqr", "hl-gauss", n_bins=10, net_arch=(8,), n_steps=10)
     with pytest.raises(UsageError, match=f"every of {type(callback).__name__} is"):
         run.learn(100, callback, progress_bar=False)
     assert run.num_timesteps == 0

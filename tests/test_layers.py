@@ -22,7 +22,7 @@ RANKS = """
     targets theory
     policies envs
     losses critics
-    tasks algorithms
+    tasks presets algorithms
     saving
     training
     callbacks sb3

@@ -64,7 +64,7 @@ class Recorder(BaseCallback):
 
 @pytest.fixture(scope="module")
 def model():
-    return A2C(drift, n_bins=10, net_arch=(8,), n_steps=4, n_envs=2)
+    return A2C(drift, "hl-gauss", n_bins=10, net_arch=(8,), n_steps=4, n_envs=2)
 
 
 def test_evaluate_policy_equals_our_own_play_of_the_same_episodes(model):
@@ -91,7 +91,7 @@ def test_evaluate_policy_runs_on_a_vector_environment_and_without_deterministic_
 @pytest.mark.parametrize("stop_at", [None, 12])
 def test_callbacks_see_the_steps_that_they_see_in_sb3(stop_at):
     ours, theirs = Recorder(stop_at), Recorder(stop_at)
-    model = A2C(drift, n_bins=10, net_arch=(8,), n_steps=4, n_envs=2)
+    model = A2C(drift, "hl-gauss", n_bins=10, net_arch=(8,), n_steps=4, n_envs=2)
     model.learn(24, ours, progress_bar=False)
     SB3("MlpPolicy", make_vec_env(drift, 2), n_steps=4, device="cpu").learn(24, theirs)
     assert ours.seen == theirs.seen
@@ -99,7 +99,7 @@ def test_callbacks_see_the_steps_that_they_see_in_sb3(stop_at):
 
 
 def test_a_second_learn_goes_on_counting():
-    recorder, model = Recorder(), A2C(drift, n_bins=10, net_arch=(8,), n_steps=4)
+    recorder, model = Recorder(), A2C(drift, "hl-gauss", n_bins=10, net_arch=(8,), n_steps=4)
     model.learn(8, recorder, progress_bar=False).learn(4, recorder, progress_bar=False)
     steps = [entry[1:] for entry in recorder.seen if entry[0] == "step"]
     assert steps == [(i, i) for i in range(1, 13)]
@@ -154,7 +154,7 @@ def test_ours_and_theirs_run_together_and_one_that_never_stops_does_not_hide_ano
 def test_an_evaluation_is_normalised_as_training_is_and_its_statistics_are_saved(tmp_path):
     env, test = (VecNormalize(DummyVecEnv([lambda: Monitor(drift())] * n), norm_reward=n == 2) for n in (2, 1))
     test.training = False
-    model = A2C(env, n_bins=5, net_arch=(4,), n_steps=4)
+    model = A2C(env, "hl-gauss", n_bins=5, net_arch=(4,), n_steps=4)
     callbacks = [
         EvalCallback(test, eval_freq=8, verbose=0),
         CheckpointCallback(8, str(tmp_path), save_vecnormalize=True),

@@ -48,13 +48,13 @@ NAMES = ["bandit", "galton/Bandit-v0", "lqr", "galton/LQR-v0", "mountain-car", "
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("algorithm", ALGORITHMS)
 def test_one_name_is_one_experiment_for_models_and_for_commands(name, algorithm):
-    command, model = Training.of_task(name, algorithm), Model(name, algorithm=algorithm)
+    command, model = Training.of_task(name, algorithm), Model(name, preset="paper", algorithm=algorithm)
     assert (command.config, command.hypers) == (model.config, model.hypers)
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_a_grid_begins_with_the_same_settings(name):
-    setting, model = Setting.of_record(task_defaults(name)), Model(name)
+    setting, model = Setting.of_record(task_defaults(name)), Model(name, preset="paper")
     assert (setting.config, setting.hypers) == (model.config, model.hypers)
 
 
@@ -67,10 +67,10 @@ def test_the_bandit_by_its_name_has_the_papers_settings_and_what_is_told_goes_be
 
 
 def test_an_algorithms_own_defaults_go_before_the_tasks():
-    model = PPO("bandit")
+    model = PPO("bandit", preset="paper")
     assert (model.hypers.learning_rate, model.config.n_steps, model.config.net_arch) == (3e-4, 2048, ())
 
 
 def test_an_environment_that_is_there_has_no_name_and_the_usual_settings():
-    model = A2C(Bandit())
+    model = A2C(Bandit(), preset="paper")
     assert (model.hypers, model.config.n_steps, model.config.net_arch) == (Hypers(), 20, (64, 64))

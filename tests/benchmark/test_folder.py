@@ -126,17 +126,17 @@ def test_data_that_are_there_need_no_sweeps(reference, tmp_path):
 
 
 def test_what_a_folder_holds_is_read_without_training(reference, tmp_path):
-    folder = tmp_path / "copied"
+    folder, known = tmp_path / "copied", of_record(RECORD)
     shutil.copytree(reference, folder, ignore=shutil.ignore_patterns("sweeps"))
-    assert written(load(Store(str(folder))).record()) == (reference / report.NUMBERS).read_bytes()
+    assert written(load(Store(str(folder)), known).record()) == (reference / report.NUMBERS).read_bytes()
     (folder / DATA / "held-out-four.parquet").unlink()
-    assert [*load(Store(str(folder))).later] == ["fresh"]
+    assert [*load(Store(str(folder)), known).later] == ["fresh"]
     assert {*files(folder)} == {*files(reference)} - {f"{DATA}/held-out-four.parquet"}
     (folder / DATA / "tuning-bandit.parquet").unlink()
     with pytest.raises(UsageError, match=r"out is .*copied, where tuning is not done; run its benchmark again"):
-        load(Store(str(folder)))
+        load(Store(str(folder)), known)
     with pytest.raises(UsageError, match=f"out is .*, which holds no {FILE}; name the folder of a benchmark"):
-        load(Store(str(tmp_path)))
+        load(Store(str(tmp_path)), known)
 
 
 @pytest.mark.parametrize(

@@ -12,14 +12,14 @@ from galton.cli import export
 from galton.deploy import hub
 from galton.models import Model
 
-COMMAND = "galton train Pendulum-v1 --n-bins 5"
+COMMAND = "galton train Pendulum-v1 --loss hl-gauss --n-bins 5"
 
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
     """A run folder as `galton train` leaves one."""
     folder = tmp_path_factory.mktemp("made") / "run"
-    model = A2C("Pendulum-v1", n_bins=5, net_arch=(4,), n_steps=50)
+    model = A2C("Pendulum-v1", "hl-gauss", n_bins=5, net_arch=(4,), n_steps=50)
     evaluate = callbacks.Evaluate(50, 2, best_model=folder / "best_model.safetensors")
     model.learn(100, [evaluate, callbacks.JSONLines(folder / "metrics.jsonl")], progress_bar=False, log_interval=1)
     model.save(folder / "model.safetensors")

@@ -92,7 +92,7 @@ LEARNING = """
 import sys, time
 import galton
 galton.use_all_cores()
-model = galton.A2C("lqr", n_bins=10, net_arch=(8,))
+model = galton.A2C("lqr", "hl-gauss", n_bins=10, net_arch=(8,))
 model.learn(2_000, progress_bar=False)
 print("ready", flush=True)
 for _ in range(2):

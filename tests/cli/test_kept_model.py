@@ -93,7 +93,7 @@ def test_five_seconds_after_sigterm_there_is_a_checkpoint_that_loads(kind, tmp_p
 
 @pytest.fixture(scope="module")
 def model():
-    return A2C("bandit", n_bins=4, net_arch=())
+    return A2C("bandit", "hl-gauss", n_bins=4, net_arch=())
 
 
 def kept(tmp_path, may_begin=True):

@@ -61,7 +61,7 @@ def test_options_make_the_records_themselves():
     options, kinds = parsed("lqr", "--n-bins", "7", "--eta", "0.5", "--loss", "gaussian")
     assert kinds == ["Config", "Hypers"]
     assert options["loss"] == "gaussian"
-    assert options["training"]["config"] == dataclasses.asdict(Config(n_bins=7)) | {"net_arch": [64, 64]}
+    assert options["training"]["config"] == dataclasses.asdict(Config("gaussian", n_bins=7)) | {"net_arch": [64, 64]}
     assert options["training"]["hypers"] == list(Hypers(eta=0.5))
 
 

@@ -32,7 +32,8 @@ def small(steps=100, env_kwargs="{}", **config):
 
 def galton_train(out, **options):
     """What `galton train bandit` does with these options; tyro can't read them where types are checked."""
-    options = train.Options(**{"env": "bandit", "training": small(), "out": Path(out), **options})
+    named = {"env": "bandit", "loss": "hl-gauss", "preset": "paper", "training": small(), "out": Path(out)}
+    options = train.Options(**named | options)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(train, "parse", lambda *_: options)
         train.main([])

@@ -30,7 +30,7 @@ runpy.run_path(sys.argv[0], run_name="__main__")
 def folder(tmp_path_factory):
     """A folder with a policy that turns a pendulum somehow."""
     folder = tmp_path_factory.mktemp("exported")
-    model = galton.A2C("Pendulum-v1", n_bins=5, net_arch=(8,), normalize_observation=True)
+    model = galton.A2C("Pendulum-v1", "hl-gauss", n_bins=5, net_arch=(8,), normalize_observation=True)
     galton.deploy.export(model.learn(100, progress_bar=False), folder / "policy.onnx")
     return folder
 

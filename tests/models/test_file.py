@@ -4,7 +4,7 @@ import pytest
 from galton import A2C, PPO, CheckpointError, Model, UsageError
 from galton.envs import LQR
 
-SMALL = {"n_bins": 10, "net_arch": (8,)}
+SMALL = {"preset": "paper", "n_bins": 10, "net_arch": (8,)}
 
 
 @pytest.fixture(scope="module")

@@ -11,7 +11,7 @@ from galton.callbacks import Print
 
 from ..swing import stateful_swing, swing
 
-SMALL = {"n_bins": 10, "net_arch": (8,), "n_steps": 5, "n_envs": 2}
+SMALL = {"preset": "paper", "n_bins": 10, "net_arch": (8,), "n_steps": 5, "n_envs": 2}
 QUIET = {"progress_bar": False}
 
 
@@ -78,7 +78,7 @@ def test_a_model_says_what_it_is_and_only_what_is_unusual():
         "<galton.A2C: hl-one-hot on LQR, n_envs=2, learning_rate=0.01, n_steps=5, n_bins=10, net_arch=(8,), seed=3, "
         "50 steps>"
     )
-    assert repr(PPO("lqr")) == "<galton.PPO: hl-gauss on LQR, n_envs=1, seed=0, 0 steps>"
+    assert repr(PPO("lqr", "hl-gauss")) == "<galton.PPO: hl-gauss on LQR, n_envs=1, seed=0, 0 steps>"
 
 
 def test_verbose_prints_a_line_at_each_log_point(capsys):

@@ -9,7 +9,7 @@ import galton
 from galton import A2C, Config, DivergenceError, Hypers, UsageError
 from galton.envs import LQR
 
-SMALL = {"n_bins": 10, "net_arch": (8,)}
+SMALL = {"preset": "paper", "n_bins": 10, "net_arch": (8,)}
 
 
 def bits(tree):
@@ -98,7 +98,7 @@ def test_a_given_environment_is_not_evaluated_on_without_another():
 
 def test_it_is_the_algorithm_that_trains_populations():
     model = A2C("lqr", **SMALL, learning_rate=1e-2, seed=3).learn(400, progress_bar=False)
-    result = galton.train("lqr", Config(**SMALL), Hypers(1e-2), [3], 400, n_logs=4, n_eval_episodes=0)
+    result = galton.train("lqr", Config(n_bins=10, net_arch=(8,)), Hypers(1e-2), [3], 400, n_logs=4, n_eval_episodes=0)
     for ours, theirs in zip(jax.tree.leaves(model.learner), jax.tree.leaves(result.learner), strict=True):
         np.testing.assert_allclose(ours, theirs[0], rtol=1e-5, atol=1e-6)
 

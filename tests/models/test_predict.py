@@ -5,7 +5,7 @@ from galton import A2C, UsageError
 
 from .tall import Tall
 
-SMALL = {"n_bins": 10, "net_arch": (8,)}
+SMALL = {"preset": "paper", "n_bins": 10, "net_arch": (8,)}
 
 
 @pytest.fixture(scope="module")

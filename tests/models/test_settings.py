@@ -11,7 +11,7 @@ from galton.models.settings import Settings
 
 from .tall import Tall
 
-SMALL = {"n_bins": 10, "net_arch": (8,)}
+SMALL = {"preset": "paper", "n_bins": 10, "net_arch": (8,)}
 
 
 @pytest.mark.parametrize(
@@ -51,9 +51,9 @@ def test_every_field_of_the_records_can_be_told():
 @pytest.mark.parametrize(("model", "algorithm"), [(A2C, "a2c"), (PPO, "ppo")])
 def test_what_editors_show_is_what_a_model_takes_with_the_defaults_that_it_has(model, algorithm):
     shown = {name: parameter.default for name, parameter in inspect.signature(model).parameters.items()}
-    made = model("lqr", n_envs=1)
+    made = model("lqr", preset="paper")
     values = vars(made.config) | made.hypers._asdict()
-    for name in shown.keys() & values.keys() - {"n_envs"}:
+    for name in shown.keys() & values.keys() - {"loss", "n_envs"}:
         assert shown[name] == values[name], name
     others = {field for name, other in ALGORITHMS.items() if name != algorithm for field in other.own}
     assert set(Settings.__annotations__) - shown.keys() == others - set(ALGORITHMS[algorithm].own)
@@ -67,11 +67,11 @@ def test_a_setting_of_another_algorithm_is_refused_with_those_that_there_are():
 
 WRONG_TYPES = """
 import sys, numpy as np, galton
-model = galton.A2C("lqr", n_bins=np.int64(10), net_arch=[np.int32(8)], normalize_reward=np.True_,
+model = galton.A2C("lqr", "hl-gauss", n_bins=np.int64(10), net_arch=[np.int32(8)], normalize_reward=np.True_,
                    seed=np.uint32(5), eta=1)
 loaded = galton.A2C.load(model.save(sys.argv[1]))
 assert loaded.config == model.config, loaded.config
-make = lambda **settings: galton.A2C("lqr", **settings)
+make = lambda **settings: galton.A2C("lqr", **{"preset": "paper"} | settings)
 for attempt, message in (
     (lambda: make(learning_rate=np.ones(2)), "learning_rate is [1. 1.]; give one number"),
     (lambda: make(gamma=np.ones((1, 1))), "gamma is [[1.]]; give one number"),
@@ -93,7 +93,8 @@ for attempt, message in (
     (lambda: make(bin_sample=["center"]), "bin_sample is ['center']; choose from center, uniform"),
     (lambda: make(policy=None), "policy is None; it must be of type str"),
     (lambda: make(loss=["mse"]), "loss is ['mse']"),
-    (lambda: make(loss=None), "loss is None"),
+    (lambda: make(loss=7), "loss is 7"),
+    (lambda: make(preset=7), "preset is 7"),
     (lambda: model.learn("20"), "total_timesteps is '20'"),
     (lambda: model.learn(None), "total_timesteps is None"),
     (lambda: galton.train("lqr", None, galton.Hypers(), [0], 20), "config is None; it must be of type Config"),

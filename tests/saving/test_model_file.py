@@ -182,7 +182,7 @@ for path in sys.argv[2:]:
 @pytest.fixture(scope="module")
 def model(tmp_path_factory):
     path = tmp_path_factory.mktemp("model") / "model"
-    return A2C("lqr", n_bins=10, net_arch=(8,)).learn(100, progress_bar=False, log_interval=5).save(path)
+    return A2C("lqr", "hl-gauss", n_bins=10, net_arch=(8,)).learn(100, progress_bar=False, log_interval=5).save(path)
 
 
 def rewritten(model, path, attack):
@@ -250,7 +250,7 @@ class Observing(Tall):
 
 @pytest.mark.parametrize("space", SPACES.values(), ids=SPACES)
 def test_a_model_comes_back_whatever_it_observes(tmp_path, space):
-    made = A2C(Observing(space), n_bins=5, net_arch=(4,))
+    made = A2C(Observing(space), "hl-gauss", n_bins=5, net_arch=(4,))
     loaded = A2C.load(made.save(tmp_path / "model"))
     seen = space.sample()
     assert loaded.observation_space == space
@@ -260,7 +260,8 @@ def test_a_model_comes_back_whatever_it_observes(tmp_path, space):
 @pytest.fixture(scope="module")
 def normalised(tmp_path_factory):
     path = tmp_path_factory.mktemp("normalised") / "model"
-    return A2C("lqr", n_bins=10, net_arch=(8,), normalize_observation=True, normalize_reward=True).save(path)
+    model = A2C("lqr", "hl-gauss", n_bins=10, net_arch=(8,), normalize_observation=True, normalize_reward=True)
+    return model.save(path)
 
 
 STATISTICS = "run/learner/normalizer"
@@ -289,13 +290,13 @@ def test_a_large_training_is_saved_so_that_it_loads_and_a_short_file_may_not_cal
     monkeypatch.setattr(model_file, "PER_NUMBER", 5)
     with pytest.raises(CheckpointError, match="n_steps · n_envs is 20, which does not go with the rest of it"):
         A2C.load(model)
-    loaded = A2C.load(A2C("lqr", n_bins=10, net_arch=(8,)).save(tmp_path / "large"), "lqr")
+    loaded = A2C.load(A2C("lqr", "hl-gauss", n_bins=10, net_arch=(8,)).save(tmp_path / "large"), "lqr")
     assert loaded.learn(20, progress_bar=False).num_timesteps == 20
 
 
 @pytest.mark.parametrize("n_envs", [1, 300])
 def test_environments_in_the_file_count_for_themselves(tmp_path, n_envs):
-    made = A2C("lqr", n_bins=10, net_arch=(8,), n_envs=n_envs)
+    made = A2C("lqr", "hl-gauss", n_bins=10, net_arch=(8,), n_envs=n_envs)
     settings, arrays = checkpoint.read(made.save(tmp_path / "model"))
     assert model_file.with_ballast(settings, arrays) is arrays
     without = {name: array for name, array in arrays.items() if not name.startswith("environments/")}

@@ -136,7 +136,7 @@ def test_figures_and_sweeps_of_ones_own_stay_in_the_reports_folder(name, tmp_pat
 
 @pytest.fixture(scope="module")
 def model():
-    return A2C("bandit", n_bins=4, net_arch=())
+    return A2C("bandit", "hl-gauss", n_bins=4, net_arch=())
 
 
 UNUSABLE = ["a\0b", "x" * 300, "d/" * 3000 + "x"]

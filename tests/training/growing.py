@@ -20,7 +20,7 @@ from galton.callbacks import Checkpoint, Evaluate, JSONLines
 
 CALLS, UPDATES = 200, 50
 """Calls of `learn`, and updates in each."""
-SETTINGS = {"n_bins": 5, "net_arch": (4,), "n_steps": 5, "n_envs": 2, "normalize_observation": True}
+SETTINGS = {"preset": "paper", "n_bins": 5, "net_arch": (4,), "n_steps": 5, "n_envs": 2, "normalize_observation": True}
 
 
 class Walk(gymnasium.Env):

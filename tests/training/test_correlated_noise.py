@@ -15,7 +15,7 @@ from galton.training.rollout import draw_noise
 from galton.training.run import rollout_key
 
 RHO, LENGTH, T, N = 0.75, 5, 3, 2
-SETTINGS = {"n_bins": 9, "net_arch": (8,), "n_steps": 4, "n_envs": 2, "learning_rate": 1e-2}
+SETTINGS = {"preset": "paper", "n_bins": 9, "net_arch": (8,), "n_steps": 4, "n_envs": 2, "learning_rate": 1e-2}
 
 
 def noise_of(agent, learner, batch, hypers):

@@ -15,7 +15,8 @@ from galton.callbacks import Evaluate
 from galton.training import on_host
 from galton.training.host_group import Group
 
-SMALL = {"n_bins": 4, "net_arch": (4,), "n_steps": 4}
+SMALL = {"preset": "paper", "n_bins": 4, "net_arch": (4,), "n_steps": 4}
+CONFIG = galton.Config(n_bins=4, net_arch=(4,), n_steps=4)
 
 
 class Rooms:
@@ -89,7 +90,7 @@ def test_a_model_that_can_not_begin(fails, at):
 
 @pytest.mark.parametrize("fails", FAILURES)
 def test_runs_that_can_not_begin(fails):
-    config = galton.Config(**SMALL)
+    config = CONFIG
     begin_and_fail(
         Rooms(fails), lambda rooms: galton.train(rooms, config, galton.Hypers(), [0, 1, 2], 8), FAILURES[fails]
     )
@@ -156,6 +157,6 @@ def test_where_one_group_of_several_fails_the_others_are_waited_for_and_closed(m
     devices = galton.training.population.jax.devices()[:1] * 2
     monkeypatch.setattr(on_host, "min", lambda *_: 2, raising=False)
     with pytest.raises(ZeroDivisionError):
-        galton.train("Reacher-v5", galton.Config(**SMALL), galton.Hypers(), [0, 1], 8, devices=devices)
+        galton.train("Reacher-v5", CONFIG, galton.Hypers(), [0, 1], 8, devices=devices)
     assert closed_inside == [False, False]
     assert threads() == before

@@ -11,7 +11,6 @@ import numpy as np
 from galton.benchmark.draws import Draws, draws
 from galton.benchmark.found import Found, plain
 from galton.benchmark.protocol import Protocol
-from galton.benchmark.reading import of_record
 from galton.benchmark.runs import Runs, gather
 from galton.benchmark.stages import Part, Stage, afterwards, tuning, width
 from galton.errors import UsageError, require
@@ -79,18 +78,16 @@ def differences(there: Any, here: Any, where: str = "") -> list[str]:
     return [] if canonical(there) == canonical(here) else [f"{where} is {here!r} and was {there!r}"]
 
 
-def load(store: Store) -> Found:
+def load(store: Store, protocol: Protocol) -> Found:
     """What the folder's finished stages hold.
 
     Raises:
-        UsageError: its draws are not all trained, or a file there is damaged.
+        UsageError: it was begun with something else, its draws are not all trained, or a file there is damaged.
     """
     latest: list[Found] = []
-    try:
-        record = json.loads(store.read(FILE))["file"]
-    except FileNotFoundError:
-        raise UsageError(f"out is {store.url}, which holds no {FILE}; name the folder of a benchmark") from None
-    train(store, of_record(record), None, latest.append)
+    there = FILE in store.names("")
+    require(there, f"out is {store.url}, which holds no {FILE}; name the folder of a benchmark")
+    train(store, protocol, None, latest.append)
     require(bool(latest), f"out is {store.url}, where tuning is not done; run its benchmark again to go on")
     return latest[-1]
 

@@ -162,11 +162,20 @@ def _tasks(found: Found, stage: Stage) -> dict[str, str]:
 def _returns(found: Found, stage: Stage, task: str, method: Method, role: Role) -> list[str]:
     """The cells of a method's setting on a task, below _HEADINGS."""
     standings = found.standings[stage]
-    of_method = standings.results[task]
-    form = _form([result.judged.mean for of_role in of_method.values() for result in of_role.values()])
-    result = of_method[method.name][role]
-    row = [f"{result.judged:{form}}", f"{result.training:{form}}", _number(result.worst, form)]
+    form = _form_of(standings, task)
+    result = standings.results[task][method.name][role]
+    row = [returns_of(standings, task, method, role), f"{result.training:{form}}", _number(result.worst, form)]
     return [*row, f"{result.diverged}", *_versus(standings, method.name, task, role, form)]
+
+
+def returns_of(standings: Standings, task: str, method: Method, role: Role) -> str:
+    """What a method's setting is judged by on a task, with its interval."""
+    return f"{standings.results[task][method.name][role].judged:{_form_of(standings, task)}}"
+
+
+def _form_of(standings: Standings, task: str) -> str:
+    of_method = standings.results[task].values()
+    return _form([result.judged.mean for of_role in of_method for result in of_role.values()])
 
 
 def _versus(standings: Standings, method: str, task: str, role: Role, form: str) -> list[str]:

@@ -20,6 +20,7 @@ from galton.envs.registry import ENVS, find_task, is_known, read_constants
 from galton.errors import require
 from galton.losses import LOSSES
 from galton.models.settings import split
+from galton.presets import PAPER, PRESETS, Preset
 from galton.records import written
 from galton.tasks import task_of
 from galton.training.train import Result, check_arguments, train
@@ -32,7 +33,7 @@ EnvName = Annotated[
         metavar="ENV", help=f"one of {', '.join(ENVS)}, or a Gymnasium id (module:Id imports the module first)"
     ),
 ]
-_LOSSES, _ALGORITHMS = ("{" + ",".join(known) + "}" for known in (LOSSES, ALGORITHMS))
+_LOSSES, _ALGORITHMS, _PRESETS = ("{" + ",".join(known) + "}" for known in (LOSSES, ALGORITHMS, PRESETS))
 LossName = Annotated[str, tyro.conf.arg(metavar=_LOSSES, help="What is minimised: docs/paper.md has each of them.")]
 LossNames = Annotated[
     tuple[str, ...], Fills("loss"), tyro.conf.arg(metavar=f"{_LOSSES} ...", help="The losses, each named once.")
@@ -40,11 +41,19 @@ LossNames = Annotated[
 AlgorithmName = Annotated[
     str, tyro.conf.arg(metavar=_ALGORITHMS, help="What learns; the defaults of its settings are its own.")
 ]
+PresetName = Annotated[
+    str,
+    tyro.conf.arg(
+        metavar=_PRESETS,
+        help="What the other defaults are: those that did best in our benchmarks, or the paper's; by default paper "
+        "where --loss is given, and else recommended.",
+    ),
+]
 
 
 @dataclasses.dataclass(frozen=True)
 class Training:
-    """How long and with what to train; the defaults are the task's (App. C.2), or those of another algorithm."""
+    """How long and with what to train; the defaults are the task's (App. C.2), the preset's or the algorithm's."""
 
     steps: Annotated[int, Fills("total_timesteps")] = 500_000
     """Environment steps per run."""
@@ -58,10 +67,16 @@ class Training:
     hypers: Hypers = dataclasses.field(default_factory=Hypers)
 
     @classmethod
-    def of_task(cls, name: str, algorithm: str = "a2c") -> "Training":
-        """The defaults for the environment of that name: App. C.2's, except for what the algorithm usually has."""
+    def of_task(
+        cls,
+        name: str,
+        algorithm: str = "a2c",
+        preset: Preset = Preset(PAPER),  # noqa: B008
+        n_envs: int | None = None,
+    ) -> "Training":
+        """The defaults for the environment of that name: App. C.2's, the preset's and the algorithm's."""
         task = task_of(name)
-        config, hypers = split(find_algorithm(algorithm), Config.loss, Config.n_envs, {}, name)
+        config, hypers = split(find_algorithm(algorithm), preset, n_envs, {}, name)
         return cls(task.total_timesteps, task.n_logs, task.n_eval_episodes, config=config, hypers=hypers)
 
     def record(self) -> dict[str, object]:

@@ -15,6 +15,7 @@ from galton.cli._registry import REGISTRY
 from galton.cli._words import Without
 from galton.errors import UsageError
 from galton.policies import POLICIES
+from galton.presets import PAPER, find_preset
 from galton.types import Config, Hypers
 
 OptionsT = TypeVar("OptionsT")
@@ -40,26 +41,34 @@ GROUPS: dict[str, tuple[str, ...]] = {
 TOLD = {"training": "The defaults are the task's (App. C.2), or those of another algorithm."}
 """What help says of a group of options."""
 
+_UNTOLD = 2**31 - 1
+"""A number of environments that nobody types."""
 _POLICIES = tyro.conf.arg(metavar="{" + ",".join(["auto", *POLICIES]) + "}")
 
 
 def parse(
     options: type[OptionsT], name: str, arguments: Sequence[str], prepare: Callable[[OptionsT], None] = lambda _: None
 ) -> OptionsT:
-    """Parse twice: the first time for the task and the algorithm, whose settings are the defaults of the second.
+    """Parse twice: the first time for the task, the algorithm and the preset, whose settings are the second's defaults.
 
     Between the two, `prepare` may register the task.
     """
 
-    def usual(training: Training, asked: Sequence[str]) -> OptionsT:
-        return read_options(options, name, asked, options(env=tyro.MISSING, training=training))  # type: ignore[call-arg]
+    def usual(training: Training, asked: Sequence[str], **others: str) -> OptionsT:
+        return read_options(options, name, asked, options(env=tyro.MISSING, training=training, **others))  # type: ignore[call-arg]
 
+    untold = Training(config=Config(n_envs=_UNTOLD))
     try:
-        first = usual(Training(), [word for word in arguments if word not in ("-h", "--help")])
+        first = usual(untold, [word for word in arguments if word not in ("-h", "--help")])
     except UsageError:
         first = usual(Training(), arguments)  # help is printed even so
     prepare(first)
-    return usual(Training.of_task(first.env, first.algorithm), arguments)  # type: ignore[attr-defined]
+    env, algorithm, loss = first.env, first.algorithm, getattr(first, "loss", None)  # type: ignore[attr-defined]
+    preset = find_preset(getattr(first, "preset", PAPER) or None, loss or None, algorithm)
+    others = {} if loss is None else {"loss": preset.loss, "preset": preset.name}
+    n_envs = first.training.config.n_envs  # type: ignore[attr-defined]
+    training = Training.of_task(env, algorithm, preset, None if n_envs == _UNTOLD else n_envs)
+    return usual(training, arguments, **others)
 
 
 @REGISTRY.struct_rule

@@ -118,4 +118,4 @@ def _plain(field: StructFieldSpec) -> StructFieldSpec:
 
 
 def _default(label: str) -> str:
-    return "" if label in ("None", "()", "") else f"(default: {label})"
+    return "" if label in ("None", "()", "", "''") else f"(default: {label})"

@@ -16,6 +16,7 @@ from galton.cli._options import (
     AlgorithmName,
     EnvName,
     LossName,
+    PresetName,
     Training,
     command_line,
     folder_name,
@@ -33,6 +34,7 @@ from galton.errors import DivergenceError, UsageError, require
 from galton.losses import find_loss
 from galton.models import InexactResume, Model
 from galton.models.file import Taken
+from galton.presets import PAPER
 from galton.saving.result_folder import CONFIG, check_free, claimed, read_settings, replacing, told, write_settings
 from galton.training.size import check_size
 
@@ -45,13 +47,15 @@ class Options:
 
     env: EnvName
     training: TrainingOptions
-    loss: LossName = "hl-gauss"
+    loss: LossName = ""
+    preset: PresetName = ""
     algorithm: AlgorithmName = "a2c"
     """What learns; the defaults of its settings are its own."""
     seed: int = 0
     """Of everything random; the same seed gives the same run."""
     out: Path | None = None
-    """The run folder, by default runs/ENV-LOSS-SEED, or runs/ENV-ALGORITHM-LOSS-SEED."""
+    """The run folder, by default runs/ENV-LOSS-SEED, or runs/ENV-ALGORITHM-LOSS-SEED; without a loss that is named it
+    has "recommended" in its place."""
     overwrite: bool = False
     """Replace a run that the folder holds, once the new one has come to its first log point."""
     resume: bool = False
@@ -65,7 +69,8 @@ class Options:
     @property
     def folder(self) -> Path:
         """The run folder, named or by default."""
-        name = f"{folder_name(self.env, self.algorithm)}-{plain_name(self.loss)}-{self.seed}"
+        kind = self.loss if self.preset == PAPER else self.preset
+        name = f"{folder_name(self.env, self.algorithm)}-{plain_name(kind)}-{self.seed}"
         return self.out or Path("runs", name)
 
 
@@ -213,7 +218,7 @@ class _Record:
             forget_after(self.start, out / METRICS)
             taken.save(out / MODEL)
         else:
-            given = {"env": options.env, "loss": options.loss, "seed": options.seed}
+            given = {"env": options.env, "loss": options.loss, "preset": options.preset, "seed": options.seed}
             with replacing(out, options.overwrite) as folder, told(out):
                 write_settings(folder, given | options.training.record() | {"command": command_line()})
                 taken.save(folder / MODEL)

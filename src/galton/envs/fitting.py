@@ -29,20 +29,16 @@ def check_same_spaces(task: Environment | HostTask, actions: ActionBox, observat
         require(same, f"env has {kind} {other.space}; the model's are {own.space}")
 
 
-def usual_copies(task: Environment | HostTask) -> int:
-    """How many copies of an environment a model takes that is not told: one, or as many as were given ready-made."""
-    return _given(task) or 1
-
-
 def check_copies(task: Environment | HostTask, n_envs: int) -> None:
     """Raise UsageError for another number of copies than was given ready-made."""
-    given = _given(task)
+    there = given(task)
     require(
-        given in (None, n_envs),
-        f"n_envs is {n_envs}, but {'one environment was' if given == 1 else f'{given} were'} given; "
+        there in (None, n_envs),
+        f"n_envs is {n_envs}, but {'one environment was' if there == 1 else f'{there} were'} given; "
         "leave n_envs out, or give an id or a function that makes the environment",
     )
 
 
-def _given(task: Environment | HostTask) -> int | None:
+def given(task: Environment | HostTask) -> int | None:
+    """How many environments were given ready-made; None where as many copies are made as one likes."""
     return None if isinstance(task, Environment) else task.given

@@ -20,8 +20,9 @@ class A2C(Model):
     def __init__(
         self,
         env: object,
-        loss: str = "hl-gauss",
+        loss: str | None = None,
         *,
+        preset: str | None = None,
         n_envs: int | None = None,
         seed: int = 0,
         env_kwargs: Mapping[str, object] | None = None,
@@ -29,7 +30,15 @@ class A2C(Model):
         **settings: Unpack[Settings],
     ) -> None:
         super().__init__(
-            env, loss, algorithm="a2c", n_envs=n_envs, seed=seed, env_kwargs=env_kwargs, verbose=verbose, **settings
+            env,
+            loss,
+            preset=preset,
+            algorithm="a2c",
+            n_envs=n_envs,
+            seed=seed,
+            env_kwargs=env_kwargs,
+            verbose=verbose,
+            **settings,
         )
 
 
@@ -42,8 +51,9 @@ class PPO(Model):
     def __init__(
         self,
         env: object,
-        loss: str = "hl-gauss",
+        loss: str | None = None,
         *,
+        preset: str | None = None,
         n_envs: int | None = None,
         seed: int = 0,
         env_kwargs: Mapping[str, object] | None = None,
@@ -51,7 +61,15 @@ class PPO(Model):
         **settings: Unpack[Settings],
     ) -> None:
         super().__init__(
-            env, loss, algorithm="ppo", n_envs=n_envs, seed=seed, env_kwargs=env_kwargs, verbose=verbose, **settings
+            env,
+            loss,
+            preset=preset,
+            algorithm="ppo",
+            n_envs=n_envs,
+            seed=seed,
+            env_kwargs=env_kwargs,
+            verbose=verbose,
+            **settings,
         )
 
 

@@ -29,8 +29,8 @@ HINTS = {
 
 def refuse_policy(model: str, env: object, loss: object) -> None:
     """Raise UsageError where a model was given SB3's policy in the place of the environment."""
-    given = isinstance(env, str) and env in POLICIES
-    require(not given, f"env is {env!r}; {model} takes no such policy: {model}({loss!r}, ...) is enough")
+    given, first = isinstance(env, str) and env in POLICIES, "env" if loss is None else repr(loss)
+    require(not given, f"env is {env!r}; {model} takes no such policy: {model}({first}, ...) is enough")
 
 
 def unexpected(function: str, name: str, known: str = "") -> TypeError:

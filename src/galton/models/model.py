@@ -12,7 +12,7 @@ from jaxtyping import Float
 from galton.algorithms import Agent, check_together, find_algorithm, resolve
 from galton.envs.base import Environment
 from galton.envs.find import find
-from galton.envs.fitting import check_copies, check_same_spaces, spaces_of, usual_copies
+from galton.envs.fitting import check_copies, check_same_spaces, given, spaces_of
 from galton.envs.host.action_box import ActionBox
 from galton.envs.host.base import HostTask, Space
 from galton.envs.host.observations import Observations
@@ -23,6 +23,7 @@ from galton.models.hints import refuse_policy, unexpected
 from galton.models.learning import check_divergence, learn, updates_for
 from galton.models.settings import Settings, split, unusual
 from galton.models.state import Arrays, Loaded, Run, copied
+from galton.presets import find_preset
 from galton.training.population import Population
 from galton.training.train import check_seed
 from galton.types import Config, Hypers, Learner, Params, check_config, check_one_run
@@ -36,9 +37,11 @@ class Model:
     Args:
         env: a Gymnasium id (`module:Id` imports the module first), a Gymnasium `Env` or `VectorEnv`, an SB3 `VecEnv`,
             a function that makes an environment, a name in `galton.envs.ENVS`, or a record of your own in pure JAX.
-        loss: a key of LOSSES.
+        loss: a key of LOSSES; None for the preset's.
+        preset: a key of PRESETS, what the other settings begin with. None is "paper" where a loss is named, and else
+            "recommended", what `docs/which_policy.md` found best.
         algorithm: a key of ALGORITHMS.
-        n_envs: copies of the environment; None for one, or for as many as a vector environment has.
+        n_envs: copies of the environment; None for the preset's number, or for as many as were given ready-made.
         seed: of everything random; the same seed gives the same run.
         env_kwargs: keyword arguments for an id or a name.
         verbose: 1 to print a line at each log point of `learn`.
@@ -54,8 +57,9 @@ class Model:
     def __init__(
         self,
         env: object,
-        loss: str = "hl-gauss",
+        loss: str | None = None,
         *,
+        preset: str | None = None,
         algorithm: str = "a2c",
         n_envs: int | None = None,
         seed: int = 0,
@@ -65,8 +69,9 @@ class Model:
     ) -> None:
         refuse_policy(type(self).__name__, env, loss)
         task = find(env, **(env_kwargs or {}))
-        n_copies = usual_copies(task) if n_envs is None else n_envs
-        self._begin(task, *split(find_algorithm(algorithm), loss, n_copies, dict(settings), env), seed)
+        chosen = find_preset(preset, loss, algorithm)
+        records = split(find_algorithm(algorithm), chosen, n_envs, dict(settings), env, given(task))
+        self._begin(task, *records, seed)
         self.verbose = verbose
 
     @classmethod

@@ -1,18 +1,17 @@
 """What a model's constructor can be told: the fields of Config and Hypers as keyword arguments."""
 
 import inspect
+import math
 from collections.abc import Iterable
-from typing import Literal, TypedDict
+from typing import Any, Literal, TypedDict
 
 from galton.algorithms import ALGORITHMS, Algorithm
-from galton.errors import did_you_mean
+from galton.errors import did_you_mean, require_integer
 from galton.models.hints import unexpected
+from galton.presets import PAPER, Preset
 from galton.records import Fields, defaults
 from galton.tasks import settings_of
 from galton.types import Config, Hypers, make_config
-
-_ARGUMENTS = ("loss", "n_envs", "algorithm")
-"""The fields of Config that the constructor takes as arguments of their own, and not as settings."""
 
 
 class Settings(TypedDict, total=False):
@@ -69,31 +68,71 @@ class Settings(TypedDict, total=False):
     entropy_alpha_min: float
 
 
-def usual(algorithm: Algorithm, env: object = None) -> Fields:
-    """The settings that an algorithm knows, in the order of Settings, with its defaults and a named task's."""
-    values = defaults(Config) | defaults(Hypers) | settings_of(env) | dict(algorithm.defaults)
+def usual(algorithm: Algorithm, env: object = None, preset: Preset = Preset(PAPER)) -> Fields:  # noqa: B008
+    """The settings that an algorithm knows, in the order of Settings, with the values that nobody has to name.
+
+    A named task's go before the preset's, and the preset's before the algorithm's.
+    """
+    values = _usual(algorithm, env, preset)
     others = {field for other in ALGORITHMS.values() if other is not algorithm for field in other.own}
     known = [name for name in Settings.__annotations__ if name not in others or name in algorithm.own]
     return {name: values[name] for name in known}
 
 
-def split(algorithm: Algorithm, loss: str, n_envs: int, settings: Fields, env: object = None) -> tuple[Config, Hypers]:
+def _usual(algorithm: Algorithm, env: object, preset: Preset) -> Fields:
+    """All fields of Config and Hypers."""
+    plain = defaults(Config) | defaults(Hypers) | dict(algorithm.defaults)
+    task = plain | settings_of(env) | dict(algorithm.defaults)
+    own = {name for name in plain if task[name] != plain[name]}
+    if "n_steps" in own:
+        own.add("n_envs")  # the task's rollout is whole
+    return task | {name: value for name, value in preset.settings.items() if name not in own}
+
+
+def split(
+    algorithm: Algorithm,
+    preset: Preset,
+    n_envs: int | None,
+    settings: Fields,
+    env: object = None,
+    ready: int | None = None,
+) -> tuple[Config, Hypers]:
     """The settings as the records that training takes; what is not among them is as `usual` has it.
+
+    Args:
+        algorithm: what learns.
+        preset: the loss, and what changes the usual values.
+        n_envs: copies of the environment, None for the usual number.
+        settings: what was named beside these.
+        env: what was given as the environment; only a name means something here.
+        ready: how many environments were given ready-made, None where copies are made.
 
     Raises:
         TypeError: a name that is no setting of this algorithm.
         UsageError: a value out of range.
     """
-    known = usual(algorithm, env)
+    known = usual(algorithm, env, preset)
     for name in settings:
         if name not in known:
             known_ones = f"it takes {', '.join(known)}{did_you_mean(name, known)}"
             raise unexpected(algorithm.label, name, known_ones)
+    copies = _usual(algorithm, env, preset)["n_envs"]
+    n_envs = (ready or copies) if n_envs is None else n_envs
     given = known | settings
+    if n_envs != copies > 1 and "n_steps" not in settings:
+        given["n_steps"] = _as_long(copies * known["n_steps"], n_envs, given.get("batch_size", 1))
     numbers = {name: value for name, value in given.items() if name in Hypers._fields}
     fields = {name: value for name, value in given.items() if name not in numbers}
-    arguments = {"loss": loss, "n_envs": n_envs, "algorithm": algorithm.name}
+    arguments = {"loss": preset.loss, "n_envs": n_envs, "algorithm": algorithm.name}
     return make_config(fields | arguments), Hypers(**numbers)
+
+
+def _as_long(rollout: int, n_envs: Any, batch_size: Any) -> int:
+    """How many steps of each environment make a rollout of that length or a little more, in whole minibatches."""
+    require_integer("n_envs", n_envs, 1)
+    require_integer("batch_size", batch_size, 1)
+    unit = batch_size // math.gcd(n_envs, batch_size)
+    return unit * math.ceil(rollout / (n_envs * unit))
 
 
 def unusual(algorithm: Algorithm, config: Config, hypers: Hypers) -> str:
@@ -109,7 +148,8 @@ def signature(algorithm: Algorithm) -> inspect.Signature:
     return inspect.Signature(
         [
             parameter("env", parameter.POSITIONAL_OR_KEYWORD),
-            parameter("loss", parameter.POSITIONAL_OR_KEYWORD, default="hl-gauss"),
+            parameter("loss", parameter.POSITIONAL_OR_KEYWORD, default=None),
+            parameter("preset", keyword, default=None),
             *(parameter(name, keyword, default=value) for name, value in usual(algorithm).items()),
             parameter("n_envs", keyword, default=None),
             parameter("seed", keyword, default=0),

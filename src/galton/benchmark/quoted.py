@@ -1,0 +1,54 @@
+"""The tables of a benchmark that documents quote, as Markdown.
+
+A document says <!-- table: BENCHMARK: NAME --> where one stands, and
+`python -m galton.benchmark.quoted benchmarks/BENCHMARK.toml results/BENCHMARK DOCUMENT ...` writes it.
+"""
+
+import sys
+from pathlib import Path
+
+from galton.analysis.statistics import Interval
+from galton.benchmark.folder import load, made
+from galton.benchmark.found import Found
+from galton.benchmark.reading import read
+from galton.benchmark.stages import Stage
+from galton.benchmark.tables import returns_of, speeds
+from galton.page import quotes
+from galton.sweep.store import Store
+
+
+def tables(file: Path, folder: str) -> dict[str, str]:
+    """All of them, by the file's name and theirs; those whose stages are not done are left out."""
+    store, name = Store(folder), file.stem
+    found = load(store, read(file))
+    known = {f"{name}: returns, {stage}": _returns(found, stage) for stage in found.standings}
+    speed = speeds(found, made(store))
+    known[f"{name}: speeds"] = quotes.markdown(speed.headings, speed.rows)
+    return known
+
+
+def _returns(found: Found, stage: Stage) -> str:
+    """Score and returns of every method's shared setting, the best score first."""
+    standings, base = found.standings[stage], found.protocol.baseline.name
+    labels = {task.name: task.label for task in found.protocol.tasks}
+    ranked = sorted(
+        found.protocol.methods, key=lambda method: -float(standings.scores[method.name]["shared"].judged.mean)
+    )
+    rows = []
+    for method in ranked:
+        score = standings.scores[method.name]["shared"].judged
+        above = "" if method.name == base else f"{standings.above[method.name][base]:.2f}"
+        of_tasks = [returns_of(standings, task, method, "shared") for task in standings.tasks]
+        rows.append([method.label, f"{_even(score):.2f}", above or "—", *of_tasks])
+    against = f"P(above {found.protocol.baseline.label})"
+    return quotes.markdown(["method", "score", against, *(labels[task] for task in standings.tasks)], rows)
+
+
+def _even(interval: Interval) -> Interval:
+    """The interval with both ends as far from the mean, for a narrow table."""
+    half = (interval.high - interval.low) / 2
+    return Interval(interval.mean, interval.mean - half, interval.mean + half)
+
+
+if __name__ == "__main__":
+    quotes.write(tables(Path(sys.argv[1]), sys.argv[2]), sys.argv[3:])

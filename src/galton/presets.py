@@ -1,0 +1,74 @@
+"""Settings under one name: what to train with where no loss is named, and what the paper trains with."""
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+from galton.errors import require, unknown
+
+RECOMMENDED, PAPER = "recommended", "paper"
+
+
+class Preset(NamedTuple):
+    """What a preset changes of an algorithm's defaults."""
+
+    name: str
+    """Its key in PRESETS."""
+    loss: str = "hl-gauss"
+    """A key of LOSSES."""
+    settings: Mapping[str, object] = {}
+    """Fields of Config and Hypers. With another number of environments than its n_envs, n_steps changes so that a
+    rollout is as long."""
+
+
+_A2C = {
+    "n_bins": 25,
+    "n_envs": 8,
+    "n_steps": 20,
+    "learning_rate": 0.00133,
+    "gamma": 0.992,
+    "gae_lambda": 0.851,
+    "ent_coef": 0.000944,
+    "max_grad_norm": 0.328,
+    "normalize_observation": True,
+    "normalize_reward": True,
+    "normalize_advantage": True,
+    "eta_rule": "policy",
+    "eta": 3.96,
+    "box_units": 1.0,
+    "bin_centers": "bounds",
+    "target_tails": "edges",
+    "initial_policy": "clipped-gaussian",
+    "log_std_init": -0.616,
+    "deterministic_action": "mean",
+}
+"""What benchmarks/winner-a2c.toml selected for its best head over bins, but for the decay of the learning rate, since a
+model doesn't know how long it will be trained."""
+
+PRESETS: Mapping[str, Mapping[str, Preset]] = {
+    RECOMMENDED: {
+        "a2c": Preset(RECOMMENDED, "hl-gauss-centred", _A2C),
+        "ppo": Preset(RECOMMENDED),
+    },
+    PAPER: {},
+}
+"""By their names and that of the algorithm. What isn't there has the usual loss and the algorithm's defaults."""
+
+
+def find_preset(name: str | None, loss: str | None, algorithm: str) -> Preset:
+    """The preset of that name, with the loss if one is named.
+
+    Without a name it is the recommended one, or the paper's where a loss is named: what was tuned for one loss says
+    nothing of another.
+
+    Raises:
+        UsageError: there is none of that name, or it was tuned for another loss.
+    """
+    name = name or (RECOMMENDED if loss is None else PAPER)
+    if name not in PRESETS:
+        raise unknown("preset", name, PRESETS)
+    preset = PRESETS[name].get(algorithm, Preset(name))
+    require(
+        loss in (None, preset.loss) or not preset.settings,
+        f"preset is {name!r}, which was tuned for loss {preset.loss!r}, not {loss!r}; leave one of the two out",
+    )
+    return preset if loss is None else preset._replace(loss=loss)

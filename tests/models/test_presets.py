@@ -1,0 +1,113 @@
+"""What a model begins with where no loss is named, and how the paper's settings are had back."""
+
+import gymnasium
+import pytest
+from stable_baselines3.common.vec_env import DummyVecEnv
+
+from galton import A2C, ALGORITHMS, PPO, Config, Hypers, UsageError
+from galton.cli._options import Training
+from galton.models import Model
+from galton.presets import PAPER, PRESETS, RECOMMENDED, Preset, find_preset
+
+from .tall import Tall
+
+EIGHT = {"n_envs": 8, "n_steps": 20, "normalize_reward": True, "learning_rate": 0.002, "gamma": 0.95}
+MADE_UP = {
+    RECOMMENDED: {
+        "a2c": Preset(RECOMMENDED, "hl-one-hot", EIGHT),
+        "ppo": Preset(RECOMMENDED, "gaussian", EIGHT | {"n_steps": 256}),
+    },
+    PAPER: {},
+}
+
+
+@pytest.fixture
+def made_up(monkeypatch):
+    monkeypatch.setattr("galton.presets.PRESETS", MADE_UP)
+    monkeypatch.setattr("galton.models.model.Run", lambda *settings: None)
+
+
+def told(model):
+    return model.config, model.hypers
+
+
+def test_where_no_loss_is_named_it_is_the_recommended_preset_whole(made_up):
+    model = A2C("lqr")
+    config = Config("hl-one-hot", n_envs=8, n_steps=20, normalize_reward=True)
+    assert told(model) == told(A2C("lqr", preset="recommended")) == (config, Hypers(0.002, gamma=0.95))
+    assert PPO("lqr").config.loss == "gaussian"
+
+
+def test_where_a_loss_is_named_it_is_the_papers_settings(made_up):
+    for loss in ("gaussian", "hl-gauss"):
+        assert told(A2C("lqr", loss)) == told(A2C("lqr", loss, preset="paper")) == (Config(loss), Hypers())
+    assert told(A2C("lqr", preset="paper")) == (Config(), Hypers())
+    assert told(PPO("lqr", preset="paper")) == told(PPO("lqr", "hl-gauss"))
+    assert told(A2C("lqr", "hl-one-hot", preset="recommended")) == told(A2C("lqr"))
+
+
+def test_what_was_tuned_for_one_loss_is_refused_for_another(made_up):
+    with pytest.raises(UsageError, match="preset is 'recommended', which was tuned for loss 'hl-one-hot', not 'gauss"):
+        A2C("lqr", "gaussian", preset="recommended")
+
+
+def test_what_is_named_goes_before_the_preset(made_up):
+    model = A2C("lqr", n_envs=2, gamma=0.5, normalize_reward=False, n_steps=20)
+    assert (model.config.n_envs, model.config.n_steps, model.hypers.gamma) == (2, 20, 0.5)
+    assert not model.config.normalize_reward
+    assert model.hypers.learning_rate == 0.002
+
+
+def test_a_task_of_the_paper_keeps_what_is_its_own_and_its_whole_rollout(made_up):
+    model = A2C("bandit")
+    own = model.config.n_envs, model.config.n_steps, model.config.net_arch, model.hypers.learning_rate
+    assert own == (1, 5, (), 0.05)
+    assert (model.config.loss, model.hypers.gamma) == ("hl-one-hot", 0.95)
+    assert (PPO("bandit").config.n_envs, PPO("bandit").config.n_steps) == (8, 256)
+
+
+@pytest.mark.parametrize(
+    ("model", "copies", "n_steps"), [(A2C, 1, 160), (A2C, 3, 54), (PPO, 1, 2048), (PPO, 2, 1024), (PPO, 3, 704)]
+)
+@pytest.mark.parametrize("ready_made", [True, False])
+def test_with_fewer_environments_a_rollout_is_as_long_in_whole_minibatches(made_up, model, copies, n_steps, ready_made):
+    env = (Tall() if copies == 1 else DummyVecEnv([Tall] * copies)) if ready_made else Tall
+    n_envs = None if ready_made else copies
+    made = model(env, n_envs=n_envs)
+    assert (made.config.n_envs, made.config.n_steps) == (copies, n_steps)
+    assert model(env, n_steps=64, n_envs=n_envs).config.n_steps == 64
+    assert model(env, n_envs=n_envs, preset="paper").config.n_steps == model("lqr", preset="paper").config.n_steps
+
+
+def test_minibatches_that_are_named_are_whole(made_up):
+    assert PPO(DummyVecEnv([Tall] * 3), batch_size=256).config.n_steps == 768
+    for name in ("n_envs", "batch_size"):
+        with pytest.raises(UsageError, match=f"{name} is 0; it must be an integer of at least 1"):
+            PPO("lqr", **{"n_envs": 3} | {name: 0})
+
+
+def test_an_algorithm_of_ones_own_has_the_usual_settings(made_up):
+    assert find_preset(None, None, "reinforce") == Preset(RECOMMENDED, "hl-gauss", {})
+
+
+@pytest.mark.parametrize("name", PRESETS)
+@pytest.mark.parametrize("algorithm", ALGORITHMS)
+@pytest.mark.parametrize("env", ["bandit", "acrobot", "Pendulum-v1"])
+def test_models_and_commands_have_the_same_presets(monkeypatch, name, algorithm, env):
+    monkeypatch.setattr("galton.models.model.Run", lambda *settings: None)
+    for n_envs in (None, 3):
+        training = Training.of_task(env, algorithm, find_preset(name, None, algorithm), n_envs)
+        assert (training.config, training.hypers) == told(Model(env, preset=name, algorithm=algorithm, n_envs=n_envs))
+
+
+@pytest.mark.parametrize("algorithm", ALGORITHMS)
+def test_what_is_recommended_trains(algorithm):
+    env = gymnasium.make("Pendulum-v1")
+    model = Model(env, algorithm=algorithm, net_arch=(4,), n_steps=64)
+    before = model.num_timesteps
+    assert model.learn(64, progress_bar=False).num_timesteps == before + 64
+
+
+def test_an_unknown_preset_is_refused():
+    with pytest.raises(UsageError, match="preset is 'best'; choose from recommended, paper"):
+        A2C("lqr", preset="best")
