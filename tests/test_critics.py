@@ -125,7 +125,7 @@ BOX = np.array([-1.0]), np.array([1.0])
 def test_what_does_not_fit_is_refused(fields, numbers, words):
     for attempt in (
         lambda: check_together(resolve(Config(**fields), *BOX).config, Hypers(**numbers)),
-        lambda: A2C("lqr", **fields, **numbers),
+        lambda: A2C("lqr", preset="paper", **fields, **numbers),
         lambda: Setting.of_record(fields | numbers),
     ):
         with pytest.raises(UsageError) as error:
@@ -135,4 +135,4 @@ def test_what_does_not_fit_is_refused(fields, numbers, words):
 
 
 def test_a_support_of_its_own_needs_no_normalised_rewards():
-    A2C("lqr", critic="hl-gauss", value_min=-30.0, value_max=0.0)
+    A2C("lqr", preset="paper", critic="hl-gauss", value_min=-30.0, value_max=0.0)

@@ -186,7 +186,7 @@ REFUSED = [
 @pytest.mark.parametrize(("settings", "message"), REFUSED)
 def test_what_has_no_use_is_refused_by_name(settings, message):
     with pytest.raises(UsageError, match=message):
-        A2C("bandit", **settings)
+        A2C("bandit", **{"preset": "paper"} | settings)
 
 
 def test_ppo_needs_more_than_one_row_in_a_minibatch_to_hold_an_entropy():
