@@ -65,7 +65,7 @@ TASKS = {
 def settings_of(env: object) -> dict[str, object]:
     """The fields of Config and Hypers that suit an environment that is called by its name, or nothing where it isn't.
 
-    Commands, models and grids all begin with them, so that one name means one experiment everywhere.
+    Commands, models and grids all begin with them. A model or a run without a named loss has a preset beside them.
     """
     if not isinstance(env, str):
         return {}

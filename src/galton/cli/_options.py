@@ -45,7 +45,7 @@ PresetName = Annotated[
     str,
     tyro.conf.arg(
         metavar=_PRESETS,
-        help="What the other defaults are: those that did best in our benchmarks, or the paper's; by default paper "
+        help="What the other defaults are: those that our benchmark selected, or the paper's; by default paper "
         "where --loss is given, and else recommended.",
     ),
 ]
