@@ -42,7 +42,7 @@ def draws(protocol: Protocol) -> Draws:
 def setting(protocol: Protocol, method: Method, drawn: Fields, task: Task, fresh: bool) -> Setting:
     """The setting that a draw of a method is on a task.
 
-    What neither file nor draw names is the task's and the algorithm's usual value, as for `galton train --preset paper`.
+    What neither file nor draw names is the task's and the algorithm's usual value, as under the preset "paper".
 
     Raises:
         UsageError: values that are out of range or don't go together; the message names method and task.
