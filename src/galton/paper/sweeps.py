@@ -112,7 +112,7 @@ def _part_of_the_grid(rates: Sequence[float]) -> list[dict[str, object]]:
 
 _TRIALS: dict[Budget, dict[str, int]] = {
     "paper": dict.fromkeys(TASKS, 20) | {"bandit": 50},
-    "grid": dict.fromkeys(TASKS, 5) | {"bandit": 20, "half-cheetah": 3, "ant": 3},
+    "grid": dict.fromkeys(TASKS, 5) | {"bandit": 20, "half-cheetah": 2, "ant": 2},
     "small": dict.fromkeys(TASKS, 5) | {"bandit": 20, "ant": 3},
     "smoke": dict.fromkeys(TASKS, 2),
 }
