@@ -85,7 +85,7 @@ def test_tables_of_results_are_quoted_as_they_were_made():
     for path in (ROOT / "README.md", ROOT / "docs" / "why.md"):
         text = path.read_text()
         assert "<!-- table: " in text
-        assert quotes.filled(text, known) == text, f"python -m galton.paper.tables {folder} {path}"
+        assert quotes.filled(text, known.get) == text, f"python -m galton.paper.tables {folder} {path}"
 
 
 def test_readme_quotes_the_demo_as_it_was_run():

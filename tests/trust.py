@@ -228,7 +228,7 @@ def page(text: str, records: Iterable[Record]) -> str:
 
     known = list(records)
     tables = {title: table(record for record in known if record.topic == topic) for topic, title in TOPICS.items()}
-    return filled(text, {title: rows for title, rows in tables.items() if rows})
+    return filled(text, {title: rows for title, rows in tables.items() if rows}.get)
 
 
 def main(*folders: str) -> None:

@@ -138,7 +138,7 @@ def test_the_tables_that_documents_quote_are_markdown_with_a_sign_for_each_verdi
 
 def test_a_document_gets_its_tables_where_it_names_them():
     text = "a\n\n<!-- table: one -->\n\n| old |\n|---|\n\nb\n\n<!-- table: other -->\n\n| stays |\n"
-    filled = quotes.filled(text, {"one": "| new |\n|---|\n| 1 |"})
+    filled = quotes.filled(text, {"one": "| new |\n|---|\n| 1 |"}.get)
     assert filled == text.replace("| old |\n|---|\n", "| new |\n|---|\n| 1 |\n")
     for same in (filled, text.replace("|\n\nb", "|\nb")):  # a table without a blank line after it swallows the text
-        assert quotes.filled(same, {"one": "| new |\n|---|\n| 1 |"}) == filled
+        assert quotes.filled(same, {"one": "| new |\n|---|\n| 1 |"}.get) == filled

@@ -1,10 +1,12 @@
 """The tables of a benchmark that documents quote, as Markdown.
 
 A document says <!-- table: BENCHMARK: NAME --> where one stands, and
-`python -m galton.benchmark.quoted benchmarks/BENCHMARK.toml results/BENCHMARK DOCUMENT ...` writes it.
+`python -m galton.benchmark.quoted benchmarks/BENCHMARK.toml results/BENCHMARK DOCUMENT ...` writes it. NAME is
+`returns, fresh`, `returns, held-out`, `speeds`, or `all tasks: METHOD; METHOD`, with the methods' names.
 """
 
 import sys
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from galton.analysis.statistics import Interval
@@ -17,14 +19,21 @@ from galton.page import quotes
 from galton.sweep.store import Store
 
 
-def tables(file: Path, folder: str) -> dict[str, str]:
-    """All of them, by the file's name and theirs; those whose stages are not done are left out."""
+def tables(file: Path, folder: str) -> Callable[[str], str | None]:
+    """What gives a table by the file's name and its own: None of another file, or where its stages are not done."""
     store, name = Store(folder), file.stem
     found = load(store, read(file))
-    known = {f"{name}: returns, {stage}": _returns(found, stage) for stage in found.standings}
     speed = speeds(found, made(store))
+    known = {f"{name}: returns, {stage}": _returns(found, stage) for stage in found.standings}
     known[f"{name}: speeds"] = quotes.markdown(speed.headings, speed.rows)
-    return known
+    some = f"{name}: all tasks: "
+
+    def table(wanted: str) -> str | None:
+        if wanted.startswith(some):
+            return _of_methods(found, wanted.removeprefix(some).split("; "))
+        return known.get(wanted)
+
+    return table
 
 
 def _returns(found: Found, stage: Stage) -> str:
@@ -42,6 +51,18 @@ def _returns(found: Found, stage: Stage) -> str:
         rows.append([method.label, f"{_even(score):.2f}", above or "—", *of_tasks])
     against = f"P(above {found.protocol.baseline.label})"
     return quotes.markdown(["method", "score", against, *(labels[task] for task in standings.tasks)], rows)
+
+
+def _of_methods(found: Found, names: Sequence[str]) -> str:
+    """Returns of some methods' shared settings on the tasks of all stages."""
+    named = {method.name: method for method in found.protocol.methods}
+    labels = {task.name: task.label for task in found.protocol.tasks}
+    places = [(standings, task) for standings in found.standings.values() for task in standings.tasks]
+    rows = [
+        [named[name].label, *(returns_of(standings, task, named[name], "shared") for standings, task in places)]
+        for name in names
+    ]
+    return quotes.markdown(["method", *(labels[task] for _, task in places)], rows)
 
 
 def _even(interval: Interval) -> Interval:

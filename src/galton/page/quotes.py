@@ -1,7 +1,7 @@
 """Tables that documents quote, as Markdown: a document says <!-- table: NAME --> where one stands."""
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
 from galton.saving import files
@@ -16,12 +16,17 @@ def markdown(headings: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     return "\n".join([head, "|---" * len(headings) + "|", *body])
 
 
-def filled(text: str, known: Mapping[str, str]) -> str:
-    """A document with its tables where it names them; one that is not known stays as it is."""
-    return _PLACE.sub(lambda place: f"{place[1]}{known[place[2]]}\n\n" if place[2] in known else place[0], text)
+def filled(text: str, table: Callable[[str], str | None]) -> str:
+    """A document with its tables where it names them; one that is not known, `table(name)` None, stays as it is."""
+
+    def put(place: re.Match[str]) -> str:
+        found = table(place[2])
+        return place[0] if found is None else f"{place[1]}{found}\n\n"
+
+    return _PLACE.sub(put, text)
 
 
-def write(known: Mapping[str, str], documents: Iterable[str]) -> None:
+def write(table: Callable[[str], str | None], documents: Iterable[str]) -> None:
     """Put tables into the documents that name them."""
     for path in map(Path, documents):
-        files.write(path, filled(path.read_text(encoding="utf-8"), known).encode())
+        files.write(path, filled(path.read_text(encoding="utf-8"), table).encode())

@@ -46,7 +46,7 @@ def markdown(matrix: Matrix) -> str:
 
 def main(folder: str, *documents: str) -> None:
     """Write the tables of a folder of `galton reproduce` into documents."""
-    quotes.write(tables(reproduce.load(folder)), documents)
+    quotes.write(tables(reproduce.load(folder)).get, documents)
 
 
 if __name__ == "__main__":
