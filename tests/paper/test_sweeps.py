@@ -85,8 +85,7 @@ def test_the_controls_change_the_softmax_policies_alone():
 @pytest.mark.parametrize("task", WHY_TASKS)
 def test_the_study_of_causes_has_every_change_for_every_loss(task):
     study = SWEEPS[f"why-{task}"].study("paper", {})
-    base = task_defaults(TASKS[task].env)
-    found = collections.Counter((change_of(s, base), s.config.loss) for s in study.settings)
+    found = collections.Counter((change_of(s, TASKS[task].env), s.config.loss) for s in study.settings)
     assert set(found) == {(change, loss) for change in CHANGES for loss in losses(study)}
     assert all(count == (6 if loss == "hl-gauss-centred" else 3) for (_, loss), count in found.items())
 
@@ -99,8 +98,7 @@ def test_the_best_of_each_change_and_loss_is_trained_again(task):
     name = f"why-{task}"
     done = made_up.data(final, (name,), budget="paper", noise=1e-6).sweeps
     again = SWEEPS[f"{name}-again"].study("paper", done)
-    base = task_defaults(TASKS[task].env)
-    found = collections.Counter((change_of(s, base), s.config.loss) for s in again.settings)
+    found = collections.Counter((change_of(s, TASKS[task].env), s.config.loss) for s in again.settings)
     assert found == dict.fromkeys(((change, loss) for change in CHANGES for loss in losses(again)), 1)
     assert {s.hypers.learning_rate for s in again.settings} == {1e-3}
     assert {s.hypers.eta for s in again.settings if s.config.loss == "hl-gauss-centred"} == {2.0}

@@ -39,7 +39,7 @@ def signed_rank_p(differences: Float[np.ndarray, " n"]) -> float:
     if len(differences) > _EXACT:
         return float(stats.wilcoxon(differences, method="approx").pvalue)
     ranks = _doubled_ranks(np.abs(differences))
-    return _two_sided(_subsets(ranks).sum(0), int(ranks[differences > 0].sum()))
+    return _two_sided(_sums(ranks), int(ranks[differences > 0].sum()))
 
 
 def least_p(n: int, m: int) -> float:
@@ -58,6 +58,15 @@ def _subsets(ranks: np.ndarray) -> Float[np.ndarray, "_ _"]:
     found[0, 0] = 1
     for rank in ranks:
         found[1:, rank:] += found[:-1, :-rank].copy()
+    return found
+
+
+def _sums(ranks: np.ndarray) -> Float[np.ndarray, " _"]:
+    """How many subsets of the ranks there are, by their sum."""
+    found = np.zeros(int(ranks.sum()) + 1)
+    found[0] = 1
+    for rank in ranks:
+        found[rank:] += found[:-rank].copy()
     return found
 
 

@@ -43,6 +43,7 @@ def in_the_box(trained: Trained) -> Trained:
     return Trained(_without_prefix(trained.sweeps))
 
 
+@functools.lru_cache(maxsize=1)  # the page and tables.md have it
 def table(trained: Trained) -> Matrix:
     """What the paper says of Figure 3, judged in both units."""
     sides = trained, in_the_box(trained)

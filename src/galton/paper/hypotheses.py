@@ -1,5 +1,6 @@
 """What makes the paper's result appear? The same claims, judged where one thing is changed."""
 
+import functools
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from typing import NamedTuple
 
@@ -11,7 +12,6 @@ from galton.paper.figure import FigureStudy
 from galton.paper.rescaling import SCALES
 from galton.paper.sweeps import AGAIN, MAIN, Sweep
 from galton.paper.trained import Judged, Trained
-from galton.sweep.grid import task_defaults
 from galton.tasks import TASKS
 
 CLAIMS: dict[str, Callable[[Trained], Claim]] = {
@@ -63,6 +63,7 @@ _OWN: dict[str, Callable[[Trained], Iterable[tuple[str, Trained]]]] = {
 """The rows of the hypotheses that have sweeps of their own."""
 
 
+@functools.lru_cache(maxsize=1)  # the page and tables.md have it
 def table(trained: Trained) -> Matrix:
     """Change × claim: of how many tasks each holds."""
     found = {row.name: row.trained for row in rows(trained) if row.trained.judged}
@@ -144,8 +145,7 @@ def as_before(trained: Trained, name: str) -> Trained:
     for task, sweep in why.SWEEPS.items():
         pair = _pair(trained, sweep, why.AGAIN[task])
         if pair is not None:
-            base = task_defaults(TASKS[task].env)
-            own = [setting for setting in pair.again.study.settings if why.change_of(setting, base) == name]
+            own = [setting for setting in pair.again.study.settings if why.change_of(setting, TASKS[task].env) == name]
             found |= {task: Judged(*(each.part(own) for each in pair))} if own else {}
     return as_main(found)
 

@@ -116,13 +116,19 @@ class Summary:
 
     def rows(self, *settings: Setting) -> Bool[np.ndarray, " R"]:
         """Which rows are runs of these settings."""
-        return np.isin(self.setting, [self.study.settings.index(setting) for setting in settings])
+        wanted = np.zeros(len(self.study.settings), bool)
+        wanted[[self._place[setting] for setting in settings]] = True
+        return wanted[self.setting]
+
+    @functools.cached_property
+    def _place(self) -> dict[Setting, int]:
+        return {setting: i for i, setting in enumerate(self.study.settings)}
 
     def part(self, settings: Sequence[Setting], trials: int | None = None) -> "Summary":
         """The runs of these settings, in their order, as a summary of their own; or only so many trials of each."""
         trials = self.study.trials if trials is None else min(trials, self.study.trials)
         place = np.full(len(self.study.settings), -1, np.int32)
-        place[[self.study.settings.index(setting) for setting in settings]] = np.arange(len(settings))
+        place[[self._place[setting] for setting in settings]] = np.arange(len(settings))
         rows = (place[self.setting] >= 0) & (self.table.column("trial").to_numpy() < trials)
         table = self.table.filter(pa.array(rows))
         setting = pa.array(place[table.column("setting").to_numpy()])

@@ -1,6 +1,7 @@
 """Why the paper's effect does or does not appear: one thing changed at a time."""
 
 import dataclasses
+import functools
 import textwrap
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
@@ -22,6 +23,7 @@ from galton.paper.measures import CLASSIFICATION
 from galton.paper.summary import Summary
 from galton.paper.sweeps import Budget, Done, Sweep, again, task_study
 from galton.paper.trained import Trained
+from galton.records import Fields
 from galton.sweep.grid import expand, task_defaults
 from galton.sweep.results import mean_returns
 from galton.sweep.study import Setting, Study
@@ -121,25 +123,28 @@ def retrained(trained: Trained) -> dict[str, Summary]:
 def outcomes(summary: Summary) -> dict[tuple[str, str], Outcome]:
     """How each loss ends under each change: the winners on fresh seeds, by change and loss."""
     metrics = {metric: summary.final(metric) for metric in METRICS}
-    base = task_defaults(summary.study.env)
     return {
-        (change_of(setting, base), setting.config.loss): Outcome(
+        (change_of(setting, summary.study.env), setting.config.loss): Outcome(
             setting, {metric: values[summary.rows(setting)] for metric, values in metrics.items()}
         )
         for setting in summary.study.settings
     }
 
 
-def change_of(setting: Setting, base: dict[str, object]) -> str:
-    """The name in CHANGES of what a setting has changed."""
-    record = setting.record()
+def change_of(setting: Setting, env: str) -> str:
+    """The name in CHANGES of what a setting has changed from the task's defaults."""
+    record, plain = setting.record(), _plain(env)
     fields = {field for change in CHANGES.values() for field in change}
-    plain = Setting.of_record(base).record()
     given = {field: record[field] for field in fields if record[field] != plain[field]}
     for name, change in CHANGES.items():
         if {field: value for field, value in change.items() if value != plain[field]} == given:
             return name
     raise ValueError(f"a setting has {given}, which is none of CHANGES")
+
+
+@functools.cache
+def _plain(env: str) -> Fields:
+    return Setting.of_record(task_defaults(env)).record()
 
 
 def draw(trained: Trained) -> Figure:
