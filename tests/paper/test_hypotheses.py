@@ -85,18 +85,6 @@ def nudged(summary, name):
     return dataclasses.replace(summary, table=summary.table.set_column(place, f"final_{name}", pa.array(finals)))
 
 
-def test_scales_are_compared_by_as_many_trials_as_all_of_them_have():
-    trained = made_up.data(lambda name, setting: 1.0, noise=0.0)
-    again = trained.of(AGAIN["lqr"])
-    fewer = Trained(
-        trained.sweeps | {AGAIN["lqr"].name: again.part(again.study.settings, again.study.trials - 1)}, trained.tables
-    )
-    series = rescaling.across(fewer, "lqr")
-    assert {len(runs.table) for of_loss in series.values() for runs in of_loss.values()} == {again.study.trials - 1}
-    assert rescaling.are_equal(series["hl-gauss"])
-    assert rescaling.draw(fewer).axes
-
-
 def test_runs_are_equal_across_scales_only_if_no_bit_differs():
     trained = made_up.data(lambda name, setting: 1.0, noise=0.0)
     series = rescaling.across(trained, "lqr")
@@ -105,7 +93,7 @@ def test_runs_are_equal_across_scales_only_if_no_bit_differs():
         assert rescaling.are_equal(runs)
         for column, matters in (("sigma", False), ("entropy", not in_box), ("training_return", True)):
             assert rescaling.are_equal(runs | {8.0: nudged(runs[8.0], column)}) != matters
-        assert rescaling.are_equal(runs | {1.0: nudged(runs[1.0], "training_return")}) == in_box  # another program's
+    assert rescaling.draw(trained).axes
 
 
 def test_without_the_lowest_rate_the_winners_are_others():

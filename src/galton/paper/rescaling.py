@@ -15,7 +15,7 @@ from galton.analysis.statistics import mean_interval
 from galton.paper.curves import heading
 from galton.paper.measures import Scores, final_return, logged
 from galton.paper.summary import Summary
-from galton.paper.sweeps import AGAIN, MAIN, Budget, Done, Sweep, on_fresh_seeds
+from galton.paper.sweeps import MAIN, Budget, Done, Sweep, on_fresh_seeds
 from galton.paper.trained import Trained
 from galton.paper.verdicts import rounded
 from galton.sweep.study import Setting, Study
@@ -56,37 +56,28 @@ def _sweep(task: str, scale: float) -> Sweep:
     return Sweep(f"scale-{task}-{scale:g}", study, winners_of=MAIN[task])
 
 
-SWEEPS = {
-    (task, scale): _sweep(task, scale) for task in SCALE_TASKS for scale in SCALES if scale != 1 or task == "bandit"
-}
-"""The sweeps by task and scale. Scale 1 is the main experiment on fresh seeds; where the box is not [−1, 1], the
-Gaussian in its units is trained there too."""
+SWEEPS = {(task, scale): _sweep(task, scale) for task in SCALE_TASKS for scale in SCALES}
+"""The sweeps by task and scale, all with the same settings and seeds, so that only the scale differs."""
 
 
 def across(trained: Trained, task: str) -> dict[str, dict[float, Summary]]:
     """The runs of each loss, and of IN_THE_BOX, at each scale that is done: summaries of one setting."""
     found: dict[str, dict[float, Summary]] = {}
-    scaled = [(scale, trained.of(SWEEPS[task, scale])) for scale in SCALES if (task, scale) in SWEEPS]
-    known = [(scale, summary) for scale, summary in [*scaled, (1.0, trained.of(AGAIN[task]))] if summary]
-    n = min((summary.study.trials for _, summary in known), default=0)
-    for scale, summary in known if any(summary for _, summary in scaled) else []:
-        for setting in summary.study.settings:
-            name = name_of(setting)
-            names = (name, IN_THE_BOX) if name == "gaussian" and scale == 1 and task != "bandit" else (name,)
-            for each in names:
-                found.setdefault(each, {}).setdefault(scale, summary.part([setting], n))
-    return {name: dict(sorted(by_scale.items())) for name, by_scale in found.items()}
+    for scale in SCALES:
+        if summary := trained.of(SWEEPS[task, scale]):
+            for setting in summary.study.settings:
+                found.setdefault(name_of(setting), {})[scale] = summary.part([setting])
+    return found
 
 
 def are_equal(by_scale: Mapping[float, Summary]) -> bool:
     """Whether all that is kept of the runs is the same to the bit at every scale, but for what is in its units.
 
-    That is σ, and for a density its logarithm too, and so its entropy and loss. Where policies act in units of the box
-    runs that don't, which at scale 1 are as good, do not count: another program rounds otherwise.
+    That is σ, and for a density its logarithm too, and so its entropy and loss.
     """
-    boxed = [summary for summary in by_scale.values() if summary.study.settings[0].hypers.box_units]
-    first, *others = boxed or by_scale.values()
-    of_density = {"final_entropy", "entropy", "final_policy_loss"} if boxed else set()
+    first, *others = by_scale.values()
+    is_density = first.study.settings[0].hypers.box_units
+    of_density = {"final_entropy", "entropy", "final_policy_loss"} if is_density else set()
     names = {*first.table.column_names} - {"setting", "final_sigma"} - of_density
     return all(_bits(first.table[name]) == _bits(other.table[name]) for other in others for name in names)
 
