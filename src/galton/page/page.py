@@ -171,6 +171,7 @@ def render(
     widths = (f"{_id(name)} .panels {{ max-width: {d.width}px }}" for name, d in drawings.items() if d.width)
     style, script = "\n".join([_file("page.css"), *widths]), _file("page.js")
     environment = Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=StrictUndefined)
+    environment.filters["together"] = _together
     return environment.from_string(_file("page.html.jinja")).render(
         title=title,
         introduction=introduction,
@@ -190,6 +191,11 @@ def render(
         style=Markup(style),
         script=Markup(script),
     )
+
+
+def _together(line: str) -> str:
+    """The line with what belongs to a number kept on its line: "p = 0.01", "−1 ± 2"."""
+    return re.sub(r" ([=<±]) ", "\u00a0\\1\u00a0", line)
 
 
 ANSWER = "page.answer"

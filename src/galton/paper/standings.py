@@ -66,9 +66,9 @@ def readme_table(trained: Trained) -> str:
 
 def winners(trained: Trained) -> Table:
     """The table of each loss's best setting on each task, with its returns as it won and on fresh seeds."""
-    headings = ["task", "loss", "best setting", "as it won", "runs", "on fresh seeds", "their median", "P", "p"]
+    headings = ["task", "loss", "best setting", "runs", "on fresh seeds", "their median", "P", "p"]
     headings += [f"evaluation, {name}" for name in DETERMINISTIC.values()]
-    headings += ["over training", "noise costs", "doing nothing", "optimum"]
+    headings += ["as it won", "over training", "noise costs", "doing nothing", "optimum"]
     found = decisions(trained)
     p = dict(zip(found, holm([each.p for each in found.values()]), strict=True))
     rows = []
@@ -77,10 +77,11 @@ def winners(trained: Trained) -> Table:
         levels = ["—" if value is None else _plain(value) for value in (TASKS[task].at_rest, optimum(task))]
         title = TASKS[task].title + (" (null)" if task in trained.nulls else "")
         for loss, best in summary.best.items():
-            cells = [title, LOSSES[loss].label, best.setting.brief(), _final(summary, loss)]
+            cells = [title, LOSSES[loss].label, best.setting.brief()]
             cells += [str(again.study.trials), _final(again, loss), _median(again, loss)] if again else ["—"] * 3
             cells += _against(found.get((task, loss)), p.get((task, loss), np.nan))
-            rows.append([*cells, *_deterministic(again or summary, loss), *levels])
+            evaluated, (over_training, noise) = _deterministic(again or summary, loss)
+            rows.append([*cells, *evaluated, _final(summary, loss), over_training, noise, *levels])
     return Table(headings, rows)
 
 
@@ -91,18 +92,18 @@ def _against(found: Comparison | None, p: float) -> list[str]:
     return [f"{found.above:.2f}", "—" if np.isnan(p) else "<0.001" if p < 0.001 else f"{p:.3f}"]
 
 
-def _deterministic(summary: Summary, loss: str) -> list[str]:
-    """The deterministic policy's final returns, the mean training return, and what noise costs there."""
+def _deterministic(summary: Summary, loss: str) -> tuple[list[str], list[str]]:
+    """The deterministic policy's final returns; and the mean training return, and what noise costs there."""
     returns = [
         _final(summary, loss, metric) if metric in summary.table.column_names else "—" for metric in DETERMINISTIC
     ]
     over_training = mean_return(summary, loss)
     noise = mean_return(summary, loss, "evaluation_return") - over_training
-    return returns + [f"{mean_interval(each):.2f}" for each in (over_training, noise)]
+    return returns, [rounded(mean_interval(each), "") for each in (over_training, noise)]
 
 
 def _final(summary: Summary, loss: str, metric: str = "training_return") -> str:
-    return f"{mean_interval(final_return(summary, loss, metric)):.2f}"
+    return rounded(mean_interval(final_return(summary, loss, metric)), "")
 
 
 def _median(summary: Summary, loss: str) -> str:
@@ -111,4 +112,4 @@ def _median(summary: Summary, loss: str) -> str:
 
 
 def _plain(value: float) -> str:
-    return f"{value:.2f}".replace("-", "−")
+    return f"{value:{'.2f' if abs(value) < 100 else ',.0f'}}".replace("-", "−")
