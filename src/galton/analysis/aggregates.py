@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from galton.analysis.bands import times_drawn
-from galton.analysis.statistics import Interval, Tasks
+from galton.analysis.statistics import Interval, Tasks, diverged_lowest
 from galton.errors import require
 
 
@@ -17,7 +17,7 @@ def percentiles(values: Float[np.ndarray, "*any"], pool: Float[np.ndarray, " P"]
     diverged run, NaN, is below all others.
     """
     require(pool.size > 0, "pool is empty; give the runs that values are to be ranked among")
-    ranked, among = (np.where(np.isnan(numbers), -np.inf, numbers) for numbers in (values, pool))
+    ranked, among = (diverged_lowest(numbers) for numbers in (values, pool))
     among = np.sort(among)
     below, not_above = (np.searchsorted(among, ranked, side) for side in ("left", "right"))
     return np.asarray((below + not_above) / (2 * among.size))
@@ -28,7 +28,7 @@ def interquartile_mean(scores: Tasks, n_resamples: int = 2000, seed: int = 0) ->
 
     A diverged run, NaN, is below all others. The interval is NaN if a task has fewer than two runs.
     """
-    tasks = [np.where(np.isnan(task), -np.inf, task) for task in scores]
+    tasks = [diverged_lowest(task) for task in scores]
     require(bool(tasks) and all(task.size for task in tasks), "scores lacks a task's runs; give one or more of each")
     mean = _middle_mean(np.concatenate(tasks)[None])[0]
     if min(task.size for task in tasks) < 2:
@@ -66,7 +66,7 @@ def improvement(ours: Tasks, theirs: Tasks, n_resamples: int = 2000, seed: int =
 
 def _above(a: Float[np.ndarray, " n"], b: Float[np.ndarray, " m"]) -> Float[np.ndarray, "n m"]:
     """Whether each of the first is above each of the second: 1, ½ for a tie, or 0."""
-    ours, theirs = (np.where(np.isnan(scores), -np.inf, scores) for scores in (a, b))
+    ours, theirs = (diverged_lowest(scores) for scores in (a, b))
     return (ours[:, None] > theirs) + 0.5 * (ours[:, None] == theirs)
 
 

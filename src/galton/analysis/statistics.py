@@ -218,7 +218,7 @@ def performance_profile(
         not_above = [np.searchsorted(np.sort(task), taus, "right") / len(task) for task in tasks]
         return np.asarray(1 - np.mean(not_above, axis=0))
 
-    return stratified_bootstrap([_ranked(task) for task in _tasks(scores)], profile, n_resamples, seed)
+    return stratified_bootstrap([diverged_lowest(task) for task in _tasks(scores)], profile, n_resamples, seed)
 
 
 def fill_forward(curves: Float[np.ndarray, "R L"]) -> Float[np.ndarray, "R L"]:
@@ -253,6 +253,6 @@ def _tasks(scores: Scores) -> Tasks:
     return tasks
 
 
-def _ranked(scores: Float[np.ndarray, " R"]) -> Float[np.ndarray, " R"]:
-    """The scores with diverged runs below every other."""
+def diverged_lowest(scores: Float[np.ndarray, "*any"]) -> Float[np.ndarray, "*any"]:
+    """The scores with diverged runs, NaN, below every other."""
     return np.where(np.isnan(scores), -np.inf, scores)

@@ -163,7 +163,7 @@ def _done(
             carry_out(place, plan)
     if any(len(finished(place, plan)) < plan.n_shards for place, plan in sweeps):
         return None
-    runs = gather(part, [results.collect(place, plan) for place, plan in sweeps], protocol.rule)
+    runs = gather(part, [results.collect(place, plan) for place, plan in sweeps], protocol.selection)
     _note(store, part, sweeps)
     store.write(file, runs.save(protocol.digest))
     return runs

@@ -39,7 +39,7 @@ class Budget:
 
 
 @dataclasses.dataclass(frozen=True)
-class Rule:
+class Selection:
     """What a run is judged by, and how settings are selected."""
 
     score: Literal["mean-percentile"] = "mean-percentile"
@@ -102,7 +102,7 @@ class Protocol:
     imports: tuple[str, ...]
     """Modules that every worker imports first."""
     budget: Budget
-    rule: Rule
+    selection: Selection
     fixed: Priors
     """Fields with the same value for all methods, unless a method or a task says otherwise."""
     prior: Priors
@@ -175,7 +175,7 @@ def check(protocol: Protocol) -> None:
 
 def _check_task(protocol: Protocol, task: Task) -> None:
     """Raise UsageError for a task that can't be judged, or that fixes what is not its own to fix."""
-    where, metric = f"tasks.{task.name}", protocol.rule.metric
+    where, metric = f"tasks.{task.name}", protocol.selection.metric
     require(
         metric == "training_return" or task.budget.eval_episodes > 0,
         f"{where} has eval_episodes 0, but selection.metric is {metric!r}; give it some, or judge by 'training_return'",

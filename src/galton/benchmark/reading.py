@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from galton.benchmark.priors import Record, check_names, read_table
-from galton.benchmark.protocol import Budget, Method, Protocol, Rule, Task, check
+from galton.benchmark.protocol import Budget, Method, Protocol, Selection, Task, check
 from galton.errors import UsageError, require, require_integer, unknown
 from galton.fields import annotations, checked
 from galton.types import Hypers
@@ -21,7 +21,7 @@ WORDS = ("title", "seed", "baseline", "imports", "extends")
 """What stands above them."""
 _OF_TASK = ("steps", "fresh_steps", "logs", "eval_episodes")
 """What a task may have of a budget of its own."""
-_RecordT = TypeVar("_RecordT", Budget, Rule)
+_RecordT = TypeVar("_RecordT", Budget, Selection)
 
 
 def read(path: Path) -> Protocol:
@@ -79,7 +79,7 @@ def of_record(record: Record, title: str = "benchmark") -> Protocol:
         methods[baseline],
         imports,
         budget,
-        _record("selection", record.get("selection", {}), Rule()),
+        _record("selection", record.get("selection", {}), Selection()),
         read_table("fixed", record.get("fixed", {}), drawn=False),
         read_table("prior", record.get("prior", {}), drawn=True),
         tuple(methods.values()),

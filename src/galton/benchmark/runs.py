@@ -9,7 +9,7 @@ import pyarrow as pa
 from jaxtyping import Float, Int
 
 from galton.analysis.statistics import fill_until
-from galton.benchmark.protocol import Rule
+from galton.benchmark.protocol import Selection
 from galton.benchmark.stages import Part, Role, Stage
 from galton.errors import UsageError, require
 from galton.sweep import columns
@@ -97,9 +97,9 @@ class Runs:
         return np.asarray(self._column(name)[self._rows(method, role)].reshape(-1, self.part.trials))
 
 
-def gather(part: Part, tables: Sequence[pa.Table], rule: Rule) -> Runs:
+def gather(part: Part, tables: Sequence[pa.Table], selection: Selection) -> Runs:
     """The runs of a part from the results of its studies, which are done."""
-    metrics = {"judged": rule.metric, "training": "training_return"}
+    metrics = {"judged": selection.metric, "training": "training_return"}
     names = dict.fromkeys(["setting", "trial", "seed", "diverged_at", "steps", *metrics.values()])
     by_setting: dict[Setting, list[dict[str, Any]]] = {}
     for study, table in zip(part.studies, tables, strict=True):
@@ -111,7 +111,7 @@ def gather(part: Part, tables: Sequence[pa.Table], rule: Rule) -> Runs:
     found["final_step"] = [row["steps"][-1] for row in rows]
     for curve, metric in metrics.items():
         found[curve] = [row[metric] for row in rows]
-        found[f"final_{curve}"] = [_final(row[metric], row["diverged_at"], rule.last) for row in rows]
+        found[f"final_{curve}"] = [_final(row[metric], row["diverged_at"], selection.last) for row in rows]
     return Runs(part, pa.table({name: found[name] for name in _SCHEMA.names}, schema=_SCHEMA))
 
 

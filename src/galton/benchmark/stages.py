@@ -107,7 +107,7 @@ def _part(protocol: Protocol, stage: Stage, task: Task, entries: list[Entry]) ->
             2 * protocol.seed + fresh,
             protocol.imports,
             common_seeds=True,
-            eval_mean=protocol.rule.metric == MEAN_ACTION_RETURN,
+            eval_mean=protocol.selection.metric == MEAN_ACTION_RETURN,
         )
         for settings in by_points.values()
     ]

@@ -32,7 +32,7 @@ _ROLES: dict[Role, str] = {"shared": "one for all tasks", "per-task": "of the ta
 
 def metric(found: Found) -> str:
     """The return that runs are judged by, in words."""
-    return METRICS[found.protocol.rule.metric]
+    return METRICS[found.protocol.selection.metric]
 
 
 def budget(found: Found) -> Table:
