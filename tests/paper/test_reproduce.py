@@ -126,6 +126,10 @@ def test_words_ask_for_sweeps():
     assert asked(["analytic"])[0] == [sweep for task in list(TASKS)[:4] for sweep in (MAIN[task], AGAIN[task])]
     sweeps, figures = asked(["ant", "propositions"])
     assert ([sweep.name for sweep in sweeps], [*figures]) == (["ant", "ant-again"], ["propositions"])
+    sweeps, figures = asked(["hypotheses-lqr-again", "scale-lqr-*"])
+    scales = [f"scale-lqr-{scale}" for scale in (0.125, 0.5, 1, 2, 8)]
+    assert {sweep.name for sweep in sweeps} == {"hypotheses-lqr-again", *scales}
+    assert figures == {}
     with pytest.raises(UsageError, match="what is 'cart-pole'"):
         asked(["lqr", "cart-pole"])
 

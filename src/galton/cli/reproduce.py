@@ -1,6 +1,7 @@
 """galton reproduce: the paper's figures, from the first run to the page."""
 
 import dataclasses
+import fnmatch
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
@@ -14,7 +15,7 @@ from galton.cli.report import write
 from galton.errors import require, unknown
 from galton.paper import reproduce as paper
 from galton.paper.figure import FigureStudy
-from galton.paper.registry import FIGURES
+from galton.paper.registry import FIGURES, all_sweeps
 from galton.paper.sweeps import AGAIN, MAIN, Budget, Sweep
 from galton.sweep.executors import Place, one_per_core
 from galton.tasks import TASKS
@@ -35,7 +36,8 @@ class Options:
     what: tyro.conf.Positional[
         Annotated[tuple[str, ...], tyro.conf.arg(metavar="{" + ",".join([*FIGURES, *TASKS, *GROUPS, "all"]) + "} ...")]
     ]
-    """Figures, tasks, the four analytic tasks, the three MuJoCo ones, or all of it."""
+    """Figures, tasks, the four analytic tasks, the three MuJoCo ones, or all of it; or sweeps, by the names of their
+    files in OUT/data, in which * stands for any letters ('*reacher*')."""
     budget: Budget = "smoke"
     """How much: minutes that show only that it works; less than an hour or two; or the paper's settings and trials."""
     out: Path = Path("runs/paper")
@@ -79,12 +81,14 @@ def asked(what: Sequence[str]) -> tuple[list[Sweep], dict[str, FigureStudy]]:
     figures, tasks = dict(FIGURES), list(TASKS)
     known = [*FIGURES, *TASKS, *GROUPS, "all"]
     require(len(what) > 0, f"what to reproduce is not said; choose from {', '.join(known)}")
-    for word in what:
-        if word not in known:
-            raise unknown("what", word, known)
+    named = {word: fnmatch.filter(all_sweeps(), word) for word in what if word not in known}
+    for word, found in named.items():
+        if not found:
+            raise unknown("what", word, [*known, "the name of a sweep, such as reacher-again or '*reacher*'"])
     if "all" not in what:
         figures = {word: FIGURES[word] for word in what if word in FIGURES}
         tasks = [task for word in what for task in GROUPS.get(word, (word,)) if task in TASKS]
     sweeps = [sweep for figure in figures.values() for sweep in figure.sweeps]
     sweeps += [sweep for task in tasks for sweep in (MAIN[task], AGAIN[task])]
+    sweeps += [all_sweeps()[name] for found in named.values() for name in found]
     return list(dict.fromkeys(sweeps)), figures
