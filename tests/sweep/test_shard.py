@@ -43,12 +43,12 @@ def test_a_shard_holds_what_train_gives(planned):
         n_eval_episodes=2,
         devices=jax.devices()[:1],
     )
-    assert shard.n_runs == table.num_rows == 2  # the other two of the four only fill up
+    assert len(shard.seeds) == table.num_rows == 2  # a short shard trains no more than its own
     for name in ("training_return", "evaluation_return", "entropy", "grad_norm"):
         curves = np.stack(table.column(name).to_numpy())
-        np.testing.assert_array_equal(curves, np.float32(result.log.columns()[name][:2]))
+        np.testing.assert_array_equal(curves, np.float32(result.log.columns()[name]))
     np.testing.assert_array_equal(np.stack(table.column("steps").to_numpy()), [[20, 40, 60]] * 2)
-    finals = np.float32(result.final("training_return")[:2])
+    finals = np.float32(result.final("training_return"))
     np.testing.assert_array_equal(table.column("final_training_return").to_numpy(), finals)
     assert told.final_training_return == finals.tolist()
     assert (told.index, told.setting, told.trial, told.steps) == (1, [2, 2], [1, 2], 2 * 60)

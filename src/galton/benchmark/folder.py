@@ -197,8 +197,7 @@ def made(store: Store) -> dict[str, Any]:
 def _speeds(part: Part, sweeps: Sequence[tuple[Store, Plan]]) -> dict[str, int]:
     """Environment steps a second, training and evaluation, of a worker that trains a method's runs side by side.
 
-    Runs that are trained together share their time evenly. A shard that is not full takes as long as a full one, so its
-    runs have the share that they would have in that.
+    Runs that are trained together share their time evenly; in a narrow shard each has more of it than in a wide one.
     """
     costs: dict[Setting, list[tuple[float, float]]] = {}
     for place, plan in sweeps:
@@ -207,7 +206,7 @@ def _speeds(part: Part, sweeps: Sequence[tuple[Store, Plan]]) -> dict[str, int]:
             if table is not None:
                 record, n = record_of(table), table.num_rows
                 for i in table.column("setting").to_pylist():
-                    cost = record["env_steps"] / n, record["train_seconds"] / plan.shard_width
+                    cost = record["env_steps"] / n, record["train_seconds"] / n
                     costs.setdefault(plan.study.settings[i], []).append(cost)
     speeds = {}
     for method in dict.fromkeys(entry.method for entry in part.entries):

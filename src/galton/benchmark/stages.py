@@ -132,7 +132,7 @@ def check(protocol: Protocol, drawn: Draws) -> None:
 
 
 def width(study: Study) -> int:
-    """How many runs a shard of a study has: wide shards are fast, but places of the last one may stay empty.
+    """How many runs a shard of a study has: wide shards are fast, but the last one should not be narrow.
 
     It depends on the study alone, so that the same file gives the same programs, and to the last bit the same numbers.
     """

@@ -29,11 +29,9 @@ COMMON = "common"
 
 @dataclasses.dataclass(frozen=True)
 class Shard:
-    """Runs that are trained side by side, W of them: one program of one Config. The last run fills up a short shard."""
+    """Runs that are trained side by side, W of them, the plan's `shard_width` at most: one program of one Config."""
 
     index: int
-    n_runs: int
-    """How many runs it has, without the repeats of the last one that fill it up."""
     config: Config
     hypers: Hypers
     """The numbers of every run, each field `[W]`."""
@@ -150,12 +148,11 @@ class Plan:
         fits = 0 <= index < self.n_shards
         require(fits, f"shard is {index}; the plan has {self.n_shards}, from 0 to {self.n_shards - 1}")
         start, stop = self.bounds[index : index + 2].tolist()
-        runs = np.minimum(np.arange(start, start + self.shard_width), stop - 1)
-        setting, trial, seeds = self.setting[runs], self.trial[runs], self.seed[runs]
+        setting, trial, seeds = (column[start:stop] for column in (self.setting, self.trial, self.seed))
         settings = [self.study.settings[i] for i in setting.tolist()]
         columns = (np.array(column, np.float32) for column in zip(*(s.hypers for s in settings), strict=True))
         hypers = Hypers._make(columns)
-        return Shard(index, stop - start, settings[0].config, hypers, setting, trial, seeds, self.names[index])
+        return Shard(index, settings[0].config, hypers, setting, trial, seeds, self.names[index])
 
     def save(self, store: Store) -> None:
         """Write the plan into its folder, in place of an earlier and shorter one."""

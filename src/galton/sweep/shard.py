@@ -117,18 +117,18 @@ def _settle() -> None:
 
 def tabulate(shard: Shard, result: Result) -> pa.Table:
     """A table of one row per run: what it is, its final numbers and its curves. Machine and times are its metadata."""
-    n = shard.n_runs
+    n = len(shard.seeds)
     content: dict[str, object] = {
-        "setting": shard.setting[:n],
-        "trial": shard.trial[:n],
-        "seed": shard.seeds[:n],
-        "final_training_return": result.final("training_return")[:n].astype(np.float32),
-        "final_evaluation_return": result.final("evaluation_return")[:n].astype(np.float32),
-        "diverged_at": result.diverged_at[:n],
+        "setting": shard.setting,
+        "trial": shard.trial,
+        "seed": shard.seeds,
+        "final_training_return": result.final("training_return").astype(np.float32),
+        "final_evaluation_return": result.final("evaluation_return").astype(np.float32),
+        "diverged_at": result.diverged_at,
         "steps": _lists(np.broadcast_to(result.steps.astype(np.int32), (n, len(result.steps)))),
     }
     for name, curves in result.log.columns().items():
-        content[name] = _lists(np.asarray(curves, np.float32)[:n])
+        content[name] = _lists(np.asarray(curves, np.float32))
     record = {
         "shard": shard.name,
         "env_steps": n * int(result.steps[-1]),
