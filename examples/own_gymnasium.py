@@ -34,7 +34,8 @@ if __name__ == "__main__":
     galton.use_all_cores()
     model = galton.A2C(
         lambda: gymnasium.wrappers.TimeLimit(Thermostat(), 48),
-        loss="hl-gauss",
+        loss="hl-gauss-centred",
+        eta=1.0,
         n_envs=4,
         normalize_observation=True,
         normalize_reward=True,
