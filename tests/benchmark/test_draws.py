@@ -126,7 +126,7 @@ def test_settings_with_other_log_points_have_a_study_of_their_own():
 @pytest.mark.parametrize(
     ("settings", "trials", "width"), [(16, 3, 16), (2, 10, 10), (1, 10, 10), (3, 7, 11), (1, 17, 9)]
 )
-def test_shards_are_as_wide_as_leaves_the_fewest_places_empty(settings, trials, width):
+def test_shards_are_few_and_even(settings, trials, width):
     known = protocol(budget__settings=settings, budget__seeds=trials, methods__ppo=None, prior__clip_range=None)
     study = stages.tuning(known, draws(known))[0].studies[0]
     assert stages.width(study) == width

@@ -21,10 +21,6 @@ Role = Literal["draw", "shared", "per-task"]
 """Why a setting is trained: as a draw that may be selected, as what was selected for all tasks, or for this one."""
 
 
-_PER_SHARD = 4
-"""What a shard is taken to cost beside its runs, in runs."""
-
-
 class Entry(NamedTuple):
     """A setting of a method that is trained on a task."""
 
@@ -132,7 +128,7 @@ def check(protocol: Protocol, drawn: Draws) -> None:
 
 
 def width(study: Study) -> int:
-    """How many runs a shard of a study has: wide shards are fast, but the last one should not be narrow.
+    """How many runs a shard of a study has at most: shards are as few as they can be, and then as even.
 
     It depends on the study alone, so that the same file gives the same programs, and to the last bit the same numbers.
     """
@@ -141,4 +137,4 @@ def width(study: Study) -> int:
         runs[each.config] = runs.get(each.config, 0) + study.trials
     most = min(16 if is_known(study.env) else 32, max(runs.values()))
     shards = {n: sum(-(-count // n) for count in runs.values()) for n in range(most, most // 2, -1)}
-    return min(shards, key=lambda n: shards[n] * (n + _PER_SHARD))
+    return min(shards, key=lambda n: (shards[n], n))
