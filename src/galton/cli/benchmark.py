@@ -41,8 +41,8 @@ class Options:
     out: str | None = None
     """The folder, by default runs/benchmark-FILE; or an address that fsspec opens, such as s3://bucket/folder."""
     shard_width: int | None = None
-    """Runs that are trained side by side by one worker, for what is not planned yet; by default as many as fill their
-    shards best, up to 16, or 32 on environments outside JAX."""
+    """Runs that are trained side by side by one worker, for what is not planned yet; by default as make
+    shards few and even, up to 16, or 32 on environments outside JAX."""
     plan_only: bool = False
     """Write the plans of the next stage and stop: their shards are for `galton sweep shard`."""
     imports: tuple[str, ...] = ()
