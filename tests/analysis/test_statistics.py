@@ -19,6 +19,7 @@ from galton.analysis.statistics import (
     fill_forward,
     fill_start,
     holm,
+    least_p,
     mean_interval,
     performance_profile,
     stratified_bootstrap,
@@ -113,6 +114,29 @@ def test_pairs_are_compared_by_their_differences():
     np.testing.assert_allclose(found.difference[1:], scipys)
     assert found.p == pytest.approx(stats.wilcoxon(a, b, method="exact").pvalue)
     assert found.p < 0.01 < 0.5 < compare(a, b).p
+
+
+def test_a_difference_has_the_direction_of_its_own_test_or_none():
+    """Of pairs that differ little among runs that differ much, one that fails turns mean and share, not the ranks."""
+    b = 10.0 * np.arange(1, 13)
+    a = np.where(b < 120, b + 1, 0.0)
+    found = compare(a, b, paired=True)
+    assert found.p < 0.05
+    assert found.difference.mean < 0
+    assert found.above < 0.5
+    assert found.side == 1
+    assert found.direction == (-found).direction == 0
+    assert compare(b + 1, b, paired=True).direction == 1
+    assert compare(b, b + 1, paired=True).direction == -1
+    assert compare(b, b, paired=True).direction == 0
+
+
+@pytest.mark.parametrize(("n", "paired"), [(3, True), (7, True), (8, True), (8, False), (20, True)])
+def test_the_least_p_is_that_of_runs_that_do_not_overlap(n, paired):
+    a = np.arange(n) + 100.0
+    least = least_p(n, n, paired)
+    p = compare(a, a - 200, paired).p
+    assert np.isnan(p) if least >= 0.05 else p == pytest.approx(least)
 
 
 def test_seven_pairs_are_too_few_for_signed_ranks():

@@ -5,10 +5,10 @@ from galton.analysis.statistics import Comparison, Interval
 from galton.paper.verdicts import Unit, claim, marks, null, rounded, summed_up, unit, verdict
 
 
-def found(mean, p, above=None):
+def found(mean, p, side=None):
     """A comparison with this mean difference and p, whose ranks lie on the mean's side."""
-    above = (0.9 if mean > 0 else 0.1) if above is None else above
-    return Comparison(Interval(*np.float64([mean, mean - 1, mean + 1])), p, above)
+    side = int(np.sign(mean)) if side is None else side
+    return Comparison(Interval(*np.float64([mean, mean - 1, mean + 1])), p, side, 0.5 + 0.4 * side)
 
 
 FOR, AGAINST, OPEN = found(2.0, 0.001), found(-2.0, 0.001), found(0.1, 0.7)
@@ -58,7 +58,7 @@ def test_what_one_decision_makes_clear_many_do_not():
 
 def test_a_mean_that_points_against_the_ranks_is_not_clear():
     """As where one run in fifty fails: the mean is lower, nearly every run is higher."""
-    assert marks({"A": found(-2.0, 1e-6, above=0.9)}) == {"A": "≈"}
+    assert marks({"A": found(-2.0, 1e-6, side=1)}) == {"A": "≈"}
 
 
 def test_a_claim_of_no_harm_holds_unless_there_is_some():

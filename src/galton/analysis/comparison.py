@@ -107,9 +107,9 @@ def verdicts(results: Results, baseline: str = "gaussian") -> list[str]:
 def _verdict(comparison: Comparison, p: float) -> str:
     if math.isnan(p):
         return "too few seeds to tell"
-    if p >= ALPHA:
+    if p >= ALPHA or not comparison.direction:
         return "no clear difference"
-    return "better" if comparison.above > 0.5 else "worse"
+    return "better" if comparison.direction > 0 else "worse"
 
 
 def learning_curves(results: Results, env: Environment | None, title: str) -> Figure:

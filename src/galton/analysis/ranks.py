@@ -1,6 +1,7 @@
 """Rank tests with exact p values, ties included: the permutation distribution of the sum of (mid)ranks."""
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -10,41 +11,56 @@ _EXACT = 50
 """Up to so many runs in all p is exact; beyond, the normal approximation with ties is as good."""
 
 
-def rank_sum_p(a: Float[np.ndarray, " n"], b: Float[np.ndarray, " m"]) -> float:
-    """Two-sided p of Mann and Whitney's test that neither of two independent samples tends to be larger.
+class RankTest(NamedTuple):
+    """What a two-sided test by ranks says of two samples, or of their differences."""
 
-    NaN where either is empty.
-    """
+    p: float
+    """The chance of ranks at least as one-sided if neither tends to be larger; NaN where a sample is empty."""
+    side: int
+    """Which one the ranks say is larger: 1 the first, −1 the second, 0 neither."""
+
+
+_NOTHING = RankTest(math.nan, 0)
+
+
+def rank_sum(a: Float[np.ndarray, " n"], b: Float[np.ndarray, " m"]) -> RankTest:
+    """Mann and Whitney's test that neither of two independent samples tends to be larger."""
     both = np.concatenate([a, b])
     if not len(a) or not len(b):
-        return math.nan
+        return _NOTHING
     if (both == both[0]).all():
-        return 1.0
-    if len(both) > _EXACT:
-        return float(stats.mannwhitneyu(a, b, method="asymptotic").pvalue)
+        return RankTest(1.0, 0)
     ranks = _doubled_ranks(both)
-    return _two_sided(_subsets(ranks)[len(a)], int(ranks[: len(a)].sum()))
+    observed = int(ranks[: len(a)].sum())
+    side = int(np.sign(observed - len(a) * (len(both) + 1)))
+    if len(both) > _EXACT:
+        return RankTest(float(stats.mannwhitneyu(a, b, method="asymptotic").pvalue), side)
+    return RankTest(_two_sided(_subsets(ranks)[len(a)], observed), side)
 
 
-def signed_rank_p(differences: Float[np.ndarray, " n"]) -> float:
-    """Two-sided p of Wilcoxon's test that differences are as likely positive as negative; zeros are left out.
-
-    NaN where there are none.
-    """
+def signed_rank(differences: Float[np.ndarray, " n"]) -> RankTest:
+    """Wilcoxon's test that differences are as likely positive as negative; zeros are left out."""
     if not len(differences):
-        return math.nan
+        return _NOTHING
     differences = differences[differences != 0]
     if not len(differences):
-        return 1.0
-    if len(differences) > _EXACT:
-        return float(stats.wilcoxon(differences, method="approx").pvalue)
+        return RankTest(1.0, 0)
     ranks = _doubled_ranks(np.abs(differences))
-    return _two_sided(_sums(ranks), int(ranks[differences > 0].sum()))
+    observed = int(ranks[differences > 0].sum())
+    side = int(np.sign(2 * observed - ranks.sum()))
+    if len(differences) > _EXACT:
+        return RankTest(float(stats.wilcoxon(differences, method="approx").pvalue), side)
+    return RankTest(_two_sided(_sums(ranks), observed), side)
 
 
-def least_p(n: int, m: int) -> float:
-    """The smallest p that `rank_sum_p` can have with so many runs on the two sides: all of one above all others."""
+def least_rank_sum_p(n: int, m: int) -> float:
+    """The smallest p that `rank_sum` can have with so many runs on the two sides: all of one above all others."""
     return min(1.0, 2 / math.comb(n + m, n))
+
+
+def least_signed_rank_p(n: int) -> float:
+    """The smallest p that `signed_rank` can have with so many differences: all of one sign."""
+    return min(1.0, 2 / 2**n)
 
 
 def _doubled_ranks(values: Float[np.ndarray, " n"]) -> np.ndarray:

@@ -2,8 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 
-from galton.analysis.ranks import least_p
-from galton.analysis.statistics import ALPHA
+from galton.analysis.statistics import ALPHA, least_p
 from galton.benchmark.found import Found
 from galton.benchmark.stages import Stage
 from galton.benchmark.tables import STAGES
@@ -48,11 +47,11 @@ def _against(found: Found, stage: Stage, ahead: str) -> str:
     label = next(method.label for method in found.protocol.methods if method.name == ahead)
     tasks = {task.name: task.label for task in found.protocol.tasks}
     clear = {name: versus for name, versus in standings.versus[ahead].items() if versus.p < ALPHA}
-    better = [tasks[name] for name, versus in clear.items() if versus.difference.mean > 0]
-    worse = [tasks[name] for name, versus in clear.items() if versus.difference.mean < 0]
+    better = [tasks[name] for name, versus in clear.items() if versus.direction > 0]
+    worse = [tasks[name] for name, versus in clear.items() if versus.direction < 0]
     first = f"On the {STAGES[stage]}, {label} is above {base.label} with P = {standings.above[ahead][base.name]:.2f}."
     n = found.protocol.budget.fresh_seeds
-    if least_p(n, n) * len(standings.tasks) >= ALPHA:
+    if least_p(n, n, paired=True) * len(standings.tasks) >= ALPHA:
         return f"{first} There are too few fresh seeds for anything to be clear on a task by itself."
     clearly = f"it is clearly better on {_list(better)} and clearly worse on {_list(worse)}."
     return f"{first} Of {len(standings.tasks)} {clearly}"

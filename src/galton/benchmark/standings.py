@@ -42,6 +42,8 @@ class Versus(NamedTuple):
     """How a method does against the baseline on one task, by what runs are judged by, in pairs of one seed."""
 
     difference: Interval
+    direction: int
+    """1 where both the mean and the ranks of the test say that it is better, −1 worse, 0 where they disagree."""
     above: float
     """P(X > Y), a tie counting half."""
     p: float
@@ -134,7 +136,7 @@ def _versus(filled: Judged, method: str, base: str) -> dict[str, Versus]:
     found = {task: compare(runs[method][0], runs[base][0], paired=True) for task, runs in filled.items()}
     adjusted = holm([comparison.p for comparison in found.values()]).tolist()
     return {
-        task: Versus(comparison.difference, comparison.above, p)
+        task: Versus(comparison.difference, comparison.direction, comparison.above, p)
         for (task, comparison), p in zip(found.items(), adjusted, strict=True)
     }
 

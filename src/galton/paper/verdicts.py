@@ -41,10 +41,7 @@ def unit(found: Comparison, text: str | None = None) -> Unit:
         found: the comparison.
         text: what is told of it instead of difference and P.
     """
-    sides = np.sign([float(found.difference.mean), found.above - 0.5])
-    # A mean that one run of twenty makes may point against the ranks; nothing is clear then.
-    sign = int(sides[0]) if sides[0] == sides[1] else 0  # NaN equals nothing
-    return Unit(told(found) if text is None else text, found.p, sign)
+    return Unit(told(found) if text is None else text, found.p, found.direction)
 
 
 def null(why: str) -> Unit:

@@ -99,7 +99,10 @@ def compared(name, a, b, paired=False):
     """A decision on whether the first of two samples is larger: clear where ranks say so and means agree."""
     p = math.nan if are_few(a, b) else signed_rank(a - b) if paired and len(a) >= 8 else rank_sum(a, b)
     gap, share = difference(a, b, paired), above(a, b)
-    sign = np.sign(gap[0]) if np.sign(gap[0]) == np.sign(share - 0.5) else 0
+    side = share - 0.5
+    if paired and len(a) >= 8:
+        side = np.sum(np.sign(a - b) * stats.rankdata(abs(a - b)))
+    sign = np.sign(gap[0]) if np.sign(gap[0]) == np.sign(side) else 0
     return Found(name, (gap, share), p, int(sign))
 
 
