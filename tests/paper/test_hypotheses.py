@@ -78,11 +78,13 @@ def test_the_bandit_in_units_of_its_box_is_judged_by_its_own_runs():
     assert not box.text.startswith("0 of")
 
 
-def nudged(summary, name):
-    """The summary whose runs end one bit higher by this number."""
+def nudged(at, name):
+    """The same setting in a sweep whose runs end one bit higher by this number."""
+    summary = at.summary
     finals = np.nextafter(summary.final(name).astype(np.float32), np.float32(9))
     place = summary.table.column_names.index(f"final_{name}")
-    return dataclasses.replace(summary, table=summary.table.set_column(place, f"final_{name}", pa.array(finals)))
+    table = summary.table.set_column(place, f"final_{name}", pa.array(finals))
+    return at._replace(summary=dataclasses.replace(summary, table=table))
 
 
 def test_runs_are_equal_across_scales_only_if_no_bit_differs():
@@ -94,6 +96,20 @@ def test_runs_are_equal_across_scales_only_if_no_bit_differs():
         for column, matters in (("sigma", False), ("entropy", not in_box), ("training_return", True)):
             assert rescaling.are_equal(runs | {8.0: nudged(runs[8.0], column)}) != matters
     assert rescaling.draw(trained).axes
+
+
+def test_a_diverged_run_at_some_scale_counts_as_the_worst_of_all_losses_there():
+    """Also where every run of a loss diverged, which then has none to be filled with."""
+    at = rescaling.across(made_up.data(lambda name, setting: 1.0, noise=0.0), "lqr")["hl-gauss"][8.0]
+    runs = at.summary.rows(at.setting)
+    columns = {name: at.summary.table[name].to_numpy().copy() for name in ("diverged_at", "final_training_return")}
+    columns["diverged_at"][runs], columns["final_training_return"][runs] = 1, np.nan
+    table = at.summary.table
+    for name, values in columns.items():
+        table = table.set_column(table.column_names.index(name), name, pa.array(values))
+    lost = at._replace(summary=dataclasses.replace(at.summary, table=table))
+    assert not np.isnan(at.final("training")).any()
+    assert (lost.final("training") <= at.final("training")).all()
 
 
 def test_without_the_lowest_rate_the_winners_are_others():

@@ -9,7 +9,6 @@ from galton.paper.summary import Summary
 from galton.paper.sweeps import AGAIN, CENTRED_ETAS, MAIN, Sweep, needed
 from galton.paper.why import CHANGES, WHY_TASKS, best_of_each, change_of
 from galton.sweep.grid import paper_grid, task_defaults
-from galton.sweep.plan import Plan
 from galton.tasks import TASKS
 
 from . import made_up
@@ -112,13 +111,6 @@ def test_a_setting_with_a_diverged_run_is_the_best_of_none():
     summary = Summary.of_results(study, table, made_up.PROVENANCE)
     assert highest not in best_of_each(summary)
     assert len(best_of_each(summary)) == len(CHANGES) * len(losses(study))
-
-
-def test_no_shard_trains_runs_for_nothing():
-    for name in ("half-cheetah", "ant"):
-        study = SWEEPS[name].study("small", {})
-        configs = collections.Counter(setting.config for setting in study.settings)
-        assert {count * study.trials for count in configs.values()} == {Plan.create(study).shard_width}
 
 
 def test_winners_come_after_the_sweep_that_they_win():

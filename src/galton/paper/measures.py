@@ -26,8 +26,12 @@ Score = Callable[[Summary, str], Scores]
 
 def final_return(summary: Summary, loss: str, metric: str = "training_return") -> Scores:
     """The final return of each trial of the loss's best setting."""
-    finals = _filled(summary, summary.final(metric), metric)
-    return np.asarray(finals[summary.rows(summary.best[loss].setting)])
+    return final_of(summary, summary.best[loss].setting, metric)
+
+
+def final_of(summary: Summary, setting: Setting, metric: str) -> Scores:
+    """The final return of each trial of a setting; a diverged one has the worst of the whole sweep."""
+    return np.asarray(_filled(summary, summary.final(metric), metric)[summary.rows(setting)])
 
 
 def mean_return(summary: Summary, loss: str, metric: str = "training_return") -> Scores:

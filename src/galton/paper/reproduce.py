@@ -122,7 +122,7 @@ def train(sweeps: Iterable[Sweep], budget: Budget, out: str, carry_out: CarryOut
             continue
         store = Store(f"{out}/sweeps/{name}")
         with store.lock():
-            plan = engine.prepare(store, study, 4 if budget == "smoke" else None, extend=False)  # few programs
+            plan = engine.prepare(store, study, 2 if budget == "smoke" else None, extend=False)  # few programs
             carry_out(store, plan)
             table: pa.Table = results.collect(store, plan)
             done[name] = Summary.of_results(study, table, {"budget": budget} | provenance(store, plan))

@@ -3,6 +3,7 @@
 import dataclasses
 import json
 from collections.abc import Mapping
+from typing import NamedTuple
 
 import numpy as np
 import pyarrow as pa
@@ -13,7 +14,7 @@ from galton.analysis.plots import draw_series, finish, label_rows, look_of, pane
 from galton.analysis.scales import fit_curves
 from galton.analysis.statistics import mean_interval
 from galton.paper.curves import heading
-from galton.paper.measures import Scores, final_return, logged
+from galton.paper.measures import Scores, final_of, logged
 from galton.paper.summary import Summary
 from galton.paper.sweeps import MAIN, Budget, Done, Sweep, on_fresh_seeds
 from galton.paper.trained import Trained
@@ -60,26 +61,39 @@ SWEEPS = {(task, scale): _sweep(task, scale) for task in SCALE_TASKS for scale i
 """The sweeps by task and scale, all with the same settings and seeds, so that only the scale differs."""
 
 
-def across(trained: Trained, task: str) -> dict[str, dict[float, Summary]]:
-    """The runs of each loss, and of IN_THE_BOX, at each scale that is done: summaries of one setting."""
-    found: dict[str, dict[float, Summary]] = {}
+class At(NamedTuple):
+    """A setting at one scale."""
+
+    summary: Summary
+    """The sweep that trained it, all settings at that scale."""
+    setting: Setting
+
+    def final(self, kind: str) -> Scores:
+        """Final returns; of the deterministic policy by its mean action where that was logged."""
+        metric = "training_return" if kind == "training" else [*logged(self.summary)][-1]
+        return final_of(self.summary, self.setting, metric)
+
+
+def across(trained: Trained, task: str) -> dict[str, dict[float, At]]:
+    """The runs of each loss, and of IN_THE_BOX, at each scale that is done."""
+    found: dict[str, dict[float, At]] = {}
     for scale in SCALES:
         if summary := trained.of(SWEEPS[task, scale]):
             for setting in summary.study.settings:
-                found.setdefault(name_of(setting), {})[scale] = summary.part([setting])
+                found.setdefault(name_of(setting), {})[scale] = At(summary, setting)
     return found
 
 
-def are_equal(by_scale: Mapping[float, Summary]) -> bool:
+def are_equal(by_scale: Mapping[float, At]) -> bool:
     """Whether all that is kept of the runs is the same to the bit at every scale, but for what is in its units.
 
     That is σ, and for a density its logarithm too, and so its entropy and loss.
     """
-    first, *others = by_scale.values()
-    is_density = first.study.settings[0].hypers.box_units
+    is_density = any(at.setting.hypers.box_units for at in by_scale.values())
     of_density = {"final_entropy", "entropy", "final_policy_loss"} if is_density else set()
-    names = {*first.table.column_names} - {"setting", "final_sigma"} - of_density
-    return all(_bits(first.table[name]) == _bits(other.table[name]) for other in others for name in names)
+    first, *others = (at.summary.part([at.setting]).table for at in by_scale.values())
+    names = {*first.column_names} - {"setting", "final_sigma"} - of_density
+    return all(_bits(first[name]) == _bits(other[name]) for other in others for name in names)
 
 
 def _bits(column: pa.ChunkedArray) -> bytes:
@@ -95,7 +109,7 @@ def markdown(trained: Trained) -> str:
     for task in SCALE_TASKS:
         known = {name: by_scale for name, by_scale in across(trained, task).items() if len(by_scale) > 1}
         for name, by_scale in known.items():
-            finals = {scale: mean_interval(_final(summary, "training")) for scale, summary in by_scale.items()}
+            finals = {scale: mean_interval(at.final("training")) for scale, at in by_scale.items()}
             cells = [rounded(finals[scale], "") if scale in finals else "—" for scale in SCALES]
             same = "yes" if are_equal(by_scale) else "no"
             lines.append(f"| {TASKS[task].title} | {_look(name)[0]} | {' | '.join(cells)} | {same} |")
@@ -112,7 +126,7 @@ def draw(trained: Trained) -> Figure:
             panel = axes[row * len(found) + column]
             drawn = []
             for name, by_scale in series.items():
-                finals = np.stack([_final(summary, kind) for summary in by_scale.values()], 1)
+                finals = np.stack([at.final(kind) for at in by_scale.values()], 1)
                 drawn.append(mean_band([finals]))
                 draw_series(panel, [*by_scale], drawn[-1], *_look(name), marker="o")
             panel.set_xscale("log", base=2)
@@ -126,18 +140,12 @@ def draw(trained: Trained) -> Figure:
     return figure
 
 
-def _equal(series: Mapping[str, Mapping[float, Summary]]) -> str:
+def _equal(series: Mapping[str, Mapping[float, At]]) -> str:
     """Of how many softmax policies, and Gaussians in units of the box, the runs are equal across scales."""
     equal = {name: are_equal(by_scale) for name, by_scale in series.items() if len(by_scale) > 1 and name != "gaussian"}
     boxed = equal.pop(IN_THE_BOX, None)
     told = f"softmax {sum(equal.values())} of {len(equal)}"
     return told if boxed is None else f"{told}, Gaussian in the box's units: {'yes' if boxed else 'no'}"
-
-
-def _final(summary: Summary, kind: str) -> Scores:
-    """Final returns; of the deterministic policy by its mean action where that was logged."""
-    metric = "training_return" if kind == "training" else [*logged(summary)][-1]
-    return final_return(summary, summary.study.settings[0].config.loss, metric)
 
 
 def _look(name: str) -> tuple[str, str, str]:
