@@ -68,15 +68,16 @@ def curves(found: Found) -> Figure:
     stages = [runs for of_stage in found.later.values() for runs in of_stage]
     figure, axes = panels(len(stages), columns=3)
     for panel, runs in zip(axes, stages, strict=True):
-        drawn = []
+        drawn, last = [], 0.0
         for i, method in enumerate(leading(found)):
             steps, of_runs = runs.curves(method.name, "shared")
+            last = max(last, float(steps[-1]))
             drawn.append(mean_interval(of_runs))
             draw_series(panel, steps, drawn[-1], method.label, color(i), "-", single_runs=of_runs)
         fit_curves(panel, drawn)
         held_out = " (held out)" if runs.stage == "held-out" else ""
         panel.set_title(f"{runs.part.task.label}{held_out}", fontsize=10)
-        over_steps(panel, float(runs.part.steps))
+        over_steps(panel, last)
     label_rows(axes, tables.metric(found))
     finish(figure, axes)
     return figure

@@ -104,7 +104,7 @@ def train(
     Args:
         store: the folder.
         protocol: what the folder is begun with.
-        carry_out: trains what a plan lacks; where it leaves something out, the stages after this one are not begun.
+        carry_out: trains what a plan lacks; where it leaves something of tuning out, the later stages are not begun.
             None leaves out all that is not there.
         tell: is given what there is before a later stage is trained, and in the end.
         shard_width: runs side by side, for plans that are not there yet; by default as `stages.width` has it.
@@ -175,7 +175,7 @@ def _prepared(store: Store, part: Part, shard_width: int | None) -> Iterator[tup
         place = Store(f"{store.url}/{SWEEPS}/{part.name}" + (f"-{i + 1}" if i else ""))
         there = FILE_OF_PLAN in place.names("")
         with place.lock():
-            plan = engine.prepare(place, study, shard_width or (None if there else width(study)), extend=False)
+            plan = engine.prepare(place, study, None if there else shard_width or width(study), extend=False)
         yield place, plan
 
 

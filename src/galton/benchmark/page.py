@@ -13,10 +13,11 @@ from galton.page.page import Answer, Section, render
 
 _SCORE = (
     "A run's score on a task is its percentile among all methods' runs of the stage there: the share of them that are "
-    "below it. Scores of all tasks have the same scale, from 0 to 1. A method's score is the mean over tasks of its "
-    "runs' mean. The interquartile mean (IQM) leaves out the lowest and the highest quarter of its runs, which may be "
-    "all runs of a task. The 95% intervals come of drawing each task's runs again. They say nothing of the luck of "
-    "the draws: other draws of the same priors would have given every method another setting."
+    "below it. Where both settings of a method are the same draw, its runs count twice. Scores of all tasks have the "
+    "same scale, from 0 to 1. A method's score is the mean over tasks of its runs' mean. The interquartile mean (IQM) "
+    "leaves out the lowest and the highest quarter of its runs, which may be all runs of a task. The 95% intervals "
+    "come of drawing each task's runs again. They say nothing of the luck of the draws: other draws of the same "
+    "priors would have given every method another setting."
 )
 _AGAINST = (
     "P(above) is the chance that a run is above one of the baseline's on a task that is drawn at random; a tie counts "
@@ -70,7 +71,9 @@ def page(found: Found, drawn: Mapping[str, Figure]) -> str:
                 name = f"pairs-{stage}"
                 sections.append(Section(name, f"Each two methods: {title}", table=tables.pairs(found, stage)))
     if "curves" in drawn:
-        caption = "Shared settings on fresh seeds: the mean of all runs and its 95% interval. "
+        caption = (
+            "Shared settings on fresh seeds: the mean of all runs that have not diverged so far, and its 95% interval. "
+        )
         caption += few(found)
         sections.append(Section("curves", "Learning curves", caption, drawn["curves"]))
     sections += [

@@ -49,11 +49,6 @@ class Part:
         """The name of its file, without the suffix, and of its folder."""
         return f"{self.stage}-{self.task.name}"
 
-    @property
-    def steps(self) -> int:
-        """Environment steps of each run, by the file."""
-        return self.task.steps(self.stage != "tuning")
-
 
 def tuning(protocol: Protocol, drawn: Draws) -> list[Part]:
     """The first stage: every draw of every method on every tuning task."""

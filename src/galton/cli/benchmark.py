@@ -44,7 +44,7 @@ class Options:
     """Runs that are trained side by side by one worker, for what is not planned yet; by default as make
     shards few and even, up to 16, or 32 on environments outside JAX."""
     plan_only: bool = False
-    """Write the plans of the next stage and stop: their shards are for `galton sweep shard`."""
+    """Write the plans of tuning, or of the later stages, and stop: their shards are for `galton sweep shard`."""
     imports: tuple[str, ...] = ()
     """Modules to import first. One that the file names and that lies in the current folder must be given."""
     workers: Workers = dataclasses.field(default_factory=Workers)

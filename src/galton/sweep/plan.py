@@ -1,6 +1,5 @@
 """The plan: every run of a sweep, dealt into shards, on disk. It is the truth; what carries it out is disposable."""
 
-import collections
 import dataclasses
 import functools
 import hashlib
@@ -61,11 +60,10 @@ class Plan:
     def create(cls, study: Study, shard_width: int | None = None) -> "Plan":
         """The runs of a study, grouped by Config, in shards of `shard_width`.
 
-        By default 16, or 32 on environments outside JAX, which is fastest, but no more than a Config has.
+        By default 16, or 32 on environments outside JAX, which is fastest.
         """
         if shard_width is None:
-            of_config = collections.Counter(setting.config for setting in study.settings)
-            shard_width = min(16 if is_known(study.env) else 32, max(of_config.values()) * study.trials)
+            shard_width = 16 if is_known(study.env) else 32
         _check_width(shard_width)
         none = np.zeros(0, np.int32)
         empty = dataclasses.replace(study, settings=study.settings[:1])

@@ -49,8 +49,7 @@ class Options:
     """The folder, by default runs/sweep-ENV or runs/sweep-ENV-ALGORITHM, with -optuna behind it for Optuna's search;
     or an address that fsspec opens, such as s3://bucket/folder."""
     shard_width: int | None = None
-    """Runs that are trained side by side by one worker; by default 16, or 32 on environments outside JAX, but no more
-    than share a program."""
+    """Runs that are trained side by side by one worker; by default 16, or 32 on environments outside JAX."""
     extend: bool = False
     """Add to the plan that the folder holds what it lacks of this grid."""
     plan_only: bool = False
