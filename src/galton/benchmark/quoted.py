@@ -13,7 +13,7 @@ from galton.analysis.statistics import Interval
 from galton.benchmark.folder import load, made
 from galton.benchmark.found import Found
 from galton.benchmark.reading import read
-from galton.benchmark.stages import Stage
+from galton.benchmark.stages import Role, Stage
 from galton.benchmark.tables import returns_of, speeds
 from galton.page import quotes
 from galton.sweep.store import Store
@@ -25,6 +25,8 @@ def tables(file: Path, folder: str) -> Callable[[str], str | None]:
     found = load(store, read(file))
     speed = speeds(found, made(store))
     known = {f"{name}: returns, {stage}": _returns(found, stage) for stage in found.standings}
+    if "fresh" in found.standings:
+        known[f"{name}: returns, fresh, a setting for each task"] = _returns(found, "fresh", "per-task")
     known[f"{name}: speeds"] = quotes.markdown(speed.headings, speed.rows)
     some = f"{name}: all tasks: "
 
@@ -36,21 +38,21 @@ def tables(file: Path, folder: str) -> Callable[[str], str | None]:
     return table
 
 
-def _returns(found: Found, stage: Stage) -> str:
-    """Score and returns of every method's shared setting, the best score first."""
+def _returns(found: Found, stage: Stage, role: Role = "shared") -> str:
+    """Score and returns of every method's settings, the best score first; of shared ones also P(above the baseline)."""
     standings, base = found.standings[stage], found.protocol.baseline.name
     labels = {task.name: task.label for task in found.protocol.tasks}
     ranked = sorted(
-        found.protocol.methods, key=lambda method: -float(standings.scores[method.name]["shared"].judged.mean)
+        found.protocol.methods, key=lambda method: -float(standings.scores[method.name][role].judged.mean)
     )
     rows = []
     for method in ranked:
-        score = standings.scores[method.name]["shared"].judged
-        above = "" if method.name == base else f"{standings.above[method.name][base]:.2f}"
-        of_tasks = [returns_of(standings, task, method, "shared") for task in standings.tasks]
-        rows.append([method.label, f"{_even(score):.2f}", above or "—", *of_tasks])
-    against = f"P(above {found.protocol.baseline.label})"
-    return quotes.markdown(["method", "score", against, *(labels[task] for task in standings.tasks)], rows)
+        score = standings.scores[method.name][role].judged
+        above = "—" if method.name == base else f"{standings.above[method.name][base]:.2f}"
+        of_tasks = [returns_of(standings, task, method, role) for task in standings.tasks]
+        rows.append([method.label, f"{_even(score):.2f}", *[above] * (role == "shared"), *of_tasks])
+    against = [f"P(above {found.protocol.baseline.label})"] * (role == "shared")
+    return quotes.markdown(["method", "score", *against, *(labels[task] for task in standings.tasks)], rows)
 
 
 def _of_methods(found: Found, names: Sequence[str]) -> str:
