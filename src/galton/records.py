@@ -7,8 +7,11 @@ and neither do the version-1 fields.
 """
 
 import dataclasses
+import math
 from collections.abc import Collection, Mapping
 from typing import Any
+
+import numpy as np
 
 from galton.errors import NewerVersionError, require
 
@@ -58,3 +61,18 @@ def filled(rows: Collection[Mapping[str, object]], default: Mapping[str, object]
     for name in names:
         require(name in default or all(name in row for row in rows), f"{name} is missing and has no default")
     return [{name: row[name] if name in row else default[name] for name in names} for row in rows]
+
+
+def plain(value: Any) -> Any:
+    """Records as dictionaries, arrays as lists, and None for numbers that are not finite."""
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return {field.name: plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
+    if hasattr(value, "_asdict"):
+        return plain(value._asdict())
+    if isinstance(value, Mapping):
+        return {str(name): plain(of) for name, of in value.items()}
+    if isinstance(value, np.ndarray | np.generic):
+        return plain(value.tolist())
+    if isinstance(value, list | tuple):
+        return [plain(entry) for entry in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -8,7 +8,8 @@ import pytest
 from galton.benchmark import figures, tables
 from galton.benchmark.answer import sentences
 from galton.benchmark.draws import draws
-from galton.benchmark.found import Found, plain
+from galton.benchmark.found import Found
+from galton.records import plain
 
 from .files import protocol
 from .made_up import KNOWN, made_up

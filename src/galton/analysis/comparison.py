@@ -12,6 +12,7 @@ from galton.analysis.plots import draw_level, draw_series, finish, fit, look_of,
 from galton.analysis.statistics import ALPHA, Comparison, Interval, compare, fill_until, holm, mean_interval
 from galton.envs.base import Environment
 from galton.losses import LOSSES
+from galton.records import plain
 from galton.training.train import Result
 
 Results = Mapping[str, Result]
@@ -35,13 +36,8 @@ class Row:
 
     def record(self) -> dict[str, object]:
         """The row for JSON, with null for what is not known."""
-
-        def plain(value: object) -> object:
-            if isinstance(value, Interval):
-                return {bound: plain(float(number)) for bound, number in value._asdict().items()}
-            return None if isinstance(value, float) and not math.isfinite(value) else value
-
-        return {field.name: plain(getattr(self, field.name)) for field in dataclasses.fields(self)}
+        record: dict[str, object] = plain(self)
+        return record
 
 
 def rest_of(env: Environment | None, at_rest: float | None) -> float | None:
@@ -115,9 +111,8 @@ def _verdict(comparison: Comparison, p: float) -> str:
 def learning_curves(results: Results, env: Environment | None, title: str) -> Figure:
     """Training and evaluation return over environment steps: mean over runs and its 95% CI; the optimum if known."""
     optimum = env.optimal_return if env is not None else None
-    figure, (left, right) = panels(2, height=3.7)
+    figure, (left, right) = panels(2, height=3.7, width=4.55)
     right.sharey(left)
-    figure.set_size_inches(9.5, 4.2)
     figure.suptitle(title)
     means: list[np.ndarray | np.float64] = [] if optimum is None else [np.array([optimum])]
     for axes, metric, heading in (

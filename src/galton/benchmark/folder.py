@@ -9,11 +9,12 @@ from typing import Any
 import numpy as np
 
 from galton.benchmark.draws import Draws, draws
-from galton.benchmark.found import Found, plain
+from galton.benchmark.found import Found
 from galton.benchmark.protocol import Protocol
 from galton.benchmark.runs import Runs, gather
 from galton.benchmark.stages import Part, Stage, afterwards, tuning, width
 from galton.errors import UsageError, require
+from galton.records import plain
 from galton.sweep import engine, results
 from galton.sweep.engine import CarryOut
 from galton.sweep.parquet import record_of

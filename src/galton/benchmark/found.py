@@ -2,7 +2,6 @@
 
 import dataclasses
 import functools
-import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -14,6 +13,7 @@ from galton.benchmark.runs import Runs
 from galton.benchmark.selection import BestOf, Selected, best_of_draws, normalised, select
 from galton.benchmark.stages import Stage
 from galton.benchmark.standings import Standings, standings
+from galton.records import plain
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -71,18 +71,3 @@ class Found:
             "stages": self.standings,
         }
         return {name: plain(part) for name, part in parts.items()}
-
-
-def plain(value: Any) -> Any:
-    """Records as dictionaries, arrays as lists, and None for numbers that are not finite."""
-    if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        return {field.name: plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
-    if hasattr(value, "_asdict"):
-        return plain(value._asdict())
-    if isinstance(value, Mapping):
-        return {str(name): plain(of) for name, of in value.items()}
-    if isinstance(value, np.ndarray | np.generic):
-        return plain(value.tolist())
-    if isinstance(value, list | tuple):
-        return [plain(entry) for entry in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -42,9 +42,7 @@ def _returns(found: Found, stage: Stage, role: Role = "shared") -> str:
     """Score and returns of every method's settings, the best score first; of shared ones also P(above the baseline)."""
     standings, base = found.standings[stage], found.protocol.baseline.name
     labels = {task.name: task.label for task in found.protocol.tasks}
-    ranked = sorted(
-        found.protocol.methods, key=lambda method: -float(standings.scores[method.name][role].judged.mean)
-    )
+    ranked = sorted(found.protocol.methods, key=lambda method: -float(standings.scores[method.name][role].judged.mean))
     rows = []
     for method in ranked:
         score = standings.scores[method.name][role].judged

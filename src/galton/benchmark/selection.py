@@ -41,7 +41,10 @@ def normalised(judged: Judged) -> dict[str, dict[str, Float[np.ndarray, "rows tr
 
 def select(scores: Judged) -> Selected:
     """The draws with the highest mean scores; of equal ones the first."""
-    shared = {method: int(_means(scores, method).mean(0).argmax()) for method in next(iter(scores.values()))}
+    shared = {
+        method: int(np.mean([of_method[method].mean(1) for of_method in scores.values()], axis=0).argmax())
+        for method in next(iter(scores.values()))
+    }
     per_task = {
         task: {method: int(runs.mean(1).argmax()) for method, runs in of_method.items()}
         for task, of_method in scores.items()
@@ -63,7 +66,3 @@ def best_of_draws(scores: Judged, method: str) -> BestOf:
         shared.append(best_of(chosen_by.mean(0), worth.mean(0)))
         per_task += [best_of(by, of) for by, of in zip(chosen_by, worth, strict=True)]
     return BestOf(np.mean(shared, axis=0), np.mean(per_task, axis=0))
-
-
-def _means(scores: Judged, method: str) -> Float[np.ndarray, "tasks draws"]:
-    return np.array([of_method[method].mean(1) for of_method in scores.values()])

@@ -169,7 +169,7 @@ class _Pending:
         self._queues: dict[Config, collections.deque[int]] = {}
         self._taken: collections.Counter[Config] = collections.Counter()
         self._losses: collections.Counter[int] = collections.Counter()
-        for index in dict.fromkeys(indices):
+        for index in indices:
             self.push(index)
 
     def __bool__(self) -> bool:
