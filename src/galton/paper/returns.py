@@ -190,10 +190,11 @@ def acrobot(trained: Trained) -> Claim:
 TRAINING = FigureStudy(
     "Training return",
     "Undiscounted training return of each loss's best setting (highest mean final training return on the grid) on "
-    f"fresh seeds, which did not choose it and by which claims are judged: mean of n runs, and {BANDS}. Dashed: the "
-    "best that any policy can do, where that is known. Dotted: what the action 0 earns, always taken. Long dashes: the "
-    f"return from which the task counts as solved. {AXES} In the table the mean of a curve is how a loss does over "
-    "training, and the noise of exploration costs what the deterministic policy earns more over training.",
+    "fresh seeds, which did not choose it and by which claims are judged: mean of n runs, a diverged one until it did, "
+    f"and {BANDS}. Dashed: the best that any policy can do, where that is known. Dotted: what the action 0 earns, "
+    f"always taken. Long dashes: the return from which the task counts as solved. {AXES} In the table the mean of a "
+    "curve is how a loss does over training, and the noise of exploration costs what the deterministic policy earns "
+    "more over training.",
     lambda trained: best_curves(shown(trained), "training_return"),
     (*MAIN.values(), *AGAIN.values()),
     number=2,
