@@ -1,5 +1,6 @@
 """Shapes and types are checked at every call of every galton function; and no process keeps too many programs."""
 
+import collections
 import functools
 import signal
 
@@ -26,6 +27,19 @@ def pytest_collection_modifyitems(config, items):
         others = [item for item in items if "trust" not in item.fixturenames]
         items[:] = [item for item in items if "trust" in item.fixturenames]
         config.hook.pytest_deselected(items=others)
+
+
+def pytest_terminal_summary(terminalreporter):
+    """Tell which files took longest: a file is what one process takes, so the longest decide how long all take."""
+    seconds = collections.Counter()
+    for reports in terminalreporter.stats.values():
+        for report in reports:
+            if hasattr(report, "duration"):
+                seconds[report.nodeid.partition("::")[0]] += report.duration
+    if sum(seconds.values()) > 60:
+        terminalreporter.section(f"slowest of {len(seconds)} files, {sum(seconds.values()):,.0f} seconds in all")
+        for file, taken in seconds.most_common(30):
+            terminalreporter.write_line(f"{taken:7.1f} s {file}")
 
 
 @pytest.fixture
