@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from galton.paper.measures import apart, are_paired, drawdown, over_training, steps_to
+from galton.paper.measures import apart, drawdown, over_training, steps_to
 from galton.paper.scale import Scale
 
 from . import made_up
@@ -44,9 +44,9 @@ def test_apart_is_the_distance_from_the_median(data):
 
 def test_fresh_seeds_are_paired_and_grids_are_not(data):
     grid, again = data.sweeps["lqr"], data.sweeps["lqr-again"]
-    assert are_paired(again, again)
-    assert not are_paired(grid, grid)
-    assert not are_paired(again, grid)
+    assert again.is_paired_with(again)
+    assert not grid.is_paired_with(grid)
+    assert not again.is_paired_with(grid)
 
 
 def test_the_mean_over_training_of_each_setting(data):

@@ -14,7 +14,6 @@ from galton.paper.measures import (
     CLASSIFICATION,
     DETERMINISTIC,
     Score,
-    are_paired,
     final_return,
     mean_return,
     over_training,
@@ -76,7 +75,7 @@ def _gains(trained: Trained, control: Control, score: Score) -> dict[str, Compar
     if pair is None:
         return {}
     under, main = pair
-    paired = are_paired(under, main)
+    paired = under.is_paired_with(main)
     return {LOSSES[loss].label: compare(score(under, loss), score(main, loss), paired) for loss in CLASSIFICATION}
 
 
@@ -142,7 +141,7 @@ def no_local_optimum(trained: Trained) -> Claim:
     units, note = {}, ""
     if pair is not None and best is not None:
         left, missing = (best - final_return(summary, "hl-one-hot") for summary in pair)
-        paired = are_paired(*pair)
+        paired = pair[0].is_paired_with(pair[1])
         parts = {"less is missing": missing, "less than half is": missing / 2}
         units = {name: compare(part, left, paired) for name, part in parts.items()}
         note = f"Short of the optimum: {mean_interval(missing):.2f} without, {mean_interval(left):.2f} with it."
@@ -192,4 +191,4 @@ def _named(loss: str, metric: str) -> str:
 
 def _over_gaussian(summary: Summary, loss: str, main: Summary, metric: str) -> Comparison:
     ours, theirs = mean_return(summary, loss, metric), mean_return(main, "gaussian", metric)
-    return compare(ours, theirs, are_paired(summary, main))
+    return compare(ours, theirs, summary.is_paired_with(main))

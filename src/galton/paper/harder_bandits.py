@@ -12,7 +12,7 @@ from galton.envs.base import Environment
 from galton.envs.find import find
 from galton.losses import LOSSES
 from galton.page.page import Claim
-from galton.paper.measures import CLASSIFICATION, Scores, are_paired, final_return, versus
+from galton.paper.measures import CLASSIFICATION, Scores, final_return, versus
 from galton.paper.scale import optimum
 from galton.paper.summary import Summary
 from galton.paper.sweeps import AGAIN, MAIN, Budget, Done, Sweep, on_fresh_seeds
@@ -60,7 +60,7 @@ def _costs(bandits: Mapping[float, Summary]) -> dict[str, Comparison]:
     first, *_, last = bandits.values()
     drops = {loss: final_return(first, loss) - final_return(last, loss) for loss in losses_in(bandits)}
     return {
-        LOSSES[loss].label: compare(drops["gaussian"], drops[loss], are_paired(first, last))
+        LOSSES[loss].label: compare(drops["gaussian"], drops[loss], first.is_paired_with(last))
         for loss in CLASSIFICATION
         if loss in drops
     }
@@ -101,7 +101,7 @@ def degrades_with_dimension(trained: Trained) -> Claim:
     if len(bandits) > 1:
         few, many = bandits[min(bandits)], bandits[max(bandits)]
         units = {
-            LOSSES[loss].label: compare(final_return(few, loss), final_return(many, loss), are_paired(few, many))
+            LOSSES[loss].label: compare(final_return(few, loss), final_return(many, loss), few.is_paired_with(many))
             for loss in losses_in(bandits)
             if LOSSES[loss].in_paper
         }

@@ -115,12 +115,6 @@ def better_by(chosen: Summary, measure: Callable[..., Scores], metric: str) -> s
     return better(chosen, functools.partial(measure, metric=known))
 
 
-def are_paired(one: Summary, other: Summary) -> bool:
-    """Whether trial t had the same seed in two sweeps."""
-    both = one.study, other.study
-    return all(study.common_seeds for study in both) and both[0].seed == both[1].seed
-
-
 def by_setting(summary: Summary, loss: str) -> Float[np.ndarray, "settings trials"]:
     """Final training return of every run of a loss; a diverged one has the worst of all."""
     finals = _filled(summary, summary.final("training_return"), "training_return")

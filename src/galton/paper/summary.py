@@ -136,11 +136,13 @@ class Summary:
         study = dataclasses.replace(self.study, settings=tuple(settings), trials=trials)
         return Summary(study, self.provenance, table)
 
-    def joined(self, other: "Summary") -> "Summary":
-        """These runs and those of another sweep with the same log points, as many trials as both have.
+    def is_paired_with(self, other: "Summary") -> bool:
+        """Whether trial t has the same seed in both."""
+        both = self.study, other.study
+        return all(study.common_seeds for study in both) and both[0].seed == both[1].seed
 
-        Trials are pairs only where both sweeps had common seeds, and the same.
-        """
+    def joined(self, other: "Summary") -> "Summary":
+        """These runs and those of another sweep with the same log points, as many trials as both have."""
         trials = min(self.study.trials, other.study.trials)
         parts = [each.part(each.study.settings, trials) for each in (self, other)]
         n = len(self.study.settings)
@@ -149,9 +151,8 @@ class Summary:
         theirs = theirs.set_column(theirs.column_names.index("setting"), "setting", shifted)
         names = [name for name in ours.column_names if name in theirs.column_names]
         table = pa.concat_tables([ours.select(names), theirs.select(names)])
-        is_paired = all(each.study.common_seeds for each in (self, other)) and self.study.seed == other.study.seed
-        settings = (*self.study.settings, *other.study.settings)
-        study = dataclasses.replace(self.study, settings=settings, trials=trials, common_seeds=is_paired)
+        settings, common_seeds = (*self.study.settings, *other.study.settings), self.is_paired_with(other)
+        study = dataclasses.replace(self.study, settings=settings, trials=trials, common_seeds=common_seeds)
         return Summary(study, self.provenance, table)
 
     def final(self, metric: str) -> Float[np.ndarray, " R"]:

@@ -39,6 +39,8 @@ RECORD = {
     "machine": "",
 }
 """What every shard's metadata say, each of its type."""
+_prepare = functools.cache(use_all_cores)
+"""Prepares a process for its shards, once."""
 _NAME = re.compile(r"(\d{7,})-([0-9a-f]{16})-([0-9a-f]{32})\.parquet")
 
 
@@ -82,7 +84,7 @@ def work(url: str, index: int, name: str | None = None) -> Report:
         UsageError: no such plan, or one whose shard is of another name; no room to write.
         BrokenEnvironmentError: the environment broke.
     """
-    _settle()
+    _prepare()
     store = Store(url)
     plan = Plan.load(store)
     shard = plan.get(index)
@@ -107,12 +109,6 @@ def work(url: str, index: int, name: str | None = None) -> Report:
     data = to_bytes(table)
     store.write(f"{FOLDER}/{index:07d}-{shard.name}-{checksum(data)}.parquet", data)
     return report(index, table)
-
-
-@functools.cache
-def _settle() -> None:
-    """Prepare this process for its shards, once."""
-    use_all_cores()
 
 
 def tabulate(shard: Shard, result: Result) -> pa.Table:
