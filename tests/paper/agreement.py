@@ -54,6 +54,8 @@ def assert_prints(line, found, mark, p):
         assert told == found.null
         return
     values = [x for number in found.numbers for x in (number if isinstance(number, tuple) else (number,))]
+    disagrees = not math.isnan(p) and p < 0.05 and found.sign == 0
+    assert told.endswith("; the mean points the other way") == disagrees, line
     texts = NUMBER.findall(told)
     if not math.isnan(p):
         assert p < 0.001 if texts[-1] == "0.001" and "p < " in told else is_printed(texts[-1], p)

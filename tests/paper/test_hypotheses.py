@@ -48,6 +48,9 @@ def test_a_floor_turns_the_claim_and_leaves_the_other_losses_as_they_were():
     main, floor = (table.rows[name][place] for name in ("as in the main experiment", "(c) σ at least 0.1"))
     assert main.verdict == "does not hold"
     assert floor.verdict == "holds"
+    assert "as in the main experiment" not in table.heads
+    heads = {name: table.heads[name][0] for name in ("(c) σ at least 0.1", "λ = 0.95")}
+    assert heads == {"(c) σ at least 0.1": f"(c) {HYPOTHESES['c'].title}.", "λ = 0.95": "The earlier study, why."}
     under = hypotheses.under(trained, HYPOTHESES["c"].changes[0])
     for task, judged in under.judged.items():
         again, main = judged.again, trained.judged[task].again

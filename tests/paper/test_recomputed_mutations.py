@@ -14,7 +14,7 @@ from .recomputed.runs import CLASSIFIED, CURVES, TITLES, matrix, null_of, record
 
 GAUSSIAN, CENTRED = ("gaussian",), ("hl-gauss-centred",)
 AGAIN, WHOLE = "{}-again", "{}"
-HOLDS, FAILS = "holds", "does not hold"
+HOLDS, FAILS, OPEN = "holds", "does not hold", "not decidable here"
 
 
 def rows_of(table, keep):
@@ -133,7 +133,8 @@ CASES = {
         ([(AGAIN, peaked, of(GAUSSIAN), 1)], HOLDS),
         ([(AGAIN, peaked, of(CLASSIFIED), 1)], FAILS),
     ],
-    "order_changes": [([(AGAIN, moved, of(("hl-gauss",)), 1)], FAILS)],
+    # Only the bandit can be decided, and one task tells nothing of an order that changes.
+    "order_changes": [([(AGAIN, moved, of(("hl-gauss",)), 1)], OPEN)],
     "less_sensitive_to_noise": [
         ([("bandit-noise-10", moved, of(GAUSSIAN), -1)], HOLDS),
         ([("bandit-noise-10", moved, of(CLASSIFIED), -1)], FAILS),

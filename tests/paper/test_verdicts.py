@@ -8,7 +8,7 @@ from galton.paper.verdicts import Unit, claim, marks, null, rounded, summed_up, 
 def found(mean, p, side=None):
     """A comparison with this mean difference and p, whose ranks lie on the mean's side."""
     side = int(np.sign(mean)) if side is None else side
-    return Comparison(Interval(*np.float64([mean, mean - 1, mean + 1])), p, side, 0.5 + 0.4 * side)
+    return Comparison(Interval(*np.float64([mean, mean - 1, mean + 1])), p, 0.5 + 0.4 * side)
 
 
 FOR, AGAINST, OPEN = found(2.0, 0.001), found(-2.0, 0.001), found(0.1, 0.7)

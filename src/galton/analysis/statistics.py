@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy import stats
 
-from galton.analysis.ranks import least_rank_sum_p, least_signed_rank_p, rank_sum, signed_rank
+from galton.analysis.ranks import least_paired_p, least_rank_sum_p, paired_rank_sum, rank_sum
 from galton.errors import require, require_integer
 
 Numbers = np.float64 | Float[np.ndarray, "*rest"]
@@ -97,61 +97,59 @@ class Comparison(NamedTuple):
     difference: Interval
     """The mean difference and its 95% t interval."""
     p: float
-    """Of a two-sided rank test that neither tends to be larger; NaN where so few runs can have no p below 0.05."""
-    side: int
-    """Which one that test's ranks say is larger: 1 the first, −1 the second, 0 neither."""
+    """Of a two-sided rank test that `above` is ½; NaN where so few runs can have no p below 0.05."""
     above: float
     """The chance that a run of the first is above one of the second, P(X > Y) + ½ P(X = Y)."""
 
     @property
     def direction(self) -> int:
-        """1 where ranks and mean say that the first is larger, −1 where both say the second, 0 where they disagree.
+        """1 where P(X > Y) and mean say that the first is larger, −1 where both say the second, 0 where they disagree.
 
         As they may where one run of twenty makes the mean: nothing is clear then.
         """
-        return self.side if self.side == np.sign(self.difference.mean) else 0
+        side = 0 if math.isnan(self.above) else int(np.sign(self.above - 0.5))
+        return side if side == np.sign(self.difference.mean) else 0
 
     def __neg__(self) -> "Comparison":
         """The second sample compared with the first."""
         mean, low, high = self.difference
-        return Comparison(Interval(-mean, -high, -low), self.p, -self.side, 1 - self.above)
+        return Comparison(Interval(-mean, -high, -low), self.p, 1 - self.above)
 
 
 ALPHA = 0.05
 """A difference is clear where p, adjusted for the other decisions of its claim, is below this."""
 _PAIRS = 8
-"""With fewer pairs no p of a signed-rank test, 2/2ⁿ at least, survives Holm's adjustment for six decisions."""
+"""With fewer pairs no p of a paired rank test, 2/2ⁿ at least, survives Holm's adjustment for six decisions."""
 
 
 def compare(a: Float[np.ndarray, " n"], b: Float[np.ndarray, " m"], paired: bool = False) -> Comparison:
     """Compare two samples, NaN left out.
 
-    Paired, a[i] and b[i] had the same seed: the interval is that of the mean difference and the test Wilcoxon's. Else
-    they are Welch's interval and Mann and Whitney's test; so is the test of fewer than eight pairs, for which ignoring
-    them is the more cautious.
+    The interval is Welch's and the test Mann and Whitney's. Paired, a[i] and b[i] had the same seed: the interval is
+    that of the mean difference, and the test exchanges the two of a pair; that of fewer than eight pairs ignores them,
+    which is the more cautious.
     """
     a, b = _known(a, b, paired)
-    test = signed_rank(a - b) if paired and len(a) >= _PAIRS else rank_sum(a, b)
-    p = math.nan if least_p(len(a), len(b), paired) >= ALPHA else test.p
-    return Comparison(_mean_difference(a, b, paired).interval(), p, test.side, _share_above(a, b))
+    p = paired_rank_sum(a, b) if paired and len(a) >= _PAIRS else rank_sum(a, b)
+    p = math.nan if least_p(len(a), len(b), paired) >= ALPHA else p
+    return Comparison(_mean_difference(a, b, paired).interval(), p, _share_above(a, b))
 
 
 def least_p(n: int, m: int, paired: bool = False) -> float:
     """The smallest p that `compare` can have with so many runs that are known."""
-    return least_signed_rank_p(n) if paired and n >= _PAIRS else least_rank_sum_p(n, m)
+    return least_paired_p(n) if paired and n >= _PAIRS else least_rank_sum_p(n, m)
 
 
 def against(values: Float[np.ndarray, " n"], level: float = 0.0) -> Comparison:
     """Compare the mean of a sample with a number, NaN left out.
 
     Its p is that of Student's t test, since there is no second sample to rank with: the values should be means
-    themselves. NaN of fewer than three. Its side is that on which most of them lie.
+    themselves. NaN of fewer than three.
     """
     values = values[~np.isnan(values)]
     mean = _mean_difference(values, np.full(len(values), level), paired=True)
     p = mean.p() if len(values) > 2 else math.nan
-    above = _share_above(values, np.full(1, level))
-    return Comparison(mean.interval(), p, _sign(above - 0.5), above)
+    return Comparison(mean.interval(), p, _share_above(values, np.full(1, level)))
 
 
 def within(a: Float[np.ndarray, " n"], b: Float[np.ndarray, " m"], margin: float, paired: bool = False) -> Comparison:
@@ -167,7 +165,7 @@ def within(a: Float[np.ndarray, " n"], b: Float[np.ndarray, " m"], margin: float
     left = Interval(*(np.float64(margin - bound) for bound in (size, max(low, high), least)))
     few = least_p(len(a), len(b), paired) >= ALPHA
     p = math.nan if few else max(mean.p(-margin), mean.p(margin))
-    return Comparison(left, p, _sign(margin - size), float(size < margin))
+    return Comparison(left, p, float(size < margin))
 
 
 def _known(
@@ -192,11 +190,6 @@ def holm(p: Sequence[float]) -> Float[np.ndarray, " n"]:
     adjusted = given.copy()
     adjusted[order] = np.minimum(np.maximum.accumulate(given[order] * np.arange(len(order), 0, -1)), 1.0)
     return adjusted
-
-
-def _sign(number: float) -> int:
-    """1, 0 or −1; 0 for NaN."""
-    return 0 if math.isnan(number) else int(np.sign(number))
 
 
 def _share_above(a: Float[np.ndarray, " n"], b: Float[np.ndarray, " m"]) -> float:

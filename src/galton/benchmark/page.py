@@ -25,10 +25,10 @@ _AGAINST = (
 )
 _RETURNS = (
     "Returns are means over fresh seeds with Student's 95% interval; a diverged run counts as the worst that any "
-    "method had on the task. Runs of one trial have the same seed under all methods, and are compared in pairs: by "
-    "Wilcoxon's test, or Mann and Whitney's where there are fewer than eight. Difference, P and p are those of shared "
-    "settings against the baseline's. Each method's p values are adjusted for "
-    "the tasks of the stage by Holm's method."
+    "method had on the task. Runs of one trial have the same seed under all methods; p is that of a rank test of "
+    "P(above) which exchanges the two of such a pair, or of Mann and Whitney's with fewer than eight. Difference, P "
+    "and p are those of shared settings against the baseline's. Each method's p values are adjusted for the tasks of "
+    "the stage by Holm's method."
 )
 _BEST_OF = (
     "The mean over all subsets of n draws, exactly, of the score of the draw that is best among them. With several "

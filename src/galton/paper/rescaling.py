@@ -132,7 +132,10 @@ def draw(trained: Trained) -> Figure:
             panel.set_xscale("log", base=2)
             panel.set_xlim(SCALES[0] / 1.25, SCALES[-1] * 1.25)
             panel.set_xticks(SCALES, [f"{scale:g}" for scale in SCALES])
-            panel.set_title(f"{heading(task)}\nequal to the bit: {_equal(series)}", fontsize=9)
+            equal = [
+                are_equal(by_scale) for name, by_scale in series.items() if len(by_scale) > 1 and name != "gaussian"
+            ]
+            panel.set_title(f"{heading(task)}\nequal to the bit: {sum(equal)} of {len(equal)}")
             panel.set_xlabel("action box times")
             fit_curves(panel, drawn)
         label_rows(axes[row * len(found) : (row + 1) * len(found)], f"{kind} return")
@@ -140,16 +143,7 @@ def draw(trained: Trained) -> Figure:
     return figure
 
 
-def _equal(series: Mapping[str, Mapping[float, At]]) -> str:
-    """Of how many softmax policies, and Gaussians in units of the box, the runs are equal across scales."""
-    equal = {name: are_equal(by_scale) for name, by_scale in series.items() if len(by_scale) > 1 and name != "gaussian"}
-    boxed = equal.pop(IN_THE_BOX, None)
-    told = f"softmax {sum(equal.values())} of {len(equal)}"
-    return told if boxed is None else f"{told}, Gaussian in the box's units: {'yes' if boxed else 'no'}"
-
-
 def _look(name: str) -> tuple[str, str, str]:
     if name != IN_THE_BOX:
         return look_of(name)
-    label, color, _ = look_of("gaussian")
-    return f"{label}, units of the box", color, ":"
+    return f"{look_of('gaussian')[0]}, units of the box", "0.5", ":"

@@ -126,10 +126,14 @@ def verdict(k: int, m: int, n: int) -> str:
 
 
 def listed(units: Mapping[str, Found], given: Mapping[str, str]) -> str:
-    """A line for each unit: its mark, name, what was found, and p, adjusted."""
+    """A line for each unit: its mark, name, what was found, and p, adjusted; and whether the mean contradicts it."""
     known = _units(units)
     adjusted = dict(zip(known, holm([each.p for each in known.values()]), strict=True))
-    return "\n".join(f"{given[name]} {name} {each.text}{_p(adjusted[name])}" for name, each in known.items())
+    against = {name: each.sign == 0 and bool(adjusted[name] < ALPHA) for name, each in known.items()}
+    return "\n".join(
+        f"{given[name]} {name} {each.text}{_p(adjusted[name])}{'; the mean points the other way' * against[name]}"
+        for name, each in known.items()
+    )
 
 
 def summed_up(what: str, units: Mapping[str, Found]) -> str:
