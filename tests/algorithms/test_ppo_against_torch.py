@@ -14,7 +14,7 @@ from galton.algorithms import ppo
 
 from .minibatches import HIGH, HYPERS, LOW, SIZE, K, N, T, agent_of, fresh, moved, rollout_of
 
-HEADS = {"beta": "gaussian", "squashed-gaussian": "gaussian", "ordinal": "hl-one-hot"}
+HEADS = {"beta": "gaussian", "squashed-gaussian": "gaussian", "ordinal": "hl-one-hot", "rpo": "gaussian"}
 """Each with the loss that is −log π of it."""
 H = HYPERS._replace(max_grad_norm=0.5, learning_rate=1e-2)
 LOWS, HIGHS = torch.tensor(LOW), torch.tensor(HIGH)
@@ -57,7 +57,20 @@ def ordinal(outputs, params):
     return lambda action: bins.log_prob(index(action)).sum(-1), bins.entropy().sum(-1)
 
 
-THEIRS = {"beta": beta, "squashed-gaussian": squashed, "ordinal": ordinal}
+def rpo(outputs, params):
+    gaussian = distributions.Normal(outputs, torch.exp(params["log_std"]))
+    return lambda action: gaussian.log_prob(action).sum(-1), gaussian.entropy().sum(-1)
+
+
+THEIRS = {"beta": beta, "squashed-gaussian": squashed, "ordinal": ordinal, "rpo": rpo}
+
+
+def moves_of(name, n):
+    """What each of n minibatches adds to the network's outputs; RPO draws it, from a key for each count of Adam's."""
+    if name != "rpo":
+        return torch.zeros(n, 1, 1)
+    keys = [jax.random.fold_in(jax.random.key(5), i) for i in range(n)]
+    return torch.tensor(np.array([H.rpo_alpha * jax.random.uniform(key, (SIZE, 2), float, -1, 1) for key in keys]))
 
 
 def network(layers, x):
@@ -78,7 +91,7 @@ def advantages(values, next_values, batch):
     return torch.tensor(found.ravel())
 
 
-def update(head, params, batch, orders):
+def update(head, params, batch, orders, moves):
     """PPO's epochs over a rollout; the parameters afterwards."""
     leaves = [leaf.requires_grad_() for leaf in jax.tree.leaves(params)]
     adam = torch.optim.Adam(leaves, lr=H.learning_rate, eps=1e-5)
@@ -90,18 +103,17 @@ def update(head, params, batch, orders):
         advantage = advantages(values.reshape(T, N).numpy(), next_values.reshape(T, N).numpy(), batch)
         returns = advantage + values
         before = head(network(params["actor"], observation), params)[0](action)
-    for order in orders:
-        for rows in torch.tensor(np.array(order)).reshape(-1, SIZE):
-            log_prob, entropy = head(network(params["actor"], observation[rows]), params)
-            ratio = torch.exp(log_prob(action[rows]) - before[rows])
-            scaled = (advantage[rows] - advantage[rows].mean()) / (advantage[rows].std() + 1e-8)
-            clipped = torch.clamp(ratio, 1 - H.clip_range, 1 + H.clip_range)
-            policy_loss = -torch.minimum(ratio * scaled, clipped * scaled).mean()
-            value_loss = ((network(params["critic"], observation[rows])[:, 0] - returns[rows]) ** 2).mean()
-            adam.zero_grad()
-            (policy_loss + H.vf_coef * value_loss - H.ent_coef * entropy.mean()).backward()
-            torch.nn.utils.clip_grad_norm_(leaves, H.max_grad_norm)
-            adam.step()
+    for rows, moved_by in zip(torch.tensor(np.array(orders)).reshape(-1, SIZE), moves, strict=True):
+        log_prob, entropy = head(network(params["actor"], observation[rows]) + moved_by, params)
+        ratio = torch.exp(log_prob(action[rows]) - before[rows])
+        scaled = (advantage[rows] - advantage[rows].mean()) / (advantage[rows].std() + 1e-8)
+        clipped = torch.clamp(ratio, 1 - H.clip_range, 1 + H.clip_range)
+        policy_loss = -torch.minimum(ratio * scaled, clipped * scaled).mean()
+        value_loss = ((network(params["critic"], observation[rows])[:, 0] - returns[rows]) ** 2).mean()
+        adam.zero_grad()
+        (policy_loss + H.vf_coef * value_loss - H.ent_coef * entropy.mean()).backward()
+        torch.nn.utils.clip_grad_norm_(leaves, H.max_grad_norm)
+        adam.step()
     return params
 
 
@@ -115,12 +127,12 @@ def test_an_update_is_torchs(name):
     orders = jnp.stack([jax.random.permutation(jax.random.key(i), T * N) for i in range(2)])
 
     def ours(learner, batch):
-        return ppo.fit(agent, learner, ppo.prepare(agent, learner, batch, H), orders, H)
+        return ppo.fit(agent, learner, ppo.prepare(agent, learner, batch, H), orders, H, jax.random.key(5))
 
     after, told = jax.jit(ours)(fresh(agent, learner.params), batch)
     assert 0 < told["clip_fraction"] < 1
     params = jax.tree.map(lambda x: torch.tensor(np.array(x)), learner.params)
-    theirs = update(THEIRS[name], params, batch, orders)
+    theirs = update(THEIRS[name], params, batch, orders, moves_of(name, orders.size // SIZE))
     for found, expected, first in zip(*map(jax.tree.leaves, (after.params, theirs, learner.params)), strict=True):
         assert float(jnp.abs(found - first).max()) > 1e-3
         np.testing.assert_allclose(found, expected.detach().numpy(), rtol=0, atol=1e-6)
