@@ -1,6 +1,8 @@
 """What is published fits the file that it was trained by, and documents quote it as it is."""
 
 import json
+import re
+import subprocess
 from pathlib import Path
 
 import pytest
@@ -29,3 +31,19 @@ def test_results_have_the_hash_of_the_committed_file_and_documents_its_numbers(n
         told += f"<!-- table: {name}: " in text
         assert quotes.filled(text, known) == text, f"python -m galton.benchmark.quoted {file} {folder} {path}"
     assert told
+
+
+@pytest.mark.skipif(not (ROOT / ".git").exists(), reason="only a clone knows what was committed when")
+@pytest.mark.parametrize("name", PUBLISHED)
+def test_the_file_was_committed_before_its_runs(name, tmp_path):
+    """The commits that trained the parts have it, with the settings that the results' hash is of."""
+    folder = ROOT / "results" / name
+    commits = set(re.findall(r'"commit": "(\w+)"', (folder / "provenance.json").read_text()))
+    assert commits
+    for commit in commits:
+        for file in {f"{name}.toml", "winner.toml"}:
+            done = subprocess.run(
+                ["git", "-C", ROOT, "show", f"{commit}:benchmarks/{file}"], capture_output=True, check=True
+            )
+            (tmp_path / file).write_bytes(done.stdout)
+        assert read(tmp_path / f"{name}.toml").digest == json.loads((folder / FILE).read_text())["benchmark"]
