@@ -33,10 +33,11 @@ def answer(trained: Trained, claims: Sequence[Claim]) -> Answer:
     given = {kind: marks(units) for kind, units in found.items()}
     return Answer(
         [_sentence(given[_KINDS[0]]), " ".join([*_further(trained, given[_KINDS[1]]), _counted(claims)])],
-        Matrix("gain in final return", [*_KINDS, "verdict"], _rows(found, given), narrow=True),
-        "On fresh seeds, the classification loss that was better on the grid − the Gaussian: mean and 95% interval. "
-        "Bold and in colour is what a rank test calls clear, adjusted for all tasks (Holm), if the mean agrees. A few "
-        "runs that fail move a mean and not the ranks. The deterministic policy acts without exploration.",
+        Matrix("gain", [*_KINDS, "verdict"], _rows(found, given), narrow=True),
+        "Final return on fresh seeds, the classification loss that was better on the grid − the Gaussian: mean and "
+        "95% interval. Bold and in colour is what a rank test calls clear, adjusted for all tasks (Holm), if the mean "
+        "agrees. A few runs that fail move a mean and not the ranks. The deterministic policy acts without "
+        "exploration.",
         curves(trained) if trained.grids else None,
         "Training return of the best settings on fresh seeds: Figure 2 in small.",
     )
@@ -86,9 +87,9 @@ def _sentence(given: Mapping[str, str]) -> str:
     if not others:
         return "Whether classification ends higher than regression can be decided on none of the tasks here."
     ends = {mark: [title for title, each in others.items() if each == mark] for mark in "✓✗≈"}
-    words = {"✓": "clearly does", "✗": "clearly ends lower", "≈": "does neither clearly"}
-    parts = [f"on {len(ends['✓'])} of {len(others)} others that can be decided it {words['✓']}{_named(ends['✓'])}"]
-    parts += [f"on {len(ends[mark])} it {words[mark]}{_named(ends[mark])}" for mark in "✗≈" if ends[mark]]
+    words = {"✗": "clearly ends lower", "≈": "does neither clearly"}
+    parts = [f"it clearly does on {len(ends['✓'])} of {len(others)} others{_named(ends['✓'])}"]
+    parts += [f"{words[mark]} on {len(ends[mark])}{_named(ends[mark])}" for mark in "✗≈" if ends[mark]]
     said = f"The paper says that classification ends higher than regression on all tasks but {_EXCEPTION}"
     exception = _OF_EXCEPTION.get(given.get(_EXCEPTION, ""), "")
     return f"{said}. Here {', '.join(parts)}{exception}."
