@@ -4,6 +4,7 @@ import dataclasses
 import shutil
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
@@ -39,6 +40,7 @@ def files(folder):
     return {str(path.relative_to(folder)): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
 
 
+RESULTS = Path(__file__).parents[2] / "results"
 PART = ["figure-1", "figure-9", "reacher", "propositions"]
 """Two tasks in JAX and one on MuJoCo, each with its fresh seeds; a figure without data, and one that measures."""
 
@@ -80,6 +82,11 @@ def check_page(folder, figures):
     page = (folder / "index.html").read_text()
     assert all(f'id="{name}"' in page for name in figures)
     assert len(page) < 5_000_000
+
+
+@pytest.mark.parametrize("page", sorted(RESULTS.glob("*/index.html")), ids=lambda page: page.parent.name)
+def test_a_page_that_is_published_is_below_5_mb(page):
+    assert page.stat().st_size < 5_000_000
 
 
 def test_the_summaries_alone_give_the_same_page_without_training(part, tmp_path):
