@@ -30,7 +30,10 @@ def test_an_example_runs(path, tmp_path):
     assert re.search(r"\d", done.stdout)
 
 
-PROTOCOLS = [*sorted((ROOT / "examples").glob("*.toml")), *sorted((ROOT / "benchmarks").glob("**/*.toml"))]
+PROTOCOLS = [
+    *sorted((ROOT / "examples").glob("*.toml")),
+    *(pytest.param(path, marks=pytest.mark.slow) for path in sorted((ROOT / "benchmarks").glob("**/*.toml"))),
+]
 
 
 @pytest.mark.parametrize("path", PROTOCOLS, ids=lambda path: path.stem)

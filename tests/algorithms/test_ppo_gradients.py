@@ -86,7 +86,7 @@ def check_equal(ours, theirs, tolerance):
 
 
 @pytest.mark.parametrize("eta", [pytest.param(0.05, marks=pytest.mark.slow), 0.1])
-@pytest.mark.parametrize("loss", ["hl-gauss", "hl-gauss-centred"])
+@pytest.mark.parametrize("loss", [pytest.param("hl-gauss", marks=pytest.mark.slow), "hl-gauss-centred"])
 @pytest.mark.parametrize("policy", ["histogram", pytest.param("ordinal", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("ratio", ["smoothed", "true"])
 def test_with_narrow_targets_every_histogram_loss_is_ppo_on_hl_one_hot(ratio, policy, loss, eta):
@@ -207,7 +207,7 @@ def expected_gradient(policy, loss, shift):
 @pytest.mark.parametrize(
     ("loss", "indifferent"), [("hl-one-hot", True), ("hl-gauss-centred", True), ("hl-gauss", False)]
 )
-@pytest.mark.parametrize("policy", ["histogram", "ordinal"])
+@pytest.mark.parametrize("policy", ["histogram", pytest.param("ordinal", marks=pytest.mark.slow)])
 def test_a_shift_of_the_advantages_moves_no_mean_gradient_but_plain_hl_gausss(policy, loss, indifferent):
     plain, shifted = (expected_gradient(policy, loss, shift) for shift in (0.0, 7.0))
     if indifferent:

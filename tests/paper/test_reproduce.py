@@ -89,6 +89,7 @@ def test_a_page_that_is_published_is_below_5_mb(page):
     assert page.stat().st_size < 5_000_000
 
 
+@pytest.mark.slow
 def test_the_summaries_alone_give_the_same_page_without_training(part, tmp_path):
     shutil.copytree(part / reproduce.DATA, tmp_path / reproduce.DATA)
     done = galton("reproduce", *PART, "--budget", "smoke", "--out", tmp_path)

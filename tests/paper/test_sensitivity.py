@@ -5,7 +5,7 @@ from scipy import stats
 
 from galton.paper.measures import spread
 from galton.paper.scale import Scale
-from galton.paper.sensitivity import _colors, draw, marginals
+from galton.paper.sensitivity import _looks, draw, marginals
 from galton.paper.summary import Summary
 
 from . import made_up
@@ -46,11 +46,12 @@ def test_noise_alone_is_no_spread():
     assert abs(np.mean(spreads)) < 3 * stats.sem(spreads)
 
 
-def test_values_that_tasks_share_have_one_colour_and_others_begin_anew():
-    colors = _colors([[0.01, 0.05], [0.05, 0.1], [1.0, 2.0, 3.0]])
-    assert colors[0.01] == colors[1.0]
-    assert len({colors[value] for value in (0.01, 0.05, 0.1)}) == 3
-    assert all(np.mean(to_rgb(color)) < 0.7 for color in colors.values())
+def test_values_that_tasks_share_have_one_look_and_others_begin_anew():
+    looks = _looks([[0.01, 0.05], [0.05, 0.1], [1.0, 2.0, 3.0]])
+    assert looks[0.01] == looks[1.0]
+    for looked in zip(*(looks[value] for value in (0.01, 0.05, 0.1)), strict=True):
+        assert len({*looked}) == 3  # colours, and line styles too
+    assert all(np.mean(to_rgb(color)) < 0.7 for color, _ in looks.values())
 
 
 def test_a_row_per_field_and_a_column_per_task_with_words_where_there_is_one_value():

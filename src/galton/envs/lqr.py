@@ -1,6 +1,7 @@
 """The linear quadratic regulator (App. C.1), and its solution by the Riccati recursion."""
 
 import dataclasses
+import functools
 import math
 
 import jax
@@ -99,7 +100,7 @@ class LQR:
         """The agent sees the whole state."""
         return state
 
-    @property
+    @functools.cached_property  # asking whether this is an Environment asks for it
     def optimal_return(self) -> float:
         """E −Σ_t cost under the optimal controller: exact where it stays inside the box, else an upper bound.
 
@@ -113,7 +114,7 @@ class LQR:
             P = Q + A.T @ P @ (A - B @ gain)  # noqa: N806
         return -float(np.trace(P) / 3 + c)
 
-    @property
+    @functools.cached_property
     def random_return(self) -> float:
         """E −Σ_t cost under u ~ U(−1, 1)^m, whose variance is 1/3."""
         return self._return_under_noise(1 / 3)

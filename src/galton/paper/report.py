@@ -28,11 +28,11 @@ INTRODUCTION = (
     "be decided are, and does not if more are clearly the contrary; in between it holds in part. Tasks on which fewer "
     "than one run in a hundred ever earns more than rest are null, and no claim on returns counts them.",
     "Rest is what doing nothing earns, or acting at random where that is known and better; rest → best is the way "
-    "from there to the optimum, or to the best mean final return of any loss on the grid where the optimum is not "
-    "known. Centred HL-Gauss (dash-dotted) is not the paper's. It is HL-Gauss without a bias that docs/paper.md "
-    "derives, on a grid of its own with wider targets, and no claim compares it. App. C.2 has 20 trials of each of 88 "
-    "settings. Where a task has fewer of either, Figures 4 to 7 say it above its panel, and the last table has both "
-    "for every sweep.",
+    "from there to the optimum, or where that is not known to the best mean final return of any setting on the grid, "
+    "in training or of the deterministic policy. Centred HL-Gauss (dash-dotted) is not the paper's. It is HL-Gauss "
+    "without a bias that docs/paper.md derives, on a grid of its own with wider targets, and no claim compares it. "
+    "App. C.2 has 20 trials of each of 88 settings. Where a task has fewer of either, Figures 4 to 7 say it above its "
+    "panel, and the last table has both for every sweep.",
 )
 FIRST = (hypotheses.NAME,)
 """The figures that stand before the claims."""

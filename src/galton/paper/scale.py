@@ -57,11 +57,13 @@ def rest(task: str, constants: str = "{}") -> float | None:
 def scale_of(task: str, grid: Summary) -> Scale | None:
     """From rest to the optimum, or to the highest mean final return of any setting of the grid where none is known.
 
-    None where rest is not known, or nothing on the grid is better.
+    That is the return in training or the deterministic policy's, whichever is higher. None where rest is not known, or
+    nothing on the grid is better.
     """
     constants = grid.study.env_kwargs
     low, best = rest(task, constants), optimum(task, constants)
-    high = max(mean_returns(grid.study, grid.table).values(), default=-np.inf) if best is None else best
+    means = (mean_returns(grid.study, grid.table, kind) for kind in ("training_return", "evaluation_return"))
+    high = max((mean for of_kind in means for mean in of_kind.values()), default=-np.inf) if best is None else best
     return Scale(low, high) if low is not None and low < high < np.inf else None
 
 

@@ -1,6 +1,7 @@
 """Figures 4 to 6: how much a hyperparameter matters, one value held and the rest averaged (App. C.3)."""
 
 import functools
+import itertools
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
@@ -52,7 +53,7 @@ def draw(grids: Mapping[str, Summary], loss: str, fields: tuple[str, ...]) -> Fi
     }
     rows = [field for field in fields if any(len(found[field, task]) > 1 for task in grids)]
     figure, axes = grid(len(rows), len(grids))
-    looks = {field: _colors([[*found[field, task]] for task in grids]) for field in rows}
+    looks = {field: _looks([[*found[field, task]] for task in grids]) for field in rows}
     for i, (task, summary) in enumerate(grids.items()):
         column = dict(zip(rows, axes[i :: len(grids)], strict=True))
         varied = {field: panel for field, panel in column.items() if len(found[field, task]) > 1}
@@ -60,7 +61,7 @@ def draw(grids: Mapping[str, Summary], loss: str, fields: tuple[str, ...]) -> Fi
             _tell_missing(column[field], NAMES[field], [*found[field, task]])
         for field, panel in varied.items():
             for value, interval in found[field, task].items():
-                draw_series(panel, summary.steps, interval, f"{NAMES[field]} {value:g}", looks[field][value])
+                draw_series(panel, summary.steps, interval, f"{NAMES[field]} {value:g}", *looks[field][value])
             fit_curves(panel, [curve for of in varied for curve in found[of, task].values()], _optimum(task))
             over_steps(panel, float(summary.steps[-1]))
             _tell_equal(panel, found[field, task], NAMES[field])
@@ -86,13 +87,14 @@ def _tell_missing(axes: Axes, name: str, values: Sequence[float]) -> None:
     axes.text(0.5, 0.5, told, transform=axes.transAxes, ha="center", va="center", fontsize=8, color="#444444")
 
 
-def _colors(values_of: Sequence[Sequence[float]]) -> dict[float, str]:
-    """A colour for each value, dark to light: values that tasks share have one, those of other tasks begin anew."""
+def _looks(values_of: Sequence[Sequence[float]]) -> dict[float, tuple[str, str]]:
+    """A colour, dark to light, and a line style for each value: those of tasks that share none begin anew."""
     scales: list[set[float]] = []
     for values in map(set, values_of):
         shared = [scale for scale in scales if scale & values]
         scales = [scale for scale in scales if scale not in shared] + [values.union(*shared)]
-    return {value: shade for scale in scales for value, shade in zip(sorted(scale), _shades(len(scale)), strict=True)}
+    looks = ((sorted(scale), zip(_shades(len(scale)), itertools.cycle(("-", "--", "-.", ":")))) for scale in scales)
+    return {value: look for values, of_scale in looks for value, look in zip(values, of_scale, strict=True)}
 
 
 def _shades(n: int) -> list[str]:

@@ -92,9 +92,9 @@ def best_settings(study: Study, table: pa.Table) -> dict[str, Best]:
     return found
 
 
-def mean_returns(study: Study, table: pa.Table) -> dict[Setting, float]:
-    """The mean final training return of each setting whose trials are all there; −∞ where one diverged."""
-    setting, final = (table.column(name).to_numpy() for name in ("setting", "final_training_return"))
+def mean_returns(study: Study, table: pa.Table, metric: str = "training_return") -> dict[Setting, float]:
+    """The mean final return of each setting whose trials are all there; −∞ where one diverged or has none."""
+    setting, final = (table.column(name).to_numpy() for name in ("setting", f"final_{metric}"))
     n = len(study.settings)
     count = np.bincount(setting, minlength=n)
     total = np.bincount(setting, np.where(np.isnan(final), -np.inf, final), n)

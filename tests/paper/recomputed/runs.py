@@ -100,8 +100,8 @@ class Task(NamedTuple):
     again: Sweep
 
 
-def mean_final(runs):
-    finals = runs.finals["training_return"]
+def mean_final(runs, kind="training_return"):
+    finals = runs.finals[kind]
     return -np.inf if np.isnan(finals).any() else float(finals.mean())
 
 
@@ -199,7 +199,8 @@ def is_whole(name, grid):
 def ends_of(task):
     """Rest and the best: (rest, best), or None where one of both is not known or nothing is better than rest."""
     rest, best = levels_of(task.name, json.dumps(task.grid.constants))
-    best = max(map(mean_final, task.grid.runs)) if best is None else best
+    kinds = ("training_return", "evaluation_return")
+    best = max(mean_final(runs, kind) for runs in task.grid.runs for kind in kinds) if best is None else best
     return (rest, best) if rest < best < np.inf else None
 
 
