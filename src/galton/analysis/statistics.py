@@ -107,8 +107,8 @@ class Comparison(NamedTuple):
 
         As they may where one run of twenty makes the mean: nothing is clear then.
         """
-        side = 0 if math.isnan(self.above) else int(np.sign(self.above - 0.5))
-        return side if side == np.sign(self.difference.mean) else 0
+        side = np.sign(self.above - 0.5)
+        return int(side) if side == np.sign(self.difference.mean) else 0
 
     def __neg__(self) -> "Comparison":
         """The second sample compared with the first."""

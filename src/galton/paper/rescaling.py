@@ -120,9 +120,10 @@ def draw(trained: Trained) -> Figure:
     """Final returns by the scale of the box, a column per task: with exploration, and without."""
     found = {task: across(trained, task) for task in SCALE_TASKS}
     found = {task: series for task, series in found.items() if any(len(by_scale) > 1 for by_scale in series.values())}
+    titles = [f"{heading(task)}\nequal to the bit: {_equal(series)}" for task, series in found.items()]
     figure, axes = panels(2 * len(found), columns=max(1, len(found)))
     for row, kind in enumerate(("training", "deterministic")):
-        for column, (task, series) in enumerate(found.items()):
+        for column, series in enumerate(found.values()):
             panel = axes[row * len(found) + column]
             drawn = []
             for name, by_scale in series.items():
@@ -132,15 +133,18 @@ def draw(trained: Trained) -> Figure:
             panel.set_xscale("log", base=2)
             panel.set_xlim(SCALES[0] / 1.25, SCALES[-1] * 1.25)
             panel.set_xticks(SCALES, [f"{scale:g}" for scale in SCALES])
-            equal = [
-                are_equal(by_scale) for name, by_scale in series.items() if len(by_scale) > 1 and name != "gaussian"
-            ]
-            panel.set_title(f"{heading(task)}\nequal to the bit: {sum(equal)} of {len(equal)}")
+            panel.set_title(titles[column])
             panel.set_xlabel("action box times")
             fit_curves(panel, drawn)
         label_rows(axes[row * len(found) : (row + 1) * len(found)], f"{kind} return")
     finish(figure, axes)
     return figure
+
+
+def _equal(series: Mapping[str, Mapping[float, At]]) -> str:
+    """Of how many losses, but the Gaussian in the environment's units, the runs are equal across scales."""
+    equal = [are_equal(by_scale) for name, by_scale in series.items() if len(by_scale) > 1 and name != "gaussian"]
+    return f"{sum(equal)} of {len(equal)}"
 
 
 def _look(name: str) -> tuple[str, str, str]:

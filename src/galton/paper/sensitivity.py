@@ -87,14 +87,20 @@ def _tell_missing(axes: Axes, name: str, values: Sequence[float]) -> None:
     axes.text(0.5, 0.5, told, transform=axes.transAxes, ha="center", va="center", fontsize=8, color="#444444")
 
 
+_STYLES = ("-", "--", "-.", ":")
+
+
 def _looks(values_of: Sequence[Sequence[float]]) -> dict[float, tuple[str, str]]:
     """A colour, dark to light, and a line style for each value: those of tasks that share none begin anew."""
     scales: list[set[float]] = []
     for values in map(set, values_of):
         shared = [scale for scale in scales if scale & values]
         scales = [scale for scale in scales if scale not in shared] + [values.union(*shared)]
-    looks = ((sorted(scale), zip(_shades(len(scale)), itertools.cycle(("-", "--", "-.", ":")))) for scale in scales)
-    return {value: look for values, of_scale in looks for value, look in zip(values, of_scale, strict=True)}
+    return {
+        value: (shade, style)
+        for scale in scales
+        for value, shade, style in zip(sorted(scale), _shades(len(scale)), itertools.cycle(_STYLES), strict=False)
+    }
 
 
 def _shades(n: int) -> list[str]:
