@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from galton.paper import boxed, hypotheses
+from galton.paper import boxed, hypotheses, rescaling
 from galton.paper.report import claims
 from galton.paper.standings import ahead, clear, decisions, winners
 
@@ -12,7 +12,7 @@ from .recomputed.bandits import BANDITS
 from .recomputed.changes import cell, table
 from .recomputed.claims import GRIDS, TASKS, on_tasks, paired
 from .recomputed.ranks import compared, holm, marks_of, mean_of
-from .recomputed.runs import LABELS, TITLES, null_of, tasks_of
+from .recomputed.runs import LABELS, TITLES, null_of, record_of, settings_of, tasks_of
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -99,3 +99,23 @@ def test_figure_3_in_both_units(sweeps, trained):
     sides = [{name.removeprefix("boxed-"): of for name, of in sweeps.items() if name.startswith("boxed-")}]
     found = [[cell(judge(side)) for side in (sweeps, *sides)] for judge in BANDITS.values()]
     assert sorted(map(str, shown)) == (sorted(map(str, found)) if sides[0] else [])
+
+
+def columns_that_differ(tables, i):
+    """The columns of the tables in which setting i's numbers are not the same bits in all of them."""
+    rows = [table.filter(np.equal(table["setting"].to_numpy(), i)) for table in tables]
+    bits = [{name: str(each[name].to_pylist()) for name in each.column_names} for each in rows]
+    return {name for name in bits[0] if len({each[name] for each in bits}) > 1}
+
+
+def test_the_same_bits_at_every_scale(trained, tables):
+    """Of σ, and of a density's entropy and loss, bits differ as their unit does."""
+    found = []
+    for name in TITLES:
+        scaled = [table for file, table in tables.items() if file.startswith(f"scale-{name}-")]
+        for i, setting in enumerate(settings_of(record_of(scaled[0])) if len(scaled) > 1 else []):
+            of_density = {"entropy", "final_entropy", "final_policy_loss"} if setting["box_units"] else set()
+            found.append("yes" if columns_that_differ(scaled, i) <= {"final_sigma"} | of_density else "no")
+    said = [line.split(" | ")[-1].removesuffix(" |") for line in rescaling.markdown(trained).splitlines()[2:]]
+    assert found == said
+    assert {*found} == {"yes", "no"}

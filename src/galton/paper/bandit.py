@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from galton.analysis.bands import mean_band
-from galton.analysis.plots import draw_series, finish, label_rows, look_of, panels
+from galton.analysis.plots import draw_series, finish, label_rows, look_of, marker_of, panels
 from galton.analysis.scales import fit_curves
 from galton.analysis.statistics import Interval
 from galton.paper import controls, harder_bandits
@@ -58,7 +58,7 @@ def _draw_final(axes: Axes, bandits: Mapping[float, Summary]) -> None:
     """Draw the final return of each loss's setting against the bandit's constant."""
     for loss in losses_in(bandits):
         finals = [bandit.best[loss].final_training_return.astype(np.float64) for bandit in bandits.values()]
-        draw_series(axes, list(bandits), mean_band([np.stack(finals, axis=1)]), *look_of(loss), marker="o")
+        draw_series(axes, list(bandits), mean_band([np.stack(finals, axis=1)]), *look_of(loss), marker=marker_of(loss))
 
 
 def _draw_control(axes: Axes, control: Summary, main: Summary | None) -> list[Interval]:

@@ -170,10 +170,12 @@ def as_main(found: Mapping[str, Judged]) -> Trained:
 FIGURE = FigureStudy(
     "What makes the paper's result appear?",
     "The table judges the same claims again where one thing is changed: of how many tasks each clearly holds, and on "
-    "how many the contrary. The figure is of hypothesis (b): final return on fresh seeds where the action box is "
-    "times 1/8 to 8 and the environment divides by as much, with 95% bands over ten runs, on MuJoCo five. A softmax "
-    "policy knows nothing of it; a Gaussian whose first σ is 1 does, unless its units are the box's. Above each panel "
-    "stands of how many losses but the plain Gaussian all runs are the same to the bit at every scale.",
+    "how many the contrary. Tests are adjusted within a cell and not over the table, so a few cells are decided by "
+    "chance. The figure is of hypothesis (b): final return on fresh seeds where the action box is times 1/8 to 8 and "
+    "the environment divides by as much, with 95% bands over ten runs, on MuJoCo five. A softmax policy knows nothing "
+    "of it; a Gaussian whose first σ is 1 does, unless its units are the box's. Above each panel stands of how many "
+    "losses but the plain Gaussian all runs are the same to the bit at every scale. What is in the action's units is "
+    "left out of that: σ, and a density's entropy and loss.",
     rescaling.draw,
     (
         *(sweep for key in changes.SWEEPS for sweep in (changes.SWEEPS[key], changes.AGAIN[key])),

@@ -39,7 +39,7 @@ def order_changes(trained: Trained) -> Claim:
         "§7",
         "HL-1-Hot and HL-Gauss often differ little, and which is better changes across tasks.",
         "final training return on fresh seeds, HL-Gauss − HL-1-Hot, rest → best = 1; ✓ differs by less than a tenth. "
-        "Often is on half of the tasks or more; holds if also each of them is clearly ahead somewhere",
+        "Often is on half of the tasks or more, of two at least; holds if also each of them is clearly ahead somewhere",
         units,
         f"HL-Gauss is clearly ahead: {_where(ahead, '✓')}. HL-1-Hot: {_where(ahead, '✗')}." if units else "",
     )
@@ -54,10 +54,13 @@ def _both(*facts: bool | None) -> str:
 
 
 def _often(little: list[str]) -> bool | None:
-    """Whether half of the tasks or more differ little, None where those that are open could decide it either way."""
-    if little and 2 * little.count("✓") >= len(little):
+    """Whether half of the tasks or more differ little.
+
+    None where those that are open could decide it either way, or where there is but one.
+    """
+    if len(little) > 1 and 2 * little.count("✓") >= len(little):
         return True
-    return False if 2 * little.count("✗") > len(little) else None
+    return False if len(little) > 1 and 2 * little.count("✗") > len(little) else None
 
 
 def _changes(ahead: Iterable[str]) -> bool | None:

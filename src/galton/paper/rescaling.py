@@ -10,7 +10,7 @@ import pyarrow as pa
 from matplotlib.figure import Figure
 
 from galton.analysis.bands import mean_band
-from galton.analysis.plots import draw_series, finish, label_rows, look_of, panels
+from galton.analysis.plots import draw_series, finish, label_rows, look_of, marker_of, panels
 from galton.analysis.scales import fit_curves
 from galton.analysis.statistics import mean_interval
 from galton.paper.curves import heading
@@ -129,7 +129,7 @@ def draw(trained: Trained) -> Figure:
             for name, by_scale in series.items():
                 finals = np.stack([at.final(kind) for at in by_scale.values()], 1)
                 drawn.append(mean_band([finals]))
-                draw_series(panel, [*by_scale], drawn[-1], *_look(name), marker="o")
+                draw_series(panel, [*by_scale], drawn[-1], *_look(name), marker=_marker(name))
             panel.set_xscale("log", base=2)
             panel.set_xlim(SCALES[0] / 1.25, SCALES[-1] * 1.25)
             panel.set_xticks(SCALES, [f"{scale:g}" for scale in SCALES])
@@ -151,3 +151,7 @@ def _look(name: str) -> tuple[str, str, str]:
     if name != IN_THE_BOX:
         return look_of(name)
     return f"{look_of('gaussian')[0]}, units of the box", "0.5", ":"
+
+
+def _marker(name: str) -> str:
+    return "X" if name == IN_THE_BOX else marker_of(name)

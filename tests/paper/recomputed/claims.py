@@ -129,8 +129,8 @@ def order(tasks):
     found = judged(by_task(tasks, judge))
     little = [mark for mark in found.marks if mark in "✓✗≈"]
     order = [mark for mark in marks_of(ahead)[0] if mark in "✓✗≈"]
-    often = True if little and 2 * little.count("✓") >= len(little) else None
-    often = False if 2 * little.count("✗") > len(little) else often
+    often = True if len(little) > 1 and 2 * little.count("✓") >= len(little) else None
+    often = False if len(little) > 1 and 2 * little.count("✗") > len(little) else often
     changes = True if {"✓", "✗"} <= {*order} else None
     changes = False if len(order) > 1 and {*order} in ({"✓"}, {"✗"}) else changes
     facts = {often, changes}
