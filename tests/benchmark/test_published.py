@@ -5,6 +5,8 @@ import re
 import subprocess
 from pathlib import Path
 
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
 import pytest
 
 from galton.benchmark import quoted
@@ -53,3 +55,13 @@ def test_the_file_was_committed_before_its_runs(name, tmp_path):
             assert done.returncode == 0, done.stderr
             (tmp_path / file).write_bytes(done.stdout)
         assert read(tmp_path / f"{name}.toml").digest == json.loads((folder / FILE).read_text())["benchmark"]
+
+
+def test_the_runs_that_fail_without_a_floor_under_sigma_are_as_many_as_told():
+    table = pq.read_table(ROOT / "results" / "sigma-floor" / "data" / "fresh-lqr.parquet")
+    table = table.filter(pc.equal(table["role"], "shared"))
+    fails = pc.less(table["final_training"], -40)
+    counts = [pc.sum(pc.and_(fails, pc.equal(table["method"], name))).as_py() for name in pc.unique(table["method"])]
+    told = (ROOT / "docs" / "why.md").read_text().partition("<!-- runs that fail: sigma-floor -->")[2].split("\n\n")[1]
+    rows = [row.split("|")[2:4] for row in told.splitlines()[2:]]
+    assert [int(cell) for column in zip(*rows, strict=True) for cell in column] == counts

@@ -2,7 +2,8 @@
 
 A document says <!-- table: BENCHMARK: NAME --> where one stands, and
 `python -m galton.benchmark.quoted benchmarks/BENCHMARK.toml results/BENCHMARK DOCUMENT ...` writes it. NAME is
-`returns, fresh`, `returns, held-out`, `speeds`, or `all tasks: METHOD; METHOD`, with the methods' names.
+`returns, fresh`, `returns, held-out`, `speeds`, `all tasks: METHOD; METHOD`, with the methods' names, or `crossed, TASK`
+where all methods' labels are "A, B": a row for each A, a column for each B.
 """
 
 import sys
@@ -28,6 +29,8 @@ def tables(file: Path, folder: str) -> Callable[[str], str | None]:
     if "fresh" in found.standings:
         known[f"{name}: returns, fresh, a setting for each task"] = _returns(found, "fresh", "per-task")
     known[f"{name}: speeds"] = quotes.markdown(speed.headings, speed.rows)
+    if all(", " in method.label for method in found.protocol.methods) and "fresh" in found.standings:
+        known |= {f"{name}: crossed, {task}": _crossed(found, task) for task in found.standings["fresh"].tasks}
     some = f"{name}: all tasks: "
 
     def table(wanted: str) -> str | None:
@@ -63,6 +66,15 @@ def _of_methods(found: Found, names: Sequence[str]) -> str:
         for name in names
     ]
     return quotes.markdown(["method", *(labels[task] for _, task in places)], rows)
+
+
+def _crossed(found: Found, task: str) -> str:
+    """Returns on a task where the methods are one thing crossed with another, as their labels say."""
+    standings = found.standings["fresh"]
+    cells = {method.label: returns_of(standings, task, method, "shared") for method in found.protocol.methods}
+    rows, columns = map(dict.fromkeys, zip(*(label.rsplit(", ", 1) for label in cells), strict=True))
+    lines = [[row, *(cells.get(f"{row}, {column}", "—") for column in columns)] for row in rows]
+    return quotes.markdown(["", *columns], lines)
 
 
 def _even(interval: Interval) -> Interval:
