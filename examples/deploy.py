@@ -1,8 +1,8 @@
 """An exported policy swings up a pendulum. This file needs numpy and onnxruntime: no Galton, no JAX, no Gymnasium.
 
-galton train Pendulum-v1 --algorithm ppo --normalize-observation --out runs/pendulum
-galton export runs/pendulum --format onnx
-python deploy.py runs/pendulum
+galton train Pendulum-v1 --algorithm ppo --loss gaussian --normalize-observation --steps 100000 --out runs/deploy
+galton export runs/deploy --format onnx
+python deploy.py runs/deploy
 """
 
 import hashlib

@@ -206,6 +206,7 @@ def test_an_id_may_name_the_module_that_registers_it(tmp_path):
     assert done.returncode == 0, done.stderr
 
 
+@pytest.mark.slow  # test_resume.py asks the same of what the command calls
 def test_a_resumed_run_equals_one_without_a_break(tmp_path):
     """On a task with states, to the byte; what an unfinished process logged after its last save is not kept."""
     whole, broken = tmp_path / "whole", tmp_path / "broken"

@@ -41,8 +41,8 @@ def files(folder):
 
 
 RESULTS = Path(__file__).parents[2] / "results"
-PART = ["figure-1", "figure-9", "reacher", "propositions"]
-"""Two tasks in JAX and one on MuJoCo, each with its fresh seeds; a figure without data, and one that measures."""
+PART = ["figure-1", "figure-9"]
+"""Two tasks in JAX, each with its fresh seeds, and a figure without data."""
 
 
 @pytest.fixture(scope="module")

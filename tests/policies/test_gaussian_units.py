@@ -91,7 +91,7 @@ def test_the_environments_units_do_not_depend_on_the_box():
         np.testing.assert_allclose(distribution.std(), np.tile(np.exp(LOG_STD), (3, 1)), rtol=1e-6)
 
 
-@pytest.mark.parametrize("algorithm", ["a2c", "ppo"])
+@pytest.mark.parametrize("algorithm", ["a2c", pytest.param("ppo", marks=pytest.mark.slow)])
 def test_runs_with_different_numbers_train_side_by_side_as_they_do_alone(algorithm):
     numbers = {
         "log_std_init": [0.0, -1.0, -1.0, -2.0],

@@ -2,8 +2,8 @@
 
 A document says <!-- table: BENCHMARK: NAME --> where one stands, and
 `python -m galton.benchmark.quoted benchmarks/BENCHMARK.toml results/BENCHMARK DOCUMENT ...` writes it. NAME is
-`returns, fresh`, `returns, held-out`, `speeds`, `all tasks: METHOD; METHOD`, with the methods' names, or `crossed, TASK`
-where all methods' labels are "A, B": a row for each A, a column for each B.
+`returns, fresh`, `returns, held-out`, `speeds`, `all tasks: METHOD; METHOD`, with the methods' names, or, where the
+labels of all methods are "A, B", `crossed, TASK`: a row for each A, a column for each B.
 """
 
 import sys
