@@ -67,6 +67,8 @@ BLOCKS = [
         for n, block in enumerate(re.findall(r"```python\n(.*?)```", path.read_text(), re.S))
     )
 ]
+LONG_TRAINING = re.compile(r"(learn\(|every=)(10_000|40_000|1_000_000)\b")
+"""Numbers of steps that a reader waits for and a test does not."""
 RUN = """
 import contextlib, json, os, pathlib, sys, traceback, warnings
 import galton
@@ -94,7 +96,7 @@ def folders(tmp_path_factory, request):
     """Where each chosen one of BLOCKS has run, in a process of its own, all from where Galton was imported once."""
     calls = [item.callspec.params for item in request.session.items if "folders" in item.fixturenames]
     made = {call["index"]: tmp_path_factory.mktemp("block") for call in calls}
-    jobs = [(str(made[call["index"]]), call["block"].replace("learn(1_000_000", "learn(4_096")) for call in calls]
+    jobs = [(str(made[call["index"]]), LONG_TRAINING.sub(r"\g<1>4_096", call["block"])) for call in calls]
     subprocess.run([sys.executable, "-c", RUN], input=json.dumps(jobs), text=True, timeout=900, check=True)
     return made
 
