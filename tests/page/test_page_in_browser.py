@@ -3,6 +3,7 @@
 import csv
 import dataclasses
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -20,6 +21,7 @@ NAMES = ("Gaussian", 'HL, "Gauss"')
 MEANS = dict(zip(NAMES, (np.array([-25.25, -22.5, -21.0, -20.75, -20.01]), np.linspace(-24.0, -18.0, 5)), strict=True))
 INTERVALS = {name: Interval(mean, mean - 1.5, mean + 1.25) for name, mean in MEANS.items()}
 RUNS = {name: mean + np.array([[-2.0], [-1.0], [1.0], [2.0]]) for name, mean in MEANS.items()}
+PUBLISHED = sorted((Path(__file__).parents[2] / "results").glob("*/index.html"))
 DESKTOP, PHONE = {"width": 1280, "height": 900}, {"width": 390, "height": 844}
 
 
@@ -87,23 +89,24 @@ def chromium():
 @pytest.fixture
 def opened(chromium, file):
     """Opens the page; fails in the end if it said, threw or asked for anything."""
-    contexts, said, asked = [], [], []
+    contexts, paths, said, asked = [], [], [], []
 
-    def open_page(viewport=None, **options):
+    def open_page(viewport=None, path=file, **options):
         contexts.append(chromium.new_context(viewport=viewport or DESKTOP, **options))
         page = contexts[-1].new_page()
         page.on("console", lambda message: said.append(message.text))
         page.on("pageerror", lambda error: said.append(str(error)))
         page.on("request", lambda request: asked.append(request.url))
         page.on("requestfailed", lambda request: said.append(request.url))
-        page.goto(file.as_uri())
+        paths.append(path.as_uri())
+        page.goto(paths[-1])
         return page
 
     yield open_page
     for context in contexts:
         context.close()
     assert said == []
-    assert [url for url in asked if not url.startswith("blob:")] == [file.as_uri()] * len(contexts)
+    assert [url for url in asked if not url.startswith("blob:")] == paths
 
 
 def hover(page, i, x, scale=float):
@@ -239,6 +242,15 @@ def test_the_guide_marks_the_curve_where_it_is_drawn_on_any_scale(opened):
         end = line.evaluate("path => { const to = path.getPointAtLength(path.getTotalLength()); "
                             "return new DOMPoint(to.x, to.y).matrixTransform(path.getScreenCTM()).y }")  # fmt: skip
         assert min(abs(top + 3.5 - end) for top in tops) < 2
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("viewport", [{"width": 1440, "height": 900}, PHONE], ids=["desktop", "phone"])
+@pytest.mark.parametrize("published", PUBLISHED, ids=lambda path: path.parent.name)
+def test_a_published_page_opens_in_silence_and_is_no_wider_than_the_screen(opened, published, viewport):
+    page = opened(viewport, published)
+    assert page.locator("h1").bounding_box()["y"] < viewport["height"]
+    assert page.evaluate("document.documentElement.scrollWidth") <= viewport["width"]
 
 
 @pytest.mark.parametrize("viewport", [{"width": 1440, "height": 900}, {"width": 390, "height": 844}])
