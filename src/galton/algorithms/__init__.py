@@ -25,6 +25,7 @@ __all__ = [
     "Agent",
     "Algorithm",
     "Scalars",
+    "check_choices",
     "check_together",
     "find_algorithm",
     "idle",
@@ -41,19 +42,25 @@ def resolve(config: Config, low: Float[np.ndarray, " d"], high: Float[np.ndarray
     Raises:
         UsageError: an unknown name, choices that don't fit together, or a setting that its algorithm can't use.
     """
+    check_choices(config)
+    loss, algorithm, critic = find_loss(config.loss), find_algorithm(config.algorithm), find_critic(config.critic)
+    box = (tuple(float(x) for x in np.asarray(bound, np.float32)) for bound in (low, high))
+    return Agent(config, loss, POLICIES[policy_of(config)].create, critic.create, algorithm, *box)
+
+
+def check_choices(config: Config) -> None:
+    """Raise UsageError for a configuration that can't be trained in any box, as `resolve` does."""
     loss, algorithm, name = find_loss(config.loss), find_algorithm(config.algorithm), policy_of(config)
     fitting = [known for known, policy in POLICIES.items() if loss.family in ("density", policy.family)]
     require(
         name in fitting,
         f"policy is {name!r}, but the loss {config.loss!r} needs a {loss.family}; choose from {', '.join(fitting)}",
     )
-    critic = find_critic(config.critic)
+    find_critic(config.critic)
     refuse_others(config, config)
     refuse_idle(config, config)
     credit.check(config, loss, algorithm)
     algorithm.check(config)
-    box = (tuple(float(x) for x in np.asarray(bound, np.float32)) for bound in (low, high))
-    return Agent(config, loss, POLICIES[name].create, critic.create, algorithm, *box)
 
 
 def policy_of(config: Config) -> str:
