@@ -29,6 +29,7 @@ __all__ = [
     "check_together",
     "find_algorithm",
     "idle",
+    "may_idle",
     "policy_of",
     "refuse_idle",
     "refuse_others",
@@ -105,12 +106,12 @@ def refuse_idle(config: Config, settings: Config | Hypers) -> None:
     if config.policy not in ("auto", *POLICIES):
         return
     usual, whose = defaults(type(settings)), idle(config)
-    for name in whose.keys() & usual.keys() - {*_IDLE_OF_OLD}:
+    for name in whose.keys() & usual.keys():
         given = getattr(settings, name)
         values = np.atleast_1d(usual[name] if given is None else given)  # None is without_unused's
         for value in values[values != usual[name]][:1]:
-            if (name, value) == ("initial_policy", "gaussian"):
-                continue  # of old too
+            if may_idle(name, value):
+                continue
             shown, policy = repr(str(value)) if isinstance(value, str) else str(value), policy_of(config)
             raise UsageError(
                 f"{name} is {shown}; it goes with {whose[name]}, not with the policy {policy!r} and the loss "
@@ -120,8 +121,10 @@ def refuse_idle(config: Config, settings: Config | Hypers) -> None:
         credit.check_numbers(config, settings)
 
 
-_IDLE_OF_OLD = ("eta", "n_bins", "exploration", "bin_sample", "deterministic_action")
-"""What files of before these checks may have although nothing uses it."""
+def may_idle(name: str, value: object) -> bool:
+    """Whether files of before these checks may have a setting although nothing uses it."""
+    old = ("eta", "n_bins", "exploration", "bin_sample", "deterministic_action")
+    return name in old or (name, value) == ("initial_policy", "gaussian")
 
 
 def idle(config: Config) -> dict[str, str]:

@@ -19,7 +19,10 @@ from galton.errors import require, require_integer
 from galton.losses import LOSSES, find_loss
 from galton.saving import files
 from galton.saving.result_folder import result_folder, told, write_settings
+from galton.sweep.grid import expand
+from galton.sweep.study import Setting
 from galton.tasks import task_of
+from galton.training.population import resolved
 from galton.training.size import check_size
 from galton.training.train import Result
 
@@ -62,14 +65,17 @@ def main(arguments: Sequence[str]) -> None:
     out = options.out or Path("runs", f"compare-{folder_name(options.env, options.algorithm)}")
     check_size(env, training.config, len(seeds), training.eval_episodes)
     training.check(seeds)
+    settings = expand([{"loss": options.losses}], Setting(training.config, training.hypers).record())
+    for setting in settings:  # before the first is trained
+        resolved(env, *setting)
     console = plain_console()
     results: dict[str, Result] = {}
     rows: list[Row] = []
     try:
         with result_folder(out, options.overwrite) as folder:
             with live_progress(console) as follow:
-                for loss, label in labels.items():
-                    results[loss] = training.run(env, loss, seeds, follow(label, training.steps, len(seeds)))
+                for (loss, label), setting in zip(labels.items(), settings, strict=True):
+                    results[loss] = training.run(env, setting, seeds, follow(label, training.steps, len(seeds)))
             rows = summarise(results, known, options.at_rest)
             with told(out):
                 _keep(folder, options, results, rows, known)
