@@ -19,6 +19,8 @@ from galton.callbacks import (
     WeightsAndBiases,
 )
 
+from .envs.host.walks import Closing, Walk
+
 SB3_NAMES = {
     "rollout/ep_rew_mean",
     "rollout/ep_len_mean",
@@ -245,6 +247,24 @@ def test_evaluate_keeps_the_best_model_exactly_when_the_mean_improves():
     assert [log["eval/mean_reward"] for log in logs[:4]] == [-5.0, -7.0, -5.0, -4.0]
     assert [log["eval/best_mean_reward"] for log in logs] == [-5.0, -5.0, -5.0, -4.0, -4.0]
     assert logs[0]["eval/std_reward"] == 1.0
+
+
+def test_an_environment_to_evaluate_on_is_made_once_and_closed():
+    made = []
+
+    def make():
+        made.append(Closing())
+        return made[-1]
+
+    model, log = A2C(Walk, "gaussian", net_arch=(4,)), {}
+    for source, n_copies in ((make, 2), (Walk(), 1)):
+        callback = Evaluate(20, n_copies, source)
+        callback.check(model)
+        for _ in range(2):
+            callback(model, log)
+        assert log["eval/mean_reward"] == model.evaluate(n_copies, source).mean()
+        callback.end(model)
+    assert [env.closed for env in made] == [1] * 4  # two for the callback, and two for the model
 
 
 def test_evaluation_on_a_model_agrees_with_the_file_of_the_best(model, tmp_path):

@@ -27,7 +27,7 @@ from galton.envs.fitting import check_same_spaces
 from galton.errors import UsageError, require, require_integer
 from galton.extras import needed
 from galton.saving import files
-from galton.training.evaluate import copies
+from galton.training.evaluate import Kept
 
 Log = dict[str, float]
 
@@ -71,22 +71,23 @@ class Evaluate:
         require_integer("every", self.every, 1)
         require_integer("n_episodes", self.n_episodes, 1)
         self.best = -math.inf
+        self._on = self.env
 
     def check(self, model: Any) -> None:
         """Raise UsageError for an environment that can't be played on, or a file that can't be written."""
+        self._let_go()
         if self.env is None:
             model.population.check_evaluation(self.n_episodes)
         else:
             task = find(self.env)
             check_same_spaces(task, model.actions, model.observations)
-            if not isinstance(task, Environment):
-                copies(task, self.n_episodes).close()
+            self._on = task if isinstance(task, Environment) else Kept(task, self.n_episodes)
         if self.best_model is not None:
             files.check_place("best_model", Path(self.best_model))
 
     def __call__(self, model: Model, log: Log) -> None:
         """Evaluate, and save the model if its mean return is the best so far."""
-        returns = model.evaluate(self.n_episodes, self.env)
+        returns = model.evaluate(self.n_episodes, self._on)
         mean = float(returns.mean())
         if mean > self.best:
             self.best = mean
@@ -97,6 +98,16 @@ class Evaluate:
             "eval/std_reward": float(returns.std()),
             "eval/best_mean_reward": self.best,
         }
+
+    def end(self, model: Model) -> None:
+        """Close the copies of the environment that were made to play on."""
+        del model
+        self._let_go()
+
+    def _let_go(self) -> None:
+        if isinstance(self._on, Kept):
+            self._on.close()
+        self._on = self.env
 
 
 @dataclasses.dataclass
