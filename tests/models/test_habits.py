@@ -1,6 +1,8 @@
 """What users of Stable-Baselines3 expect of a model, beside learn, predict, save and load."""
 
 import math
+import subprocess
+import sys
 
 import jax
 import numpy as np
@@ -110,6 +112,12 @@ def test_without_an_environment_it_says_how_to_give_one(method, tmp_path):
     argument = {"set_parameters": model.get_parameters()}.get(method, 10)
     with pytest.raises(UsageError, match=r"load\(path, env=...\), or set_env\(env\)"):
         getattr(model, method)(argument)
+
+
+def test_parameters_without_an_environment_are_refused_by_an_optimised_python_too():
+    refused = "from galton.models.state import Loaded; Loaded('lqr', 0, None, {}).set_parameters({})"
+    done = subprocess.run([sys.executable, "-O", "-c", refused], capture_output=True, text=True)
+    assert "UsageError: the model was loaded without an environment" in done.stderr
 
 
 def test_parameters_are_copies_and_can_be_put_into_another_model():
