@@ -1,3 +1,4 @@
+import gymnasium
 import numpy as np
 import pytest
 
@@ -36,6 +37,12 @@ def test_a_loaded_model_without_an_environment_says_what_it_needs(model, tmp_pat
     with pytest.raises(UsageError, match="env_kwargs"):
         A2C.load(path, env_kwargs={"noise_std": 0.0})
     loaded.close()
+
+
+def test_a_file_goes_on_only_with_as_many_copies_as_it_was_trained_on(tmp_path):
+    path = A2C("Pendulum-v1", **SMALL, n_steps=4, n_envs=2).save(tmp_path / "model")
+    with pytest.raises(UsageError, match="n_envs is 2, but one environment was given"):
+        A2C.load(path, env=gymnasium.make("Pendulum-v1"))
 
 
 def test_a_file_says_its_algorithm_and_only_that_class_or_model_opens_it(tmp_path):

@@ -249,7 +249,8 @@ class Model:
         """The model of a file. Without an environment it predicts; with the one that it was trained on it goes on.
 
         Raises:
-            UsageError: no such file, a model of another algorithm, or an environment with other spaces.
+            UsageError: no such file, a model of another algorithm, or an environment with other spaces or in another
+                number of copies than n_envs.
             CheckpointError: a file that is damaged or not a model.
 
         Warns:
@@ -269,6 +270,7 @@ class Model:
 
     def _go_on(self, task: Environment | HostTask, path: Path, arrays: Arrays) -> str:
         """Go on with a run on this environment where the arrays of a file are; why not exactly, or nothing."""
+        check_copies(task, self.config.n_envs)
         check_same_spaces(task, self.actions, self.observations)
         run = Run(task, self.config, self.hypers, self.seed)
         cause = run.resume(path, arrays)
@@ -283,7 +285,6 @@ class Model:
             UsageError: an environment with other spaces, or of which another number of copies was given than n_envs.
         """
         task = find(env, **(env_kwargs or {}))
-        check_copies(task, self.config.n_envs)
         arrays = {name: array for name, array in self._run.arrays.items() if not name.startswith("environments/")}
         self._go_on(task, Path("set_env"), arrays)
 
