@@ -54,6 +54,19 @@ def test_a_file_says_its_algorithm_and_only_that_class_or_model_opens_it(tmp_pat
         assert (loaded.config.algorithm, loaded.config.batch_size, loaded.hypers.clip_range) == ("ppo", 4, 0.1)
 
 
+class Mine(A2C):
+    """A model of a user's."""
+
+
+def test_a_class_of_a_user_s_loads_what_it_saved_and_what_its_base_does(tmp_path):
+    ours, theirs = (cls("lqr", **SMALL).save(tmp_path / cls.__name__) for cls in (Mine, PPO))
+    assert type(Mine.load(ours)) is Mine
+    assert type(A2C.load(ours)) is A2C
+    assert type(type("Any", (Model,), {}).load(theirs)).__name__ == "Any"
+    with pytest.raises(UsageError, match=r"holds a model of PPO; load it with galton.PPO.load"):
+        Mine.load(theirs)
+
+
 @pytest.mark.parametrize("name", ["x", "v1.5", "a.b.c", "name with spaces"])
 def test_what_was_saved_under_a_name_is_loaded_by_it_though_a_folder_has_it_too(model, tmp_path, name):
     (tmp_path / "x").mkdir()

@@ -256,7 +256,7 @@ class Model:
         Warns:
             InexactResume: the file has no states of the environments, so their episodes start anew.
         """
-        found, arrays = file.read(Path(path), cls.__name__)
+        found, arrays = file.read(Path(path), cls)
         model = cls.__new__(cls)
         model._describe(found.config, found.hypers, found.seed, found.actions, found.observations)
         model._interval, model.n_predictions = found.updates_per_log, found.n_predictions
