@@ -202,7 +202,7 @@ class JSONLines:
 
     def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
-        with _written(self.path):
+        with _written("path", self.path):
             self.path.parent.mkdir(parents=True, exist_ok=True)
             self.path.open("a").close()
 
@@ -210,7 +210,7 @@ class JSONLines:
         """Append this log point to the file as a whole line, or raise UsageError and leave the file as it was."""
         del model
         known = {name: value if math.isfinite(value) else None for name, value in log.items()}
-        with _written(self.path):
+        with _written("path", self.path):
             files.append_line(self.path, json.dumps(known))
 
 
@@ -222,7 +222,7 @@ class TensorBoard:
 
         # tensorboardX's SummaryWriter writes in a thread, where a full disk would end nothing but the thread.
         self.folder = folder
-        with _written(folder):
+        with _written("folder", folder):
             Path(folder).mkdir(parents=True, exist_ok=True)
             self._writer = EventsWriter(f"{folder}/events")
         weakref.finalize(self, _close, self._writer)
@@ -232,7 +232,7 @@ class TensorBoard:
         from tensorboardX.proto.event_pb2 import Event
         from tensorboardX.summary import scalar
 
-        with _written(self.folder):
+        with _written("folder", self.folder):
             for name, value in log.items():
                 if math.isfinite(value):
                     event = Event(summary=scalar(name, value), step=model.num_timesteps, wall_time=time.time())
@@ -247,13 +247,13 @@ def _close(writer: Any) -> None:
 
 
 @contextlib.contextmanager
-def _written(path: str | Path) -> Iterator[None]:
-    """Turn the error of a file that can't be written into one that says what to do."""
-    files.check_text("path", path)
+def _written(name: str, path: str | Path) -> Iterator[None]:
+    """Turn the error of a file that can't be written into one that calls its path by this name, and says what to do."""
+    files.check_text(name, path)
     try:
         yield
     except OSError as error:
-        raise UsageError(f"path is {path}, which can't be written: {error.strerror}; name another") from None
+        raise UsageError(f"{name} is {path}, which can't be written: {error.strerror}; name another") from None
 
 
 class WeightsAndBiases:
