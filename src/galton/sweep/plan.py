@@ -5,6 +5,7 @@ import functools
 import hashlib
 import itertools
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -59,7 +60,7 @@ class Plan:
     seed: UInt[np.ndarray, " R"]
 
     @classmethod
-    def create(cls, study: Study, shard_width: int | None = None) -> "Plan":
+    def create(cls, study: Study, shard_width: int | np.integer | None = None) -> "Plan":
         """The runs of a study, grouped by Config, in shards of `shard_width`.
 
         By default 16, or 32 on environments outside JAX, which is fastest.
@@ -72,7 +73,7 @@ class Plan:
         _check_width(shard_width)
         none = np.zeros(0, np.int32)
         empty = dataclasses.replace(study, settings=study.settings[:1])
-        return cls(empty, shard_width, none, none, none, none.astype(np.uint32)).extended(study)
+        return cls(empty, int(shard_width), none, none, none, none.astype(np.uint32)).extended(study)
 
     def extended(self, study: Study) -> "Plan":
         """The same plan, with shards added for what it lacks of this study: a plan has all trials of all settings.
@@ -236,9 +237,8 @@ def _check_trainable(settings: Sequence[Setting]) -> None:
         check_together(*setting)
 
 
-def _check_width(shard_width: object) -> None:
+def _check_width(shard_width: Any) -> None:
     require_integer("shard_width", shard_width, 1)
-    assert isinstance(shard_width, int)
     require(shard_width <= MOST_RUNS, f"shard_width is {shard_width:,}; it must be {MOST_RUNS:,} at most")
 
 
