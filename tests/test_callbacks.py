@@ -267,6 +267,20 @@ def test_an_environment_to_evaluate_on_is_made_once_and_closed():
     assert [env.closed for env in made] == [1] * 4  # two for the callback, and two for the model
 
 
+def test_an_evaluation_may_be_on_an_environment_of_other_constants(model):
+    kwargs, log = {"noise_std": 0.0, "max_episode_steps": 3}, {}
+    callback = Evaluate(20, 2, "lqr", env_kwargs=kwargs)
+    expected = model.evaluate(2, "lqr", env_kwargs=kwargs).mean()
+    assert expected > model.evaluate(2).mean()
+    for prepare in (lambda _: None, callback.check, callback.end):
+        prepare(model)
+        callback(model, log)
+        assert log["eval/mean_reward"] == expected
+    for wrong in (lambda: Evaluate(20, env_kwargs=kwargs), lambda: model.evaluate(2, env_kwargs=kwargs)):
+        with pytest.raises(UsageError, match=r"env_kwargs is .*; give env with it"):
+            wrong()
+
+
 def test_evaluation_on_a_model_agrees_with_the_file_of_the_best(model, tmp_path):
     logs = []
     learn(model, [Evaluate(20, 3, best_model=tmp_path / "best"), lambda model, log: logs.append(log)], updates=6)

@@ -18,7 +18,7 @@ from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 
-from galton import A2C
+from galton import A2C, UsageError
 
 
 class Drift(gymnasium.Env):
@@ -149,6 +149,17 @@ def test_ours_and_theirs_run_together_and_one_that_never_stops_does_not_hide_ano
     assert model.num_timesteps == first + 24
     assert len(logs) == 3
     assert len([entry for entry in callbacks[0].seen if entry[0] == "step"]) == 10
+
+
+def test_get_env_is_the_vector_environment_that_was_given_or_tells_the_spaces(model, tmp_path):
+    given = make_vec_env(drift, 2)
+    assert A2C(given, "gaussian", net_arch=(4,)).get_env() is given
+    made = model.get_env()
+    assert made.num_envs == 2
+    assert (made.action_space, made.observation_space) == (Drift.action_space, Drift.observation_space)
+    with pytest.raises(UsageError, match=r"get_env\(\) tells spaces alone"):
+        made.reset()
+    assert A2C.load(model.save(tmp_path / "model")).get_env() is None
 
 
 class Logging(BaseCallback):

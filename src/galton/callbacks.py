@@ -15,7 +15,7 @@ import math
 import time
 import warnings
 import weakref
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
@@ -40,7 +40,9 @@ class Model(Protocol):
     def num_timesteps(self) -> int:
         """Environment steps so far."""
 
-    def evaluate(self, n_episodes: int, env: object = None) -> np.ndarray:
+    def evaluate(
+        self, n_episodes: int, env: object = None, env_kwargs: Mapping[str, object] | None = None
+    ) -> np.ndarray:
         """Undiscounted returns of whole episodes without exploration."""
 
     def save(self, path: str | Path) -> Path:
@@ -66,12 +68,15 @@ class Evaluate:
     """What to play on; None for copies of the environment that the model is trained on."""
     best_model: str | Path | None = None
     """Where to save the model each time that its mean return is the highest so far."""
+    env_kwargs: Mapping[str, object] | None = None
+    """Keyword arguments for an id or a name."""
 
     def __post_init__(self) -> None:
         require_integer("every", self.every, 1)
         require_integer("n_episodes", self.n_episodes, 1)
+        require(self.env is not None or not self.env_kwargs, f"env_kwargs is {self.env_kwargs}; give env with it")
         self.best = -math.inf
-        self._on = self.env
+        self._on = self._named
 
     def check(self, model: Any) -> None:
         """Raise UsageError for an environment that can't be played on, or a file that can't be written."""
@@ -79,15 +84,15 @@ class Evaluate:
         if self.env is None:
             model.population.check_evaluation(self.n_episodes)
         else:
-            task = find(self.env)
+            task = find(self.env, **(self.env_kwargs or {}))
             check_same_spaces(task, model.actions, model.observations)
-            self._on = task if isinstance(task, Environment) else Kept(task, self.n_episodes)
+            self._on = (task if isinstance(task, Environment) else Kept(task, self.n_episodes),)
         if self.best_model is not None:
             files.check_place("best_model", Path(self.best_model))
 
     def __call__(self, model: Model, log: Log) -> None:
         """Evaluate, and save the model if its mean return is the best so far."""
-        returns = model.evaluate(self.n_episodes, self._on)
+        returns = model.evaluate(self.n_episodes, *self._on)
         mean = float(returns.mean())
         if mean > self.best:
             self.best = mean
@@ -105,9 +110,13 @@ class Evaluate:
         self._let_go()
 
     def _let_go(self) -> None:
-        if isinstance(self._on, Kept):
-            self._on.close()
-        self._on = self.env
+        if isinstance(self._on[0], Kept):
+            self._on[0].close()
+        self._on = self._named
+
+    @property
+    def _named(self) -> tuple[Any, ...]:
+        return (self.env, self.env_kwargs) if self.env_kwargs else (self.env,)
 
 
 @dataclasses.dataclass

@@ -11,6 +11,7 @@ from numbers import Real
 from typing import Any
 
 from galton.envs.host.state import Env
+from galton.errors import UsageError
 from galton.foreign import is_instance_of
 
 
@@ -80,25 +81,29 @@ class Facade:
     def __getattr__(self, name: str) -> Any:
         return getattr(self._model, name)
 
-    def get_env(self) -> object:
-        """SB3's own VecEnv, if the model is trained on one; else what has its spaces and its number of copies."""
-        if self._source is not None:
-            return self._source
-        from stable_baselines3.common.vec_env import DummyVecEnv
-
-        return DummyVecEnv([lambda: _Spaces(self._model)] * self._model.config.n_envs)
-
     def get_vec_normalize_env(self) -> object:
         """The VecNormalize that the model is trained on, if it is; else normalising is the model's, in `predict`."""
         from stable_baselines3.common.vec_env import unwrap_vec_normalize
 
-        return None if self._source is None else unwrap_vec_normalize(self._source)
+        source = _source(self._model)
+        return None if source is None else unwrap_vec_normalize(source)
 
-    @property
-    def _source(self) -> Any:
-        """SB3's VecEnv that the model is trained on, if it is one."""
-        source = getattr(self._model.env, "source", None)
-        return source if is_instance_of(source, "stable_baselines3", "VecEnv") else None
+
+def vec_env(model: Any) -> Any:
+    """SB3's own VecEnv, if the model is trained on one; else what has its spaces and its number of copies."""
+    if (source := _source(model)) is not None:
+        return source
+    try:
+        from stable_baselines3.common.vec_env import DummyVecEnv
+    except ImportError as error:
+        raise UsageError(f"get_env makes a VecEnv of SB3's: pip install stable-baselines3 ({error})") from None
+    return DummyVecEnv([lambda: _Spaces(model)] * model.config.n_envs)
+
+
+def _source(model: Any) -> Any:
+    """SB3's VecEnv that the model is trained on, if it is one."""
+    source = getattr(model.env, "source", None)
+    return source if is_instance_of(source, "stable_baselines3", "VecEnv") else None
 
 
 class _Spaces(Env):
@@ -106,6 +111,14 @@ class _Spaces(Env):
 
     def __init__(self, model: Any) -> None:
         self.action_space, self.observation_space = model.action_space, model.observation_space
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> Any:
+        """UsageError, which says what can be stepped."""
+        del seed, options
+        raise UsageError(
+            "the environment of get_env() tells spaces alone, for the model's own is training's; make another to step, "
+            "or play episodes with model.evaluate"
+        )
 
 
 class _Logger:
