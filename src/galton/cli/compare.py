@@ -18,7 +18,7 @@ from galton.envs.registry import read_constants
 from galton.errors import require, require_integer
 from galton.losses import LOSSES, find_loss
 from galton.saving import files
-from galton.saving.result_folder import result_folder, told, write_settings
+from galton.saving.result_folder import CURVES, FIGURE, SUMMARY, result_folder, told, write_settings
 from galton.sweep.grid import expand
 from galton.sweep.study import Setting
 from galton.tasks import task_of
@@ -94,8 +94,8 @@ def _keep(
 
     given = {"env": options.env, "losses": options.losses, "seeds": options.seeds}
     write_settings(folder, given | options.training.record() | {"command": command_line()})
-    files.write(folder / "summary.json", (json.dumps([row.record() for row in rows], indent=2) + "\n").encode())
-    with files.replacing(folder / "curves.parquet") as scratch:
+    files.write(folder / SUMMARY, (json.dumps([row.record() for row in rows], indent=2) + "\n").encode())
+    with files.replacing(folder / CURVES) as scratch:
         pq.write_table(curves(results), scratch)
     title = f"{task_of(options.env).title}: mean of {options.seeds} runs and 95% CI"
-    save(learning_curves(results, known, title), folder / "learning_curves")
+    save(learning_curves(results, known, title), folder / FIGURE)
