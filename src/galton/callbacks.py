@@ -34,7 +34,7 @@ Log = dict[str, float]
 
 @runtime_checkable
 class Model(Protocol):
-    """What a callback may use of an A2C; it may use all the rest of it too."""
+    """What a callback may use of a model; it may use all the rest of it too."""
 
     @property
     def num_timesteps(self) -> int:
