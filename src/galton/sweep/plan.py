@@ -4,6 +4,7 @@ import dataclasses
 import functools
 import hashlib
 import itertools
+import sys
 from collections.abc import Sequence
 from typing import Any
 
@@ -85,7 +86,8 @@ class Plan:
             ours, theirs = getattr(self.study, name), getattr(study, name)
             require(ours == theirs, f"{name} is {theirs!r}, but the plan has {ours!r}; name another folder")
         place = {known: i for i, known in enumerate(self.study.settings)}
-        _check_trainable([wanted for wanted in study.settings if not (self.n_runs and wanted in place)])
+        if all(module in sys.modules for module in study.imports):  # else the workers may know losses that we don't
+            _check_trainable([wanted for wanted in study.settings if not (self.n_runs and wanted in place)])
         for wanted in study.settings:
             place.setdefault(wanted, len(place))
         settings, trials = tuple(place), max(study.trials, self.study.trials if self.n_runs else 0)
