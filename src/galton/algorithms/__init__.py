@@ -103,8 +103,6 @@ def refuse_idle(config: Config, settings: Config | Hypers) -> None:
     Settings of before these checks are not among them: what files have, they may have. They may also have a policy that
     nobody has registered here, of which nothing is known.
     """
-    if config.policy not in ("auto", *POLICIES):
-        return
     usual, whose = defaults(type(settings)), idle(config)
     for name in whose.keys() & usual.keys():
         given = getattr(settings, name)
@@ -128,7 +126,12 @@ def may_idle(name: str, value: object) -> bool:
 
 
 def idle(config: Config) -> dict[str, str]:
-    """The fields that the configuration's loss and policy have no use for, each with what has one."""
+    """The fields that the configuration's loss and policy have no use for, each with what has one.
+
+    None where the policy is one that nobody has registered here.
+    """
+    if config.policy not in ("auto", *POLICIES):
+        return {}
     loss, policy = find_loss(config.loss), policy_of(config)
     found: dict[str, str] = {}
     if POLICIES[policy].family != "histogram":
