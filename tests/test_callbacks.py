@@ -19,6 +19,8 @@ from galton.callbacks import (
     WeightsAndBiases,
 )
 
+from .envs.host.walks import Closing, Walk
+
 SB3_NAMES = {
     "rollout/ep_rew_mean",
     "rollout/ep_len_mean",
@@ -247,6 +249,38 @@ def test_evaluate_keeps_the_best_model_exactly_when_the_mean_improves():
     assert logs[0]["eval/std_reward"] == 1.0
 
 
+def test_an_environment_to_evaluate_on_is_made_once_and_closed():
+    made = []
+
+    def make():
+        made.append(Closing())
+        return made[-1]
+
+    model, log = A2C(Walk, "gaussian", net_arch=(4,)), {}
+    for source, n_copies in ((make, 2), (Walk(), 1)):
+        callback = Evaluate(20, n_copies, source)
+        callback.check(model)
+        for _ in range(2):
+            callback(model, log)
+        assert log["eval/mean_reward"] == model.evaluate(n_copies, source).mean()
+        callback.end(model)
+    assert [env.closed for env in made] == [1] * 4  # two for the callback, and two for the model
+
+
+def test_an_evaluation_may_be_on_an_environment_of_other_constants(model):
+    kwargs, log = {"noise_std": 0.0, "max_episode_steps": 3}, {}
+    callback = Evaluate(20, 2, "lqr", env_kwargs=kwargs)
+    expected = model.evaluate(2, "lqr", env_kwargs=kwargs).mean()
+    assert expected > model.evaluate(2).mean()
+    for prepare in (lambda _: None, callback.check, callback.end):
+        prepare(model)
+        callback(model, log)
+        assert log["eval/mean_reward"] == expected
+    for wrong in (lambda: Evaluate(20, env_kwargs=kwargs), lambda: model.evaluate(2, env_kwargs=kwargs)):
+        with pytest.raises(UsageError, match=r"env_kwargs is .*; give env with it"):
+            wrong()
+
+
 def test_evaluation_on_a_model_agrees_with_the_file_of_the_best(model, tmp_path):
     logs = []
     learn(model, [Evaluate(20, 3, best_model=tmp_path / "best"), lambda model, log: logs.append(log)], updates=6)
@@ -339,7 +373,7 @@ def test_a_full_disk_under_tensorboard_is_told_and_nothing_waits(method, model, 
     first = model.num_timesteps
     writer = TensorBoard(tmp_path)
     monkeypatch.setattr("tensorboardX.record_writer.RecordWriter." + method, full)
-    with pytest.raises(UsageError, match=f"path is {tmp_path}, which can't be written: No space left on device"):
+    with pytest.raises(UsageError, match=f"folder is {tmp_path}, which can't be written: No space left on device"):
         learn(model, writer)
     monkeypatch.undo()
     assert model.num_timesteps == first + 20, "what was learnt up to there stays"
@@ -360,7 +394,7 @@ def test_a_full_disk_under_json_lines_is_told_and_the_file_stays_whole(model, tm
 
 def test_a_folder_that_tensorboard_cannot_have_is_named(tmp_path):
     (tmp_path / "file").write_text("mine")
-    with pytest.raises(UsageError, match="file/logs, which can't be written"):
+    with pytest.raises(UsageError, match=r"folder is .*file/logs, which can't be written"):
         TensorBoard(tmp_path / "file" / "logs")
 
 

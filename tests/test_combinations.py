@@ -11,6 +11,7 @@ import galton
 from galton import ALGORITHMS, LOSSES, POLICIES, Config, Hypers, Model, UsageError
 from galton.algorithms import resolve
 from galton.envs import Bandit
+from galton.sweep.grid import expand
 from galton.sweep.study import Setting
 
 SETTINGS = {"n_bins": 7, "net_arch": (6,), "n_steps": 8, "n_envs": 2, "learning_rate": 1e-2}
@@ -174,7 +175,11 @@ def test_a_setting_that_has_one_is_taken(given):
 
 
 def test_results_of_a_policy_that_is_not_registered_here_can_be_read():
-    assert Setting.of_record({"loss": "gaussian", "policy": "somebodys"}).config.policy == "somebodys"
+    for settings in (
+        [Setting.of_record({"loss": "gaussian", "policy": "somebodys"})],
+        expand([{}], {"policy": "somebodys"}),
+    ):
+        assert settings[0].config.policy == "somebodys"
 
 
 @pytest.mark.parametrize(

@@ -18,7 +18,7 @@ from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 
-from galton import A2C
+from galton import A2C, UsageError
 
 
 class Drift(gymnasium.Env):
@@ -149,6 +149,46 @@ def test_ours_and_theirs_run_together_and_one_that_never_stops_does_not_hide_ano
     assert model.num_timesteps == first + 24
     assert len(logs) == 3
     assert len([entry for entry in callbacks[0].seen if entry[0] == "step"]) == 10
+
+
+def test_get_env_is_the_vector_environment_that_was_given_or_tells_the_spaces(model, tmp_path):
+    given = make_vec_env(drift, 2)
+    assert A2C(given, "gaussian", net_arch=(4,)).get_env() is given
+    made = model.get_env()
+    assert made.num_envs == 2
+    assert (made.action_space, made.observation_space) == (Drift.action_space, Drift.observation_space)
+    with pytest.raises(UsageError, match=r"get_env\(\) tells spaces alone"):
+        made.reset()
+    assert A2C.load(model.save(tmp_path / "model")).get_env() is None
+
+
+class Logging(BaseCallback):
+    def _on_step(self):
+        self.logger.record("mine/step", np.int64(self.num_timesteps))
+        self.logger.record("mine/name", "not a number")
+        self.logger.record("time/total_timesteps", -1, exclude="tensorboard")
+        self.logger.record_mean("mine/mean", float(self.num_timesteps))
+        self.logger.record_mean("mine/mean", None)
+        for tell in ("debug", "info", "warn", "error"):
+            getattr(self.logger, tell)(tell, self.n_calls)
+        self.logger.log("logged", self.n_calls)
+        self.logger.dump(self.num_timesteps)
+        return True
+
+
+TOLD = [(0, {"warn", "error"}), (1, {"info", "warn", "error", "logged", "step"})]
+
+
+@pytest.mark.parametrize(("verbose", "told"), TOLD)
+def test_what_callbacks_of_sb3_record_is_in_the_log_of_the_next_log_point(verbose, told, capsys):
+    logs, model = [], A2C(drift, "hl-gauss", n_bins=10, net_arch=(8,), n_steps=4, n_envs=2, verbose=verbose)
+    model.learn(40, [Logging(), lambda model, log: logs.append(log)], progress_bar=False, log_interval=2)
+    assert [log["mine/step"] for log in logs] == [log["time/total_timesteps"] for log in logs] == [16, 32, 40]
+    means = [np.mean(steps) for steps in (range(2, 17, 2), range(18, 33, 2), range(34, 41, 2))]
+    np.testing.assert_allclose([log["mine/mean"] for log in logs], means)
+    assert {type(log[name]) for log in logs for name in ("mine/step", "mine/mean")} == {float}
+    assert "mine/name" not in logs[0]
+    assert {line.split()[0] for line in capsys.readouterr().out.splitlines()} == told
 
 
 def test_an_evaluation_is_normalised_as_training_is_and_its_statistics_are_saved(tmp_path):

@@ -1,3 +1,6 @@
+import subprocess
+import sys
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -139,6 +142,34 @@ def test_each_dimension_has_its_own_bounds_and_any_batch_shape():
         alone = targets.hl_gauss(Bins(bins.low[i], bins.high[i], 20), action[..., i : i + 1], 0.75)
         np.testing.assert_allclose(whole[..., i, :], alone[..., 0, :], atol=1e-6)
     assert targets.one_hot(bins, action).shape == (3, 5, 3, 20)
+
+
+MISSPELT = """
+import jax.numpy as jnp
+from galton import Bins
+from galton.targets import hl_gauss, hl_gauss_of_center, mean_of_centers
+bins, action = Bins(-1.0, 1.0, 5), jnp.zeros(1)
+for call in (
+    lambda: Bins(-1.0, 1.0, 5, "bound"),
+    lambda: hl_gauss(bins, action, 1.0, "edge"),
+    lambda: hl_gauss_of_center(5, jnp.array(2), 1.0, "edge"),
+    lambda: mean_of_centers(jnp.ones((1, 5)) / 5, jnp.ones(1), "rescaled", "bound"),
+):
+    try:
+        print(call())
+    except ValueError as error:
+        print(error)
+"""
+
+
+def test_a_misspelt_layout_is_refused_where_types_are_not_checked_too():
+    done = subprocess.run([sys.executable, "-c", MISSPELT], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines() == [
+        "bin_centers is 'bound'; choose from inside, bounds; did you mean bounds?",
+        "tails is 'edge'; choose from rescaled, edges; did you mean edges?",
+        "tails is 'edge'; choose from rescaled, edges; did you mean edges?",
+        "centers is 'bound'; choose from inside, bounds; did you mean bounds?",
+    ]
 
 
 def test_eta_must_be_positive():

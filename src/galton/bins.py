@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from galton.errors import require, require_integer
+from galton.errors import require, require_integer, require_word
 from galton.fields import as_numbers
 
 Bound = float | int | Sequence[float | int] | np.ndarray | np.generic
@@ -68,6 +68,7 @@ class Bins:
         )
         require((low64 < high64).all(), f"{bounds}; each low must lie below its high")
         require_integer("n_bins", n_bins, 2)
+        require_word("bin_centers", bin_centers, ("inside", "bounds"))
         dtype = jax.dtypes.canonicalize_dtype(np.float64)
         on_bounds = bin_centers == "bounds"
         width = (high64 - low64) / (n_bins - on_bounds)

@@ -15,7 +15,7 @@ import math
 import time
 import warnings
 import weakref
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
@@ -27,20 +27,22 @@ from galton.envs.fitting import check_same_spaces
 from galton.errors import UsageError, require, require_integer
 from galton.extras import needed
 from galton.saving import files
-from galton.training.evaluate import copies
+from galton.training.evaluate import Kept
 
 Log = dict[str, float]
 
 
 @runtime_checkable
 class Model(Protocol):
-    """What a callback may use of an A2C; it may use all the rest of it too."""
+    """What a callback may use of a model; it may use all the rest of it too."""
 
     @property
     def num_timesteps(self) -> int:
         """Environment steps so far."""
 
-    def evaluate(self, n_episodes: int, env: object = None) -> np.ndarray:
+    def evaluate(
+        self, n_episodes: int, env: object = None, env_kwargs: Mapping[str, object] | None = None
+    ) -> np.ndarray:
         """Undiscounted returns of whole episodes without exploration."""
 
     def save(self, path: str | Path) -> Path:
@@ -66,27 +68,31 @@ class Evaluate:
     """What to play on; None for copies of the environment that the model is trained on."""
     best_model: str | Path | None = None
     """Where to save the model each time that its mean return is the highest so far."""
+    env_kwargs: Mapping[str, object] | None = None
+    """Keyword arguments for an id or a name."""
 
     def __post_init__(self) -> None:
         require_integer("every", self.every, 1)
         require_integer("n_episodes", self.n_episodes, 1)
+        require(self.env is not None or not self.env_kwargs, f"env_kwargs is {self.env_kwargs}; give env with it")
         self.best = -math.inf
+        self._on = self._named
 
     def check(self, model: Any) -> None:
         """Raise UsageError for an environment that can't be played on, or a file that can't be written."""
+        self._let_go()
         if self.env is None:
             model.population.check_evaluation(self.n_episodes)
         else:
-            task = find(self.env)
+            task = find(self.env, **(self.env_kwargs or {}))
             check_same_spaces(task, model.actions, model.observations)
-            if not isinstance(task, Environment):
-                copies(task, self.n_episodes).close()
+            self._on = (task if isinstance(task, Environment) else Kept(task, self.n_episodes),)
         if self.best_model is not None:
             files.check_place("best_model", Path(self.best_model))
 
     def __call__(self, model: Model, log: Log) -> None:
         """Evaluate, and save the model if its mean return is the best so far."""
-        returns = model.evaluate(self.n_episodes, self.env)
+        returns = model.evaluate(self.n_episodes, *self._on)
         mean = float(returns.mean())
         if mean > self.best:
             self.best = mean
@@ -97,6 +103,20 @@ class Evaluate:
             "eval/std_reward": float(returns.std()),
             "eval/best_mean_reward": self.best,
         }
+
+    def end(self, model: Model) -> None:
+        """Close the copies of the environment that were made to play on."""
+        del model
+        self._let_go()
+
+    def _let_go(self) -> None:
+        if isinstance(self._on[0], Kept):
+            self._on[0].close()
+        self._on = self._named
+
+    @property
+    def _named(self) -> tuple[Any, ...]:
+        return (self.env, self.env_kwargs) if self.env_kwargs else (self.env,)
 
 
 @dataclasses.dataclass
@@ -191,7 +211,7 @@ class JSONLines:
 
     def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
-        with _written(self.path):
+        with _written("path", self.path):
             self.path.parent.mkdir(parents=True, exist_ok=True)
             self.path.open("a").close()
 
@@ -199,7 +219,7 @@ class JSONLines:
         """Append this log point to the file as a whole line, or raise UsageError and leave the file as it was."""
         del model
         known = {name: value if math.isfinite(value) else None for name, value in log.items()}
-        with _written(self.path):
+        with _written("path", self.path):
             files.append_line(self.path, json.dumps(known))
 
 
@@ -211,7 +231,7 @@ class TensorBoard:
 
         # tensorboardX's SummaryWriter writes in a thread, where a full disk would end nothing but the thread.
         self.folder = folder
-        with _written(folder):
+        with _written("folder", folder):
             Path(folder).mkdir(parents=True, exist_ok=True)
             self._writer = EventsWriter(f"{folder}/events")
         weakref.finalize(self, _close, self._writer)
@@ -221,7 +241,7 @@ class TensorBoard:
         from tensorboardX.proto.event_pb2 import Event
         from tensorboardX.summary import scalar
 
-        with _written(self.folder):
+        with _written("folder", self.folder):
             for name, value in log.items():
                 if math.isfinite(value):
                     event = Event(summary=scalar(name, value), step=model.num_timesteps, wall_time=time.time())
@@ -236,13 +256,13 @@ def _close(writer: Any) -> None:
 
 
 @contextlib.contextmanager
-def _written(path: str | Path) -> Iterator[None]:
-    """Turn the error of a file that can't be written into one that says what to do."""
-    files.check_text("path", path)
+def _written(name: str, path: str | Path) -> Iterator[None]:
+    """Turn the error of a file that can't be written into one that calls its path by this name, and says what to do."""
+    files.check_text(name, path)
     try:
         yield
     except OSError as error:
-        raise UsageError(f"path is {path}, which can't be written: {error.strerror}; name another") from None
+        raise UsageError(f"{name} is {path}, which can't be written: {error.strerror}; name another") from None
 
 
 class WeightsAndBiases:

@@ -2,7 +2,7 @@
 
 import difflib
 import re
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 
 import numpy as np
 
@@ -36,6 +36,12 @@ def require_integer(name: str, value: object, least: int) -> None:
     fits = isinstance(value, int | np.integer) and not isinstance(value, bool) and value >= least
     shown = value if isinstance(value, int | float | np.generic) else repr(value)
     require(fits, f"{name} is {shown}; it must be an integer of at least {least}")
+
+
+def require_word(name: str, value: object, choices: Collection[str]) -> None:
+    """Raise UsageError, as `unknown` has it, unless the value is one of the choices."""
+    if value not in choices:
+        raise unknown(name, value, choices)
 
 
 def require(condition: bool | np.bool, message: str) -> None:

@@ -1,12 +1,17 @@
-"""Stable-Baselines3's callbacks on our models, unchanged: EvalCallback, CheckpointCallback and the like.
+"""Stable-Baselines3's callbacks on our models, as they are: EvalCallback, CheckpointCallback and the like.
+
+Those that read the variables of SB3's rollout (`self.locals["dones"]`) don't work, for there are none here.
 
 SB3 is not imported here: whoever has a callback of its has it.
 """
 
+import collections
 from collections.abc import Sequence
+from numbers import Real
 from typing import Any
 
 from galton.envs.host.state import Env
+from galton.errors import UsageError
 from galton.foreign import is_instance_of
 
 
@@ -29,14 +34,13 @@ class Callbacks:
     def __bool__(self) -> bool:
         return bool(self._callbacks)
 
-    def start(self) -> bool:
-        """Tell the callbacks that training begins; whether it may."""
+    def start(self) -> None:
+        """Tell the callbacks that training begins."""
         self._facade.num_timesteps = self._model.num_timesteps
         for callback in self._callbacks:
             callback.init_callback(self._facade)
             callback.on_training_start(self._locals, {})
             callback.on_rollout_start()
-        return True
 
     def after_update(self) -> bool:
         """Tell the callbacks of each step of an update's rollout; whether to go on."""
@@ -52,6 +56,14 @@ class Callbacks:
             callback.on_rollout_start()
         return True
 
+    def recorded(self, is_log_point: bool) -> dict[str, float]:
+        """The numbers that the callbacks recorded since the last log point; at a log point they are forgotten."""
+        logger = self._facade.logger
+        numbers = {key: float(value) for key, value in logger.name_to_value.items() if isinstance(value, Real)}
+        if is_log_point:
+            logger.forget()
+        return numbers
+
     def end(self) -> None:
         """Tell the callbacks that training has ended."""
         for callback in self._callbacks:
@@ -64,30 +76,34 @@ class Facade:
     def __init__(self, model: Any) -> None:
         self._model = model
         self.num_timesteps = model.num_timesteps
-        self.logger = _Logger()
+        self.logger = _Logger(model.verbose > 0)
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._model, name)
-
-    def get_env(self) -> object:
-        """SB3's own VecEnv, if the model is trained on one; else what has its spaces and its number of copies."""
-        if self._source is not None:
-            return self._source
-        from stable_baselines3.common.vec_env import DummyVecEnv
-
-        return DummyVecEnv([lambda: _Spaces(self._model)] * self._model.config.n_envs)
 
     def get_vec_normalize_env(self) -> object:
         """The VecNormalize that the model is trained on, if it is; else normalising is the model's, in `predict`."""
         from stable_baselines3.common.vec_env import unwrap_vec_normalize
 
-        return None if self._source is None else unwrap_vec_normalize(self._source)
+        source = _source(self._model)
+        return None if source is None else unwrap_vec_normalize(source)
 
-    @property
-    def _source(self) -> Any:
-        """SB3's VecEnv that the model is trained on, if it is one."""
-        source = getattr(self._model.env, "source", None)
-        return source if is_instance_of(source, "stable_baselines3", "VecEnv") else None
+
+def vec_env(model: Any) -> Any:
+    """SB3's own VecEnv, if the model is trained on one; else what has its spaces and its number of copies."""
+    if (source := _source(model)) is not None:
+        return source
+    try:
+        from stable_baselines3.common.vec_env import DummyVecEnv
+    except ImportError as error:
+        raise UsageError(f"get_env makes a VecEnv of SB3's: pip install stable-baselines3 ({error})") from None
+    return DummyVecEnv([lambda: _Spaces(model)] * model.config.n_envs)
+
+
+def _source(model: Any) -> Any:
+    """SB3's VecEnv that the model is trained on, if it is one."""
+    source = getattr(model.env, "source", None)
+    return source if is_instance_of(source, "stable_baselines3", "VecEnv") else None
 
 
 class _Spaces(Env):
@@ -96,17 +112,60 @@ class _Spaces(Env):
     def __init__(self, model: Any) -> None:
         self.action_space, self.observation_space = model.action_space, model.observation_space
 
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> Any:
+        """UsageError, which says what can be stepped."""
+        del seed, options
+        raise UsageError(
+            "the environment of get_env() tells spaces alone, for the model's own is training's; make another to step, "
+            "or play episodes with model.evaluate"
+        )
+
 
 class _Logger:
-    """SB3's logger as far as callbacks need it: what they record is kept for them to read again."""
+    """SB3's logger as far as callbacks need it: the numbers that they record are in the log of the next log point."""
 
-    def __init__(self) -> None:
-        self.name_to_value: dict[str, object] = {}
+    def __init__(self, is_verbose: bool) -> None:
+        self._is_verbose = is_verbose
+        self.name_to_value: dict[str, Any] = collections.defaultdict(float)
+        self.name_to_count: dict[str, int] = collections.defaultdict(int)
 
     def record(self, key: str, value: object, exclude: object = None) -> None:
         """Keep the latest value of a key; what SB3 would exclude it from is of no matter here."""
         del exclude
         self.name_to_value[key] = value
 
+    def record_mean(self, key: str, value: float | None, exclude: object = None) -> None:
+        """Keep the mean of a key's values."""
+        if value is not None:
+            self.name_to_count[key] += 1
+            mean = self.name_to_value[key]
+            self.record(key, mean + (value - mean) / self.name_to_count[key], exclude)
+
     def dump(self, step: int = 0) -> None:
-        """Do nothing, since there is no file to write the records to."""
+        """Do nothing, since the log of the next log point has the records."""
+
+    def forget(self) -> None:
+        """Begin the records anew."""
+        self.name_to_value.clear()
+        self.name_to_count.clear()
+
+    def log(self, *args: object, level: int = 20) -> None:
+        """Print these: with verbose=0 warnings and errors alone, and else all but what is for debugging."""
+        if level >= (20 if self._is_verbose else 30):
+            print(*args)
+
+    def debug(self, *args: object) -> None:
+        """Print nothing."""
+        self.log(*args, level=10)
+
+    def info(self, *args: object) -> None:
+        """Print these, if the model is verbose."""
+        self.log(*args)
+
+    def warn(self, *args: object) -> None:
+        """Print a warning."""
+        self.log(*args, level=30)
+
+    def error(self, *args: object) -> None:
+        """Print an error."""
+        self.log(*args, level=40)

@@ -1,6 +1,6 @@
 """From a continuous action to the histogram that a softmax policy is trained towards (§2.3, §4.2)."""
 
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import jax
 import jax.numpy as jnp
@@ -9,7 +9,7 @@ from jax.scipy.special import erf
 from jaxtyping import Array, Float, Int
 
 from galton.bins import Bins
-from galton.errors import require
+from galton.errors import require, require_word
 
 Eta = float | int | Float[Array, "*entries"]
 """HL-Gauss's width, one for all or one for each entry of the actions."""
@@ -52,7 +52,7 @@ def hl_gauss(
         eta: η > 0, the standard deviation in bin widths, one for all or `[*batch, d]`.
         tails: what becomes of the mass beyond the box.
     """
-    _check(eta)
+    _check(eta, tails)
     # The difference to an edge nearby is exact in floating point; then add what rounding took from the edge.
     distance = (bins.edges - bins.clip(action)[..., None]) + bins.edges_rest
     cdf = erf(distance / (_column(eta) * _SQRT2 * bins.width[:, None]))
@@ -71,7 +71,7 @@ def hl_gauss_of_center(
     2k − 1 bin masses, rescaled. Where the bins at the ends are cut off elsewhere, or not at all, their two masses are
     put in. With an η for each index the masses of its own k bins are computed.
     """
-    _check(eta)
+    _check(eta, tails, centers)
     if jnp.ndim(eta):
         low, high = _ends(n_bins, index, eta, tails, centers)
         inner = erf((jnp.arange(1, n_bins) - (index + 0.5)[..., None]) / (_column(eta) * _SQRT2))
@@ -98,6 +98,7 @@ def mean_of_centers(
     own, which is never made: but for the scales of its rows, and the bins at its ends, it is a Toeplitz matrix of
     2k − 1 masses. So Kᵀπ is their convolution with the scaled π, by Fourier transforms, exact up to rounding.
     """
+    _check(eta, tails, centers)
     k = probs.shape[-1]
     index = jnp.arange(k)
     if not jnp.ndim(eta):
@@ -136,6 +137,8 @@ def _column(eta: Eta) -> Eta | Float[Array, "*entries 1"]:
     return jnp.asarray(eta)[..., None] if jnp.ndim(eta) else eta
 
 
-def _check(eta: Eta) -> None:
+def _check(eta: Eta, tails: str, centers: str = "inside") -> None:
+    require_word("tails", tails, get_args(Tails))
+    require_word("centers", centers, get_args(Centers))
     if isinstance(eta, (int, float)):
         require(eta > 0, f"eta is {eta}; the target's width must be greater than 0")

@@ -185,6 +185,8 @@ def test_alike_is_a_difference_whose_interval_is_inside_the_margin():
     assert inside.p == pytest.approx(stats.ttest_ind(a - 4 * np.sign(mean), b, equal_var=False).pvalue)
     np.testing.assert_allclose(inside.difference.mean, 4 - abs(mean))
     np.testing.assert_allclose(inside.difference.low, 4 - max(abs(low), abs(high)))
+    apart = within(np.array([-0.3, 0.0, 0.5, 1.7]), np.array([4.2, 3.2, 4.5, 5.1]), 10.0)
+    assert apart.difference.high < 8, "that there is no difference is not in the interval"
     outside = within(a + 10, b, 4.0)
     assert outside.above == 0
     assert outside.p < 0.001

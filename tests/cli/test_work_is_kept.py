@@ -20,6 +20,7 @@ from galton.sweep.plan import Plan
 from galton.sweep.shard import work
 from galton.sweep.store import Store
 from galton.sweep.study import Study
+from galton.types import Config
 
 
 def no_room(*_):
@@ -30,7 +31,8 @@ def galton_compare(out, **options):
     """What `galton compare bandit` does with these options; tyro can't read them where types are checked."""
     usual = Training.of_task("bandit")
     training = Training(100, 2, 0, config=usual.config, hypers=usual.hypers)
-    options = compare.Options("bandit", training, losses=("gaussian",), **{"seeds": 2, "out": Path(out), **options})
+    usual = {"training": training, "losses": ("gaussian",), "seeds": 2, "out": Path(out)}
+    options = compare.Options("bandit", **{**usual, **options})
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(compare, "parse", lambda *_: options)
         compare.main([])
@@ -50,6 +52,13 @@ def test_a_comparison_that_no_disk_takes_is_still_shown(broken, tmp_path, monkey
     assert "final returns: mean over runs" in told
     assert "figure and numbers" not in told
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_comparison_is_not_begun_where_its_last_loss_cannot_be_trained(tmp_path, monkeypatch):
+    monkeypatch.setattr(Training, "run", no_room)
+    training = Training(100, 2, 0, config=Config(eta_rule="policy"))
+    with pytest.raises(UsageError, match="eta_rule is 'policy', but the targets of loss 'gaussian' have no width"):
+        galton_compare(tmp_path / "out", training=training, losses=("hl-gauss", "gaussian"))
 
 
 @pytest.mark.parametrize("out", ["n" * 300, "/proc/galton", "/dev/null/x"])

@@ -1,3 +1,4 @@
+import gymnasium
 import numpy as np
 import pytest
 
@@ -38,6 +39,12 @@ def test_a_loaded_model_without_an_environment_says_what_it_needs(model, tmp_pat
     loaded.close()
 
 
+def test_a_file_goes_on_only_with_as_many_copies_as_it_was_trained_on(tmp_path):
+    path = A2C("Pendulum-v1", **SMALL, n_steps=4, n_envs=2).save(tmp_path / "model")
+    with pytest.raises(UsageError, match="n_envs is 2, but one environment was given"):
+        A2C.load(path, env=gymnasium.make("Pendulum-v1"))
+
+
 def test_a_file_says_its_algorithm_and_only_that_class_or_model_opens_it(tmp_path):
     path = PPO("lqr", **SMALL, n_steps=8, batch_size=4, clip_range=0.1).save(tmp_path / "model")
     with pytest.raises(UsageError, match=r"holds a model of PPO; load it with galton.PPO.load"):
@@ -45,6 +52,19 @@ def test_a_file_says_its_algorithm_and_only_that_class_or_model_opens_it(tmp_pat
     for cls in (PPO, Model):
         loaded = cls.load(path)
         assert (loaded.config.algorithm, loaded.config.batch_size, loaded.hypers.clip_range) == ("ppo", 4, 0.1)
+
+
+class Mine(A2C):
+    """A model of a user's."""
+
+
+def test_a_class_of_a_user_s_loads_what_it_saved_and_what_its_base_does(tmp_path):
+    ours, theirs = (cls("lqr", **SMALL).save(tmp_path / cls.__name__) for cls in (Mine, PPO))
+    assert type(Mine.load(ours)) is Mine
+    assert type(A2C.load(ours)) is A2C
+    assert type(type("Any", (Model,), {}).load(theirs)).__name__ == "Any"
+    with pytest.raises(UsageError, match=r"holds a model of PPO; load it with galton.PPO.load"):
+        Mine.load(theirs)
 
 
 @pytest.mark.parametrize("name", ["x", "v1.5", "a.b.c", "name with spaces"])

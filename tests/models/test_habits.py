@@ -1,6 +1,8 @@
 """What users of Stable-Baselines3 expect of a model, beside learn, predict, save and load."""
 
 import math
+import subprocess
+import sys
 
 import jax
 import numpy as np
@@ -104,12 +106,33 @@ def test_a_model_loaded_without_an_environment_can_be_saved_to_the_same_bytes(en
     loaded.close()
 
 
+def test_what_sb3_s_load_takes_is_told_to_be_left_out(tmp_path):
+    with pytest.raises(TypeError, match=r"load\(\) got an unexpected keyword argument 'device'; JAX chooses"):
+        A2C.load(tmp_path / "nothing", device="cpu")
+
+
+def test_a_target_kl_of_none_is_off_as_in_sb3():
+    assert PPO("lqr", **SMALL, batch_size=5, target_kl=None).hypers.target_kl == math.inf
+
+
+@pytest.mark.parametrize("name", ["learning_rate", "clip_range"])
+def test_a_schedule_is_told_what_there_is_in_its_place(name):
+    with pytest.raises(UsageError, match=f"{name} is <function .*; it must be a number, .*decay_steps=N"):
+        PPO("lqr", **SMALL, **{name: lambda left: left * 1e-3})
+
+
 @pytest.mark.parametrize("method", ["learn", "evaluate", "advance", "set_parameters", "set_random_seed"])
 def test_without_an_environment_it_says_how_to_give_one(method, tmp_path):
     model = A2C.load(A2C("bandit", **SMALL).save(tmp_path / "model"))
     argument = {"set_parameters": model.get_parameters()}.get(method, 10)
     with pytest.raises(UsageError, match=r"load\(path, env=...\), or set_env\(env\)"):
         getattr(model, method)(argument)
+
+
+def test_parameters_without_an_environment_are_refused_by_an_optimised_python_too():
+    refused = "from galton.models.state import Loaded; Loaded('lqr', 0, None, {}).set_parameters({})"
+    done = subprocess.run([sys.executable, "-O", "-c", refused], capture_output=True, text=True)
+    assert "UsageError: the model was loaded without an environment" in done.stderr
 
 
 def test_parameters_are_copies_and_can_be_put_into_another_model():

@@ -88,6 +88,20 @@ def test_evaluation_plays_on_another_environment(model):
         model.evaluate(2, "mountain-car")
 
 
+def test_an_evaluation_in_jax_is_compiled_once(model):
+    steps = []
+
+    class Traced(LQR):
+        def step(self, *arguments):
+            steps.append(arguments)
+            return super().step(*arguments)
+
+    first = model.evaluate(2, Traced())
+    traced = len(steps)
+    np.testing.assert_array_equal(model.evaluate(2, Traced()), first)
+    assert len(steps) == traced > 0
+
+
 def test_a_given_environment_is_not_evaluated_on_without_another():
     env = DummyVecEnv([lambda: gymnasium.make("Pendulum-v1")])
     model = A2C(env, **SMALL)

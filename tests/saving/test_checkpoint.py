@@ -156,6 +156,36 @@ def test_every_single_bit_flip_is_refused(tmp_path, small):
     checkpoint.read(path)
 
 
+def changed(small, change):
+    """The file with another header in front of the same numbers."""
+    end = 8 + int.from_bytes(small[:8], "little")
+    return frame(change(small[8:end]), small[end:])
+
+
+def test_how_a_header_is_laid_out_is_of_no_matter(tmp_path, small):
+    (tmp_path / "small").write_bytes(small)
+    for change in (lambda header: header + b" " * 8, lambda header: json.dumps(json.loads(header), indent=1).encode()):
+        (tmp_path / "file").write_bytes(changed(small, change))
+        (settings, arrays), (_, same) = (checkpoint.read(tmp_path / name) for name in ("file", "small"))
+        assert settings == {"a": 1}
+        assert {name: array.tobytes() for name, array in arrays.items()} == {n: a.tobytes() for n, a in same.items()}
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda header: header.replace(b'"__metadata__":{', b'"__metadata__":{"other":"",'),
+        lambda header: header.replace(b'"dtype":', b'"more":1,"dtype":', 1),
+        lambda header: header.replace(b'"dtype":', b'"dtype":"F32","dtype":', 1),
+        lambda header: header.replace(b'"__metadata__"', b'"__metadata__":{"galton":""},"__metadata__"'),
+        lambda header: header.replace(b": 1}", b":  1}"),
+    ],
+)
+def test_what_a_header_has_beside_ours_is_refused(tmp_path, small, change):
+    assert changed(small, bytes) == small != changed(small, change)
+    refuse(tmp_path / "file", changed(small, change))
+
+
 class Bomb:
     def __reduce__(self):
         return os.system, ("touch /tmp/galton-was-here",)

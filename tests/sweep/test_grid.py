@@ -43,6 +43,23 @@ def test_lists_are_axes_and_the_rest_is_fixed():
     assert expand(blocks + blocks, {}) == expand(blocks, {})
 
 
+def test_what_some_of_a_grid_have_a_use_for_is_left_out_for_the_others():
+    losses = ["gaussian", "hl-one-hot", "hl-gauss"]
+    base = {"bin_centers": "bounds", "target_tails": "edges", "initial_policy": "clipped-gaussian", "eta": 2.0}
+    settings = expand([{"loss": losses}], base)
+    assert settings == (
+        Setting(Config("gaussian"), Hypers(eta=2.0)),  # a name of before
+        Setting(Config("hl-one-hot", bin_centers="bounds", initial_policy="clipped-gaussian"), Hypers(eta=2.0)),
+        Setting(Config("hl-gauss", **{name: base[name] for name in base if name != "eta"}), Hypers(eta=2.0)),
+    )
+    of_old = {"initial_policy": "gaussian"}
+    assert [setting.config.initial_policy for setting in expand([{"loss": losses}], of_old)] == ["gaussian"] * 3
+    with pytest.raises(UsageError, match="target_tails is 'edges'; it goes with targets of width η"):
+        expand([{"loss": losses[:2]}], base)
+    with pytest.raises(UsageError, match="bin_centers is 'bounds'; it goes with a policy over bins"):
+        expand([{"loss": losses, "bin_centers": "bounds"}], {})
+
+
 def test_a_setting_survives_its_record_and_its_name_is_of_its_content():
     for setting in random_grid(task_defaults("lqr")):
         assert Setting.of_record(setting.record()) == setting

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from galton import Config, Hypers
 from galton.errors import UsageError
+from galton.sweep.engine import prepare
 from galton.sweep.grid import expand, find_grid
 from galton.sweep.plan import FILE, Plan, fold_in
 from galton.sweep.store import Store
@@ -185,3 +186,32 @@ def test_a_million_runs_fit_in_a_few_megabytes(tmp_path):
     assert plan.n_runs == 1_000_000
     assert (tmp_path / FILE).stat().st_size < 10e6
     assert Plan.load(store).names == plan.names
+
+
+def test_a_width_may_be_an_integer_of_numpy_s(tmp_path):
+    Plan.create(study(), np.int64(3)).save(Store(str(tmp_path)))
+    assert Plan.load(Store(str(tmp_path))).names == Plan.create(study(), 3).names
+
+
+UNTRAINABLE = [
+    ({"loss": "gaussian", "eta_rule": "policy"}, {}, "eta_rule is 'policy', but the targets of loss 'gaussian' have"),
+    ({"loss": "hl-gauss", "policy": "gaussian"}, {}, "policy is 'gaussian', but the loss 'hl-gauss' needs a histogram"),
+    ({"loss": "hl-one-hot", "negative_target": "one-hot"}, {}, "negative_target is 'one-hot', but the targets"),
+    ({"algorithm": "ppo", "n_steps": 100, "batch_size": 64}, {}, "batch_size is 64, but a rollout has"),
+    ({"entropy_target": True, "n_steps": 1}, {}, "entropy_target needs more than one step"),
+    ({}, {"temperature": 2.0}, "temperature is 2.0, which has no use"),
+]
+
+
+@pytest.mark.parametrize(("fields", "numbers", "message"), UNTRAINABLE)
+def test_what_training_would_refuse_is_not_planned_but_an_old_plan_of_it_is_read(fields, numbers, message, tmp_path):
+    usual, wrong = Setting(Config(), Hypers()), Setting(Config(**fields), Hypers(**numbers))
+    store = Store(str(tmp_path))
+    with pytest.raises(UsageError, match=message):
+        prepare(store, study(settings=(wrong,), logs=1), None, extend=False)
+    plan = prepare(store, study(settings=(usual,), logs=1), None, extend=False)
+    with pytest.raises(UsageError, match=message):
+        plan.extended(study(settings=(usual, wrong), logs=1))
+    old = dataclasses.replace(plan, study=study(settings=(wrong,), logs=1))
+    old.save(store)
+    assert prepare(store, old.study, None, extend=False).names == old.names

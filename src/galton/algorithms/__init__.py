@@ -25,9 +25,11 @@ __all__ = [
     "Agent",
     "Algorithm",
     "Scalars",
+    "check_choices",
     "check_together",
     "find_algorithm",
     "idle",
+    "may_idle",
     "policy_of",
     "refuse_idle",
     "refuse_others",
@@ -41,19 +43,25 @@ def resolve(config: Config, low: Float[np.ndarray, " d"], high: Float[np.ndarray
     Raises:
         UsageError: an unknown name, choices that don't fit together, or a setting that its algorithm can't use.
     """
+    check_choices(config)
+    loss, algorithm, critic = find_loss(config.loss), find_algorithm(config.algorithm), find_critic(config.critic)
+    box = (tuple(float(x) for x in np.asarray(bound, np.float32)) for bound in (low, high))
+    return Agent(config, loss, POLICIES[policy_of(config)].create, critic.create, algorithm, *box)
+
+
+def check_choices(config: Config) -> None:
+    """Raise UsageError for a configuration that can't be trained in any box, as `resolve` does."""
     loss, algorithm, name = find_loss(config.loss), find_algorithm(config.algorithm), policy_of(config)
     fitting = [known for known, policy in POLICIES.items() if loss.family in ("density", policy.family)]
     require(
         name in fitting,
         f"policy is {name!r}, but the loss {config.loss!r} needs a {loss.family}; choose from {', '.join(fitting)}",
     )
-    critic = find_critic(config.critic)
+    find_critic(config.critic)
     refuse_others(config, config)
     refuse_idle(config, config)
     credit.check(config, loss, algorithm)
     algorithm.check(config)
-    box = (tuple(float(x) for x in np.asarray(bound, np.float32)) for bound in (low, high))
-    return Agent(config, loss, POLICIES[name].create, critic.create, algorithm, *box)
 
 
 def policy_of(config: Config) -> str:
@@ -95,15 +103,13 @@ def refuse_idle(config: Config, settings: Config | Hypers) -> None:
     Settings of before these checks are not among them: what files have, they may have. They may also have a policy that
     nobody has registered here, of which nothing is known.
     """
-    if config.policy not in ("auto", *POLICIES):
-        return
     usual, whose = defaults(type(settings)), idle(config)
-    for name in whose.keys() & usual.keys() - {*_IDLE_OF_OLD}:
+    for name in whose.keys() & usual.keys():
         given = getattr(settings, name)
         values = np.atleast_1d(usual[name] if given is None else given)  # None is without_unused's
         for value in values[values != usual[name]][:1]:
-            if (name, value) == ("initial_policy", "gaussian"):
-                continue  # of old too
+            if may_idle(name, value):
+                continue
             shown, policy = repr(str(value)) if isinstance(value, str) else str(value), policy_of(config)
             raise UsageError(
                 f"{name} is {shown}; it goes with {whose[name]}, not with the policy {policy!r} and the loss "
@@ -113,12 +119,19 @@ def refuse_idle(config: Config, settings: Config | Hypers) -> None:
         credit.check_numbers(config, settings)
 
 
-_IDLE_OF_OLD = ("eta", "n_bins", "exploration", "bin_sample", "deterministic_action")
-"""What files of before these checks may have although nothing uses it."""
+def may_idle(name: str, value: object) -> bool:
+    """Whether files of before these checks may have a setting although nothing uses it."""
+    old = ("eta", "n_bins", "exploration", "bin_sample", "deterministic_action")
+    return name in old or (name, value) == ("initial_policy", "gaussian")
 
 
 def idle(config: Config) -> dict[str, str]:
-    """The fields that the configuration's loss and policy have no use for, each with what has one."""
+    """The fields that the configuration's loss and policy have no use for, each with what has one.
+
+    None where the policy is one that nobody has registered here.
+    """
+    if config.policy not in ("auto", *POLICIES):
+        return {}
     loss, policy = find_loss(config.loss), policy_of(config)
     found: dict[str, str] = {}
     if POLICIES[policy].family != "histogram":

@@ -160,9 +160,10 @@ def within(a: Float[np.ndarray, " n"], b: Float[np.ndarray, " m"], margin: float
     """
     a, b = _known(a, b, paired)
     mean = _mean_difference(a, b, paired)
-    size, low, high = (abs(float(bound)) for bound in mean.interval())
-    least = 0.0 if low + high > 2 * size else min(low, high)
-    left = Interval(*(np.float64(margin - bound) for bound in (size, max(low, high), least)))
+    _, low, high = bounds = mean.interval()
+    size, *ends = (abs(float(bound)) for bound in bounds)
+    least = 0.0 if low < 0 < high else min(ends)
+    left = Interval(*(np.float64(margin - bound) for bound in (size, max(ends), least)))
     few = least_p(len(a), len(b), paired) >= ALPHA
     p = math.nan if few else max(mean.p(-margin), mean.p(margin))
     return Comparison(left, p, float(size < margin))

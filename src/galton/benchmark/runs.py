@@ -11,7 +11,7 @@ from jaxtyping import Float, Int
 from galton.analysis.statistics import fill_until
 from galton.benchmark.protocol import Selection
 from galton.benchmark.stages import Part, Role, Stage
-from galton.errors import UsageError, require
+from galton.errors import UsageError, in_a_line, require
 from galton.sweep import columns
 from galton.sweep.parquet import from_bytes, record_of, to_bytes, with_record
 from galton.sweep.study import Setting, canonical
@@ -82,7 +82,7 @@ class Runs:
             table = from_bytes(data)
             _check(table, part, digest)
         except (pa.ArrowException, OSError, KeyError, TypeError, ValueError) as error:
-            told = error if isinstance(error, UsageError) else f"{type(error).__name__}: {error}"
+            told = in_a_line(error)
             raise UsageError(f"{where} is not what this benchmark writes: {told}; remove it to make it again") from None
         return cls(part, table.replace_schema_metadata(None))
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from galton.saving import files
 
-METRICS, STEP = "metrics.jsonl", "time/total_timesteps"
+STEP = "time/total_timesteps"
 
 
 def known(path: Path) -> dict[str, float]:

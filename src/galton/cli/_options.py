@@ -22,6 +22,7 @@ from galton.losses import LOSSES
 from galton.models.settings import split
 from galton.presets import PAPER, PRESETS, Preset
 from galton.records import written
+from galton.sweep.study import Setting
 from galton.tasks import task_of
 from galton.training.train import Result, check_arguments, train
 from galton.types import Config, Hypers
@@ -91,13 +92,13 @@ class Training:
         require(self.steps < 2**31, f"total_timesteps is {self.steps}; one run counts up to 2³¹ − 1 steps")
 
     def run(
-        self, env: Environment | HostTask, loss: str, seeds: Sequence[int], meanwhile: Callable[[int], None]
+        self, env: Environment | HostTask, setting: Setting, seeds: Sequence[int], meanwhile: Callable[[int], None]
     ) -> Result:
-        """Train a run of this loss for each seed."""
+        """Train a run of this setting for each seed."""
         return train(
             env,
-            dataclasses.replace(self.config, loss=loss),
-            self.hypers,
+            setting.config,
+            setting.hypers,
             seeds,
             self.steps,
             n_logs=self.logs,

@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from galton.cli.train import MODEL
 from galton.errors import UsageError, require
+from galton.saving.result_folder import MODEL
 
 
 def model_of(run: Path) -> Path:

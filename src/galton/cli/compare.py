@@ -18,8 +18,11 @@ from galton.envs.registry import read_constants
 from galton.errors import require, require_integer
 from galton.losses import LOSSES, find_loss
 from galton.saving import files
-from galton.saving.result_folder import result_folder, told, write_settings
+from galton.saving.result_folder import CURVES, FIGURE, SUMMARY, result_folder, told, write_settings
+from galton.sweep.grid import expand
+from galton.sweep.study import Setting
 from galton.tasks import task_of
+from galton.training.population import resolved
 from galton.training.size import check_size
 from galton.training.train import Result
 
@@ -62,14 +65,17 @@ def main(arguments: Sequence[str]) -> None:
     out = options.out or Path("runs", f"compare-{folder_name(options.env, options.algorithm)}")
     check_size(env, training.config, len(seeds), training.eval_episodes)
     training.check(seeds)
+    settings = expand([{"loss": options.losses}], Setting(training.config, training.hypers).record())
+    for setting in settings:  # before the first is trained
+        resolved(env, *setting)
     console = plain_console()
     results: dict[str, Result] = {}
     rows: list[Row] = []
     try:
         with result_folder(out, options.overwrite) as folder:
             with live_progress(console) as follow:
-                for loss, label in labels.items():
-                    results[loss] = training.run(env, loss, seeds, follow(label, training.steps, len(seeds)))
+                for (loss, label), setting in zip(labels.items(), settings, strict=True):
+                    results[loss] = training.run(env, setting, seeds, follow(label, training.steps, len(seeds)))
             rows = summarise(results, known, options.at_rest)
             with told(out):
                 _keep(folder, options, results, rows, known)
@@ -88,8 +94,8 @@ def _keep(
 
     given = {"env": options.env, "losses": options.losses, "seeds": options.seeds}
     write_settings(folder, given | options.training.record() | {"command": command_line()})
-    files.write(folder / "summary.json", (json.dumps([row.record() for row in rows], indent=2) + "\n").encode())
-    with files.replacing(folder / "curves.parquet") as scratch:
+    files.write(folder / SUMMARY, (json.dumps([row.record() for row in rows], indent=2) + "\n").encode())
+    with files.replacing(folder / CURVES) as scratch:
         pq.write_table(curves(results), scratch)
     title = f"{task_of(options.env).title}: mean of {options.seeds} runs and 95% CI"
-    save(learning_curves(results, known, title), folder / "learning_curves")
+    save(learning_curves(results, known, title), folder / FIGURE)

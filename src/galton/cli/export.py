@@ -8,16 +8,15 @@ from typing import Annotated
 
 import tyro
 
-from galton.cli._metrics import METRICS, points
+from galton.cli._metrics import points
 from galton.cli._reading import read_options
 from galton.cli._runs import model_of
-from galton.cli.train import MODEL
 from galton.deploy import card, export, hub
 from galton.errors import UsageError, require, unknown
 from galton.models import Model
 from galton.models.file import existing
 from galton.saving import files
-from galton.saving.result_folder import CARD, CONFIG, POLICY, read_settings
+from galton.saving.result_folder import CARD, CONFIG, CONTRACT, METRICS, MODEL, POLICY, read_settings
 
 FORMATS = ("onnx", "card")
 
@@ -57,7 +56,7 @@ def main(arguments: Sequence[str]) -> None:
     if "card" in formats:
         print(f"card: {_write_card(out / CARD, card.card(model, settings, points(file.with_name(METRICS))))}")
     if options.push is not None:
-        names = {POLICY: out / POLICY, "policy.json": out / "policy.json", "README.md": out / CARD, MODEL: file}
+        names = {POLICY: out / POLICY, CONTRACT: out / CONTRACT, "README.md": out / CARD, MODEL: file}
         print(f"pushed: {hub.upload(options.push, {name: path.read_bytes() for name, path in names.items()})}")
 
 

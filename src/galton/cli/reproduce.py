@@ -39,7 +39,8 @@ class Options:
     """Figures, tasks, the four analytic tasks, the three MuJoCo ones, or all of it; or sweeps, by the names of their
     files in OUT/data, in which * stands for any letters ('*reacher*')."""
     budget: Budget = "smoke"
-    """How much: minutes that show only that it works; less than an hour or two; or the paper's settings and trials."""
+    """How much. smoke: minutes that show only that it works; small: less than an hour or two; grid: the paper's
+    settings with few trials; paper: its settings and trials."""
     out: Path = Path("runs/paper")
     """The folder for runs, summaries, figures and page."""
     workers: int | None = None

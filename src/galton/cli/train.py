@@ -11,7 +11,7 @@ from pathlib import Path
 from galton import callbacks
 from galton.cli._console import plain_console
 from galton.cli._kept_model import KeptModel
-from galton.cli._metrics import METRICS, forget_after, known
+from galton.cli._metrics import forget_after, known
 from galton.cli._options import (
     AlgorithmName,
     EnvName,
@@ -35,10 +35,19 @@ from galton.losses import find_loss
 from galton.models import InexactResume, Model
 from galton.models.file import Taken
 from galton.presets import PAPER
-from galton.saving.result_folder import CONFIG, check_free, claimed, read_settings, replacing, told, write_settings
+from galton.saving.result_folder import (
+    BEST,
+    CONFIG,
+    METRICS,
+    MODEL,
+    check_free,
+    claimed,
+    read_settings,
+    replacing,
+    told,
+    write_settings,
+)
 from galton.training.size import check_size
-
-MODEL, BEST = "model.safetensors", "best_model.safetensors"
 
 
 @dataclasses.dataclass(frozen=True)

@@ -10,7 +10,7 @@ from galton import normalization
 from galton.algorithms import Agent, actor_critic
 from galton.envs.base import Environment
 from galton.envs.host.base import HostTask
-from galton.training.evaluate import copies, deterministic_action, evaluate, play
+from galton.training.evaluate import Kept, copies, deterministic_action, evaluate, play
 from galton.types import Hypers, Learner
 
 Rows = Float[np.ndarray, "n o"]
@@ -38,16 +38,18 @@ def returns_on(
     """
     if isinstance(task, Environment):
         key = jax.random.fold_in(jax.random.key(seed), step)
-        return np.asarray(evaluate(key, task, agent, learner, hypers, n_episodes))
+        return np.asarray(_evaluated(key, task, agent, learner, hypers, n_episodes))
     envs = copies(task, n_episodes)
     try:
         seeds = np.random.SeedSequence((seed, 1, step)).generate_state(n_episodes)
         return play(task.name, envs, seeds, functools.partial(exploit, agent, learner, hypers))
     finally:
-        envs.close()
+        if not isinstance(task, Kept):
+            envs.close()
 
 
 _deterministic = jax.jit(deterministic_action, static_argnums=0)
+_evaluated = jax.jit(evaluate, static_argnames=("env", "agent", "n_episodes"))
 
 
 @functools.partial(jax.jit, static_argnums=0)

@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from galton.algorithms import Agent, actor_critic, find_algorithm, resolve
+from galton.algorithms import ALGORITHMS, Agent, actor_critic, find_algorithm, resolve
 from galton.envs.host.action_box import ActionBox
 from galton.envs.host.observations import Observations
 from galton.envs.host.space_json import from_json, to_json
@@ -121,8 +121,8 @@ def take(model: Described, arrays: dict[str, np.ndarray]) -> Taken:
     return Taken(settings, arrays)
 
 
-def read(path: Path, opener: str) -> tuple[ModelFile, dict[str, np.ndarray]]:
-    """What a file says of its model, and the arrays beside it, for the class of that name.
+def read(path: Path, opener: type) -> tuple[ModelFile, dict[str, np.ndarray]]:
+    """What a file says of its model, and the arrays beside it, for a class: Model, an algorithm's, or one made of them.
 
     Raises:
         UsageError: no such file, or one for another class; NewerVersionError: a newer version of Galton wrote it.
@@ -149,7 +149,8 @@ def read(path: Path, opener: str) -> tuple[ModelFile, dict[str, np.ndarray]]:
         resolve(model.config, model.actions.low, model.actions.high)
     except saved.MALFORMED as error:
         raise saved.unusable(path, error) from None
-    fits = opener in ("Model", model.label)
+    bound = {cls.__name__ for cls in opener.__mro__} & {algorithm.label for algorithm in ALGORITHMS.values()}
+    fits = not bound or model.label in bound
     require(fits, f"path is {path}, which holds a model of {model.label}; load it with galton.{model.label}.load")
     return model, arrays
 

@@ -1,5 +1,7 @@
 """What somebody who comes from Stable-Baselines3 types first, and what to type here."""
 
+from collections.abc import Mapping
+
 from galton.errors import require
 
 POLICIES = ("MlpPolicy", "CnnPolicy", "MultiInputPolicy", "MlpLstmPolicy")
@@ -23,6 +25,9 @@ HINTS = {
     "eval_env": "give learn(callback=galton.callbacks.Evaluate(env=...))",
     "reset_num_timesteps": "a model always counts on; make a new one to begin again",
     "tb_log_name": "give callback=galton.callbacks.TensorBoard(folder)",
+    "custom_objects": "a file holds settings and numbers, and no objects",
+    "print_system_info": "a file loads on any system",
+    "force_reset": "the run goes on where it was; set_env(env) begins new episodes",
 }
 """Arguments of SB3's that are not there, and what takes their place."""
 
@@ -31,6 +36,16 @@ def refuse_policy(model: str, env: object, loss: object) -> None:
     """Raise UsageError where a model was given SB3's policy in the place of the environment."""
     given, first = isinstance(env, str) and env in POLICIES, "env" if loss is None else repr(loss)
     require(not given, f"env is {env!r}; {model} takes no such policy: {model}({first}, ...) is enough")
+
+
+def refuse_schedules(settings: Mapping[str, object]) -> None:
+    """Raise UsageError where a setting is one of SB3's schedules, a function of what remains of training."""
+    for name, value in settings.items():
+        require(
+            not callable(value),
+            f"{name} is {value!r}; it must be a number, for there are no schedules but decay_steps=N, with which the "
+            "learning rate falls linearly to 0 over N steps",
+        )
 
 
 def unexpected(function: str, name: str, known: str = "") -> TypeError:

@@ -66,7 +66,8 @@ def learn(model: Learning, n_updates: int, callback: object, progress_bar: bool,
     theirs, ours = _sorted_out(model, callback, printed, first, last)
     pieces = Pieces(model.advance)
     with _progress(progress_bar, model.config.loss, last - first) as show:
-        going, step = theirs.start(), first
+        theirs.start()
+        going, step = True, first
         while going and step < last:
             stop = min(last, *(next_call(step, every, size) for every in (log_interval, *ours.intervals)))
             pieces.train(1 if theirs else (stop - step) // size)
@@ -74,8 +75,10 @@ def learn(model: Learning, n_updates: int, callback: object, progress_bar: bool,
             going = theirs.after_update() and ours.meanwhile(seconds)
             if step == stop or not going:
                 is_log_point = step % log_interval == 0
+                is_told = is_log_point or step == last or not going
                 log = named(model.population.log(begin_next=is_log_point), step, seconds, first)
-                going = ours.after(step, size, log, is_log_point or step == last or not going) and going
+                log = theirs.recorded(is_told) | log
+                going = ours.after(step, size, log, is_told) and going
             show(step - first)
         theirs.end()
         ours.end()

@@ -9,6 +9,7 @@ import gymnasium
 import numpy as np
 from jaxtyping import Float
 
+from galton import sb3
 from galton.algorithms import Agent, check_together, find_algorithm, resolve
 from galton.envs.base import Environment
 from galton.envs.find import find
@@ -214,20 +215,24 @@ class Model:
         actions = self.actions.to_env(action)
         return (actions[0, ...] if single else actions), state
 
-    def evaluate(self, n_episodes: int = 10, env: object = None) -> Float[np.ndarray, " n_episodes"]:
+    def evaluate(
+        self, n_episodes: int = 10, env: object = None, env_kwargs: Mapping[str, object] | None = None
+    ) -> Float[np.ndarray, " n_episodes"]:
         """Undiscounted returns of whole episodes without exploration; training is not touched by it.
 
         Args:
             n_episodes: how many, side by side on copies of the environment.
             env: another environment to play them on, as in the constructor.
+            env_kwargs: keyword arguments for an id or a name.
 
         Raises:
             UsageError: an environment of which only one copy was given.
         """
         require_integer("n_episodes", n_episodes, 1)
         if env is None:
+            _refuse_alone(env_kwargs)
             return self.population.evaluate(n_episodes)[0]
-        task = find(env)
+        task = find(env, **(env_kwargs or {}))
         check_same_spaces(task, self.actions, self.observations)
         return returns_on(task, self.agent, self.learner, self.hypers, n_episodes, self.seed, self.num_timesteps)
 
@@ -244,24 +249,33 @@ class Model:
 
     @classmethod
     def load(
-        cls: type[ModelT], path: str | Path, env: object = None, env_kwargs: Mapping[str, object] | None = None
+        cls: type[ModelT],
+        path: str | Path,
+        env: object = None,
+        env_kwargs: Mapping[str, object] | None = None,
+        **others: object,
     ) -> ModelT:
         """The model of a file. Without an environment it predicts; with the one that it was trained on it goes on.
 
+        Other keyword arguments are refused, with a hint for SB3's.
+
         Raises:
-            UsageError: no such file, a model of another algorithm, or an environment with other spaces.
+            UsageError: no such file, a model of another algorithm, or an environment with other spaces or in another
+                number of copies than n_envs.
             CheckpointError: a file that is damaged or not a model.
 
         Warns:
             InexactResume: the file has no states of the environments, so their episodes start anew.
         """
-        found, arrays = file.read(Path(path), cls.__name__)
+        for name in others:
+            raise unexpected("load", name)
+        found, arrays = file.read(Path(path), cls)
         model = cls.__new__(cls)
         model._describe(found.config, found.hypers, found.seed, found.actions, found.observations)
         model._interval, model.n_predictions = found.updates_per_log, found.n_predictions
         model._run = Loaded(found.env_name, found.num_timesteps, file.learner_of(found, model.agent, arrays), arrays)
         if env is None:
-            require(not env_kwargs, f"env_kwargs is {env_kwargs}; give env with it")
+            _refuse_alone(env_kwargs)
         elif cause := model._go_on(find(env, **(env_kwargs or {})), found.path, arrays):
             message = f"{model.env_name} goes on from the start of new episodes: {cause}"
             warnings.warn(message, file.InexactResume, stacklevel=2)
@@ -269,6 +283,7 @@ class Model:
 
     def _go_on(self, task: Environment | HostTask, path: Path, arrays: Arrays) -> str:
         """Go on with a run on this environment where the arrays of a file are; why not exactly, or nothing."""
+        check_copies(task, self.config.n_envs)
         check_same_spaces(task, self.actions, self.observations)
         run = Run(task, self.config, self.hypers, self.seed)
         cause = run.resume(path, arrays)
@@ -283,9 +298,18 @@ class Model:
             UsageError: an environment with other spaces, or of which another number of copies was given than n_envs.
         """
         task = find(env, **(env_kwargs or {}))
-        check_copies(task, self.config.n_envs)
         arrays = {name: array for name, array in self._run.arrays.items() if not name.startswith("environments/")}
         self._go_on(task, Path("set_env"), arrays)
+
+    def get_env(self) -> Any:
+        """SB3's VecEnv that the model is trained on; None for a model without an environment.
+
+        Of any other environment it is a VecEnv of its spaces and its number of copies, which can't be stepped.
+
+        Raises:
+            UsageError: SB3 is not installed.
+        """
+        return None if self.env is None else sb3.vec_env(self)
 
     def set_random_seed(self, seed: int) -> None:
         """Draw all that is random from here on from another seed; episodes that have begun go on as they are."""
@@ -307,3 +331,7 @@ class Model:
     def close(self) -> None:
         """Let go of the environments that the model made."""
         self._run.close()
+
+
+def _refuse_alone(env_kwargs: Mapping[str, object] | None) -> None:
+    require(not env_kwargs, f"env_kwargs is {env_kwargs}; give env with it")

@@ -7,7 +7,7 @@ from typing import Any, Literal, TypedDict
 
 from galton.algorithms import ALGORITHMS, Algorithm
 from galton.errors import did_you_mean, require_integer
-from galton.models.hints import unexpected
+from galton.models.hints import refuse_schedules, unexpected
 from galton.presets import PAPER, Preset
 from galton.records import Fields, defaults
 from galton.tasks import settings_of
@@ -27,7 +27,7 @@ class Settings(TypedDict, total=False):
     gamma: float
     gae_lambda: float
     clip_range: float
-    target_kl: float
+    target_kl: float | None
     normalize_advantage: bool
     ent_coef: float
     vf_coef: float
@@ -116,9 +116,12 @@ def split(
         if name not in known:
             known_ones = f"it takes {', '.join(known)}{did_you_mean(name, known)}"
             raise unexpected(algorithm.label, name, known_ones)
+    refuse_schedules(settings)
     copies = _usual(algorithm, env, preset)["n_envs"]
     n_envs = (ready or copies) if n_envs is None else n_envs
     given = known | settings
+    if given.get("target_kl", math.inf) is None:  # as SB3 has it
+        given["target_kl"] = math.inf
     if n_envs != copies > 1 and "n_steps" not in settings:
         given["n_steps"] = _as_long(copies * known["n_steps"], n_envs, given.get("batch_size", 1))
     numbers = {name: value for name, value in given.items() if name in Hypers._fields}

@@ -49,7 +49,7 @@ class Loaded:
     def set_parameters(self, parameters: Params) -> None:
         """UsageError, since there is no run."""
         del parameters
-        assert self.population
+        _ = self.population
 
     def close(self) -> None:
         """Do nothing, since there is nothing open."""

@@ -1,4 +1,4 @@
-"""What is trained for figures: the record of a sweep, and the grids of the paper's tasks at three budgets."""
+"""What is trained for figures: the record of a sweep, and the grids of the paper's tasks at four budgets."""
 
 import dataclasses
 from collections.abc import Callable, Iterable, Mapping, Sequence

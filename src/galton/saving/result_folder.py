@@ -19,14 +19,19 @@ from galton.saving.provenance import machine, versions
 CONFIG = "config.json"
 """What the results were made with; the file by which a folder of results is known."""
 
-POLICY, CARD = "policy.onnx", "model_card.md"
-"""What a run is exported to; beside the policy lies its contract, policy.json."""
+METRICS, MODEL, BEST = "metrics.jsonl", "model.safetensors", "best_model.safetensors"
+"""What a run is, beside its settings: its log points, the model, and the model of its best evaluation."""
+
+POLICY, CONTRACT, CARD = "policy.onnx", "policy.json", "model_card.md"
+"""What a run is exported to."""
+
+SUMMARY, CURVES, FIGURE = "summary.json", "curves.parquet", "learning_curves"
+"""What a comparison is, beside its settings; the figure has a suffix for each of its forms."""
 
 FILES = (
-    CONFIG,
-    *("metrics.jsonl", "model.safetensors", "best_model.safetensors", "tensorboard", "video.mp4", "video.gif"),
-    *(POLICY, "policy.json", CARD),
-    *("summary.json", "curves.parquet", "learning_curves.png", "learning_curves.svg"),
+    *(CONFIG, METRICS, MODEL, BEST, "tensorboard", "video.mp4", "video.gif"),
+    *(POLICY, CONTRACT, CARD),
+    *(SUMMARY, CURVES, f"{FIGURE}.png", f"{FIGURE}.svg"),
 )
 """What commands write into folders of results. One that holds anything else is somebody's, and is not replaced."""
 

@@ -3,16 +3,19 @@
 import itertools
 import math
 import tomllib
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from galton.algorithms import idle, may_idle
 from galton.errors import UsageError, did_you_mean, require, require_integer
 from galton.losses import LOSSES
+from galton.records import Fields
 from galton.sweep.study import Setting
 from galton.tasks import settings_of, task_of
+from galton.types import make_config
 
 MOST_SETTINGS = 100_000
 """The most points that a block of a grid may have; ten short lists make more."""
@@ -23,21 +26,35 @@ def expand(blocks: Iterable[Mapping[str, object]], base: Mapping[str, object]) -
 
     Args:
         blocks: fields of Config and Hypers.
-        base: for the fields that a block doesn't name.
+        base: for the fields that a block doesn't name, as `bases` has it.
 
     Raises:
         UsageError: an unknown field, a value out of range, or more than MOST_SETTINGS points.
     """
-    found: dict[Setting, None] = {}
+    points: list[Fields] = []
     for block in blocks:
         axes = {name: _axis(name, value) for name, value in block.items()}
         n = math.prod(map(len, axes.values()))
         require(
             n <= MOST_SETTINGS, f"{', '.join(axes)} have {n:,} combinations; give lists with {MOST_SETTINGS:,} at most"
         )
-        for point in itertools.product(*axes.values()):
-            found[Setting.of_record(dict(base) | dict(zip(axes, point, strict=True)))] = None
-    return tuple(found)
+        points += [dict(zip(axes, point, strict=True)) for point in itertools.product(*axes.values())]
+    of_points = zip(bases(points, base), points, strict=True)
+    return tuple(dict.fromkeys(Setting.of_record(shared | point) for shared, point in of_points))
+
+
+def bases(points: Sequence[Mapping[str, object]], base: Mapping[str, object]) -> Iterator[Fields]:
+    """The base of each point: without what its loss and policy have no use for, where those of another point have one.
+
+    What none of them has a use for stays, to be refused by name.
+    """
+    whole = [{**base, **point} for point in points]
+    choices = [make_config({name: fields[name] for name in ("loss", "policy") if name in fields}) for fields in whole]
+    unused = {choice: {*idle(choice)} for choice in dict.fromkeys(choices)}
+    nobodys = set.intersection(*unused.values()) if unused else set()
+    for choice in choices:
+        own = unused[choice] - nobodys
+        yield {name: value for name, value in base.items() if name not in own or may_idle(name, value)}
 
 
 def _axis(name: str, value: object) -> Sequence[object]:

@@ -4,18 +4,22 @@ import dataclasses
 import functools
 import hashlib
 import itertools
+import sys
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
 from jaxtyping import Int, UInt
 
+from galton.algorithms import check_choices, check_together
 from galton.envs.registry import is_known
 from galton.errors import NewerVersionError, UsageError, in_a_line, require, require_integer
 from galton.saving.model_file import MALFORMED
 from galton.sweep import columns
 from galton.sweep.parquet import from_bytes, record_of, to_bytes, with_record
 from galton.sweep.store import Store, checksum
-from galton.sweep.study import Study, canonical
+from galton.sweep.study import Setting, Study, canonical
 from galton.types import Config, Hypers
 
 FILE = "plan.parquet"
@@ -57,28 +61,33 @@ class Plan:
     seed: UInt[np.ndarray, " R"]
 
     @classmethod
-    def create(cls, study: Study, shard_width: int | None = None) -> "Plan":
+    def create(cls, study: Study, shard_width: int | np.integer | None = None) -> "Plan":
         """The runs of a study, grouped by Config, in shards of `shard_width`.
 
         By default 16, or 32 on environments outside JAX, which is fastest.
+
+        Raises:
+            UsageError: a width out of range, or a setting that can't be trained.
         """
         if shard_width is None:
             shard_width = 16 if is_known(study.env) else 32
         _check_width(shard_width)
         none = np.zeros(0, np.int32)
         empty = dataclasses.replace(study, settings=study.settings[:1])
-        return cls(empty, shard_width, none, none, none, none.astype(np.uint32)).extended(study)
+        return cls(empty, int(shard_width), none, none, none, none.astype(np.uint32)).extended(study)
 
     def extended(self, study: Study) -> "Plan":
         """The same plan, with shards added for what it lacks of this study: a plan has all trials of all settings.
 
         Raises:
-            UsageError: the study differs in something that all runs share.
+            UsageError: the study differs in something that all runs share, or has a new setting that can't be trained.
         """
         for name in self.study.constants() | study.constants():
             ours, theirs = getattr(self.study, name), getattr(study, name)
             require(ours == theirs, f"{name} is {theirs!r}, but the plan has {ours!r}; name another folder")
         place = {known: i for i, known in enumerate(self.study.settings)}
+        if all(module in sys.modules for module in study.imports):  # else the workers may know losses that we don't
+            _check_trainable([wanted for wanted in study.settings if not (self.n_runs and wanted in place)])
         for wanted in study.settings:
             place.setdefault(wanted, len(place))
         settings, trials = tuple(place), max(study.trials, self.study.trials if self.n_runs else 0)
@@ -222,9 +231,16 @@ def _check(plan: Plan) -> None:
     require((np.diff(group)[steps[1:] == 0] == 0).all(), "a shard of it has settings of several programs")
 
 
-def _check_width(shard_width: object) -> None:
+def _check_trainable(settings: Sequence[Setting]) -> None:
+    """Raise UsageError for a setting that training would refuse: what is planned once stands in the way of others."""
+    for config in dict.fromkeys(setting.config for setting in settings):
+        check_choices(config)
+    for setting in settings:
+        check_together(*setting)
+
+
+def _check_width(shard_width: Any) -> None:
     require_integer("shard_width", shard_width, 1)
-    assert isinstance(shard_width, int)
     require(shard_width <= MOST_RUNS, f"shard_width is {shard_width:,}; it must be {MOST_RUNS:,} at most")
 
 

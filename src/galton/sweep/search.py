@@ -8,6 +8,7 @@ import numpy as np
 from galton.errors import require_integer
 from galton.extras import needed
 from galton.losses import LOSSES, find_loss
+from galton.sweep.grid import bases
 from galton.sweep.study import Setting
 
 with needed("grid is 'optuna', which", "optuna"):
@@ -40,6 +41,7 @@ def search(
     require_integer("batch", batch, 1)
     optuna.logging.set_verbosity(optuna.logging.WARNING)
     searches = {loss: _begin(seed, loss) for loss in LOSSES}
+    shared = dict(zip(LOSSES, bases([{"loss": loss} for loss in LOSSES], base), strict=True))
     settings: dict[Setting, None] = {}
     for start in range(0, n, batch):
         asked: list[tuple[str, optuna.Trial, Setting]] = []
@@ -47,7 +49,7 @@ def search(
             space = _space(loss, base["learning_rate"])
             for _ in range(min(batch, n - start)):
                 trial = study.ask(space)
-                asked.append((loss, trial, Setting.of_record({**base, "loss": loss, **trial.params})))
+                asked.append((loss, trial, Setting.of_record({**shared[loss], "loss": loss, **trial.params})))
         settings |= {setting: None for _, _, setting in asked}
         found = means(tuple(settings))
         for loss, trial, setting in asked:

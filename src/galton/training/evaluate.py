@@ -44,6 +44,25 @@ def copies(task: HostTask, n_copies: int, n_threads: int = 1) -> HostEnvironment
     return envs
 
 
+class Kept:
+    """A task with the copies of it to evaluate on, made once for many evaluations; it is a HostTask that has these."""
+
+    def __init__(self, task: HostTask, n_copies: int) -> None:
+        self.name, self.n_threads, self.given = task.name, task.n_threads, n_copies
+        self.action_space, self.observation_space = task.action_space, task.observation_space
+        self._envs = copies(task, n_copies)
+
+    def make(self, n_copies: int, n_threads: int = 1) -> HostEnvironments:
+        """The copies that there are."""
+        del n_threads
+        assert n_copies == self.given
+        return self._envs
+
+    def close(self) -> None:
+        """Close the copies that Galton made."""
+        self._envs.close()
+
+
 def play(
     name: str,
     envs: HostEnvironments,

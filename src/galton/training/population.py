@@ -7,7 +7,7 @@ import jax
 import numpy as np
 from jaxtyping import Float, Int
 
-from galton.algorithms import check_together, policy_of, resolve
+from galton.algorithms import Agent, check_together, policy_of, resolve
 from galton.envs.base import Environment
 from galton.envs.find import find
 from galton.envs.host.action_box import ActionBox
@@ -100,12 +100,22 @@ def populate(
     check_hypers(hypers)
     found, devices = find(env), devices or jax.devices()
     check_size(found, config, len(seeds))
-    agent, hypers = resolve(config, *action_box(found)), without_unused(hypers)
-    check_together(config, hypers)
-    check_correlation(policy_of(config), agent.policy, hypers)
+    agent, hypers = resolved(found, config, hypers)
     if isinstance(found, Environment):
         return DevicePopulation(found, agent, hypers, seeds, devices)
     return HostPopulation(found, agent, hypers, seeds, devices)
+
+
+def resolved(env: Environment | HostTask, config: Config, hypers: Hypers) -> tuple[Agent, Hypers]:
+    """The agent of these settings on an environment, and the numbers as its programs take them.
+
+    Raises:
+        UsageError: settings that don't fit together, or an environment that they can't be trained on.
+    """
+    agent, hypers = resolve(config, *action_box(env)), without_unused(hypers)
+    check_together(config, hypers)
+    check_correlation(policy_of(config), agent.policy, hypers)
+    return agent, hypers
 
 
 def action_box(env: Environment | HostTask) -> tuple[Float[np.ndarray, " d"], Float[np.ndarray, " d"]]:

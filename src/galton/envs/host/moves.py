@@ -72,10 +72,10 @@ def moves_of(envs: Iterable[Any]) -> list[Moves]:
 class _Counting:
     """A method of an environment that counts its calls."""
 
-    def __init__(self, method: Callable[..., Any], moves: Moves) -> None:
+    def __init__(self, name: str, method: Callable[..., Any], moves: Moves) -> None:
         functools.update_wrapper(self, method)
         self.method, self.moves = method, moves
-        self.forwards = method.__name__ in _FORWARDING
+        self.forwards = name in _FORWARDING
 
     def __call__(self, *arguments: Any, **keywords: Any) -> Any:
         if not self.forwards or arguments[:1] in (("reset",), ("step",)):
@@ -93,5 +93,5 @@ def _counted(env: Any) -> Moves:
     for name in (*_MOVING, *_FORWARDING):
         method = getattr(env, name, None)
         if callable(method):
-            own[name] = _Counting(method, moves)
+            own[name] = _Counting(name, method, moves)
     return moves
