@@ -96,7 +96,8 @@ def vec_env(model: Any) -> Any:
     try:
         from stable_baselines3.common.vec_env import DummyVecEnv
     except ImportError as error:
-        raise UsageError(f"get_env makes a VecEnv of SB3's: pip install stable-baselines3 ({error})") from None
+        told = f"get_env makes a VecEnv of Stable-Baselines3's, which can't be loaded ({error}); install it"
+        raise UsageError(told) from None
     return DummyVecEnv([lambda: _Spaces(model)] * model.config.n_envs)
 
 

@@ -157,7 +157,7 @@ SETTINGS = galton.sweep.expand([{"n_steps": 5, "net_arch": ()}], {})
 @pytest.mark.parametrize("what", WRITERS)
 def test_a_path_that_no_disk_has_is_refused_by_name(what, path, model, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(UsageError, match=r"^(path|out|best_model) is "):
+    with pytest.raises(UsageError, match=r"^(path|folder|out|best_model) is "):
         WRITERS[what](model, path)
     assert not [found for found in tmp_path.rglob("*") if found.is_file()]
 

@@ -22,7 +22,6 @@ from galton.losses import LOSSES
 from galton.models.settings import split
 from galton.presets import PAPER, PRESETS, Preset
 from galton.records import written
-from galton.sweep.study import Setting
 from galton.tasks import task_of
 from galton.training.train import Result, check_arguments, train
 from galton.types import Config, Hypers
@@ -92,13 +91,18 @@ class Training:
         require(self.steps < 2**31, f"total_timesteps is {self.steps}; one run counts up to 2³¹ − 1 steps")
 
     def run(
-        self, env: Environment | HostTask, setting: Setting, seeds: Sequence[int], meanwhile: Callable[[int], None]
+        self,
+        env: Environment | HostTask,
+        config: Config,
+        hypers: Hypers,
+        seeds: Sequence[int],
+        meanwhile: Callable[[int], None],
     ) -> Result:
-        """Train a run of this setting for each seed."""
+        """Train a run of this setting, one of the losses', for each seed."""
         return train(
             env,
-            setting.config,
-            setting.hypers,
+            config,
+            hypers,
             seeds,
             self.steps,
             n_logs=self.logs,

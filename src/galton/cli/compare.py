@@ -75,7 +75,7 @@ def main(arguments: Sequence[str]) -> None:
         with result_folder(out, options.overwrite) as folder:
             with live_progress(console) as follow:
                 for (loss, label), setting in zip(labels.items(), settings, strict=True):
-                    results[loss] = training.run(env, setting, seeds, follow(label, training.steps, len(seeds)))
+                    results[loss] = training.run(env, *setting, seeds, follow(label, training.steps, len(seeds)))
             rows = summarise(results, known, options.at_rest)
             with told(out):
                 _keep(folder, options, results, rows, known)
