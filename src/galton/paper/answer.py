@@ -90,7 +90,7 @@ def _sentence(given: Mapping[str, str]) -> str:
     words = {"✗": "clearly ends lower", "≈": "does neither clearly"}
     parts = [f"it clearly does on {len(ends['✓'])} of {len(others)} others{_named(ends['✓'])}"]
     parts += [f"{words[mark]} on {len(ends[mark])}{_named(ends[mark])}" for mark in "✗≈" if ends[mark]]
-    said = f"The paper says that classification ends higher than regression on all tasks but {_EXCEPTION}"
+    said = f"The paper says that classification ends higher than regression almost everywhere but on {_EXCEPTION}"
     exception = _OF_EXCEPTION.get(given.get(_EXCEPTION, ""), "")
     return f"{said}. Here {', '.join(parts)}{exception}."
 
