@@ -35,8 +35,8 @@ def test_the_sentence_counts_the_tasks_each_way():
     found = head(ends({"bandit", "lqr"}))
     assert found.sentences[0] == (
         "The paper says that classification ends higher than regression almost everywhere but on Acrobot. Here it "
-        "clearly does on 2 of 6 others (Bandit, LQR), clearly ends lower on 4 (Mountain Car, Reacher, HalfCheetah, Ant); on Acrobot "
-        "it ends lower, as the paper says."
+        "clearly does on 2 of 6 others (Bandit, LQR), clearly ends lower on 4 (Mountain Car, Reacher, HalfCheetah, "
+        "Ant); on Acrobot it ends lower, as the paper says."
     )
     assert (
         "By the deterministic policy, without the noise of exploration, 2 of 7 end clearly higher and 5 lower."
