@@ -156,7 +156,7 @@ class _Logger:
             print(*args)
 
     def debug(self, *args: object) -> None:
-        """Print nothing."""
+        """Print nothing: what SB3 keeps for debugging is not kept here."""
         self.log(*args, level=10)
 
     def info(self, *args: object) -> None:
@@ -164,9 +164,9 @@ class _Logger:
         self.log(*args)
 
     def warn(self, *args: object) -> None:
-        """Print a warning."""
+        """Print these as a warning, whatever `verbose` is."""
         self.log(*args, level=30)
 
     def error(self, *args: object) -> None:
-        """Print an error."""
+        """Print these as an error, whatever `verbose` is."""
         self.log(*args, level=40)

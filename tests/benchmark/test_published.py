@@ -65,3 +65,16 @@ def test_the_runs_that_fail_without_a_floor_under_sigma_are_as_many_as_told():
     told = (ROOT / "docs" / "why.md").read_text().partition("<!-- runs that fail: sigma-floor -->")[2].split("\n\n")[1]
     rows = [row.split("|")[2:4] for row in told.splitlines()[2:]]
     assert [int(cell) for column in zip(*rows, strict=True) for cell in column] == counts
+
+
+def test_a_crossed_table_has_each_methods_mean_at_its_row_and_column():
+    table = pq.read_table(ROOT / "results" / "lqr-rate" / "data" / "fresh-lqr.parquet")
+    table = table.filter(pc.equal(table["role"], "shared"))
+    known = quoted.tables(ROOT / "benchmarks" / "lqr-rate.toml", str(ROOT / "results" / "lqr-rate"))
+    lines = [line.strip("| ").split(" | ") for line in known("lqr-rate: crossed, lqr").splitlines()]
+    rows = dict(zip(("gaussian", "centred", "width-edges"), lines[2:], strict=True))
+    assert [row[0] for row in rows.values()] == ["Gaussian", "Centred HL-Gauss", "+ width, edges"]
+    for column, rate in enumerate((5, 10, 20, 32), 1):
+        for name, row in rows.items():
+            mean = pc.mean(table.filter(pc.equal(table["method"], f"{name}-{rate}"))["final_judged"]).as_py()
+            assert row[column].split(" ± ")[0] == f"{mean:.2f}".replace("-", "−")

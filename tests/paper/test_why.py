@@ -33,9 +33,15 @@ def test_what_doing_nothing_earns(task):
     assert abs(returns.mean() - TASKS[task].at_rest) <= 4 * returns.std() / n_episodes**0.5
 
 
-@pytest.mark.parametrize(("task", "n_episodes"), [("reacher", 200), ("half-cheetah", 10), ("ant", 10)])
-def test_what_doing_nothing_earns_in_mujoco(task, n_episodes):
-    with gymnasium.make(TASKS[task].env) as env:
+OUTSIDE_JAX = [
+    (TASKS[task].env, TASKS[task].at_rest, n) for task, n in (("reacher", 200), ("half-cheetah", 10), ("ant", 10))
+]
+"""Environments, what doing nothing earns, and over how many episodes that is measured."""
+
+
+@pytest.mark.parametrize(("name", "at_rest", "n_episodes"), [*OUTSIDE_JAX, ("Pendulum-v1", -1_210, 400)])
+def test_what_doing_nothing_earns_outside_jax(name, at_rest, n_episodes):
+    with gymnasium.make(name) as env:
         action, returns = np.zeros(env.action_space.shape), []
         for seed in range(n_episodes):
             env.reset(seed=seed)
@@ -45,7 +51,7 @@ def test_what_doing_nothing_earns_in_mujoco(task, n_episodes):
                 _, reward, terminated, truncated, _ = env.step(action)
                 returns[-1] += reward
                 over = terminated or truncated
-    assert abs(np.mean(returns) - TASKS[task].at_rest) <= 4 * np.std(returns) / n_episodes**0.5
+    assert abs(np.mean(returns) - at_rest) <= 4 * np.std(returns) / n_episodes**0.5
 
 
 def test_a_mean_far_below_all_others_is_written_down_and_does_not_stretch_the_axis():

@@ -58,9 +58,11 @@ def _often(little: list[str]) -> bool | None:
 
     None where those that are open could decide it either way, or where there is but one.
     """
-    if len(little) > 1 and 2 * little.count("✓") >= len(little):
+    if len(little) < 2:
+        return None
+    if 2 * little.count("✓") >= len(little):
         return True
-    return False if len(little) > 1 and 2 * little.count("✗") > len(little) else None
+    return False if 2 * little.count("✗") > len(little) else None
 
 
 def _changes(ahead: Iterable[str]) -> bool | None:
