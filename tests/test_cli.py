@@ -354,7 +354,7 @@ def test_compare_writes_table_figure_and_numbers(tmp_path):
         (signal.SIGINT, 0.5),
         pytest.param(signal.SIGINT, 3, marks=pytest.mark.slow),
         pytest.param(signal.SIGINT, 10, marks=pytest.mark.slow),
-        (signal.SIGTERM, 2),
+        pytest.param(signal.SIGTERM, 2, marks=pytest.mark.slow),
     ],
 )
 def test_an_interrupt_leaves_nothing_half_written(number, delay, tmp_path):

@@ -18,7 +18,7 @@ SETTINGS = {"n_bins": 7, "net_arch": (6,), "n_steps": 8, "n_envs": 2, "learning_
 OWN = {"ppo": {"batch_size": 4, "n_epochs": 2}}
 """What an algorithm needs for rollouts of this size."""
 ALL = list(itertools.product(POLICIES, LOSSES, ALGORITHMS))
-ON_THE_HOST = ("ordinal", "hl-gauss-centred"), ("gaussian", "gaussian")
+ON_THE_HOST = ("ordinal", "hl-gauss-centred", "ppo"), ("gaussian", "gaussian", "a2c")
 """What is tried on the host without being slow: there the update is the device's, and only who samples is another."""
 
 
@@ -35,17 +35,16 @@ def fits(policy, loss, algorithm):
     return True
 
 
-FIRST = ("gaussian", "histogram")
-"""The policies that are tried with every loss under PPO without being slow; of the others, one combination of some."""
+QUICK = [
+    *itertools.product(("gaussian", "beta", "rpo"), ["gaussian"], ["ppo"]),
+    *itertools.product(("histogram", "ordinal"), ["hl-gauss-centred"], ["ppo"]),
+    ("smoothed", "hl-one-hot", "ppo"),
+]
+"""What is tried on the device without being slow."""
 
 
 def marked(combinations):
-    return [pytest.param(names, marks=[] if quick(*names) else pytest.mark.slow) for names in combinations]
-
-
-def quick(policy, loss, algorithm):
-    one = (policy, loss) in (("ordinal", "hl-gauss-centred"), ("smoothed", "hl-one-hot"))
-    return algorithm == "ppo" and (one or policy in (*FIRST, "beta", "truncated-gaussian", "rpo"))
+    return [pytest.param(names, marks=[] if names in QUICK else pytest.mark.slow) for names in combinations]
 
 
 FITTING = [names for names in ALL if fits(*names)]
@@ -106,7 +105,7 @@ def test_what_fits_trains_on_the_device(names):
 
 @pytest.mark.parametrize(
     "names",
-    [pytest.param(n, marks=[] if n[:2] in ON_THE_HOST else pytest.mark.slow) for n in FITTING],
+    [pytest.param(n, marks=[] if n in ON_THE_HOST else pytest.mark.slow) for n in FITTING],
     ids="-".join,
 )
 def test_what_fits_trains_on_the_host(names):

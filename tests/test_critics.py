@@ -94,7 +94,7 @@ def test_a_return_outside_is_the_nearest_centers(name):
     np.testing.assert_allclose(target(name, returns), target(name, inside), atol=1e-5)
 
 
-@pytest.mark.parametrize("name", CRITICS)
+@pytest.mark.parametrize("name", [pytest.param(n, marks=[pytest.mark.slow] * (n != "hl-gauss")) for n in CRITICS])
 @pytest.mark.parametrize("algorithm", [A2C, pytest.param(PPO, marks=pytest.mark.slow)])
 def test_saved_and_loaded(name, algorithm, tmp_path):
     steps = {"n_steps": 8, "batch_size": 8} if algorithm is PPO else {}

@@ -13,7 +13,7 @@ from galton.benchmark.reading import read
 ROOT = Path(__file__).parents[1]
 
 
-LONG = ("quickstart", "new_algorithm", "new_environment", "new_study")
+LONG = ("quickstart", "a_sweep", "new_policy", "new_algorithm", "new_environment", "new_study")
 ELSEWHERE = ("deploy",)
 """It needs a policy: tests/deploy/test_example.py has one."""
 EXAMPLES = [

@@ -20,6 +20,15 @@ from .golden.files import CLOSE, V1, arrays, by_path, check_close, command, reco
 
 HERE = Path(__file__).parent
 CHECKPOINTS = record("checkpoints.json")
+LONG = (
+    "bandit-one-hot",
+    "lqr-centred",
+    "swing-hl-gauss",
+    "lqr/hl-one-hot",
+    "lqr/hl-gauss-centred",
+    "Pendulum-v1/gaussian",
+)
+"""Those that go on, or train again, in `make test-all` alone."""
 EXACT = [name for name, known in CHECKPOINTS.items() if known["exact"]]
 
 
@@ -71,7 +80,7 @@ def test_a_model_is_what_it_was_and_predicts_what_it_did(name):
     np.testing.assert_allclose(model.predict(observation)[0], known["explored"], **CLOSE)
 
 
-@pytest.mark.parametrize("name", EXACT)
+@pytest.mark.parametrize("name", [pytest.param(n, marks=[pytest.mark.slow] * (n in LONG)) for n in EXACT])
 def test_a_model_goes_on_as_it_did(name, trust):
     if CHECKPOINTS[name]["env"].endswith("-v5"):
         pytest.importorskip("mujoco")
@@ -144,7 +153,11 @@ def trained(name):
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param(n, marks=pytest.mark.optimised if n in OPTIMISED else []) for n in POPULATIONS]
+    "name",
+    [
+        pytest.param(n, marks=pytest.mark.optimised if n in OPTIMISED else [pytest.mark.slow] * (n in LONG))
+        for n in POPULATIONS
+    ],
 )
 def test_populations_train_as_they_did(name):
     log, params = trained(name)

@@ -76,7 +76,7 @@ def written(versions, tmp_path_factory):
     return folder, first, write(grown, folder / "grown", folder / "today")
 
 
-@pytest.fixture(scope="module", params=FIELDS)
+@pytest.fixture(scope="module", params=["newer_choice", pytest.param("newer_number", marks=pytest.mark.slow)])
 def newer(versions, tmp_path_factory, request):
     """What the grown version wrote with a field that is not at its default, and the field."""
     folder = tmp_path_factory.mktemp("newer") / request.param

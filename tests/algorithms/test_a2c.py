@@ -14,7 +14,9 @@ KEY = jax.random.key(2)
 """Of the update, in which nothing is random."""
 
 
-@pytest.mark.parametrize("loss", LOSSES)
+@pytest.mark.parametrize(
+    "loss", [pytest.param(x, marks=[pytest.mark.slow] * (x not in ("gaussian", "hl-gauss-centred"))) for x in LOSSES]
+)
 def test_an_update_keeps_structure_shapes_and_dtypes(loss):
     agent, learner, batch = setup(loss)
     after, told = a2c.update(agent, learner, batch, Hypers(), KEY)

@@ -32,7 +32,7 @@ SETTINGS = {
 QUIET = {"progress_bar": False, "log_interval": 3}
 
 
-@pytest.mark.parametrize("loss", ["gaussian", "hl-gauss-centred"])
+@pytest.mark.parametrize("loss", [pytest.param("gaussian", marks=pytest.mark.slow), "hl-gauss-centred"])
 def test_target_kl_leaves_everything_as_it_was_from_the_first_minibatch_over_it_on(loss):
     agent = agent_of("auto", loss)
     learner = moved(agent)
@@ -135,7 +135,11 @@ def without_fps(log):
 
 @pytest.mark.parametrize(
     ("env", "loss"),
-    [("lqr", "hl-gauss-centred"), (stateful_swing, "hl-gauss"), ("Reacher-v5", "gaussian")],
+    [
+        ("lqr", "hl-gauss-centred"),
+        pytest.param(stateful_swing, "hl-gauss", marks=pytest.mark.slow),
+        ("Reacher-v5", "gaussian"),
+    ],
     ids=["jax", "gymnasium", "mujoco"],
 )
 def test_a_saved_run_goes_on_exactly(env, loss, tmp_path):

@@ -88,7 +88,7 @@ def check_equal(ours, theirs, tolerance):
 @pytest.mark.parametrize("eta", [pytest.param(0.05, marks=pytest.mark.slow), 0.1])
 @pytest.mark.parametrize("loss", [pytest.param("hl-gauss", marks=pytest.mark.slow), "hl-gauss-centred"])
 @pytest.mark.parametrize("policy", ["histogram", pytest.param("ordinal", marks=pytest.mark.slow)])
-@pytest.mark.parametrize("ratio", ["smoothed", "true"])
+@pytest.mark.parametrize("ratio", [pytest.param("smoothed", marks=pytest.mark.slow), "true"])
 def test_with_narrow_targets_every_histogram_loss_is_ppo_on_hl_one_hot(ratio, policy, loss, eta):
     one_hot = agent_of(policy, "hl-one-hot", normalize_advantage=True, ratio=ratio)
     batch, sampling, params = deep(one_hot)
@@ -118,7 +118,7 @@ def test_the_gate_is_the_slope_of_the_clipped_surrogate_on_each_side_of_its_boun
     np.testing.assert_array_equal(advantage * ppo.gated(ratio, jnp.full(7, advantage), clip_range), ratio * slope)
 
 
-@pytest.mark.parametrize("ratio", ["smoothed", "true"])
+@pytest.mark.parametrize("ratio", [pytest.param("smoothed", marks=pytest.mark.slow), "true"])  # the same, for them
 @pytest.mark.parametrize(("policy", "loss"), marked(LIKELIHOODS))
 def test_the_gated_weights_gradient_is_that_of_ppos_clipped_surrogate(policy, loss, ratio):
     agent = agent_of(policy, loss, ratio=ratio)

@@ -1,6 +1,8 @@
 import dataclasses
+import functools
 import json
 
+import jax
 import numpy as np
 import pytest
 
@@ -9,15 +11,22 @@ from galton.analysis.comparison import curves, learning_curves, summarise, verdi
 from galton.analysis.plots import save
 from galton.envs import LQR, MountainCar
 
+CONFIG = Config(n_bins=4, net_arch=(), n_steps=5)
+
+
+@functools.cache
+def trained():
+    return train(LQR(), CONFIG, Hypers(), range(12), 20, n_logs=2, n_eval_episodes=1)
+
 
 def result(loss, final, diverged=()):
-    """A real result with the returns of its last log point set by hand."""
-    config = Config(loss=loss, n_bins=4, net_arch=(), n_steps=5)
-    base = train(LQR(), config, Hypers(), range(len(final)), 20, n_logs=2, n_eval_episodes=1)
+    """A real result, up to twelve runs, as if it were this loss's; with the returns of its log points set by hand."""
+    real, n = trained(), len(final)
+    first = {name: jax.tree.map(lambda x: x[:n], getattr(real, name)) for name in ("hypers", "seeds", "log", "learner")}
     column = np.array(final, np.float32)[:, None].repeat(2, 1)
-    flags = np.where(np.isin(np.arange(len(final)), diverged), 10, -1)
-    log = base.log._replace(training_return=column, evaluation_return=column + 1)
-    return dataclasses.replace(base, log=log, diverged_at=flags)
+    first["log"] = first["log"]._replace(training_return=column, evaluation_return=column + 1)
+    flags = np.where(np.isin(np.arange(n), diverged), 10, -1)
+    return dataclasses.replace(real, config=dataclasses.replace(CONFIG, loss=loss), diverged_at=flags, **first)
 
 
 @pytest.fixture(scope="module")

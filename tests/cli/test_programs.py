@@ -30,6 +30,7 @@ def entries(folder):
     return {path: path.read_bytes() for path in folder.rglob("*") if path.is_file() and path.name != "checked"}
 
 
+@pytest.mark.slow
 def test_a_second_command_compiles_nothing_and_a_damaged_program_again(tmp_path):
     programs = tmp_path / "programs"
     first = galton(tmp_path, *COMPARE, "one", programs=programs)

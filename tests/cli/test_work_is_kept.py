@@ -77,7 +77,9 @@ def test_so_many_seeds_are_refused_before_they_are_counted(tmp_path):
 WORDS = ["bandit", "--steps", "100", "--logs", "2", "--eval-episodes", "0"]
 
 
-@pytest.mark.parametrize("stream", ["stdout", "stderr", "both"])
+@pytest.mark.parametrize(
+    "stream", ["both", *(pytest.param(one, marks=pytest.mark.slow) for one in ("stdout", "stderr"))]
+)
 def test_a_run_whose_reader_goes_away_is_trained_and_kept(stream, tmp_path):
     ends, write = os.pipe()
     os.close(ends)

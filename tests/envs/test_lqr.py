@@ -1,4 +1,5 @@
 import dataclasses
+import functools
 
 import jax
 import jax.numpy as jnp
@@ -56,8 +57,13 @@ def optimal(key, x, t):
     return -GAINS[t] @ x
 
 
+@functools.cache
+def at_best():
+    return simulate(ENV, optimal)
+
+
 def test_the_optimal_controller_earns_the_riccati_value_and_never_meets_the_bounds():
-    returns, asked = simulate(ENV, optimal)
+    returns, asked = at_best()
     assert within_three_errors(returns, ENV.optimal_return)
     assert asked < 1
 
@@ -67,16 +73,16 @@ def test_random_actions_earn_the_closed_form():
     assert within_three_errors(returns, ENV.random_return)
 
 
-@pytest.mark.parametrize("factor", [0.0, 0.5, 0.8, 1.25, 2.0])
+@pytest.mark.parametrize("factor", [0.8, 1.25, *(pytest.param(far, marks=pytest.mark.slow) for far in (0.0, 0.5, 2.0))])
 def test_no_other_gain_beats_the_optimum(factor):
-    best, _ = simulate(ENV, optimal)
+    best, _ = at_best()
     other, _ = simulate(ENV, lambda key, x, t: factor * optimal(key, x, t))
     gap = best - other
     assert gap.mean() > 3 * gap.std() / len(gap) ** 0.5
 
 
 def test_no_rotated_or_noisy_controller_beats_the_optimum():
-    best, _ = simulate(ENV, optimal)
+    best, _ = at_best()
     turn = jnp.array([[0.9, -0.4], [0.4, 0.9]])
     for controller in (
         lambda key, x, t: turn @ optimal(key, x, t),
@@ -88,10 +94,10 @@ def test_no_rotated_or_noisy_controller_beats_the_optimum():
         assert gap.mean() > 3 * gap.std() / len(gap) ** 0.5
 
 
-@pytest.mark.parametrize("n_bins", [50, 100, 200])
+@pytest.mark.parametrize("n_bins", [50, *(pytest.param(more, marks=pytest.mark.slow) for more in (100, 200))])
 def test_bins_of_the_grid_cost_the_optimal_controller_next_to_nothing(n_bins):
     """Less than a hundredth of what lies between rest and the optimum: bins do not keep softmax policies behind."""
-    best, _ = simulate(ENV, optimal)
+    best, _ = at_best()
     bins = Bins(ENV.action_low, ENV.action_high, n_bins)
     rounded, _ = simulate(ENV, lambda key, x, t: bins.decode(bins.encode(optimal(key, x, t))))
     gap = best - rounded

@@ -65,7 +65,7 @@ def test_the_same_seed_gives_the_same_bits_and_another_others():
     assert bits(first.learner) != bits(other.learner)
 
 
-@pytest.mark.parametrize("env", ["lqr", "Pendulum-v1"])
+@pytest.mark.parametrize("env", [pytest.param("lqr", marks=pytest.mark.slow), "Pendulum-v1"])
 def test_evaluations_predictions_and_cuts_do_not_touch_training(env):
     plain = A2C(env, **SMALL, normalize_observation=True).learn(120, progress_bar=False)
     busy = A2C(env, **SMALL, normalize_observation=True)

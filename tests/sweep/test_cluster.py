@@ -131,6 +131,7 @@ def test_a_benchmark_on_a_cluster_has_the_bytes_of_one_on_this_machine(tmp_path)
         assert (tmp_path / "here" / name).read_bytes() == (tmp_path / "there" / name).read_bytes()
 
 
+@pytest.mark.slow
 def test_the_command_trains_on_a_cluster_with_tls(tmp_path):
     keys = tmp_path / "keys"
     keys.mkdir()

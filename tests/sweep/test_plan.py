@@ -6,7 +6,7 @@ import itertools
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from galton import Config, Hypers
@@ -29,6 +29,7 @@ def runs(plan):
     return list(zip(plan.setting.tolist(), plan.trial.tolist(), plan.seed.tolist(), strict=True))
 
 
+@settings(max_examples=25)
 @given(st.integers(1, 7), st.integers(1, 9), st.integers(1, 12))
 def test_every_run_is_in_one_shard_with_its_like(n_settings, trials, width):
     wanted = study(n_settings, trials)
@@ -64,6 +65,7 @@ def test_a_seed_depends_on_study_setting_and_trial_alone():
 GOLDEN = 1928762484
 
 
+@settings(max_examples=25)
 @given(st.integers(1, 4), st.integers(1, 4), st.integers(1, 6), st.integers(1, 6), st.integers(1, 5))
 def test_an_extension_only_adds(n_settings, trials, more_settings, more_trials, width):
     plan = Plan.create(study(n_settings, trials), width)

@@ -80,7 +80,11 @@ FAILURES = {
 }
 
 
-OF_THE_FIRST = [(fails, 0) for fails in FAILURES if fails != "other spaces"]  # the first copy says what they are
+OF_THE_FIRST = [
+    pytest.param(fails, 0, marks=[pytest.mark.slow] * (fails != "reset"))
+    for fails in FAILURES
+    if fails != "other spaces"
+]  # the first copy says what they are
 
 
 @pytest.mark.parametrize(("fails", "at"), [*((fails, 2) for fails in FAILURES), *OF_THE_FIRST])
@@ -88,7 +92,9 @@ def test_a_model_that_can_not_begin(fails, at):
     begin_and_fail(Rooms(fails, at), lambda rooms: A2C(rooms, n_envs=3, **SMALL), FAILURES[fails])
 
 
-@pytest.mark.parametrize("fails", FAILURES)
+@pytest.mark.parametrize(
+    "fails", [pytest.param(fails, marks=[pytest.mark.slow] * (fails not in ("make", "reset"))) for fails in FAILURES]
+)
 def test_runs_that_can_not_begin(fails):
     config = CONFIG
     begin_and_fail(

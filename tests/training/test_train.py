@@ -42,7 +42,7 @@ def test_the_same_seed_gives_the_same_bits_and_another_seed_others(loss):
     assert any((x != y).any() for x, y in zip(leaves(first, 0), leaves(first, 1), strict=True))
 
 
-@pytest.mark.parametrize("loss", SOME)
+@pytest.mark.parametrize("loss", [pytest.param(x, marks=[pytest.mark.slow] * (x != "hl-gauss")) for x in LOSSES])
 def test_a_run_alone_and_in_a_group_agree(loss):
     config = dataclasses.replace(CONFIG, loss=loss)
     rates = np.array([1e-3, 7e-4, 1e-2, 3e-4, 1e-4], np.float32)
@@ -111,12 +111,9 @@ def test_several_environments_per_run():
     "settings",
     [
         {"initial_policy": "gaussian"},
-        {"exploration": "gaussian"},
-        {"bin_sample": "uniform"},
-        {"deterministic_action": "mean"},
-        {"deterministic_action": "median"},
-        {"normalize_advantage": True},
-        {"net_arch": ()},
+        {"exploration": "gaussian", "bin_sample": "uniform"},
+        {"deterministic_action": "mean", "normalize_advantage": True},
+        {"deterministic_action": "median", "net_arch": ()},
     ],
 )
 @pytest.mark.parametrize("loss", ["hl-gauss", pytest.param("hl-gauss-centred", marks=pytest.mark.slow)])

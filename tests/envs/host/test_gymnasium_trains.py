@@ -19,8 +19,15 @@ TASKS = {
 
 
 @pytest.mark.filterwarnings("ignore:builtin type:DeprecationWarning")  # Box2D's, when it is imported
-@pytest.mark.parametrize("algorithm", ALGORITHMS)
-@pytest.mark.parametrize("name", TASKS)
+@pytest.mark.parametrize(
+    ("name", "algorithm"),
+    [
+        ("Pendulum-v1", "ppo"),
+        ("LunarLander-v3", "a2c"),
+        pytest.param("Pendulum-v1", "a2c", marks=pytest.mark.slow),
+        pytest.param("LunarLander-v3", "ppo", marks=pytest.mark.slow),
+    ],
+)
 def test_a_few_updates_change_all_that_is_learnt(name, algorithm):
     kwargs, package, size = TASKS[name]
     try:

@@ -20,7 +20,7 @@ def actions(task, rng):
     return rng.uniform(1.2 * low, 1.2 * high, (COPIES, *task.action_space.shape)).astype(np.float32)
 
 
-SHORT = ("Ant-v5", "Humanoid-v5", "InvertedDoublePendulum-v5", "Pusher-v5", "Swimmer-v5")
+SHORT = ("Ant-v5", "Humanoid-v5", "InvertedDoublePendulum-v5", "Pusher-v5", "Swimmer-v5", "Walker2d-v5")
 """What takes 1,300 steps in the ordinary tests, and 10,000 in the slow ones."""
 OTHER_CONSTANTS = [
     ("Ant-v5", {"include_cfrc_ext_in_observation": False, "max_episode_steps": 30}),
