@@ -1,5 +1,6 @@
 """What each method draws: common numbers from one Latin hypercube, its own from a second one beside it."""
 
+import functools
 from collections.abc import Collection
 
 import numpy as np
@@ -61,13 +62,20 @@ def setting(protocol: Protocol, method: Method, drawn: Fields, task: Task, fresh
 
 
 def _common(protocol: Protocol) -> Quantiles:
-    """Those of the common fields: a Latin hypercube whose points scipy has spread evenly over all fields at once."""
+    """Those of the common fields, from one hypercube."""
     columns = sorted(protocol.prior)
     if not columns:
         return {}
-    rng = _generator(protocol, "prior", columns)
-    cube = qmc.LatinHypercube(len(columns), seed=rng, optimization="random-cd")
-    return dict(zip(columns, cube.random(protocol.budget.settings).T, strict=True))
+    return dict(
+        zip(columns, _spread(_seed(protocol, "prior", columns), len(columns), protocol.budget.settings), strict=True)
+    )
+
+
+@functools.lru_cache(maxsize=8)  # it takes a second
+def _spread(seed: tuple[int, ...], n_fields: int, n: int) -> Float[np.ndarray, "fields n"]:
+    """A Latin hypercube whose points scipy has spread evenly over all fields at once."""
+    cube = qmc.LatinHypercube(n_fields, seed=np.random.default_rng(seed), optimization="random-cd")
+    return cube.random(n).T
 
 
 def _own(protocol: Protocol, method: Method, common: Quantiles) -> Quantiles:
@@ -78,7 +86,8 @@ def _own(protocol: Protocol, method: Method, common: Quantiles) -> Quantiles:
     columns = sorted(method.search)
     if not columns:
         return {}
-    cube = qmc.LatinHypercube(len(columns), seed=_generator(protocol, "search", columns))
+    rng = np.random.default_rng(_seed(protocol, "search", columns))
+    cube = qmc.LatinHypercube(len(columns), seed=rng)
     beside = np.array([*common.values()]).reshape(len(common), -1)
     candidates = [np.asarray(cube.random(protocol.budget.settings).T) for _ in range(CANDIDATES)]
     found = candidates[int(np.argmin([_correlation(own, beside) for own in candidates]))]
@@ -93,8 +102,8 @@ def _correlation(own: Float[np.ndarray, "own n"], beside: Float[np.ndarray, "oth
     return float(np.abs(np.triu(found, 1)[: len(own)]).max())
 
 
-def _generator(protocol: Protocol, table: str, columns: Collection[str]) -> np.random.Generator:
-    return np.random.default_rng((protocol.seed, *" ".join([table, *columns]).encode()))
+def _seed(protocol: Protocol, table: str, columns: Collection[str]) -> tuple[int, ...]:
+    return protocol.seed, *" ".join([table, *columns]).encode()
 
 
 def _times(priors: Priors, values: Fields, steps: int) -> Fields:
