@@ -68,7 +68,7 @@ def draw(grids: Mapping[str, Summary], loss: str, fields: tuple[str, ...]) -> Fi
             is_last = field == [*varied][-1]
             panel.tick_params(labelbottom=is_last)
             panel.set_xlabel("environment steps" if is_last else "")
-        axes[i].set_title(f"{TASKS[task].title}\n{counted(summary, loss)}", fontsize=7.5)
+        axes[i].set_title(f"{TASKS[task].title}\n{counted(summary, loss)}", fontsize=7)
     for panel, field in zip(axes[:: len(grids)], rows, strict=True):
         panel.set_ylabel(f"by {NAMES[field]}\ntraining return")
     finish(figure, axes, [f"{NAMES[field]} {value:g}" for field in rows for value in sorted(looks[field])])
