@@ -88,7 +88,7 @@ def _own(protocol: Protocol, method: Method, common: Quantiles) -> Quantiles:
         return {}
     rng = np.random.default_rng(_seed(protocol, "search", columns))
     cube = qmc.LatinHypercube(len(columns), seed=rng)
-    beside = np.array([*common.values()]).reshape(len(common), -1)
+    beside = np.array([*common.values()]).reshape(len(common), protocol.budget.settings)
     candidates = [np.asarray(cube.random(protocol.budget.settings).T) for _ in range(CANDIDATES)]
     found = candidates[int(np.argmin([_correlation(own, beside) for own in candidates]))]
     return dict(zip(columns, found, strict=True))
