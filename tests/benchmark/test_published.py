@@ -9,10 +9,11 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 import pytest
 
-from galton.benchmark import quoted
-from galton.benchmark.folder import FILE
+from galton.benchmark import quoted, tables
+from galton.benchmark.folder import FILE, load
 from galton.benchmark.reading import read
 from galton.page import quotes
+from galton.sweep.store import Store
 
 ROOT = Path(__file__).parents[2]
 PUBLISHED = sorted(path.parent.name for path in (ROOT / "results").glob(f"*/{FILE}"))
@@ -47,14 +48,38 @@ def git(*arguments):
 def test_the_file_was_committed_before_its_runs(name, tmp_path):
     """The commits that trained the parts have it, with the settings that the results' hash is of."""
     folder = ROOT / "results" / name
-    commits = set(re.findall(r'"commit": "(\w+)"', (folder / "provenance.json").read_text()))
+    record = json.loads((folder / "provenance.json").read_text())
+    commits = {version["commit"] for part in record.values() for made in part["sweeps"] for version in made["versions"]}
     assert commits
     for commit in commits:
+        assert re.fullmatch("[0-9a-f]{7,40}", str(commit)), commit  # none from a checkout with changes
         for file in {f"{name}.toml", "winner.toml"}:
             done = git("show", f"{commit}:benchmarks/{file}")
             assert done.returncode == 0, done.stderr
             (tmp_path / file).write_bytes(done.stdout)
         assert read(tmp_path / f"{name}.toml").digest == json.loads((folder / FILE).read_text())["benchmark"]
+
+
+def test_every_method_got_as_many_draws_and_steps():
+    known = load(Store(str(ROOT / "results" / "winner-a2c")), read(ROOT / "benchmarks" / "winner-a2c.toml"))
+    rows = tables.budget(known).rows
+    assert len(rows) == len(known.protocol.methods)
+    assert {tuple(row[1:2] + row[3:-1]) for row in rows} == {("16", "48,326,400", "20,136,000", "12,084,000")}
+    for of_stage in known.runs.values():
+        for runs in of_stage:
+            seeds = {(row["trial"], row["seed"]) for row in runs.table.select(["trial", "seed"]).to_pylist()}
+            assert len(seeds) == len({trial for trial, _ in seeds})  # a trial has the same seed under all methods
+
+
+@pytest.mark.parametrize("name", ["all", "all-but-decay"])
+def test_what_a2c_begins_with_leaves_no_run_at_its_start(name):
+    """One setting for all tasks: means of 20 runs, of which the worst has come three quarters of the way there."""
+    found = json.loads((ROOT / "results" / "a2c-collapse" / "report.json").read_text())["stages"]["fresh"]["results"]
+    for task, least, rest in (("lqr", -12.5, -26.0), ("acrobot", -90, -500), ("bandit-16", 24.3, 0)):
+        result = found[task][name]["shared"]
+        assert result["judged"]["mean"] > least
+        assert result["worst"] > rest + 0.75 * (least - rest)
+        assert result["diverged"] == 0
 
 
 def test_the_runs_that_fail_without_a_floor_under_sigma_are_as_many_as_told():

@@ -1,5 +1,8 @@
 """What a model begins with where no loss is named, and how the paper's settings are had back."""
 
+import json
+from pathlib import Path
+
 import gymnasium
 import pytest
 from stable_baselines3.common.vec_env import DummyVecEnv
@@ -11,6 +14,7 @@ from galton.presets import PAPER, PRESETS, RECOMMENDED, Preset, find_preset
 
 from .tall import Tall
 
+ROOT = Path(__file__).parents[2]
 EIGHT = {"n_envs": 8, "n_steps": 20, "normalize_reward": True, "learning_rate": 0.002, "gamma": 0.95}
 MADE_UP = {
     RECOMMENDED: {
@@ -106,6 +110,19 @@ def test_what_is_recommended_trains(algorithm):
     model = Model(env, algorithm=algorithm, net_arch=(4,), n_steps=64)
     before = model.num_timesteps
     assert model.learn(64, progress_bar=False).num_timesteps == before + 64
+
+
+def test_what_is_recommended_for_a2c_is_what_its_benchmark_selected():
+    """To three digits, but for the decay of the learning rate."""
+    report = json.loads((ROOT / "results" / "winner-a2c" / "report.json").read_text())
+    drawn = report["draws"]["width-edges"][report["selected"]["shared"]["width-edges"]]
+    selected = report["file"]["fixed"] | report["file"]["methods"]["width-edges"]["fixed"] | drawn
+    preset = PRESETS[RECOMMENDED]["a2c"]
+    assert rounded({**preset.settings, "loss": preset.loss, "algorithm": "a2c", "decay_steps": 1}) == rounded(selected)
+
+
+def rounded(settings):
+    return {name: value if isinstance(value, str | bool) else f"{value:.3g}" for name, value in settings.items()}
 
 
 def test_an_unknown_preset_is_refused():
