@@ -92,6 +92,16 @@ def test_the_runs_that_fail_without_a_floor_under_sigma_are_as_many_as_told():
     assert [int(cell) for column in zip(*rows, strict=True) for cell in column] == counts
 
 
+def test_as_many_runs_stay_where_acrobot_begins_as_told():
+    """The counts of docs/held_entropy.md."""
+    table = pq.read_table(ROOT / "results" / "held-entropy" / "data" / "fresh-acrobot.parquet")
+    stay = table.filter((pc.field("role") == "shared") & (pc.field("final_judged") < -499))["method"].to_pylist()
+    told = {"bonus": (20, 20), "floor": (2, 2), "held": (11, 7)}
+    for name, counts in told.items():
+        assert (stay.count(f"one-hot-{name}"), stay.count(f"centred-{name}")) == counts
+    assert (stay.count("one-hot"), stay.count("centred")) == (2, 2)
+
+
 def test_a_crossed_table_has_each_methods_mean_at_its_row_and_column():
     table = pq.read_table(ROOT / "results" / "lqr-rate" / "data" / "fresh-lqr.parquet")
     table = table.filter(pc.equal(table["role"], "shared"))
