@@ -1,4 +1,4 @@
-"""A PPO update of the heads that Stable-Baselines3 has not, against one written in torch. In float64."""
+"""A PPO update of the heads and critics that Stable-Baselines3 has not, against one written in torch. In float64."""
 
 import math
 
@@ -16,7 +16,9 @@ from .minibatches import HIGH, HYPERS, LOW, SIZE, K, N, T, agent_of, fresh, move
 
 HEADS = {"beta": "gaussian", "squashed-gaussian": "gaussian", "ordinal": "hl-one-hot", "rpo": "gaussian"}
 """Each with the loss that is −log π of it."""
-H = HYPERS._replace(max_grad_norm=0.5, learning_rate=1e-2)
+N_VALUES = 15
+H = HYPERS._replace(max_grad_norm=0.5, learning_rate=1e-2, value_min=-0.5, value_max=1.0)
+"""A support that some of the rollout's returns lie outside of."""
 LOWS, HIGHS = torch.tensor(LOW), torch.tensor(HIGH)
 NODES, WEIGHTS = (torch.tensor(x) for x in np.polynomial.hermite_e.hermegauss(120))
 
@@ -65,6 +67,34 @@ def rpo(outputs, params):
 THEIRS = {"beta": beta, "squashed-gaussian": squashed, "ordinal": ordinal, "rpo": rpo}
 
 
+EDGES = torch.linspace(H.value_min, H.value_max, N_VALUES + 1, dtype=float)
+CENTERS, BIN = (EDGES[1:] + EDGES[:-1]) / 2, (H.value_max - H.value_min) / N_VALUES
+
+
+def histogram(returns):
+    """The masses of a Gaussian around each return in the bins, rescaled to their sum."""
+    cdf = distributions.Normal(returns[:, None], H.value_eta * BIN).cdf(EDGES)
+    return (cdf[:, 1:] - cdf[:, :-1]) / (cdf[:, -1:] - cdf[:, :1])
+
+
+def two_hot(returns):
+    return (1 - (returns[:, None] - CENTERS).abs() / BIN).clamp(min=0)
+
+
+TARGETS = {"hl-gauss": histogram, "two-hot": two_hot}
+
+
+def value_of(critic, outputs):
+    return outputs[:, 0] if critic == "squared-error" else torch.softmax(outputs, -1) @ CENTERS
+
+
+def value_loss_of(critic, outputs, returns):
+    if critic == "squared-error":
+        return ((outputs[:, 0] - returns) ** 2).mean()
+    target = TARGETS[critic](returns.clamp(CENTERS[0], CENTERS[-1]))
+    return torch.nn.functional.cross_entropy(outputs, target)
+
+
 def moves_of(name, n):
     """What each of n minibatches adds to the network's outputs; RPO draws it, from a key for each count of Adam's."""
     if name != "rpo":
@@ -91,17 +121,18 @@ def advantages(values, next_values, batch):
     return torch.tensor(found.ravel())
 
 
-def update(head, params, batch, orders, moves):
+def update(head, critic, params, batch, orders, moves):
     """PPO's epochs over a rollout; the parameters afterwards."""
     leaves = [leaf.requires_grad_() for leaf in jax.tree.leaves(params)]
     adam = torch.optim.Adam(leaves, lr=H.learning_rate, eps=1e-5)
     flat = lambda x: torch.tensor(np.array(x).reshape(T * N, *x.shape[2:]))  # noqa: E731
     observation, action, following = (flat(x) for x in (batch.observation, batch.action, batch.next_observation))
     with torch.no_grad():
-        values = network(params["critic"], observation)[:, 0]
-        next_values = network(params["critic"], following)[:, 0]
+        values = value_of(critic, network(params["critic"], observation))
+        next_values = value_of(critic, network(params["critic"], following))
         advantage = advantages(values.reshape(T, N).numpy(), next_values.reshape(T, N).numpy(), batch)
         returns = advantage + values
+        assert critic not in TARGETS or (returns.min() < CENTERS[0] and returns.max() > CENTERS[-1])
         before = head(network(params["actor"], observation), params)[0](action)
     for rows, moved_by in zip(torch.tensor(np.array(orders)).reshape(-1, SIZE), moves, strict=True):
         log_prob, entropy = head(network(params["actor"], observation[rows]) + moved_by, params)
@@ -109,7 +140,7 @@ def update(head, params, batch, orders, moves):
         scaled = (advantage[rows] - advantage[rows].mean()) / (advantage[rows].std() + 1e-8)
         clipped = torch.clamp(ratio, 1 - H.clip_range, 1 + H.clip_range)
         policy_loss = -torch.minimum(ratio * scaled, clipped * scaled).mean()
-        value_loss = ((network(params["critic"], observation[rows])[:, 0] - returns[rows]) ** 2).mean()
+        value_loss = value_loss_of(critic, network(params["critic"], observation[rows]), returns[rows])
         adam.zero_grad()
         (policy_loss + H.vf_coef * value_loss - H.ent_coef * entropy.mean()).backward()
         torch.nn.utils.clip_grad_norm_(leaves, H.max_grad_norm)
@@ -117,11 +148,16 @@ def update(head, params, batch, orders, moves):
     return params
 
 
+CASES = [(name, "squared-error") for name in HEADS] + [("beta", critic) for critic in TARGETS]
+FAST = ("beta", "hl-gauss")
+
+
 @pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=[] if name == "beta" else pytest.mark.slow) for name in HEADS]
+    ("name", "critic"), [pytest.param(*case, marks=[] if case == FAST else pytest.mark.slow) for case in CASES]
 )
-def test_an_update_is_torchs(name):
-    agent = agent_of(name, HEADS[name], normalize_advantage=True)
+def test_an_update_is_torchs(name, critic):
+    given = {"critic": critic, "n_value_bins": N_VALUES}
+    agent = agent_of(name, HEADS[name], normalize_advantage=True, **given if critic in TARGETS else {})
     learner = moved(agent)
     batch = rollout_of(agent, learner)
     orders = jnp.stack([jax.random.permutation(jax.random.key(i), T * N) for i in range(2)])
@@ -132,7 +168,7 @@ def test_an_update_is_torchs(name):
     after, told = jax.jit(ours)(fresh(agent, learner.params), batch)
     assert 0 < told["clip_fraction"] < 1
     params = jax.tree.map(lambda x: torch.tensor(np.array(x)), learner.params)
-    theirs = update(THEIRS[name], params, batch, orders, moves_of(name, orders.size // SIZE))
+    theirs = update(THEIRS[name], critic, params, batch, orders, moves_of(name, orders.size // SIZE))
     for found, expected, first in zip(*map(jax.tree.leaves, (after.params, theirs, learner.params)), strict=True):
         assert float(jnp.abs(found - first).max()) > 1e-3
         np.testing.assert_allclose(found, expected.detach().numpy(), rtol=0, atol=1e-6)
