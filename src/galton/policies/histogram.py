@@ -94,7 +94,7 @@ class Histogram:
         if self.choices.deterministic_action == "mode":
             return self.bins.decode(self.logits.argmax(-1))
         if self.choices.deterministic_action == "mean":
-            return self.mean()
+            return jnp.clip(self.mean(), self.bins.low, self.bins.high)  # a rounded mean of bounds may lie beyond them
         return self.bins.decode(sample_bin(self.logits, jnp.full(self.logits.shape[:-1], 0.5)))
 
 
