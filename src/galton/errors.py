@@ -31,11 +31,17 @@ class SharedEnvironment(UserWarning):
     """Somebody else reset or stepped an environment between two updates, so training begins a new episode there."""
 
 
-def require_integer(name: str, value: object, least: int) -> None:
-    """Raise UsageError unless the value is an integer of at least `least`."""
-    fits = isinstance(value, int | np.integer) and not isinstance(value, bool) and value >= least
+def require_integer(name: str, value: object, least: int, most: int | None = None) -> None:
+    """Raise UsageError unless the value is an integer of at least `least` and, if that is given, at most `most`."""
+    fits = (
+        isinstance(value, int | np.integer)
+        and not isinstance(value, bool)
+        and value >= least
+        and (most is None or value <= most)
+    )
     shown = value if isinstance(value, int | float | np.generic) else repr(value)
-    require(fits, f"{name} is {shown}; it must be an integer of at least {least}")
+    wanted = f"an integer of at least {least}" + ("" if most is None else f" and at most {most:,}")
+    require(fits, f"{name} is {shown}; it must be {wanted}")
 
 
 def require_word(name: str, value: object, choices: Collection[str]) -> None:

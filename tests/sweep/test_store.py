@@ -77,6 +77,18 @@ def test_what_is_left_behind_while_a_sweep_runs_is_cleared_away_in_the_end(tmp_p
     assert [path.name for path in tmp_path.iterdir() if path.name != ".lock"] == []
 
 
+def test_a_new_folder_goes_again_where_a_sweep_is_refused(tmp_path):
+    new, old = tmp_path / "new", tmp_path / "old"
+    old.mkdir()
+    for folder in (new, old):
+        with pytest.raises(UsageError, match="refused"), Store(str(folder)).lock():
+            raise UsageError("refused")
+    assert (new.exists(), old.exists()) == (False, True)
+    with Store(str(new)).lock():
+        Store(str(new)).write("a", b"1")
+    assert (new / "a").exists()
+
+
 def test_files_that_others_write_to_an_object_store_are_seen():
     class Remembering(MemoryFileSystem):
         """Like S3's: it keeps what a folder held until it is told not to."""

@@ -106,3 +106,5 @@ def test_no_plan_is_made_that_could_not_be_read():
         Plan.create(STUDY, 100_001)
     with pytest.raises(UsageError, match="logs is 2,000,000; a curve may have 1,000,000 points at most"):
         Study("bandit", expand([{"n_steps": 1}], {}), 1, 10**7, 2 * 10**6)
+    with pytest.raises(UsageError, match="trials is 5,000,001, which makes 10,000,002 runs"):
+        Study("bandit", expand([{"eta": [0.5, 1]}], {}), 5_000_001, 10**7)

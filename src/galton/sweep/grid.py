@@ -18,7 +18,7 @@ from galton.tasks import settings_of, task_of
 from galton.types import make_config
 
 MOST_SETTINGS = 100_000
-"""The most points that a block of a grid may have; ten short lists make more."""
+"""The most points that a block of a grid may have, or settings that are drawn of a loss; ten short lists make more."""
 
 
 def expand(blocks: Iterable[Mapping[str, object]], base: Mapping[str, object]) -> tuple[Setting, ...]:
@@ -92,7 +92,7 @@ def random_grid(base: Mapping[str, Any], n: int = 16, seed: int = 0) -> tuple[Se
     Log-uniform: the learning rate within a factor of 10 of the base's, η from 0.1 to 4; n_bins is 50, 100 or 200. A
     longer draw begins with a shorter one.
     """
-    require_integer("n_settings", n, 1)
+    require_integer("n_settings", n, 1, MOST_SETTINGS)
     found: list[dict[str, object]] = []
     for name, loss in LOSSES.items():
         draw = np.random.default_rng((seed, *name.encode()))

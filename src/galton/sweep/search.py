@@ -8,7 +8,7 @@ import numpy as np
 from galton.errors import require_integer
 from galton.extras import needed
 from galton.losses import LOSSES, find_loss
-from galton.sweep.grid import bases
+from galton.sweep.grid import MOST_SETTINGS, bases
 from galton.sweep.study import Setting
 
 with needed("grid is 'optuna', which", "optuna"):
@@ -37,7 +37,7 @@ def search(
         batch: settings per loss and round.
         seed: of the proposals.
     """
-    require_integer("n_settings", n, 1)
+    require_integer("n_settings", n, 1, MOST_SETTINGS)
     require_integer("batch", batch, 1)
     optuna.logging.set_verbosity(optuna.logging.WARNING)
     searches = {loss: _begin(seed, loss) for loss in LOSSES}

@@ -14,6 +14,8 @@ from fsspec.implementations.local import LocalFileSystem
 from galton.errors import UsageError
 from galton.saving import files
 
+_LOCK = ".lock"
+
 
 class Store:
     """The files of one place, read and written whole by their names.
@@ -103,6 +105,8 @@ class Store:
     def lock(self) -> Iterator[None]:
         """Hold the sweep for this process alone; what killed ones left half-written is cleared away.
 
+        A folder that was made for it and gets no file, since what was asked for is refused, is removed.
+
         An object store has no locks: there two of the same sweep would do the same work twice, and the workers of
         two that differ would refuse.
 
@@ -112,9 +116,10 @@ class Store:
         if self.local is None:
             yield
             return
+        new = not self.local.exists()
         try:
             self.local.mkdir(parents=True, exist_ok=True)
-            lock = filelock.FileLock(self.local / ".lock", blocking=False)
+            lock = filelock.FileLock(self.local / _LOCK, blocking=False)
             lock.acquire()
         except filelock.Timeout:
             raise UsageError(f"out is {self.url}, where another process runs a sweep; wait for it") from None
@@ -125,6 +130,10 @@ class Store:
             yield
         finally:
             files.clear(self.local)
+            if new and [path.name for path in self.local.iterdir()] == [_LOCK]:
+                with contextlib.suppress(OSError):  # Windows keeps a file that is open; the folder is then left
+                    (self.local / _LOCK).unlink()  # while it is held, so that nobody has just taken it
+                    self.local.rmdir()
             lock.release()
 
 

@@ -76,6 +76,9 @@ Natural = Annotated[int, AtLeast(0)]
 """A whole number that may be 0."""
 
 
+MOST_RUNS = 10_000_000
+"""How many runs a study may have."""
+
 MOST_LOGS = 1_000_000
 """How many points a learning curve of a study may have."""
 
@@ -112,6 +115,11 @@ class Study:
         check_fields(self)
         require(len(self.settings) > 0, "settings is empty; give at least one")
         require(len(set(self.settings)) == len(self.settings), "settings holds the same setting twice; give each once")
+        n = len(self.settings) * self.trials
+        require(
+            n <= MOST_RUNS,
+            f"trials is {self.trials:,}, which makes {n:,} runs; give fewer of them; {MOST_RUNS:,} is the most",
+        )
         require(self.seed < 2**63, f"seed is {self.seed}; it must be less than 2⁶³")
         points = {
             log_plan(config, self.steps, self.logs)[0]: (config.n_envs, config.n_steps)
