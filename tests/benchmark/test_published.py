@@ -9,7 +9,7 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 import pytest
 
-from galton.benchmark import quoted, tables
+from galton.benchmark import quoted, report, tables
 from galton.benchmark.folder import FILE, load
 from galton.benchmark.reading import read
 from galton.page import quotes
@@ -34,6 +34,17 @@ def test_results_have_the_hash_of_the_committed_file_and_documents_its_numbers(n
         told += f"<!-- table: {name}: " in text
         assert quotes.filled(text, known) == text, f"python -m galton.benchmark.quoted {file} {folder} {path}"
     assert told
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", PUBLISHED)
+def test_numbers_and_page_are_made_of_the_data_to_the_byte(name, tmp_path):
+    file, folder = ROOT / "benchmarks" / f"{name}.toml", ROOT / "results" / name
+    found = load(Store(str(folder)), read(file))
+    report.write(Store(str(tmp_path)), found)
+    for made in (report.NUMBERS, report.PAGE):
+        assert (tmp_path / made).read_bytes() == (folder / made).read_bytes(), made
+    assert (tmp_path / "figures" / "best-of-n.svg").exists() == (found.protocol.budget.settings > 1)
 
 
 def git(*arguments):

@@ -48,9 +48,10 @@ def scores(found: Found) -> Figure:
 
 
 def best_of(found: Found) -> Figure:
-    """What tuning with n draws gets, for one setting and for one for each task."""
-    figure, axes = panels(2, height=3.1, width=3.9)
+    """What tuning with n draws gets, for one setting and for one for each task; nothing where there is but one draw."""
     kinds = {"shared": "one setting for all tuning tasks", "per_task": "a setting for each tuning task"}
+    kinds = kinds if found.protocol.budget.settings > 1 else {}
+    figure, axes = panels(len(kinds), height=3.1, width=3.9)
     for panel, (kind, title) in zip(axes, kinds.items(), strict=True):
         for i, method in enumerate(leading(found)):
             got = getattr(found.best_of[method.name], kind)

@@ -76,8 +76,10 @@ def page(found: Found, drawn: Mapping[str, Figure]) -> str:
         )
         caption += few(found)
         sections.append(Section("curves", "Learning curves", caption, drawn["curves"]))
+    if "best-of-n" in drawn:
+        caption = _BEST_OF + few(found)
+        sections.append(Section("best-of-n", "What tuning brings", caption, drawn["best-of-n"], tables.best_of(found)))
     sections += [
-        Section("best-of-n", "What tuning brings", _BEST_OF + few(found), drawn["best-of-n"], tables.best_of(found)),
         Section("selected", "What was selected", "", None, tables.settings(found)),
         Section("budget", "What each method was given", "", None, tables.budget(found)),
         Section("prior", "What was searched", "", None, tables.prior(found), (_file(found),)),
