@@ -49,6 +49,25 @@ def test_their_intervals_are_rliables(rliable):
     np.testing.assert_allclose(improvement([*x.T], [*y.T])[1:], bounds[0][:, 0], atol=0.03)
 
 
+def test_paired_runs_are_drawn_together():
+    """Against drawing the pairs again by hand, where seeds make nearly all of the spread."""
+    rng = np.random.default_rng(3)
+    seeds = rng.normal(size=(2, 10))
+    theirs = list(seeds)
+    ours = [runs + 0.3 + 0.1 * rng.normal(size=10) for runs in seeds]
+    found, apart = improvement(ours, theirs, paired=True), improvement(ours, theirs)
+    drawn = []
+    for _ in range(2000):
+        picks = [rng.integers(10, size=10) for _ in ours]
+        drawn.append(np.mean([np.mean(a[i][:, None] > b[i]) for a, b, i in zip(ours, theirs, picks, strict=True)]))
+    about_the_mean = np.array(drawn) - np.mean(drawn) + found.mean
+    np.testing.assert_allclose(found[1:], np.quantile(about_the_mean, (0.025, 0.975)), atol=0.01)
+    assert found.mean == apart.mean
+    assert found.low > 0.5 > apart.low
+    with pytest.raises(UsageError, match="pairs need as many of both"):
+        improvement([np.ones(3)], [np.ones(4)], paired=True)
+
+
 def test_a_diverged_run_is_below_all_others():
     tasks = [np.array([1.0, NAN, 3.0, 2.0]), np.array([0.0, 1.0, 2.0, 3.0])]
     pooled = [-np.inf, 0, 1, 1, 2, 2, 3, 3]

@@ -94,8 +94,13 @@ def test_a_diverged_run_counts_as_the_worst_and_is_counted():
         assert (result.diverged, result.worst) == (1, worst)
         filled = np.where(np.isnan(of_task["ppo", "shared"]), worst, of_task["ppo", "shared"])
         assert result.judged.mean == pytest.approx(filled.mean())
-        pairs.append((filled, of_task["gaussian", "shared"]))
-        assert found.versus["ppo"][task].difference.mean == pytest.approx((filled - pairs[-1][1]).mean())
+        assert found.versus["ppo"][task].difference.mean == pytest.approx(
+            (filled - of_task["gaussian", "shared"]).mean()
+        )
+        lowest, base = np.where(np.isnan(of_task["ppo", "shared"]), -1e9, filled), of_task["gaussian", "shared"]
+        pairs.append((lowest, base))
+        share = ((lowest[:, None] > base) + 0.5 * (lowest[:, None] == base)).mean()
+        assert found.versus["ppo"][task].above == share
     wins = lambda a, b: np.sign(a[:, None] - b).sum()  # noqa: E731
     p = holm([stats.permutation_test(each, wins, permutation_type="samples").pvalue for each in pairs])
     np.testing.assert_allclose([of.p for of in found.versus["ppo"].values()], p)

@@ -46,22 +46,31 @@ def _middle_mean(rows: Float[np.ndarray, "B n"]) -> Float[np.ndarray, " B"]:
     return np.asarray(np.sort(rows, axis=1)[:, cut : rows.shape[1] - cut].mean(1))
 
 
-def improvement(ours: Tasks, theirs: Tasks, n_resamples: int = 2000, seed: int = 0) -> Interval:
+def improvement(ours: Tasks, theirs: Tasks, n_resamples: int = 2000, seed: int = 0, paired: bool = False) -> Interval:
     """P(X > Y), the chance that a run of the first is above one of the second on a task that is drawn at random.
 
     A tie counts half. The interval is that of percentiles when the runs of each task and side are drawn again, each
-    side by itself; NaN if a task has fewer than two of either. A diverged run, NaN, is below all others.
+    side by itself; NaN if a task has fewer than two of either. A diverged run, NaN, is below all others. Paired, run i
+    of both sides had the same seed, and the two are drawn together: what a seed does to both is then not taken for a
+    difference. (What drawing pairs again adds to the mean is known, and taken off.)
     """
     require(len(ours) == len(theirs) > 0, f"ours has {len(ours)} tasks and theirs {len(theirs)}; give the same ones")
+    sizes = [(len(a), len(b)) for a, b in zip(ours, theirs, strict=True)]
+    require(
+        not paired or all(n == m for n, m in sizes), f"ours and theirs have {sizes} runs; pairs need as many of both"
+    )
     above = [_above(a, b) for a, b in zip(ours, theirs, strict=True)]
     mean = np.mean([pairs.mean() for pairs in above])
     if min(min(pairs.shape) for pairs in above) < 2:
         return Interval(mean, np.float64(np.nan), np.float64(np.nan))
     rng, total = np.random.default_rng(seed), np.zeros(n_resamples)
     for pairs in above:
-        rows, columns = (times_drawn(rng, n, n_resamples) for n in pairs.shape)
+        rows = times_drawn(rng, pairs.shape[0], n_resamples)
+        columns = rows if paired else times_drawn(rng, pairs.shape[1], n_resamples)
         total += ((rows @ pairs) * columns).sum(1) / pairs.size
-    return Interval(mean, *np.quantile(total / len(above), (0.025, 0.975)))
+        if paired:  # of a run that is drawn twice each copy meets the other's pair, which moves the mean by as much
+            total -= (np.diagonal(pairs).mean() - pairs.mean()) / len(pairs)
+    return Interval(mean, *np.quantile(np.clip(total / len(above), 0, 1), (0.025, 0.975)))
 
 
 def _above(a: Float[np.ndarray, " n"], b: Float[np.ndarray, " m"]) -> Float[np.ndarray, "n m"]:

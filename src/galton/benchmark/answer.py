@@ -2,10 +2,16 @@
 
 from collections.abc import Mapping, Sequence
 
+import numpy as np
+from scipy import stats
+
 from galton.analysis.statistics import ALPHA, least_p
 from galton.benchmark.found import Found
 from galton.benchmark.stages import Stage
 from galton.benchmark.tables import STAGES
+
+_FEWEST = 8
+"""Of runs of one method over all tasks. With fewer, intervals of drawing them again are too narrow."""
 
 
 def sentences(found: Found) -> list[str]:
@@ -35,10 +41,20 @@ def sentences(found: Found) -> list[str]:
 
 
 def _behind(found: Found, order: Sequence[str], labels: Mapping[str, str]) -> str:
-    """Which methods may be as good as the first, by P(X > Y) over the tuning tasks."""
-    above = found.standings["fresh"].above[order[0]]
-    near = [labels[name] for name in order[1:] if not above[name].low > 0.5]  # nor where it is not known
-    return f"Not clearly behind it: {_list(near)}."
+    """Which methods may be as good as the first, by P(X > Y) over the tuning tasks.
+
+    The first of M methods is ahead of some by chance. So each interval is widened as Tukey widens those of all pairs of
+    M means, by the studentised range.
+    """
+    standings = found.standings["fresh"]
+    if found.protocol.budget.fresh_seeds * len(standings.tasks) < _FEWEST:
+        return "There are too few fresh seeds to say which methods are behind it."
+    above = standings.above[order[0]]
+    wider = stats.studentized_range.ppf(1 - ALPHA, len(order), np.inf) / stats.studentized_range.ppf(
+        1 - ALPHA, 2, np.inf
+    )
+    behind = {name for name in order[1:] if above[name].mean - wider * (above[name].mean - above[name].low) > 0.5}
+    return f"Not clearly behind it: {_list([labels[name] for name in order[1:] if name not in behind])}."
 
 
 def _against(found: Found, stage: Stage, ahead: str) -> str:

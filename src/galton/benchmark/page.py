@@ -21,14 +21,15 @@ _SCORE = (
 )
 _AGAINST = (
     "P(above) is the chance that a run is above one of the baseline's on a task that is drawn at random; a tie counts "
-    "half. Sensitivity is what selecting a setting for each task gains over one for all of them, by the same scores."
+    "half. Its interval draws the runs of one seed together. Sensitivity is what selecting a setting for each task "
+    "gains over one for all of them, by the same scores."
 )
 _RETURNS = (
     "Returns are means over fresh seeds with Student's 95% interval; a diverged run counts as the worst that any "
-    "method had on the task. Runs of one trial have the same seed under all methods; p is that of a rank test of "
-    "P(above) which exchanges the two of such a pair, or of Mann and Whitney's with fewer than eight. Difference, P "
-    "and p are those of shared settings against the baseline's. Each method's p values are adjusted for the tasks of "
-    "the stage by Holm's method."
+    "method had on the task, and as below it by rank. Runs of one trial have the same seed under all methods; p is "
+    "that of a rank test of P(above) which exchanges the two of such a pair, or of Mann and Whitney's with fewer than "
+    "eight. Difference, P and p are those of shared settings against the baseline's. Each method's p values are "
+    "adjusted for the tasks of the stage by Holm's method."
 )
 _BEST_OF = (
     "The mean over all subsets of n draws, exactly, of the score of the draw that is best among them. With several "

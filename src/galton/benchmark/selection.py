@@ -40,13 +40,13 @@ def normalised(judged: Judged) -> dict[str, dict[str, Float[np.ndarray, "rows tr
 
 
 def select(scores: Judged) -> Selected:
-    """The draws with the highest mean scores; of equal ones the first."""
+    """The draws with the highest mean scores; of equal ones the first, whatever the order of sums rounds to."""
     shared = {
-        method: int(np.mean([of_method[method].mean(1) for of_method in scores.values()], axis=0).argmax())
+        method: int(_rounded(np.mean([of_method[method].mean(1) for of_method in scores.values()], axis=0)).argmax())
         for method in next(iter(scores.values()))
     }
     per_task = {
-        task: {method: int(runs.mean(1).argmax()) for method, runs in of_method.items()}
+        task: {method: int(_rounded(runs.mean(1)).argmax()) for method, runs in of_method.items()}
         for task, of_method in scores.items()
     }
     return Selected(shared, per_task)
@@ -63,6 +63,11 @@ def best_of_draws(scores: Judged, method: str) -> BestOf:
     for trial in range(n_trials):
         others = [other for other in range(n_trials) if other != trial] or [trial]
         chosen_by, worth = runs[:, :, others].mean(2), runs[:, :, trial]
-        shared.append(best_of(chosen_by.mean(0), worth.mean(0)))
-        per_task += [best_of(by, of) for by, of in zip(chosen_by, worth, strict=True)]
+        shared.append(best_of(_rounded(chosen_by.mean(0)), worth.mean(0)))
+        per_task += [best_of(_rounded(by), of) for by, of in zip(chosen_by, worth, strict=True)]
     return BestOf(np.mean(shared, axis=0), np.mean(per_task, axis=0))
+
+
+def _rounded(scores: Float[np.ndarray, " draws"]) -> Float[np.ndarray, " draws"]:
+    """Means of percentiles, without the last bits in which sums of equal ones differ."""
+    return np.round(scores, 12)

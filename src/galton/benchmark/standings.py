@@ -83,7 +83,7 @@ def standings(protocol: Protocol, runs: Sequence[Runs]) -> Standings:
         above={m: {other: _improvement(judged, m, other) for other in methods if other != m} for m in methods},
         above_in_training={m: _improvement(training, m, base) for m in others},
         results={each.task: {m: _results(each, filled, m, roles) for m in methods} for each in runs},
-        versus={m: _versus(filled["judged"], m, base) for m in others},
+        versus={m: _versus(finals["judged"], filled["judged"], m, base) for m in others},
         sensitivity={m: _sensitivity(judged, m) for m in methods} if "per-task" in roles else {},
     )
 
@@ -95,8 +95,8 @@ def _score(judged: Judged, training: Judged, method: str, row: int) -> Score:
 
 
 def _improvement(scores: Judged, method: str, other: str) -> Interval:
-    """P(X > Y) of the shared settings of two methods."""
-    return improvement(_of(scores, method, 0), _of(scores, other, 0))
+    """P(X > Y) of the shared settings of two methods, whose runs of one trial have the same seed."""
+    return improvement(_of(scores, method, 0), _of(scores, other, 0), paired=True)
 
 
 def _results(runs: Runs, filled: Mapping[str, Judged], method: str, roles: Sequence[Role]) -> dict[Role, Result]:
@@ -132,8 +132,14 @@ def _of(scores: Judged, method: str, row: int) -> list[Float[np.ndarray, " trial
     return [np.asarray(of_method[method][row]) for of_method in scores.values()]
 
 
-def _versus(filled: Judged, method: str, base: str) -> dict[str, Versus]:
-    found = {task: compare(runs[method][0], runs[base][0], paired=True) for task, runs in filled.items()}
+def _versus(finals: Judged, filled: Judged, method: str, base: str) -> dict[str, Versus]:
+    """Each task by itself. A diverged run is below all others by rank, and is the worst of them in the mean."""
+    found = {}
+    for task, runs in filled.items():
+        ours, theirs = (runs[name][0] for name in (method, base))
+        lost, lost_too = (np.isnan(finals[task][name][0]) for name in (method, base))
+        ranked = compare(ours - lost, theirs - lost_too, paired=True)
+        found[task] = compare(ours, theirs, paired=True)._replace(p=ranked.p, above=ranked.above)
     adjusted = holm([comparison.p for comparison in found.values()]).tolist()
     return {
         task: Versus(comparison.difference, comparison.direction, comparison.above, p)
