@@ -58,9 +58,9 @@ def test_no_field_rises_or_falls_with_another(seed):
 
 
 def test_fields_of_its_own_are_drawn_where_none_is_common():
-    own = {"eta": {"uniform": [1, 2]}}
+    own = {"vf_coef": {"uniform": [1, 2]}}
     drawn = draws(protocol(budget__settings=N, prior={}, **{f"methods__{of}__search": own for of in DRAWN}))
-    assert {method: len({*column(of, "eta")}) for method, of in drawn.items()} == dict.fromkeys(DRAWN, N)
+    assert {method: len({*column(of, "vf_coef")}) for method, of in drawn.items()} == dict.fromkeys(DRAWN, N)
 
 
 def test_neither_order_nor_other_methods_change_a_draw():

@@ -1,8 +1,11 @@
 """What a benchmark's file may say, and what is said of one that can't be done."""
 
+import dataclasses
+
 import pytest
 
 from galton import UsageError
+from galton.algorithms import ALGORITHMS
 from galton.benchmark import stages
 from galton.benchmark.draws import draws
 from galton.benchmark.reading import of_record, read
@@ -42,7 +45,31 @@ WRONG = [
     ({"methods__ppo__fixed__algorithm": "ppp"}, "algorithm is 'ppp'; choose from a2c, ppo"),
     ({"methods__ppo__fixed__algorithm": ["ppo"]}, "methods.ppo has algorithm .*; it must be a name"),
     ({"methods__bins__search__learning_rate": {"uniform": [1, 2]}}, "methods.bins.search has learning_rate, and so"),
-    ({"methods__bins__search__n_bins": {"choice": [1, 2]}}, "methods.bins.search has n_bins, and so has prior or"),
+    ({"methods__bins__search__n_bins": {"choice": [1, 2]}}, "methods.bins.search has n_bins, and so has prior, fixed"),
+    (
+        {"fixed__eta": 1.0},
+        "methods.bins.search has eta, and so has prior, fixed or methods.bins.fixed; leave it in one",
+    ),
+    (
+        {"methods__gaussian__search": {"eta": {"uniform": [1, 2]}}},
+        "methods.gaussian.search has eta, which its loss and",
+    ),
+    ({"methods__bins__search__algorithm": {"choice": ["a2c", "ppo"]}}, "methods.bins.search has algorithm; make a"),
+    ({"prior__algorithm": {"choice": ["a2c", "ppo"]}}, "prior has algorithm, whose defaults would not be drawn with"),
+    ({"methods__bins__label": "$x$"}, "methods.bins.label is '\\$x\\$'; it must be words without dollar signs"),
+    ({"methods__bins__fixed__loss": ["hl-gauss"]}, "methods.bins has loss .*; it must be a name"),
+    ({"fixed__vf_coef": 10**400}, "methods.gaussian on tasks.bandit: "),
+    (
+        {"prior__vf_coef": {"uniform": [0, 10**400]}},
+        "prior.vf_coef.uniform has 1000.*; it must have finite numbers, less",
+    ),
+    ({"budget__steps": 10**30}, "tasks.bandit has .* steps; a run may have 2,000,000,000 at most"),
+    ({"budget__fresh_steps": 3_000_000_000}, "tasks.bandit has 3,000,000,000 steps; a run may have 2,000,000,000"),
+    (
+        {"prior__learning_rate": {"choice": ["a", "b"]}, "tasks__bandit__scale": {"learning_rate": 2.5}},
+        "methods.gaussian on tasks.bandit: ",
+    ),
+    ({"tasks__again": {"env": "bandit", "held_out": True}}, "tasks.again is held out, but is the same as tasks.bandit"),
     ({"budget__settings": 50_000}, "budget.settings times the number of methods is 150,000; draw 100,000 settings at"),
     ({"tasks": {}}, r"tasks is missing; add a \[tasks.NAME\] table for each"),
     ({"tasks__bandit": None, "tasks__noisy": None}, r"tasks has none to tune on; add a \[tasks.NAME\] table without"),
@@ -125,9 +152,21 @@ def test_a_file_may_extend_another(tmp_path):
     file.write_text('extends = "more.toml"\n')
     with pytest.raises(UsageError, match="extends leads back to itself"):
         read(file)
-    file.write_text("extends = 3\n")
-    with pytest.raises(UsageError, match="extends is 3; give the name of a file"):
-        read(file)
+    for written, said in (("3", "3"), ('"a\\u0000b"', "'a.*b'")):
+        file.write_text(f"extends = {written}\n")
+        with pytest.raises(UsageError, match=f"extends is {said}; give the name of a file"):
+            read(file)
+
+
+def test_an_algorithm_of_a_module_that_the_file_names_is_known(monkeypatch):
+    def importing(modules):
+        assert modules == ("mine",)
+        monkeypatch.setitem(ALGORITHMS, "mine", dataclasses.replace(ALGORITHMS["a2c"], name="mine"))
+
+    record = changed(imports=["mine"], methods__bins__fixed__algorithm="mine")
+    with pytest.raises(UsageError, match="algorithm is 'mine'; choose from a2c, ppo"):
+        of_record(record)
+    assert of_record(record, importing=importing).algorithm(of_record(record).methods[1]) == "mine"
 
 
 def test_steps_of_a_task_are_its_steps_on_fresh_seeds_too():

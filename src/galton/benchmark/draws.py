@@ -53,11 +53,11 @@ def setting(protocol: Protocol, method: Method, drawn: Fields, task: Task, fresh
     for table in (protocol.fixed, method.fixed, task.fixed):
         fixed |= _times(table, {name: prior.values[0] for name, prior in table.items()}, steps)
     usual = dict(find_algorithm(protocol.algorithm(method)).defaults)
-    scaled = {name: value * task.scale[name] if name in task.scale else value for name, value in drawn.items()}
-    fields = task_defaults(task.env) | usual | fixed | _times(protocol.searched(method), scaled, steps)
     try:
+        scaled = {name: value * task.scale[name] if name in task.scale else value for name, value in drawn.items()}
+        fields = task_defaults(task.env) | usual | fixed | _times(protocol.searched(method), scaled, steps)
         return Setting.of_record({name: _like(name, value) for name, value in fields.items()})
-    except (TypeError, UsageError) as error:
+    except (TypeError, OverflowError, UsageError) as error:
         raise UsageError(f"methods.{method.name} on tasks.{task.name}: {error}") from None
 
 

@@ -17,6 +17,8 @@ KINDS = (*CONTINUOUS, "choice", "value")
 """All kinds: a choice has values of equal chances, and a value is always the same."""
 STEPS = "steps"
 """What a table's `times` may be: the number counts in lengths of the whole run."""
+MOST = 1e30
+"""What numbers are less than: float32, in which runs hold them, ends at 3e38."""
 _FORMS = "write a table such as { log-uniform = [1e-4, 1e-2] }, { uniform = [0, 1] } or { choice = [50, 100] }"
 
 
@@ -68,8 +70,8 @@ class Prior:
         """Raise UsageError for ends that are no range, and for values that can't be multiplied by steps."""
         if self.in_steps or self.kind in CONTINUOUS:
             for value in self.values:
-                right = isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
-                require(right, f"{where} has {value!r}; it must have finite numbers")
+                right = isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < MOST
+                require(right, f"{where} has {value!r}; it must have finite numbers, less than {MOST:g}")
         if self.kind in CONTINUOUS:
             low, high = self.values
             require(low < high, f"{where} is {[*self.values]}; its first number must be less than its second")

@@ -5,7 +5,7 @@ import functools
 import hashlib
 import json
 from collections.abc import Collection, Mapping
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from galton.algorithms import ALGORITHMS, find_algorithm, idle
 from galton.benchmark.priors import Prior, Priors, Record
@@ -16,6 +16,9 @@ from galton.policies import POLICIES
 from galton.sweep.grid import MOST_SETTINGS
 from galton.sweep.study import DEFAULTS, Natural
 from galton.types import Config, Count
+
+MOST_STEPS = 2_000_000_000
+"""How many environment steps a run may have; it counts them in 32 bits."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -136,15 +139,15 @@ class Protocol:
         """What a method draws: the common fields that it has a use for and doesn't fix, and its own."""
         own = find_algorithm(self.algorithm(method)).own
         others = {field for other in ALGORITHMS.values() for field in other.own if field not in own}
-        others |= {*method.fixed, *self._idle(method)}
+        others |= {*method.fixed, *self.idle(method)}
         return {name: prior for name, prior in self.prior.items() if name not in others} | dict(method.search)
 
-    def _idle(self, method: Method) -> Collection[str]:
+    def idle(self, method: Method) -> Collection[str]:
         """The fields that a method's loss and policy have no use for; none where it draws one of the two."""
         if {"loss", "policy"} & {*self.prior, *method.search}:
             return ()
         fixed = {**self.fixed, **method.fixed}
-        named = {name: fixed[name].values[0] for name in ("loss", "policy") if name in fixed}
+        named: dict[str, Any] = {name: fixed[name].values[0] for name in ("loss", "policy") if name in fixed}
         return idle(Config(**named)) if {*named.values()} <= {*LOSSES, *POLICIES, "auto"} else ()
 
 
@@ -161,16 +164,37 @@ def check(protocol: Protocol) -> None:
     require(n <= MOST_SETTINGS, f"budget.settings times the number of methods is {n:,}; {most}")
     for field in protocol.prior:
         require(field not in protocol.fixed, f"fixed has {field}, and so has prior; leave it in one of them")
+        require(
+            field != "algorithm", "prior has algorithm, whose defaults would not be drawn with it; give it to methods"
+        )
         free = any(field not in method.fixed for method in protocol.methods)
         require(free, f"prior.{field} is drawn for no method, since all of them fix it; take it out")
     for task in protocol.tasks:
         _check_task(protocol, task)
+        for other in protocol.tuning if task.held_out else ():
+            same = _asks(task) == _asks(other)
+            require(
+                not same, f"tasks.{task.name} is held out, but is the same as tasks.{other.name}; change one of them"
+            )
     for method in protocol.methods:
         where = f"methods.{method.name}"
-        for field in sorted({*method.search} & {*protocol.prior, *method.fixed}):
-            raise UsageError(f"{where}.search has {field}, and so has prior or {where}.fixed; leave it in one of them")
+        for field in ("loss", "policy"):
+            for given in (table[field].values[0] for table in (method.fixed, protocol.fixed) if field in table):
+                require(isinstance(given, str), f"{where} has {field} {given!r}; it must be a name")
+        for field in sorted({*method.search} & {*protocol.prior, *protocol.fixed, *method.fixed}):
+            raise UsageError(
+                f"{where}.search has {field}, and so has prior, fixed or {where}.fixed; leave it in one of them"
+            )
+        require("algorithm" not in method.search, f"{where}.search has algorithm; make a method of each instead")
+        for field in sorted({*method.search} & {*protocol.idle(method)}):
+            raise UsageError(f"{where}.search has {field}, which its loss and policy have no use for; take it out")
         some = bool(protocol.searched(method)) or protocol.budget.settings == 1
         require(some, f"{where} searches nothing, so its draws would all be alike; add to prior, or to {where}.search")
+
+
+def _asks(task: Task) -> tuple[object, ...]:
+    """All that a task's runs on fresh seeds depend on."""
+    return task.env, task.env_kwargs, task.fixed, task.scale, task.steps(fresh=True)
 
 
 def _check_task(protocol: Protocol, task: Task) -> None:
@@ -180,6 +204,9 @@ def _check_task(protocol: Protocol, task: Task) -> None:
         metric == "training_return" or task.budget.eval_episodes > 0,
         f"{where} has eval_episodes 0, but selection.metric is {metric!r}; give it some, or judge by 'training_return'",
     )
+    for fresh in (False, True):
+        n = task.steps(fresh)
+        require(n <= MOST_STEPS, f"{where} has {n:,} steps; a run may have {MOST_STEPS:,} at most")
     for field in sorted({*task.scale} - {*protocol.prior}):
         raise UsageError(f"{where}.scale has {field}, which prior does not draw; draw it there, or take it out")
     for field in sorted({"algorithm", "loss", "policy", *protocol.prior} & {*task.fixed}):

@@ -5,7 +5,7 @@ import json
 import math
 import re
 import tomllib
-from collections.abc import Collection
+from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -22,17 +22,27 @@ WORDS = ("title", "seed", "baseline", "imports", "extends")
 _OF_TASK = ("steps", "fresh_steps", "logs", "eval_episodes")
 """What a task may have of a budget of its own."""
 _RecordT = TypeVar("_RecordT", Budget, Selection)
+Importing = Callable[[Sequence[str]], None]
+"""What imports the modules of these names."""
 
 
-def read(path: Path) -> Protocol:
+def _nothing(modules: Sequence[str]) -> None:
+    """Import nothing: modules are there already, or not needed to read the results."""
+
+
+def read(path: Path, importing: Importing = _nothing) -> Protocol:
     """The protocol in a file.
+
+    Args:
+        path: the file.
+        importing: imports the modules that the file names, which may register algorithms, losses or environments.
 
     Raises:
         UsageError: no such file, no TOML, or what it says can't be done; the message names the place in the file.
     """
     record = load(path)
     try:
-        return of_record(record, path.stem)
+        return of_record(record, path.stem, importing)
     except UsageError as error:
         raise UsageError(f"file is {str(path)!r}: {error}") from None
 
@@ -51,22 +61,25 @@ def load(path: Path, before: Collection[Path] = ()) -> dict[str, Any]:
         return record
     other = record.pop("extends")
     require(isinstance(other, str), f"file is {str(path)!r}: extends is {other!r}; give the name of a file")
+    require("\0" not in other, f"file is {str(path)!r}: extends is {other!r}; give the name of a file")
     base = path.parent / other
     require(base.resolve() not in (path.resolve(), *before), f"file is {str(path)!r}: extends leads back to itself")
     return load(base, (path.resolve(), *before)) | record
 
 
-def of_record(record: Record, title: str = "benchmark") -> Protocol:
+def of_record(record: Record, title: str = "benchmark", importing: Importing = _nothing) -> Protocol:
     """The protocol that a record describes.
 
     Args:
         record: the content of a file.
         title: where the record has none.
+        importing: as `read` has it.
 
     Raises:
         UsageError: what it says can't be done.
     """
     title, seed, imports = _top_level(record, title)
+    importing(imports)
     budget = _record("budget", record.get("budget", {}), Budget())
     methods = {name: _method(name, given) for name, given in _tables(record, "methods").items()}
     baseline = record.get("baseline", next(iter(methods)))
@@ -157,5 +170,6 @@ def _scale(where: str, given: object) -> dict[str, float]:
 
 def _label(where: str, name: str, table: Record) -> str:
     label = table.get("label", name)
-    require(isinstance(label, str) and bool(label), f"{where}.label is {label!r}; it must be words")
+    right = isinstance(label, str) and bool(label) and "$" not in label  # between which figures would show formulas
+    require(right, f"{where}.label is {label!r}; it must be words without dollar signs")
     return label

@@ -62,9 +62,9 @@ def main(arguments: Sequence[str]) -> None:
     if options.shard_width is not None:
         require_integer("shard_width", options.shard_width, 1)
     import_typed(options.imports)
-    protocol = read(options.file)
+    protocol = read(options.file, import_of_file)
     of_tasks = [task.env.partition(":")[0] for task in protocol.tasks if ":" in task.env]
-    import_of_file([*protocol.imports, *dict.fromkeys(of_tasks)])
+    import_of_file([*dict.fromkeys(of_tasks)])
     try:
         stages.check(protocol, draws(protocol))
     except UsageError as error:
