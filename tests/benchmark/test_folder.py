@@ -28,7 +28,7 @@ PLACES = {
     "methods__ppo": None,
     "prior__clip_range": None,
     "tasks__noisy": None,
-    "tasks__four": {"env": "bandit", "label": "the same again", "held_out": True},
+    "tasks__four": {"env": "bandit", "env_kwargs": {"noise_std": 2.0}, "label": "more noise", "held_out": True},
 }
 RECORD = changed(**PLACES)
 
@@ -223,7 +223,7 @@ def test_the_report_is_what_the_data_say(reference):
 def test_plans_can_be_carried_out_by_others(reference, tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "mine.json").write_text(json.dumps(RECORD))
-    monkeypatch.setattr(command, "read", lambda path: of_record(json.loads(path.read_text())))
+    monkeypatch.setattr(command, "read", lambda path, importing: of_record(json.loads(path.read_text())))
     for stage in (["tuning-bandit"], ["fresh-bandit", "held-out-four"]):
         command.main(["mine.json", "--plan-only", "--out", "out"])
         printed = capsys.readouterr().out
@@ -283,10 +283,12 @@ def test_an_environment_of_ones_own_is_trained_and_held_out(tmp_path, monkeypatc
 
 def test_the_command_names_the_file_and_writes_nothing_for_a_wrong_one(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(command, "read", lambda path: of_record(changed(tasks__bandit__env="bandid")))
+    monkeypatch.setattr(command, "read", lambda path, importing: of_record(changed(tasks__bandit__env="bandid")))
     with pytest.raises(UsageError, match=r"file is 'mine.toml': tasks.bandit: environment is 'bandid'"):
         command.main(["mine.toml"])
-    monkeypatch.setattr(command, "read", lambda path: of_record(changed(imports=["not_there"])))
+    monkeypatch.setattr(
+        command, "read", lambda path, importing: of_record(changed(imports=["not_there"]), importing=importing)
+    )
     with pytest.raises(UsageError, match=r"imports names 'not_there', .* if it lies there and you trust it, give"):
         command.main(["mine.toml"])
     assert [*tmp_path.iterdir()] == []
