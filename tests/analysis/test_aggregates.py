@@ -68,6 +68,19 @@ def test_paired_runs_are_drawn_together():
         improvement([np.ones(3)], [np.ones(4)], paired=True)
 
 
+@pytest.mark.parametrize("of_seed", [0.0, 0.9], ids=["nothing", "nearly all"])
+def test_of_equal_methods_few_paired_intervals_leave_out_a_half(of_seed):
+    """However much of the spread is the seeds'; five runs of three tasks. The interval lies about its mean."""
+    rng = np.random.default_rng(5)
+    found = []
+    for _ in range(200):
+        seeds = rng.normal(size=(3, 5)) * of_seed**0.5
+        a, b = (list(seeds + rng.normal(size=(3, 5)) * (1 - of_seed) ** 0.5) for _ in range(2))
+        found.append(improvement(a, b, n_resamples=300, paired=True))
+    assert np.mean([not each.low <= 0.5 <= each.high for each in found]) < 0.1
+    assert abs(np.mean([(each.low + each.high) / 2 - each.mean for each in found])) < 0.01
+
+
 def test_a_diverged_run_is_below_all_others():
     tasks = [np.array([1.0, NAN, 3.0, 2.0]), np.array([0.0, 1.0, 2.0, 3.0])]
     pooled = [-np.inf, 0, 1, 1, 2, 2, 3, 3]

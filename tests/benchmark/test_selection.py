@@ -39,6 +39,16 @@ def test_of_equal_draws_the_first_is_selected():
     assert select(normalised({"x": {"a": np.ones((4, 2))}})).shared == {"a": 0}
 
 
+def test_of_equal_draws_the_first_is_selected_whatever_their_sums_round_to():
+    of_task = (0.1, 0.2, 0.3)
+    assert sum(of_task) != sum(reversed(of_task))
+    scores = {
+        str(i): {"a": np.array([[low], [high]])}
+        for i, (low, high) in enumerate(zip(of_task[::-1], of_task, strict=True))
+    }
+    assert select(scores).shared == {"a": 0}
+
+
 def test_the_best_of_n_draws_is_judged_by_seeds_that_did_not_choose_it():
     runs = np.random.default_rng(1).normal(size=(2, 4, 3))
     scores = {task: {"a": of} for task, of in zip("xy", runs, strict=True)}

@@ -50,9 +50,8 @@ def _behind(found: Found, order: Sequence[str], labels: Mapping[str, str]) -> st
     if found.protocol.budget.fresh_seeds * len(standings.tasks) < _FEWEST:
         return "There are too few fresh seeds to say which methods are behind it."
     above = standings.above[order[0]]
-    wider = stats.studentized_range.ppf(1 - ALPHA, len(order), np.inf) / stats.studentized_range.ppf(
-        1 - ALPHA, 2, np.inf
-    )
+    of_all, of_two = (stats.studentized_range.ppf(1 - ALPHA, m, np.inf) for m in (len(order), 2))
+    wider = of_all / of_two
     behind = {name for name in order[1:] if above[name].mean - wider * (above[name].mean - above[name].low) > 0.5}
     return f"Not clearly behind it: {_list([labels[name] for name in order[1:] if name not in behind])}."
 

@@ -64,7 +64,7 @@ def main(arguments: Sequence[str]) -> None:
     import_typed(options.imports)
     protocol = read(options.file, import_of_file)
     of_tasks = [task.env.partition(":")[0] for task in protocol.tasks if ":" in task.env]
-    import_of_file([*dict.fromkeys(of_tasks)])
+    import_of_file(list(dict.fromkeys(of_tasks)))
     try:
         stages.check(protocol, draws(protocol))
     except UsageError as error:
