@@ -116,8 +116,8 @@ class Store:
         if self.local is None:
             yield
             return
-        new = not self.local.exists()
         try:
+            new = not self.local.exists()
             self.local.mkdir(parents=True, exist_ok=True)
             lock = filelock.FileLock(self.local / _LOCK, blocking=False)
             lock.acquire()
@@ -130,8 +130,8 @@ class Store:
             yield
         finally:
             files.clear(self.local)
-            if new and [path.name for path in self.local.iterdir()] == [_LOCK]:
-                with contextlib.suppress(OSError):  # Windows keeps a file that is open; the folder is then left
+            with contextlib.suppress(OSError):  # Windows keeps a file that is open; the folder is then left
+                if new and [path.name for path in self.local.iterdir()] == [_LOCK]:
                     (self.local / _LOCK).unlink()  # while it is held, so that nobody has just taken it
                     self.local.rmdir()
             lock.release()
