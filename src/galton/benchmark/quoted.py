@@ -57,15 +57,15 @@ def _returns(found: Found, stage: Stage, role: Role = "shared") -> str:
 
 
 def _of_methods(found: Found, names: Sequence[str]) -> str:
-    """Returns of some methods' shared settings on the tasks of all stages."""
+    """Returns of some methods' shared settings, a row for each task of all stages."""
     named = {method.name: method for method in found.protocol.methods}
-    labels = {task.name: task.label for task in found.protocol.tasks}
-    places = [(standings, task) for standings in found.standings.values() for task in standings.tasks]
+    labels = {task.name: f"{task.label} (held out)" if task.held_out else task.label for task in found.protocol.tasks}
     rows = [
-        [named[name].label, *(returns_of(standings, task, named[name], "shared") for standings, task in places)]
-        for name in names
+        [labels[task], *(returns_of(standings, task, named[name], "shared") for name in names)]
+        for standings in found.standings.values()
+        for task in standings.tasks
     ]
-    return quotes.markdown(["method", *(labels[task] for _, task in places)], rows)
+    return quotes.markdown(["task", *(named[name].label for name in names)], rows)
 
 
 def _crossed(found: Found, task: str) -> str:
