@@ -1,10 +1,11 @@
-"""What each method of a benchmark's file costs: environment steps a second beside the baseline's, all in one run.
+"""What each method of the benchmarks costs: environment steps a second beside the Gaussian's, all in one run.
 
-Every method has the file's fixed fields and its own first draw, but for k, which is 50 wherever there are bins: k
+Every method has its file's fixed fields and its own first draw, but for k, which is 50 wherever there are bins: k
 differs from draw to draw, and what it costs has nothing to do with the method. A process per core trains 16 runs, and
-the methods take turns; medians over the rounds, of training without evaluation. Nothing else should be running.
+the methods take turns; medians over the rounds, of training without evaluation. Nothing else should be running. The
+tables stand in docs/winner.md.
 
-    python benchmarks/method_speed.py [FILE.toml ...] [--tasks lqr HalfCheetah-v5] [--rounds 5] [--out FOLDER]
+    python benchmarks/method_speed.py [--rounds 5] [--steps 8000] [--out FOLDER]
 """
 
 import argparse
@@ -13,18 +14,21 @@ import statistics
 from pathlib import Path
 
 import numpy as np
-from rich.console import Console
-from rich.table import Table
 from sides import Side, write
 
 import galton
 from galton.benchmark.draws import draws, setting
 from galton.benchmark.reading import read
+from galton.page import quotes
 from galton.sweep.executors import one_per_core
 from galton.training.population import populate
 
 K, RUNS = 50, 16
-FILES = [Path("benchmarks/winner-a2c.toml"), Path("benchmarks/winner.toml")]
+TABLES = {
+    "analytic": (("A2C, LQR", "winner-a2c", "lqr"), ("PPO, LQR", "winner", "lqr")),
+    "mujoco": (("PPO, HalfCheetah", "winner-mujoco", "HalfCheetah-v5"),),
+}
+"""The tables of docs/winner.md, and of each column: heading, file and task."""
 
 
 class InTurn:
@@ -57,39 +61,43 @@ def settings(protocol, env):
     return found
 
 
+def measured(file, env, places, rounds, steps):
+    """Each method's steps per second in each round, by its label, the baseline first."""
+    protocol = read(Path("benchmarks") / f"{file}.toml")
+    of_method = settings(protocol, env)
+    side = Side(places, InTurn, env, [*of_method.values()], steps)
+    found = [[side.steps_per_second() for _ in of_method] for _ in range(rounds)]
+    side.close()
+    return dict(zip(of_method, zip(*found, strict=True), strict=True))
+
+
+def table(columns):
+    """Medians, and their ratios to the baseline's, which is the first method: it stands first in each file."""
+    cells = {}
+    for heading, speeds in columns.items():
+        medians = {label: statistics.median(found) for label, found in speeds.items()}
+        base = next(iter(medians.values()))
+        for label, median in medians.items():
+            cells.setdefault(label, {})[heading] = f"{median:,.0f} (× {median / base:.2f})"
+    return quotes.markdown(["method", *columns], [[label, *row.values()] for label, row in cells.items()])
+
+
 def main():
     parser = argparse.ArgumentParser()
-    parser.add_argument("files", nargs="*", type=Path, default=FILES)
-    parser.add_argument("--tasks", nargs="+", default=["lqr", "HalfCheetah-v5"])
     parser.add_argument("--rounds", type=int, default=5)
     parser.add_argument("--steps", type=int, default=8_000, help="of each run, between two looks at the clock")
     parser.add_argument("--out", type=Path, default=Path("results/benchmarks"))
+    parser.add_argument("--documents", type=Path, nargs="*", default=[Path("docs/winner.md")])
     arguments = parser.parse_args()
-    places, columns = one_per_core(None), {}
-    for file in arguments.files:
-        protocol = read(file)
-        for task in arguments.tasks:
-            measured = settings(protocol, task)
-            side = Side(places, InTurn, task, [*measured.values()], arguments.steps)
-            rounds = [[side.steps_per_second() for _ in measured] for _ in range(arguments.rounds)]
-            side.close()
-            speeds = dict(zip(measured, zip(*rounds, strict=True), strict=True))
-            algorithm = protocol.algorithm(protocol.baseline)
-            columns[f"{algorithm.upper()}, {task}"] = speeds, protocol.baseline.label
-    rows = {}
-    for column, (speeds, baseline) in columns.items():
-        base = statistics.median(speeds[baseline])
-        for label, found in speeds.items():
-            speed = statistics.median(found)
-            rows.setdefault(label, {})[column] = {"steps_per_second": speed, "ratio": speed / base, "rounds": found}
-    table = Table(title=f"environment steps a second, × the baseline's; k = {K}, median of {arguments.rounds} rounds")
-    for heading in ("method", *columns):
-        table.add_column(heading)
-    for label, row in rows.items():
-        cells = (row.get(column) for column in columns)
-        table.add_row(label, *(f"{c['steps_per_second']:,.0f} ({c['ratio']:.2f})" if c else "" for c in cells))
-    Console(width=140).print(table)
-    write(arguments.out / "method_speed.json", ("mujoco",), rows=rows)
+    places, tables = one_per_core(None), {}
+    for name, columns in TABLES.items():
+        tables[name] = {
+            heading: measured(file, env, places, arguments.rounds, arguments.steps) for heading, file, env in columns
+        }
+    written = {f"method_speed: {name}": table(columns) for name, columns in tables.items()}
+    print(*written.values(), sep="\n\n")
+    write(arguments.out / "method_speed.json", ("jax", "mujoco"), k=K, steps_per_second=tables)
+    quotes.write(written.get, arguments.documents)
 
 
 if __name__ == "__main__":
