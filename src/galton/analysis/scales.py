@@ -15,6 +15,12 @@ _BETWEEN, _WIDE = {"x": 0.17, "y": 0.12}, 0.3
 _SLIVERS = {0.1: 0.4, 0.35: 0.15}
 """Where a linear axis flattens: all but this share of the later half takes less than this share of it."""
 
+AXES = (
+    "An axis whose numbers crowd is linear near the best return and logarithmic far from it, where early training "
+    "would flatten the rest. It is fitted to the curves: where a band is wider than that, it goes on beyond it."
+)
+"""A sentence for the captions of figures with `fit_curves`."""
+
 Scale = Callable[[Float[np.ndarray, "*n"]], Float[np.ndarray, "*n"]]
 
 

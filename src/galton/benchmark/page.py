@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from matplotlib.figure import Figure
 
 from galton.analysis.plots import settle
+from galton.analysis.scales import AXES
 from galton.benchmark import tables
 from galton.benchmark.answer import sentences
 from galton.benchmark.figures import FIGURES, few
@@ -74,8 +75,8 @@ def page(found: Found, drawn: Mapping[str, Figure]) -> str:
     if "curves" in drawn:
         caption = (
             "Shared settings on fresh seeds: the mean of all runs that have not diverged so far, and its 95% interval. "
+            f"{AXES} {few(found)}"
         )
-        caption += few(found)
         sections.append(Section("curves", "Learning curves", caption, drawn["curves"]))
     if "best-of-n" in drawn:
         caption = _BEST_OF + few(found)

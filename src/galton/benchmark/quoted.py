@@ -2,8 +2,8 @@
 
 A document says <!-- table: BENCHMARK: NAME --> where one stands, and
 `python -m galton.benchmark.quoted benchmarks/BENCHMARK.toml results/BENCHMARK DOCUMENT ...` writes it. NAME is
-`returns, fresh`, `returns, held-out`, `speeds`, `all tasks: METHOD; METHOD`, with the methods' names, or, where the
-labels of all methods are "A, B", `crossed, TASK`: a row for each A, a column for each B.
+`returns, fresh`, `returns, held-out`, `all tasks: METHOD; METHOD`, with the methods' names, or, where the labels of all
+methods are "A, B", `crossed, TASK`: a row for each A, a column for each B.
 """
 
 import sys
@@ -11,24 +11,21 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from galton.analysis.statistics import Interval
-from galton.benchmark.folder import load, made
+from galton.benchmark.folder import load
 from galton.benchmark.found import Found
 from galton.benchmark.reading import read
 from galton.benchmark.stages import Role, Stage
-from galton.benchmark.tables import returns_of, speeds
+from galton.benchmark.tables import returns_of
 from galton.page import quotes
 from galton.sweep.store import Store
 
 
 def tables(file: Path, folder: str) -> Callable[[str], str | None]:
     """What gives a table by the file's name and its own: None of another file, or where its stages are not done."""
-    store, name = Store(folder), file.stem
-    found = load(store, read(file))
-    speed = speeds(found, made(store))
+    found, name = load(Store(folder), read(file)), file.stem
     known = {f"{name}: returns, {stage}": _returns(found, stage) for stage in found.standings}
     if "fresh" in found.standings:
         known[f"{name}: returns, fresh, a setting for each task"] = _returns(found, "fresh", "per-task")
-    known[f"{name}: speeds"] = quotes.markdown(speed.headings, speed.rows)
     if all(", " in method.label for method in found.protocol.methods) and "fresh" in found.standings:
         known |= {f"{name}: crossed, {task}": _crossed(found, task) for task in found.standings["fresh"].tasks}
     some = f"{name}: all tasks: "

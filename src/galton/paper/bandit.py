@@ -8,11 +8,11 @@ from matplotlib.figure import Figure
 
 from galton.analysis.bands import mean_band
 from galton.analysis.plots import draw_series, finish, label_rows, look_of, marker_of, panels
-from galton.analysis.scales import fit_curves
+from galton.analysis.scales import AXES, fit_curves
 from galton.analysis.statistics import Interval
 from galton.paper import controls, harder_bandits
 from galton.paper.controls import CONTROLS
-from galton.paper.curves import AXES, BANDS, draw_best, draw_levels, numbered, runs_of
+from galton.paper.curves import BANDS, draw_best, draw_levels, numbered, runs_of
 from galton.paper.figure import FigureStudy
 from galton.paper.harder_bandits import DIMENSION, NOISE, across, losses_in
 from galton.paper.summary import Summary

@@ -18,11 +18,6 @@ from galton.paper.trained import Trained, paper_settings
 from galton.tasks import TASKS
 from galton.training.log import MEAN_ACTION_RETURN
 
-AXES = (
-    "An axis whose numbers crowd is linear near the best return and logarithmic far from it, where early training "
-    "would flatten the rest. It is fitted to the curves: where a band is wider than that, it goes on beyond it."
-)
-"""A sentence for the captions of figures with `fit_curves`."""
 BANDS = "a percentile bootstrap of their mean, 95%, which with three runs is their range"
 """What the bands around learning curves are, for captions."""
 

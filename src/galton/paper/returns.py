@@ -5,11 +5,12 @@ from collections.abc import Callable, Iterable, Mapping
 
 import numpy as np
 
+from galton.analysis.scales import AXES
 from galton.analysis.statistics import Comparison, compare, mean_interval
 from galton.losses import LOSSES
 from galton.page.page import Claim
 from galton.paper import order, stability
-from galton.paper.curves import AXES, BANDS, best_curves, shown
+from galton.paper.curves import BANDS, best_curves, shown
 from galton.paper.figure import FigureStudy
 from galton.paper.measures import (
     better,

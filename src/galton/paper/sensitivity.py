@@ -12,11 +12,11 @@ from matplotlib.figure import Figure
 
 from galton.analysis.bands import mean_band
 from galton.analysis.plots import draw_series, finish, grid, over_steps
-from galton.analysis.scales import fit_curves
+from galton.analysis.scales import AXES, fit_curves
 from galton.analysis.statistics import Interval, against, compare, mean_interval, within
 from galton.losses import LOSSES
 from galton.page.page import Claim
-from galton.paper.curves import AXES, counted
+from galton.paper.curves import counted
 from galton.paper.figure import FigureStudy
 from galton.paper.measures import CLASSIFICATION, by_value, spread
 from galton.paper.scale import Scale, optimum
