@@ -102,3 +102,13 @@ def test_readme_quotes_the_demo_as_it_was_run():
             of = row["evaluation_return"]
             told.append(f"{of['mean']:.2f} ± {(of['high'] - of['low']) / 2:.2f} ({row['rest_to_optimum']:.1%})")
         assert [cell.strip() for cell in line.split("|")[2:-1]] == [each.replace("-", "−") for each in told]
+
+
+def test_what_doing_nothing_earns_is_quoted_as_it_was_measured():
+    rows = json.loads((ROOT / "results" / "benchmarks" / "doing_nothing.json").read_text())["rows"]
+    table = (ROOT / "docs" / "winner_mujoco.md").read_text().partition("| task | doing nothing |")[2]
+    cells = [line.split("|")[1:3] for line in table.splitlines()[2 : 2 + len(rows)]]
+    told = {task.strip(): earns.strip() for task, earns in cells}
+    for task, of in rows.items():
+        expected = f"{of['mean']:.1f} ± {(of['high'] - of['low']) / 2:.1f}".replace("-", "−")
+        assert told[task] == expected

@@ -44,10 +44,33 @@ _A2C = {
 """What benchmarks/winner-a2c.toml selected for its best head over bins, but for the decay of the learning rate, since a
 model doesn't know how long it will be trained."""
 
+_PPO = {
+    "n_bins": 50,
+    "n_envs": 8,
+    "n_steps": 256,
+    "n_epochs": 5,
+    "learning_rate": 0.00104,
+    "gamma": 0.993,
+    "gae_lambda": 0.99,
+    "ent_coef": 0.000599,
+    "clip_range": 0.206,
+    "max_grad_norm": 0.292,
+    "normalize_observation": True,
+    "normalize_reward": True,
+    "eta": 4.48,
+    "box_units": 1.0,
+    "bin_centers": "bounds",
+    "target_tails": "edges",
+    "initial_policy": "clipped-gaussian",
+    "log_std_init": -0.858,
+    "deterministic_action": "mean",
+}
+"""The same of benchmarks/winner-mujoco.toml."""
+
 PRESETS: Mapping[str, Mapping[str, Preset]] = {
     RECOMMENDED: {
         "a2c": Preset(RECOMMENDED, "hl-gauss-centred", _A2C),
-        "ppo": Preset(RECOMMENDED),
+        "ppo": Preset(RECOMMENDED, "hl-gauss-centred", _PPO),
     },
     PAPER: {},
 }
