@@ -84,10 +84,16 @@ def test_standings_are_what_plain_counting_finds():
     for (method, role), of in scores.items():
         assert found.scores[method][role].judged.mean == pytest.approx(np.mean(of))
         assert found.scores[method][role].middle.mean == pytest.approx(stats.trim_mean(np.ravel(of), 0.25))
+
+    def share(ours, theirs, role):
+        pairs = zip(scores[ours, role], scores[theirs, role], strict=True)
+        return pytest.approx(np.mean([(x > y) + 0.5 * (x == y) for p, q in pairs for x in p for y in q]))
+
     for ours, theirs in (("bins", "gaussian"), ("gaussian", "ppo")):
-        a, b = scores[ours, "shared"], scores[theirs, "shared"]
-        share = np.mean([(x > y) + 0.5 * (x == y) for p, q in zip(a, b, strict=True) for x in p for y in q])
-        assert found.above[ours][theirs].mean == pytest.approx(share)
+        assert found.above[ours][theirs].mean == share(ours, theirs, "shared")
+    for method in ("bins", "ppo"):
+        assert found.above_per_task[method].mean == share(method, "gaussian", "per-task")
+    assert found.above_per_task["bins"] != found.above["bins"]["gaussian"]
     gain = np.mean([y - x for x, y in zip(scores["gaussian", "shared"], scores["gaussian", "per-task"], strict=True)])
     assert found.sensitivity["gaussian"].mean == pytest.approx(gain)
     assert found.sensitivity["bins"] == (0, 0, 0)  # one setting in both roles: no luck in it
@@ -119,5 +125,5 @@ def test_a_diverged_run_counts_as_the_worst_and_is_counted():
 def test_held_out_tasks_have_no_setting_of_their_own():
     found = standings(KNOWN, made_up("held-out")[0])
     assert found.tasks == ("four",)
-    assert found.sensitivity == {}
+    assert found.sensitivity == found.above_per_task == {}
     assert [*found.scores["bins"]] == ["shared"]

@@ -22,8 +22,8 @@ _SCORE = (
 )
 _AGAINST = (
     "P(above) is the chance that a run is above one of the baseline's on a task that is drawn at random; a tie counts "
-    "half. Its interval draws the runs of one seed together. Sensitivity is what selecting a setting for each task "
-    "gains over one for all of them, by the same scores."
+    "half. Its interval draws the runs of one seed together. With own settings both have the setting that was selected "
+    "for the task. Sensitivity is what that gains over one setting for all tasks, by the same scores."
 )
 _RETURNS = (
     "Returns are means over fresh seeds with Student's 95% interval; a diverged run counts as the worst that any "

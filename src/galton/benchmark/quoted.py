@@ -39,18 +39,20 @@ def tables(file: Path, folder: str) -> Callable[[str], str | None]:
 
 
 def _returns(found: Found, stage: Stage, role: Role = "shared") -> str:
-    """Score and returns of every method's settings, the best score first; of shared ones also P(above the baseline)."""
+    """Score, P(above the baseline) and returns of every method's settings, the best score first."""
     standings, base = found.standings[stage], found.protocol.baseline.name
+    above = {m: of[base] for m, of in standings.above.items() if m != base}
+    above = above if role == "shared" else {**standings.above_per_task}
     labels = {task.name: task.label for task in found.protocol.tasks}
     ranked = sorted(found.protocol.methods, key=lambda method: -float(standings.scores[method.name][role].judged.mean))
     rows = []
     for method in ranked:
         score = standings.scores[method.name][role].judged
-        above = "—" if method.name == base else f"{standings.above[method.name][base]:.2f}"
+        chance = "—" if method.name == base else f"{above[method.name]:.2f}"
         of_tasks = [returns_of(standings, task, method, role) for task in standings.tasks]
-        rows.append([method.label, f"{_even(score):.2f}", *[above] * (role == "shared"), *of_tasks])
-    against = [f"P(above {found.protocol.baseline.label})"] * (role == "shared")
-    return quotes.markdown(["method", "score", *against, *(labels[task] for task in standings.tasks)], rows)
+        rows.append([method.label, f"{_even(score):.2f}", chance, *of_tasks])
+    against = f"P(above {found.protocol.baseline.label})"
+    return quotes.markdown(["method", "score", against, *(labels[task] for task in standings.tasks)], rows)
 
 
 def _of_methods(found: Found, names: Sequence[str]) -> str:

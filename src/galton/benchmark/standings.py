@@ -60,6 +60,8 @@ class Standings:
     """P(X > Y) over all tasks for each two methods, by what runs of the shared settings are judged by."""
     above_in_training: Mapping[str, Interval]
     """P(X > baseline) by the training return."""
+    above_per_task: Mapping[str, Interval]
+    """P(X > baseline) of the settings selected for each task, as `above`; empty where `sensitivity` is."""
     results: Mapping[str, Mapping[str, Mapping[Role, Result]]]
     """By task, method and role."""
     versus: Mapping[str, Mapping[str, Versus]]
@@ -82,6 +84,7 @@ def standings(protocol: Protocol, runs: Sequence[Runs]) -> Standings:
         scores={m: {role: _score(judged, training, m, i) for i, role in enumerate(roles)} for m in methods},
         above={m: {other: _improvement(judged, m, other) for other in methods if other != m} for m in methods},
         above_in_training={m: _improvement(training, m, base) for m in others},
+        above_per_task={m: _improvement(judged, m, base, 1) for m in others} if "per-task" in roles else {},
         results={each.task: {m: _results(each, filled, m, roles) for m in methods} for each in runs},
         versus={m: _versus(finals["judged"], filled["judged"], m, base) for m in others},
         sensitivity={m: _sensitivity(judged, m) for m in methods} if "per-task" in roles else {},
@@ -94,9 +97,9 @@ def _score(judged: Judged, training: Judged, method: str, row: int) -> Score:
     return Score(mean_band(found, 2000), interquartile_mean(found), mean_band(trained, 2000))
 
 
-def _improvement(scores: Judged, method: str, other: str) -> Interval:
-    """P(X > Y) of the shared settings of two methods, whose runs of one trial have the same seed."""
-    return improvement(_of(scores, method, 0), _of(scores, other, 0), paired=True)
+def _improvement(scores: Judged, method: str, other: str, row: int = 0) -> Interval:
+    """P(X > Y) of two methods in one role, whose runs of one trial have the same seed."""
+    return improvement(_of(scores, method, row), _of(scores, other, row), paired=True)
 
 
 def _results(runs: Runs, filled: Mapping[str, Judged], method: str, roles: Sequence[Role]) -> dict[Role, Result]:

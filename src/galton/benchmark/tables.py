@@ -89,7 +89,7 @@ def scores(found: Found, stage: Stage) -> Table:
     """How the shared settings do over all tasks of a stage."""
     standings, base = found.standings[stage], found.protocol.baseline
     headings = ["method", "score", "IQM", "training score", "P(above)", "P, training"]
-    headings += ["sensitivity"] * bool(standings.sensitivity) + ["diverged"]
+    headings += ["P(above), own settings", "sensitivity"] * bool(standings.sensitivity) + ["diverged"]
     rows = []
     for method in found.protocol.methods:
         name, score = method.name, standings.scores[method.name]["shared"]
@@ -99,6 +99,7 @@ def scores(found: Found, stage: Stage) -> Table:
         else:
             row += [f"{standings.above[name][base.name]:.2f}", f"{standings.above_in_training[name]:.2f}"]
         if standings.sensitivity:
+            row.append("—" if method == base else f"{standings.above_per_task[name]:.2f}")
             row.append(f"{standings.sensitivity[name]:+.3f}")
         diverged = sum(of_task[name]["shared"].diverged for of_task in standings.results.values())
         rows.append([*row, f"{diverged}"])
