@@ -3,6 +3,7 @@
 import json
 import pkgutil
 import re
+import runpy
 import subprocess
 from pathlib import Path
 
@@ -112,3 +113,12 @@ def test_what_doing_nothing_earns_is_quoted_as_it_was_measured():
     for task, of in rows.items():
         expected = f"{of['mean']:.1f} ± {(of['high'] - of['low']) / 2:.1f}".replace("-", "−")
         assert told[task] == expected
+
+
+def test_what_each_method_costs_is_quoted_as_it_was_measured(monkeypatch):
+    monkeypatch.syspath_prepend(ROOT / "benchmarks")
+    table = runpy.run_path(str(ROOT / "benchmarks" / "method_speed.py"))["table"]
+    found = json.loads((ROOT / "results" / "benchmarks" / "method_speed.json").read_text())["steps_per_second"]
+    text = (ROOT / "docs" / "winner.md").read_text()
+    for name, columns in found.items():
+        assert f"<!-- table: method_speed: {name} -->\n\n{table(columns)}\n" in text
