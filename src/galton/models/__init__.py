@@ -43,7 +43,9 @@ class A2C(Model):
 
 
 class PPO(Model):
-    """Proximal policy optimisation with SB3's semantics and numbers, for every loss (see `galton.algorithms.ppo`).
+    """Proximal policy optimisation for every loss (see `galton.algorithms.ppo`), with SB3's semantics.
+
+    Where a loss is named, or with the preset "paper", the numbers are SB3's too.
 
     Keyword arguments are the fields of `Config` and `Hypers`, which describe them; see `Model` for the others.
     """
