@@ -1,6 +1,8 @@
-"""What doing nothing earns on the tasks of a benchmark's file that are Gymnasium's: the middle of the box at each step.
+"""What doing nothing earns on the tasks of a benchmark's file that are Gymnasium's.
 
-python benchmarks/doing_nothing.py benchmarks/winner-mujoco.toml [--episodes 100]
+Nothing is the middle of the box at each step. The table stands in docs/winner_mujoco.md.
+
+    python benchmarks/doing_nothing.py benchmarks/winner-mujoco.toml [--episodes 100]
 """
 
 import argparse

@@ -82,8 +82,8 @@ def test_minibatches_that_do_not_divide_a_rollout_are_refused():
     ):
         with pytest.raises(UsageError, match=r"batch_size is 8, .* n_steps · n_envs = 10 · 3 = 30 steps"):
             make()
-    with pytest.raises(UsageError, match=r"batch_size is 64, but .* = 20 · 8 = 160 steps"):
-        PPO("lqr", n_steps=20)
+    with pytest.raises(UsageError, match=r"batch_size is 64, but .* = 20 · 1 = 20 steps"):
+        PPO("lqr", preset="paper", n_steps=20)
     with pytest.raises(UsageError, match="normalize_advantage needs more than one step in a minibatch"):
         PPO("lqr", n_steps=4, batch_size=1)
 

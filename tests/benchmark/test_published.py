@@ -5,10 +5,12 @@ import re
 import subprocess
 from pathlib import Path
 
+import numpy as np
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 import pytest
 
+from galton.analysis.aggregates import improvement
 from galton.benchmark import quoted, report, tables
 from galton.benchmark.folder import FILE, load
 from galton.benchmark.reading import read
@@ -124,3 +126,27 @@ def test_a_crossed_table_has_each_methods_mean_at_its_row_and_column():
         for name, row in rows.items():
             mean = pc.mean(table.filter(pc.equal(table["method"], f"{name}-{rate}"))["final_judged"]).as_py()
             assert row[column].split(" ± ")[0] == f"{mean:.2f}".replace("-", "−")
+
+
+def test_what_is_told_of_pairs_of_runs_on_mujoco():
+    """What docs/winner_mujoco.md and README say beyond their tables: of Ant's part, and of pairs on single tasks."""
+
+    def finals(task, stage, method, role="shared"):
+        table = pq.read_table(ROOT / "results" / "winner-mujoco" / "data" / f"{stage}-{task}.parquet").sort_by("trial")
+        return np.array(table.filter((pc.field("method") == method) & (pc.field("role") == role))["final_judged"])
+
+    def above(ours, theirs):
+        return int((ours[:, None] > theirs).sum())
+
+    others = ("walker", "swimmer", "inverted-double-pendulum", "lunar-lander")
+    ours, theirs = ([finals(task, "held-out", of) for task in others] for of in ("edges", "gaussian"))
+    without_ant = improvement(ours, theirs, paired=True)
+    assert without_ant.mean == pytest.approx(0.63)
+    assert 0.45 < without_ant.low < 0.55
+    assert above(theirs[0], ours[0]) == 22
+    for head in ("hl-one-hot", "edges", "edges-critic"):
+        on_ant = finals("ant", "held-out", head)
+        assert above(on_ant, finals("ant", "held-out", "gaussian")) == 25
+        assert on_ant.min() > 994.1
+    for task, pairs in (("half-cheetah", 0), ("hopper", 20)):
+        assert above(*(finals(task, "fresh", of, "per-task") for of in ("edges", "gaussian"))) == pairs

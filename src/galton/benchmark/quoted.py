@@ -41,8 +41,8 @@ def tables(file: Path, folder: str) -> Callable[[str], str | None]:
 def _returns(found: Found, stage: Stage, role: Role = "shared") -> str:
     """Score, P(above the baseline) and returns of every method's settings, the best score first."""
     standings, base = found.standings[stage], found.protocol.baseline.name
-    above = {m: of[base] for m, of in standings.above.items() if m != base}
-    above = above if role == "shared" else {**standings.above_per_task}
+    shared = {m: of[base] for m, of in standings.above.items() if m != base}
+    above = shared if role == "shared" else standings.above_per_task
     labels = {task.name: task.label for task in found.protocol.tasks}
     ranked = sorted(found.protocol.methods, key=lambda method: -float(standings.scores[method.name][role].judged.mean))
     rows = []
