@@ -11,7 +11,7 @@ import pytest
 
 from galton.cli import _program_faults, _programs
 
-from .test_programs import COMPARE, entries, galton
+from .test_programs import COMPARE, entries, galton, keeping
 
 SMALL = """
 import errno, os, pathlib, resource, sys
@@ -40,9 +40,8 @@ PLACES = {
 def compiled(programs, before="", after=""):
     """The lines of standard error of such a process, which must have computed what it should."""
     # Nor is it measured: what a full disk does to the lines that were run is not asked.
-    kept = {name: value for name, value in os.environ.items() if not name.startswith(("JAX_", "COVERAGE_"))}
+    environment = keeping(programs, "COVERAGE_")
     command = [sys.executable, "-c", SMALL.format(before=before, after=after)]
-    environment = kept | {_programs.PLACE: str(programs)}
     done = subprocess.run(command, capture_output=True, text=True, env=environment, timeout=120)
     assert (done.returncode, done.stdout) == (0, "7.0\n"), done.stderr
     return done.stderr.splitlines()
@@ -98,12 +97,11 @@ def curves(folder):
 @pytest.mark.slow
 def test_a_comparison_with_a_folder_that_is_full_has_the_same_numbers(compared, tmp_path):
     limited = f"import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (2**19, 2**19)); {MAIN}"
-    kept = {name: value for name, value in os.environ.items() if not name.startswith("JAX_")}
     done = subprocess.run(
         [sys.executable, "-c", limited, *COMPARE, tmp_path / "one"],
         capture_output=True,
         text=True,
-        env=kept | {_programs.PLACE: str(tmp_path / "programs")},
+        env=keeping(tmp_path / "programs"),
         timeout=300,
     )
     assert (done.returncode, done.stderr.count("\n")) == (0, 1)

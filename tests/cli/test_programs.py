@@ -12,16 +12,21 @@ from galton.cli import _programs
 COMPARE = ["compare", "bandit", "--losses=gaussian", "--steps=100", "--seeds=2", "--logs=2", "--overwrite", "--out"]
 
 
+def keeping(programs, *without):
+    """The environment of a process that keeps its programs in a folder, whatever a command has set that ran in this."""
+    without = ("JAX_COMPILATION_CACHE", "JAX_PERSISTENT_CACHE", "PYTHONWARNINGS", *without)
+    kept = {name: value for name, value in os.environ.items() if not name.startswith(without)}
+    return kept | {_programs.PLACE: str(programs)}
+
+
 def galton(folder, *words, programs, **environment):
     """A command in a process of its own, which keeps its programs in the folder `programs`."""
-    cache = ("JAX_COMPILATION_CACHE", "JAX_PERSISTENT_CACHE")
-    kept = {name: value for name, value in os.environ.items() if not name.startswith(cache)}
     return subprocess.run(
         [sys.executable, "-m", "galton", *words],
         cwd=folder,
         capture_output=True,
         text=True,
-        env=kept | {_programs.PLACE: str(programs)} | environment,
+        env=keeping(programs) | environment,
         timeout=300,
     )
 
