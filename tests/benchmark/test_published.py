@@ -11,6 +11,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from galton.analysis.aggregates import improvement
+from galton.analysis.statistics import mean_interval
 from galton.benchmark import quoted, report, tables
 from galton.benchmark.folder import FILE, load
 from galton.benchmark.reading import read
@@ -73,11 +74,19 @@ def test_the_file_was_committed_before_its_runs(name, tmp_path):
         assert read(tmp_path / f"{name}.toml").digest == json.loads((folder / FILE).read_text())["benchmark"]
 
 
-def test_every_method_got_as_many_draws_and_steps():
-    known = load(Store(str(ROOT / "results" / "winner-a2c")), read(ROOT / "benchmarks" / "winner-a2c.toml"))
+@pytest.mark.parametrize(
+    ("name", "given"),
+    [
+        ("winner-a2c", ("16", "48,326,400", "20,136,000", "12,084,000")),
+        ("winner", ("16", "32,438,784", "20,274,240", "12,185,120")),
+        ("winner-mujoco", ("12", "36,421,632", "30,720,000", "23,009,280")),
+    ],
+)
+def test_every_method_got_as_many_draws_and_steps(name, given):
+    known = load(Store(str(ROOT / "results" / name)), read(ROOT / "benchmarks" / f"{name}.toml"))
     rows = tables.budget(known).rows
     assert len(rows) == len(known.protocol.methods)
-    assert {tuple(row[1:2] + row[3:-1]) for row in rows} == {("16", "48,326,400", "20,136,000", "12,084,000")}
+    assert {tuple(row[1:2] + row[3:-1]) for row in rows} == {given}
     for of_stage in known.runs.values():
         for runs in of_stage:
             seeds = {(row["trial"], row["seed"]) for row in runs.table.select(["trial", "seed"]).to_pylist()}
@@ -128,6 +137,15 @@ def test_a_crossed_table_has_each_methods_mean_at_its_row_and_column():
             assert row[column].split(" ± ")[0] == f"{mean:.2f}".replace("-", "−")
 
 
+def test_as_many_are_behind_the_gaussian_under_a2c_as_told():
+    """Where each task has a setting of its own, and the head that A2C begins with is among them."""
+    found = json.loads((ROOT / "results" / "winner-a2c" / "report.json").read_text())["stages"]["fresh"]
+    above = found["above_per_task"]
+    assert sum(interval["high"] < 0.5 for interval in above.values()) == 20
+    assert not any(interval["low"] > 0.5 for interval in above.values())
+    assert [round(above["width-edges"][of], 3) for of in ("mean", "low", "high")] == [0.417, 0.338, 0.495]
+
+
 def test_what_is_told_of_pairs_of_runs_on_mujoco():
     """What docs/winner_mujoco.md and README say beyond their tables: of Ant's part, and of pairs on single tasks."""
 
@@ -144,6 +162,11 @@ def test_what_is_told_of_pairs_of_runs_on_mujoco():
     assert without_ant.mean == pytest.approx(0.63)
     assert 0.45 < without_ant.low < 0.55
     assert above(theirs[0], ours[0]) == 22
+    behind = mean_interval(theirs[0] - ours[0])
+    assert (round(float(behind.mean)), round(float(behind.high - behind.mean))) == (520, 363)
+    assert (theirs[0] > ours[0]).all()
+    on_reacher = [finals("reacher", "fresh", of) for of in ("edges", "gaussian")]
+    assert (on_reacher[0] > on_reacher[1]).all()
     for head in ("hl-one-hot", "edges", "edges-critic"):
         on_ant = finals("ant", "held-out", head)
         assert above(on_ant, finals("ant", "held-out", "gaussian")) == 25

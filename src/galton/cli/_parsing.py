@@ -38,7 +38,7 @@ GROUPS: dict[str, tuple[str, ...]] = {
 }
 """In which order help shows the options of Training. Those that no group has are the last of the policy's."""
 
-TOLD = {"training": "The defaults are the task's (App. C.2), or those of another algorithm."}
+TOLD = {"training": "The defaults are the task's (App. C.2), the preset's or the algorithm's; name ENV to see them."}
 """What help says of a group of options."""
 
 _UNTOLD = 2**31 - 1
