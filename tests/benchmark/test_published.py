@@ -1,5 +1,6 @@
 """What is published fits the file that it was trained by, and documents quote it as it is."""
 
+import functools
 import json
 import re
 import subprocess
@@ -149,18 +150,29 @@ def test_as_many_are_behind_the_gaussian_under_a2c_as_told():
     assert [round(above["width-edges"][of], 3) for of in ("mean", "low", "high")] == [0.417, 0.338, 0.495]
 
 
+def finals(benchmark, part, method, role="shared"):
+    """What a method's runs of one part are judged by, in the order of their seeds."""
+    table = pq.read_table(ROOT / "results" / benchmark / "data" / f"{part}.parquet").sort_by("trial")
+    return np.array(table.filter((pc.field("method") == method) & (pc.field("role") == role))["final_judged"])
+
+
+def test_what_is_told_of_held_out_tasks_under_a2c_beside_the_bandit():
+    parts = [f"held-out-{task}" for task in ("lqr-unstable", "mountain-car", "pendulum")]
+    theirs = [finals("winner-a2c", part, "gaussian") for part in parts]
+    for name, told in (("ordinal", (0.65, 0.53, 0.75)), ("gaussian-critic", (0.61, 0.47, 0.75))):
+        found = improvement([finals("winner-a2c", part, name) for part in parts], theirs, paired=True)
+        assert [round(float(number), 2) for number in found] == [*told]
+
+
 def test_what_is_told_of_pairs_of_runs_on_mujoco():
     """What docs/winner_mujoco.md and README say beyond their tables: of Ant's part, and of pairs on single tasks."""
-
-    def finals(task, stage, method, role="shared"):
-        table = pq.read_table(ROOT / "results" / "winner-mujoco" / "data" / f"{stage}-{task}.parquet").sort_by("trial")
-        return np.array(table.filter((pc.field("method") == method) & (pc.field("role") == role))["final_judged"])
 
     def above(ours, theirs):
         return int((ours[:, None] > theirs).sum())
 
+    known = functools.partial(finals, "winner-mujoco")
     others = ("walker", "swimmer", "inverted-double-pendulum", "lunar-lander")
-    ours, theirs = ([finals(task, "held-out", of) for task in others] for of in ("edges", "gaussian"))
+    ours, theirs = ([known(f"held-out-{task}", of) for task in others] for of in ("edges", "gaussian"))
     without_ant = improvement(ours, theirs, paired=True)
     assert without_ant.mean == pytest.approx(0.63)
     assert 0.45 < without_ant.low < 0.55
@@ -168,11 +180,11 @@ def test_what_is_told_of_pairs_of_runs_on_mujoco():
     behind = mean_interval(theirs[0] - ours[0])
     assert (round(float(behind.mean)), round(float(behind.high - behind.mean))) == (520, 363)
     assert (theirs[0] > ours[0]).all()
-    on_reacher = [finals("reacher", "fresh", of) for of in ("edges", "gaussian")]
+    on_reacher = [known("fresh-reacher", of) for of in ("edges", "gaussian")]
     assert (on_reacher[0] > on_reacher[1]).all()
     for head in ("hl-one-hot", "edges", "edges-critic"):
-        on_ant = finals("ant", "held-out", head)
-        assert above(on_ant, finals("ant", "held-out", "gaussian")) == 25
+        on_ant = known("held-out-ant", head)
+        assert above(on_ant, known("held-out-ant", "gaussian")) == 25
         assert on_ant.min() > 994.1
     for task, pairs in (("half-cheetah", 0), ("hopper", 20)):
-        assert above(*(finals(task, "fresh", of, "per-task") for of in ("edges", "gaussian"))) == pairs
+        assert above(*(known(f"fresh-{task}", of, "per-task") for of in ("edges", "gaussian"))) == pairs

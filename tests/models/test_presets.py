@@ -1,6 +1,7 @@
 """What a model begins with where no loss is named, and how the paper's settings are had back."""
 
 import json
+import tomllib
 from pathlib import Path
 
 import gymnasium
@@ -123,6 +124,20 @@ def test_what_is_recommended_is_what_a_benchmark_selected(algorithm, benchmark, 
     preset = PRESETS[RECOMMENDED][algorithm]
     found = {**preset.settings, "loss": preset.loss, "algorithm": algorithm, "decay_steps": 1}
     assert rounded(found) == rounded(selected)
+
+
+@pytest.mark.parametrize(
+    ("algorithm", "benchmark", "method"),
+    [("a2c", "a2c-one-setting", "recommended"), ("ppo", "ppo-parts-mujoco", "all-but-decay")],
+)
+def test_what_a_page_calls_the_default_is_what_is_recommended(algorithm, benchmark, method):
+    file = tomllib.loads((ROOT / "benchmarks" / f"{benchmark}.toml").read_text())
+    (rate,) = file["prior"]["learning_rate"]["choice"]
+    trained = file["fixed"] | file["methods"][method].get("fixed", {}) | {"learning_rate": rate}
+    preset = PRESETS[RECOMMENDED][algorithm]
+    usual = {"net_arch": [*Config().net_arch], "decay_steps": 0}
+    expected = {**preset.settings, "loss": preset.loss, "algorithm": algorithm}
+    assert trained == expected | {name: value for name, value in usual.items() if name in trained}
 
 
 def rounded(settings):

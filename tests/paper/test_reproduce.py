@@ -32,7 +32,7 @@ from .made_up import SWEEPS
 
 def galton(*arguments):
     return subprocess.run(
-        [sys.executable, "-m", "galton", *map(str, arguments)], capture_output=True, text=True, timeout=3600
+        [sys.executable, "-m", "galton", *map(str, arguments)], capture_output=True, text=True, timeout=900
     )
 
 
