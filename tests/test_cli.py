@@ -383,6 +383,7 @@ def test_an_interrupt_leaves_nothing_half_written(number, delay, tmp_path):
     assert (out / "config.json").read_text() == mine
 
 
+@pytest.mark.slow
 def test_two_processes_do_not_fill_one_folder(tmp_path):
     first = subprocess.Popen([GALTON, "compare", "lqr", "--out", tmp_path / "out"], stdout=subprocess.DEVNULL)
     deadline = time.monotonic() + 60

@@ -36,7 +36,7 @@ def fits(policy, loss, algorithm):
 
 
 QUICK = [
-    *itertools.product(("gaussian", "beta", "rpo"), ["gaussian"], ["ppo"]),
+    *itertools.product(("gaussian", "rpo"), ["gaussian"], ["ppo"]),
     *itertools.product(("histogram", "ordinal"), ["hl-gauss-centred"], ["ppo"]),
     ("smoothed", "hl-one-hot", "ppo"),
 ]

@@ -18,7 +18,7 @@ def best_mean(env, config, rates, n_seeds, steps, **hypers):
     return np.max(np.nan_to_num(final.reshape(len(rates), n_seeds).mean(1), nan=-np.inf))
 
 
-FAST = ("gaussian", "hl-gauss")
+FAST = ("hl-gauss",)
 
 
 @pytest.mark.parametrize("loss", [pytest.param(x, marks=[] if x in FAST else pytest.mark.slow) for x in LOSSES])

@@ -206,7 +206,11 @@ def test_a_floor_is_not_fallen_through():
 OF_PPO = {"algorithm": "ppo", "n_steps": 64, "batch_size": 32, "n_epochs": 4, "normalize_advantage": True}
 
 
-@pytest.mark.parametrize(("loss", "own"), [("hl-one-hot", {"n_steps": 8}), ("gaussian", OF_PPO)], ids=["a2c", "ppo"])
+@pytest.mark.parametrize(
+    ("loss", "own"),
+    [("hl-one-hot", {"n_steps": 8}), pytest.param("gaussian", OF_PPO, marks=pytest.mark.slow)],
+    ids=["a2c", "ppo"],
+)
 def test_the_target_is_reached_on_the_lqr(loss, own):
     config = Config(loss=loss, n_bins=20, n_envs=4, net_arch=(8,), **HELD, **own)
     hypers = Hypers(learning_rate=3e-3, entropy_start=0.4, entropy_end=0.2, entropy_steps=10_000.0)

@@ -138,7 +138,7 @@ def without_fps(log):
     [
         ("lqr", "hl-gauss-centred"),
         pytest.param(stateful_swing, "hl-gauss", marks=pytest.mark.slow),
-        ("Reacher-v5", "gaussian"),
+        pytest.param("Reacher-v5", "gaussian", marks=pytest.mark.slow),
     ],
     ids=["jax", "gymnasium", "mujoco"],
 )

@@ -135,7 +135,7 @@ def check_told(sides, told):
     [
         ("gaussian", False),
         pytest.param("gaussian", True, marks=pytest.mark.optimised),
-        ("hl-one-hot", False),
+        pytest.param("hl-one-hot", False, marks=pytest.mark.slow),
         ("hl-one-hot", True),
     ],
 )
@@ -162,7 +162,7 @@ def test_one_minibatch_and_ten_epochs_equal_sb3s(monkeypatch, loss, normalize_ad
     trust("ppo-and-sb3", promise, topic="numbers", figure=apart, unit="apart, relative to the change", at_most=1e-3)
 
 
-@pytest.mark.parametrize("loss", ["gaussian", "hl-one-hot"])
+@pytest.mark.parametrize("loss", ["gaussian", pytest.param("hl-one-hot", marks=pytest.mark.slow)])
 def test_rollouts_with_a_learning_rate_that_decays_equal_sb3s(monkeypatch, loss):
     sides = Sides(monkeypatch, loss, total=4 * T * N)
     for left in (0.75, 0.5, 0.25, 0.0):

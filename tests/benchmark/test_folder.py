@@ -60,6 +60,7 @@ def benchmark(folder, record=RECORD, here=None):
     return here.done
 
 
+@pytest.mark.slow
 def test_runs_of_a_shard_share_its_time_evenly(tmp_path):
     store = Store(str(tmp_path))
     with store.lock():

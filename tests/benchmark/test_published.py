@@ -78,8 +78,8 @@ def test_the_file_was_committed_before_its_runs(name, tmp_path):
 @pytest.mark.parametrize(
     ("name", "given"),
     [
-        ("winner-a2c", ("16", "48,326,400", "20,136,000", "12,084,000")),
-        ("winner", ("16", "32,438,784", "20,274,240", "12,185,120")),
+        pytest.param("winner-a2c", ("16", "48,326,400", "20,136,000", "12,084,000"), marks=pytest.mark.slow),
+        pytest.param("winner", ("16", "32,438,784", "20,274,240", "12,185,120"), marks=pytest.mark.slow),
         ("winner-mujoco", ("12", "36,421,632", "30,720,000", "23,009,280")),
     ],
 )

@@ -240,7 +240,9 @@ def test_without_data_nothing_is_decided():
     assert {claim.count for claim in found} == {None}
 
 
-@pytest.mark.parametrize("name", SWEEPS)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.slow if i % 4 else ()) for i, name in enumerate(SWEEPS)]
+)
 def test_every_claim_can_be_judged_from_any_one_sweep(name):
     """And from those whose winners it trains; the smoke test's runs are too few to decide anything."""
     data = made_up.data(lambda *_: 1.0, [sweep.name for sweep in needed([SWEEPS[name]])])

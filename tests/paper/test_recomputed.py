@@ -86,6 +86,7 @@ def test_the_table_of_winners(sweeps, trained):
                 assert all(map(is_printed, texts, mean_of(values))), (row, heading)
 
 
+@pytest.mark.slow
 def test_the_table_of_hypotheses(sweeps, trained):
     shown = {
         name: [(each.text, each.verdict) for each in cells[1:]]

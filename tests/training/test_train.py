@@ -110,9 +110,9 @@ def test_several_environments_per_run():
 @pytest.mark.parametrize(
     "settings",
     [
-        {"initial_policy": "gaussian"},
+        pytest.param({"initial_policy": "gaussian"}, marks=pytest.mark.slow),
         {"exploration": "gaussian", "bin_sample": "uniform"},
-        {"deterministic_action": "mean", "normalize_advantage": True},
+        pytest.param({"deterministic_action": "mean", "normalize_advantage": True}, marks=pytest.mark.slow),
         {"deterministic_action": "median", "net_arch": ()},
     ],
 )
