@@ -63,14 +63,15 @@ def test_a_part_of_the_paper_at_the_smallest_budget(part):
 
 @pytest.mark.slow
 def test_all_of_it_at_the_smallest_budget(part, tmp_path):
-    """What is there already is not trained again."""
+    """In three commands, of which none trains again what is there; each does about half of what there is or less."""
     out = tmp_path / "all"
     shutil.copytree(part, out)
-    known = {path.name: path.stat().st_mtime for path in (out / reproduce.DATA).iterdir()}
-    done = galton("reproduce", "all", "--budget", "smoke", "--out", out)
-    assert done.returncode == 0, done.stderr
+    for what in ([name for name in FIGURES if name != "hypotheses"], ["all"]):
+        known = {path.name: path.stat().st_mtime for path in (out / reproduce.DATA).iterdir()}
+        done = galton("reproduce", *what, "--budget", "smoke", "--out", out)
+        assert done.returncode == 0, done.stderr
+        assert {name: (out / reproduce.DATA / name).stat().st_mtime for name in known} == known
     assert set(reproduce.load(str(out)).sweeps) == set(SWEEPS)
-    assert {name: (out / reproduce.DATA / name).stat().st_mtime for name in known} == known
     check_page(out, FIGURES)
     assert "Not trained here" not in (out / "index.html").read_text()
 
