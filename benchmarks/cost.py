@@ -74,8 +74,8 @@ def page(found):
         f"{found['cores']} cores of {found['machine']} (`results/benchmarks/cost.json`). A hundred slots means",
         "a hundred such cores; a queue's waiting time is not in it.",
         "",
-        "| task | runs | environment steps | 2 cores | 100 Condor slots | one H100 |",
-        "|---|---|---|---|---|---|",
+        "| task | runs | environment steps | 2 cores | 100 Condor slots |",
+        "|---|---|---|---|---|",
     ]
     total_steps = total = 0
     for row in found["rows"]:
@@ -87,14 +87,13 @@ def page(found):
         "",
         "Compiling comes on top: the seven programs of a task take a worker "
         f"{max(compiling):.0f} seconds at most, once.",
-        "No H100 has been at hand: that column stays empty until somebody measures it.",
     ]
     Path("docs/cost.md").write_text("\n".join(lines) + "\n")
 
 
 def line(name, runs, steps, core_seconds):
     times = f"{span(core_seconds / 2)} | {span(core_seconds / 100)}"
-    return f"| {name} | {runs} | {steps / 1e6:,.0f} M | {times} | not measured |"
+    return f"| {name} | {runs} | {steps / 1e6:,.0f} M | {times} |"
 
 
 def span(seconds):
