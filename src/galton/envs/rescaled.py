@@ -2,6 +2,7 @@
 
 import dataclasses
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from gymnasium.spaces import Box
@@ -141,6 +142,11 @@ class RescaledEnvironments:
     def moves(self) -> Sequence[Moves]:
         """The counts of the wrapped copies' moves; empty if nobody else can hold them."""
         return self._envs.moves
+
+    @property
+    def layers(self) -> Sequence[list[Any]]:
+        """The wrapped copies' layers."""
+        return self._envs.layers
 
     def reset(self, seeds: Integer[np.ndarray, " M"]) -> Float[np.ndarray, "M o"]:
         """Begin episodes; a copy's seed decides all of its future."""

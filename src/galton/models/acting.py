@@ -9,7 +9,8 @@ from jaxtyping import Array, Float
 from galton import normalization
 from galton.algorithms import Agent, actor_critic
 from galton.envs.base import Environment
-from galton.envs.host.base import HostTask
+from galton.envs.host.base import HostEnvironments, HostTask
+from galton.envs.host.carried import take_statistics
 from galton.training.evaluate import Kept, copies, deterministic_action, evaluate, play
 from galton.types import Hypers, Learner
 
@@ -30,19 +31,31 @@ def explore(agent: Agent, learner: Learner, hypers: Hypers, rows: Rows, seed: in
 
 
 def returns_on(
-    task: Environment | HostTask, agent: Agent, learner: Learner, hypers: Hypers, n_episodes: int, seed: int, step: int
+    task: Environment | HostTask,
+    agent: Agent,
+    learner: Learner,
+    hypers: Hypers,
+    n_episodes: int,
+    seed: int,
+    step: int,
+    trained_on: HostEnvironments | None,
 ) -> Float[np.ndarray, " n_episodes"]:
-    """Undiscounted returns of whole episodes without exploration, on copies of an environment.
+    """Undiscounted returns of whole episodes without exploration, on copies of an environment, or on those given.
 
-    Seed and step of the model decide on the episodes.
+    Seed and step of the model decide on the episodes. Wrappers that normalise observations do so by the statistics of
+    what the model is trained on.
     """
     if isinstance(task, Environment):
         key = jax.random.fold_in(jax.random.key(seed), step)
         return np.asarray(_evaluated(key, task, agent, learner, hypers, n_episodes))
-    envs = copies(task, n_episodes)
+    n_copies = task.given or n_episodes
+    envs = copies(task, n_copies)
     try:
-        seeds = np.random.SeedSequence((seed, 1, step)).generate_state(n_episodes)
-        return play(task.name, envs, seeds, functools.partial(exploit, agent, learner, hypers))
+        theirs = trained_on.layers if trained_on else ()
+        for i, layers in enumerate(envs.layers):
+            take_statistics(task.name, layers, theirs[i % len(theirs)] if theirs else None)
+        seeds = np.random.SeedSequence((seed, 1, step)).generate_state(n_copies)
+        return play(task.name, envs, seeds, functools.partial(exploit, agent, learner, hypers), n_episodes)
     finally:
         if not isinstance(task, Kept):
             envs.close()

@@ -182,6 +182,11 @@ def resume(path: Path, population: Population, arrays: dict[str, np.ndarray]) ->
                 "its environments can't be put into a state; an environment, and a wrapper that Galton doesn't know, "
                 "needs get_state and set_state for it"
             )
+            if "statistics" in like:
+                try:
+                    snapshot |= checkpoint.unflatten(arrays, {"statistics": like["statistics"]})
+                except CheckpointError as error:
+                    cause += f"; and it has no statistics of its wrappers ({error})"
         else:
             try:
                 snapshot |= checkpoint.unflatten(arrays, {"environments": like["environments"]})

@@ -220,13 +220,19 @@ class Model:
     ) -> Float[np.ndarray, " n_episodes"]:
         """Undiscounted returns of whole episodes without exploration; training is not touched by it.
 
+        A copy of the environment is what training's is by now: with the statistics of its wrappers, which stay as they
+        are, and with the numbers and arrays that its attributes have got since. Rewards are told as the environment
+        gives them, below a wrapper that scales them by running statistics.
+
         Args:
             n_episodes: how many, side by side on copies of the environment.
-            env: another environment to play them on, as in the constructor.
+            env: another environment to play them on, as in the constructor. On one that is there they are played one
+                after another. Wrappers that normalise observations get the statistics of training's.
             env_kwargs: keyword arguments for an id or a name.
 
         Raises:
-            UsageError: an environment of which only one copy was given.
+            UsageError: an environment that was given and can't be copied as it is; one that normalises observations by
+                other statistics than training's.
         """
         require_integer("n_episodes", n_episodes, 1)
         if env is None:
@@ -234,7 +240,8 @@ class Model:
             return self.population.evaluate(n_episodes)[0]
         task = find(env, **(env_kwargs or {}))
         check_same_spaces(task, self.actions, self.observations)
-        return returns_on(task, self.agent, self.learner, self.hypers, n_episodes, self.seed, self.num_timesteps)
+        about = (self.agent, self.learner, self.hypers, n_episodes, self.seed, self.num_timesteps)
+        return returns_on(task, *about, self._run.environments)
 
     def save(self, path: str | Path) -> Path:
         """Write the model to one file and return its path; `.safetensors` is added to a name without a suffix.

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from galton.envs.base import Environment
-from galton.envs.host.base import HostTask
+from galton.envs.host.base import HostEnvironments, HostTask
 from galton.errors import UsageError, require
 from galton.models import file
 from galton.saving import checkpoint
@@ -34,6 +34,10 @@ class Loaded:
     learner: Learner
     arrays: Arrays
     task: None = None
+
+    @property
+    def environments(self) -> None:
+        """None, since there are none."""
 
     @property
     def population(self) -> Population:
@@ -83,6 +87,11 @@ class Run:
         if self._learner is None:
             self._learner = jax.tree.map(lambda x: jnp.asarray(x[0]), self.population.learner)
         return self._learner
+
+    @property
+    def environments(self) -> HostEnvironments | None:
+        """What the model is trained on; None in JAX."""
+        return self.population.environments
 
     @property
     def arrays(self) -> Arrays:

@@ -11,6 +11,7 @@ from galton import normalization
 from galton.algorithms import Agent, actor_critic
 from galton.envs.base import Environment
 from galton.envs.host.base import HostEnvironments, HostTask
+from galton.envs.host.carried import frozen
 from galton.errors import BrokenEnvironmentError, require
 from galton.training.rollout import start_episodes
 from galton.types import Hypers, Learner
@@ -45,12 +46,15 @@ def copies(task: HostTask, n_copies: int, n_threads: int = 1) -> HostEnvironment
 
 
 class Kept:
-    """A task with the copies of it to evaluate on, made once for many evaluations; it is a HostTask that has these."""
+    """A task with the copies of it to evaluate on, made once for many evaluations; it is a HostTask that has these.
 
-    def __init__(self, task: HostTask, n_copies: int) -> None:
-        self.name, self.n_threads, self.given = task.name, task.n_threads, n_copies
+    Of an environment that was given these are all that there are: episodes follow one another on them.
+    """
+
+    def __init__(self, task: HostTask, n_episodes: int) -> None:
+        self.name, self.n_threads, self.given = task.name, task.n_threads, task.given or n_episodes
         self.action_space, self.observation_space = task.action_space, task.observation_space
-        self._envs = copies(task, n_copies)
+        self._envs = copies(task, self.given)
 
     def make(self, n_copies: int, n_threads: int = 1) -> HostEnvironments:
         """The copies that there are."""
@@ -66,23 +70,37 @@ class Kept:
 def play(
     name: str,
     envs: HostEnvironments,
-    seeds: Integer[np.ndarray, " n"],
-    act: Callable[[Float[np.ndarray, "n o"]], Float[np.ndarray, "n d"]],
-) -> Float[np.ndarray, " n"]:
-    """Undiscounted returns of one whole episode in each of n environments outside JAX.
+    seeds: Integer[np.ndarray, " M"],
+    act: Callable[[Float[np.ndarray, "M o"]], Float[np.ndarray, "M d"]],
+    n_episodes: int,
+) -> Float[np.ndarray, " n_episodes"]:
+    """Undiscounted returns of whole episodes in M environments outside JAX, dealt out evenly.
+
+    Statistics of wrappers stay what they are, and rewards are those that the environment gives, not what such
+    statistics make of them.
 
     Raises:
         BrokenEnvironmentError: an environment broke, or an episode does not end.
     """
-    observation = envs.reset(seeds)
-    returns, active = np.zeros(len(observation)), np.ones(len(observation), bool)
-    for _ in range(MAX_STEPS):
-        steps = envs.step(act(observation))
-        returns[active] += steps.reward[active]
-        active &= ~(steps.terminated | steps.truncated)
-        if not active.any():
-            return returns
-        observation = steps.observation
+    n = len(seeds)
+    returns: list[list[float]] = [[] for _ in range(n)]
+    wanted = (n_episodes + n - 1 - np.arange(n)) // n
+    with frozen(envs.layers) as as_given:
+        observation = envs.reset(seeds)
+        collected, length = np.zeros(n), np.zeros(n, int)
+        while (active := np.array([len(own) for own in returns]) < wanted).any():
+            steps = envs.step(act(observation))
+            collected += as_given(steps.reward)
+            length += 1
+            for i in np.flatnonzero(steps.terminated | steps.truncated):
+                if active[i]:
+                    returns[i].append(collected[i])
+                collected[i], length[i] = 0.0, 0
+            if (length[active] >= MAX_STEPS).any():
+                break
+            observation = steps.observation
+        else:
+            return np.concatenate([*map(np.array, returns)])
     raise BrokenEnvironmentError(
         f"{name}: an episode of evaluation did not end in {MAX_STEPS:,} steps; give the environment a time limit "
         "(gymnasium.wrappers.TimeLimit) or turn evaluation off"

@@ -10,6 +10,7 @@ from jaxtyping import Array, Float, PyTree, UInt
 
 from galton.algorithms import Agent
 from galton.envs.host.base import HostEnvironments, HostTask, Steps
+from galton.envs.host.carried import MOMENTS, carry, plain_data, set_moments, statistics_of
 from galton.envs.host.moves import Watch
 from galton.envs.host.observations import Observations
 from galton.errors import BrokenEnvironmentError, SharedEnvironment
@@ -55,8 +56,8 @@ class Group:
         self._length = np.zeros(self._shape, np.int32)
         self._hypers = self._place(hypers)
         self._batch = self._empty_batch()
-        self._envs = task.make(len(seeds) * agent.config.n_envs, n_threads)
-        self._watch = Watch(self._envs.moves)
+        self.environments = task.make(len(seeds) * agent.config.n_envs, n_threads)
+        self._watch = Watch(self.environments.moves)
 
     def begin(self) -> None:
         """Make the runs and compile all programs but those of evaluation."""
@@ -71,7 +72,8 @@ class Group:
 
     def reset(self) -> None:
         """Begin the first episodes of training, whose observations the statistics count."""
-        self._start(self._envs.reset(self._environment_seeds(0)))
+        self._start(self.environments.reset(self._environment_seeds(0)))
+        self._at_first = [plain_data(layers) for layers in self.environments.layers]
         self.runs = self._programs.observe(self.runs, self._observation)
 
     def advance(self, n_updates: int) -> None:
@@ -124,7 +126,7 @@ class Group:
             raise BrokenEnvironmentError(
                 f"{self._task.name} was reset or stepped by somebody else in the middle of a rollout; give each its own"
             )
-        steps = self._envs.step(action)
+        steps = self.environments.step(action)
         self._watch.renew()
         return steps
 
@@ -166,8 +168,15 @@ class Group:
             self._evaluator_episodes = n_episodes
 
     def evaluate(self, n_episodes: int, rule: Rule | None = None) -> Float[np.ndarray, "P n_episodes"]:
-        """Undiscounted returns of whole episodes of the deterministic policy, on the copies made for them."""
+        """Undiscounted returns of whole episodes of the deterministic policy, on the copies made for them.
+
+        Each copy is what one of training's is by now: with its statistics, and whatever else it has been given.
+        """
         assert self._evaluator
+        n_envs = self._shape[1]
+        for i, layers in enumerate(self._evaluator.layers):
+            trained = i // n_episodes * n_envs + i % n_episodes % n_envs
+            carry(self.environments.layers[trained], self._at_first[trained], layers)
         learner, exploit = self.runs.learner, host_programs(self._agent.acting_by(rule)).exploit
 
         def act(observation: np.ndarray) -> np.ndarray:
@@ -175,7 +184,7 @@ class Group:
             return action.reshape(len(observation), -1)
 
         seeds = self._environment_seeds(1, int(self.runs.step[0]), n=n_episodes)
-        return self._split(play(self._task.name, self._evaluator, seeds, act))
+        return self._split(play(self._task.name, self._evaluator, seeds, act, len(seeds)))
 
     def put(self, learner: Learner) -> None:
         """Go on with something else learnt, each leaf `[P, ...]`."""
@@ -194,12 +203,24 @@ class Group:
             own["noise"] = jax.tree.map(np.asarray, self._noise)
         state = None if self._interrupted or self._watch.others_moved() else self._state()
         environments = None if state is None else own | {key: self._split(value) for key, value in state.items()}
-        return {"run": jax.tree.map(np.asarray, without_keys(self.runs)), "environments": environments}
+        snapshot = {"run": jax.tree.map(np.asarray, without_keys(self.runs)), "environments": environments}
+        if environments is None and (statistics := self._statistics()):
+            snapshot["statistics"] = statistics
+        return snapshot
+
+    def _statistics(self) -> dict[str, np.ndarray]:
+        """The running statistics of the environments' wrappers, each `[P, N, ...]`."""
+        of_copies = [statistics_of(layers) for layers in self.environments.layers]
+        return {
+            f"{place}/{name}": self._split(np.array([getattr(own[place], name) for own in of_copies]))
+            for place in (of_copies[0] if of_copies else ())
+            for name in MOMENTS
+        }
 
     def _state(self) -> dict[str, np.ndarray] | None:
         """The state of the environments; None, with a warning, where one that is broken or closed can't tell it."""
         try:
-            return self._envs.get_state()
+            return self.environments.get_state()
         except BrokenEnvironmentError as error:
             warnings.warn(f"{error}; so this is without the environments, and goes on in new episodes", stacklevel=2)
             return None
@@ -208,6 +229,10 @@ class Group:
         """Go back to a snapshot; without states, to the start of new episodes with the normaliser as it was."""
         self.runs = self._place(with_keys(snapshot["run"]))
         if "environments" not in snapshot:
+            told = {name: np.concatenate(value) for name, value in snapshot.get("statistics", {}).items()}
+            for i, layers in enumerate(self.environments.layers if told else ()):
+                for place, statistics in statistics_of(layers).items():
+                    set_moments(statistics, {name: told[f"{place}/{name}"][i] for name in MOMENTS})
             self._start_anew()
             return
         self._interrupted = False
@@ -216,19 +241,19 @@ class Group:
             np.array(state.pop(name)) for name in ("observation", "length", "return")
         )
         self._noise = self._place(state.pop("noise", ()))
-        self._envs.set_state({key: np.concatenate(value) for key, value in state.items()})
+        self.environments.set_state({key: np.concatenate(value) for key, value in state.items()})
         self._watch.begin()
 
     def close(self) -> None:
         """Let go of the environments, those of evaluation too."""
         self._watch.end()
-        self._envs.close()
+        self.environments.close()
         if self._evaluator:
             self._evaluator.close()
 
     def _start_anew(self) -> None:
         """Begin new episodes in the middle of a run, with seeds that its step decides."""
-        self._start(self._envs.reset(self._environment_seeds(2, int(self.runs.step[0]))))
+        self._start(self.environments.reset(self._environment_seeds(2, int(self.runs.step[0]))))
         self._interrupted = False
 
     def _start(self, observation: np.ndarray) -> None:

@@ -139,6 +139,10 @@ class DevicePopulation:
         """The step where a run's gradient was not finite, −1 while there is none."""
         return np.asarray(self._fetch(self._state.run.diverged_at))
 
+    @property
+    def environments(self) -> None:
+        """None, since environments in JAX are states in the population's own."""
+
     def advance(self, n_updates: int) -> None:
         """Train all runs for so many updates each; they are done when it returns."""
         self._state, self._batch = self._programs.advance(self._state, self._hypers, np.int32(n_updates))

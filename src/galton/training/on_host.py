@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from galton.algorithms import Agent
-from galton.envs.host.base import HostTask
+from galton.envs.host.base import HostEnvironments, HostTask
 from galton.training.host_group import Group
 from galton.training.log import Log
 from galton.training.run import Snapshot, Tree
@@ -73,6 +73,11 @@ class HostPopulation:
         """The step where a run's gradient was not finite, −1 while there is none."""
         return np.concatenate([np.asarray(group.runs.diverged_at) for group in self._groups])
 
+    @property
+    def environments(self) -> HostEnvironments:
+        """What the first of the runs is trained on, which of a single run are all."""
+        return self._groups[0].environments
+
     def advance(self, n_updates: int) -> None:
         """Train all runs for so many updates each, every group in its thread."""
         self._each(Group.advance, n_updates)
@@ -107,6 +112,9 @@ class HostPopulation:
         if any(part["environments"] is None for part in parts):
             for part in parts:
                 del part["environments"]
+        if any("statistics" not in part for part in parts):
+            for part in parts:
+                part.pop("statistics", None)
         return self._join(parts)
 
     def restore(self, snapshot: Snapshot) -> None:

@@ -11,7 +11,7 @@ from galton.algorithms import Agent, check_together, policy_of, resolve
 from galton.envs.base import Environment
 from galton.envs.find import find
 from galton.envs.host.action_box import ActionBox
-from galton.envs.host.base import HostTask
+from galton.envs.host.base import HostEnvironments, HostTask
 from galton.policies.correlation import check_correlation
 from galton.training.log import Log
 from galton.training.on_device import DevicePopulation
@@ -38,6 +38,10 @@ class Population(Protocol):
     @property
     def diverged_at(self) -> Int[np.ndarray, " R"]:
         """The step where a run's gradient was not finite, −1 while there is none."""
+
+    @property
+    def environments(self) -> HostEnvironments | None:
+        """What the first group of runs is trained on; None for environments in JAX."""
 
     def advance(self, n_updates: int) -> None:
         """Train all runs for so many updates each. The results do not depend on how training is cut into calls.

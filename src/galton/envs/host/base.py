@@ -37,6 +37,10 @@ class HostEnvironments(Protocol):
     def moves(self) -> Sequence[Moves]:
         """The counts of their moves, for copies that somebody else may hold too; empty if nobody can."""
 
+    @property
+    def layers(self) -> Sequence[list[Any]]:
+        """For each copy its wrappers from the outside in, and the environment; empty if there is no Python in it."""
+
     def reset(self, seeds: Integer[np.ndarray, " M"]) -> Float[np.ndarray, "M o"]:
         """Begin episodes; a copy's seed decides all of its future."""
 

@@ -13,6 +13,7 @@ from jaxtyping import Float, Integer
 from galton.envs.host.action_box import ActionBox
 from galton.envs.host.answers import FAULTS, as_float32, blame, one_flag, one_number, parts, shown, told, try_to_make
 from galton.envs.host.base import Steps
+from galton.envs.host.carried import layers_of, plain_data, refuse_different
 from galton.envs.host.moves import Moves, moves_of
 from galton.envs.host.observations import Observations
 from galton.envs.host.state import Env, get_state, is_restorable, set_state
@@ -48,6 +49,8 @@ class GymnasiumTask:
         else:
             require(not kwargs, f"env_kwargs is {kwargs}; it goes with an id, not with an environment that is there")
             self._make = source if callable(source) else functools.partial(_make_again, source)
+            if self._given is not None:
+                self._as_given = plain_data(layers_of(source))
             self.name = getattr(source, "__name__", None) or type(getattr(source, "unwrapped", source)).__name__
         first = self._check(try_to_make(self.name, self._make)) if self._given is None else self._check(self._given)
         if self.name in _NAMELESS:
@@ -74,6 +77,8 @@ class GymnasiumTask:
     def _make_another(self) -> Env:
         env = self._check(try_to_make(self.name, self._make))
         with self._closing_at_failure([env]):
+            if self._given is not None:
+                refuse_different(self.name, layers_of(self._given), self._as_given, layers_of(env))
             for kind, first, other in (
                 ("actions", self.action_space, env.action_space),
                 ("observations", self.observation_space, env.observation_space),
@@ -131,6 +136,11 @@ class GymnasiumEnvs:
         self._name, self._envs, self._actions, self._observations = name, envs, actions, observations
         self._given, self.moves = given, moves
         self._n_steps = 0
+
+    @property
+    def layers(self) -> list[list[Any]]:
+        """For each copy its wrappers from the outside in, and the environment."""
+        return [layers_of(env) for env in self._envs]
 
     def reset(self, seeds: Integer[np.ndarray, " M"]) -> Float[np.ndarray, "M o"]:
         """Begin an episode in every copy, each with its own seed."""

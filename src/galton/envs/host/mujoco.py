@@ -47,6 +47,7 @@ class MujocoEnvs:
     """N simulations of one task, stepped together."""
 
     moves: tuple[Moves, ...] = ()
+    layers: tuple[list[Any], ...] = ()
 
     def __init__(self, task: MujocoTask, n_copies: int, n_threads: int) -> None:
         self._task, self._functions, self._constants = task, task.functions, task.constants

@@ -12,6 +12,7 @@ from jaxtyping import Bool, Float, Integer
 from galton.envs.host.action_box import ActionBox
 from galton.envs.host.answers import as_float32, as_numbers, blame, parts, shown
 from galton.envs.host.base import Steps
+from galton.envs.host.carried import layers_of_copies
 from galton.envs.host.moves import moves_of
 from galton.envs.host.observations import Observations
 from galton.errors import BrokenEnvironmentError, UsageError
@@ -37,6 +38,11 @@ class VectorEnvs:
         copies = getattr(envs.unwrapped, "envs", ())  # those in other processes nobody else can hold
         self.moves = moves_of([envs, *(copy for copy in copies if isinstance(copy, gymnasium.Env))])
         self._n_steps = 0
+
+    @property
+    def layers(self) -> list[list[Any]]:
+        """For each copy the wrappers around all of them, and its own where it lives in this process."""
+        return layers_of_copies(self._envs)
 
     def reset(self, seeds: Integer[np.ndarray, " M"]) -> Float[np.ndarray, "M o"]:
         """Begin an episode in every copy."""

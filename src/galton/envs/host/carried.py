@@ -1,0 +1,260 @@
+"""What training's environments have learnt or been given, carried to the copies that evaluation plays on.
+
+A copy that is made anew lacks it: the statistics of a `NormalizeObservation`, the stage of a curriculum, a parameter
+that somebody set since. It is found in the attributes of an environment and its wrappers, where they are plain data:
+numbers, text, arrays, collections of them, and running statistics (objects with mean, var, count and update).
+"""
+
+import collections
+import contextlib
+import copy
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any
+
+import gymnasium
+import numpy as np
+from jaxtyping import Float
+
+from galton.envs.host.wrappers import is_monitor
+from galton.errors import UsageError, require
+from galton.foreign import is_instance_of
+
+Layers = list[Any]
+"""An environment's wrappers from the outside in, and the environment; of one in a vector environment, that's first."""
+Attributes = list[dict[str, Any]]
+"""The plain data in each of an environment's layers, by attribute."""
+
+MOMENTS = ("mean", "var", "count")
+"""The attributes of running statistics that are all of them."""
+
+_MISSING = object()
+
+
+def layers_of(env: Any) -> Layers:
+    """The wrappers around an environment or a vector environment from the outside in, and what they are around."""
+    found = [env]
+    while isinstance(found[-1], gymnasium.Wrapper | gymnasium.vector.VectorWrapper) or _is_sb3_wrapper(found[-1]):
+        found.append(_below(found[-1]))
+    return [layer for layer in found if not is_monitor(layer)]
+
+
+def layers_of_copies(envs: Any) -> list[Layers]:
+    """For each copy in a vector environment of this process the layers that all share, and then its own."""
+    shared = layers_of(envs)
+    copies = getattr(shared[-1], "envs", None)
+    return [[*shared, *layers_of(one)] for one in copies] if copies else [shared] * envs.num_envs
+
+
+def plain_data(layers: Layers) -> Attributes:
+    """A copy of the plain data in each layer; what records or shows episodes has none."""
+    return [
+        {name: copy.deepcopy(value) for name, value in vars(layer).items() if _is_plain(value)}
+        if type(layer).__module__ != "gymnasium.wrappers.rendering"
+        else {}
+        for layer in layers
+    ]
+
+
+def changed(layers: Layers, before: Attributes) -> Attributes:
+    """The plain data in each layer that is not as it was before."""
+    return [
+        {name: value for name, value in now.items() if not _are_equal(value, then.get(name, _MISSING))}
+        for now, then in zip(plain_data(layers), before, strict=True)
+    ]
+
+
+def carry(trained: Layers, before: Attributes, layers: Layers) -> None:
+    """Give a copy's layers all statistics that training's copy has, and the plain data that is not as it was before."""
+    for layer, own, now in zip(layers, changed(trained, before), trained, strict=True):
+        vars(layer).update(copy.deepcopy(own | {name: v for name, v in vars(now).items() if _is_statistics(v)}))
+
+
+def statistics_of(layers: Layers) -> dict[str, Any]:
+    """The running statistics in the layers, by a name that tells place, wrapper and attribute."""
+    found: dict[str, Any] = {}
+    for i, layer in enumerate(layers):
+        for name, value in vars(layer).items():
+            each = {f".{key}": one for key, one in value.items()} if isinstance(value, dict) else {"": value}
+            place = f"{i}/{type(layer).__name__}/{name}"
+            found |= {place + key: one for key, one in each.items() if _is_statistics(one)}
+    return found
+
+
+def set_moments(statistics: Any, moments: dict[str, Any]) -> None:
+    """Give running statistics these moments. A number of Python's stays one, and an array an array."""
+    for name, value in moments.items():
+        plain = not isinstance(getattr(statistics, name), np.ndarray | np.generic)
+        setattr(statistics, name, np.asarray(value).item() if plain else np.array(value))
+
+
+def take_statistics(name: str, layers: Layers, trained: Layers | None) -> None:
+    """Give an environment of the user's own the observations' statistics that training's has, one for one.
+
+    Without one, as after loading a model by itself, it keeps its own, if they have counted anything.
+
+    Raises:
+        UsageError: it has others than training's, or empty ones.
+    """
+    own = _of_observations(layers)
+    if trained is None:
+        for place, statistics in own.items():
+            require(
+                statistics.count > 1,
+                f"env is {name}, whose {_readable(place)} has counted no observations: the policy would see others "
+                "than in training; load the model with its environment, load(path, env=...), or normalise by "
+                "normalize_observation=True, whose statistics are the model's own",
+            )
+        return
+    theirs = _of_observations(trained)
+    shapes = [[np.shape(one.mean) for one in each.values()] for each in (own, theirs)]
+    require(
+        shapes[0] == shapes[1],
+        f"env is {name}, which normalises observations by {_listed(own)}, and what the model is trained on by "
+        f"{_listed(theirs)}: the policy would see others than in training; wrap both alike",
+    )
+    for statistics, others in zip(own.values(), theirs.values(), strict=True):
+        set_moments(statistics, {name: getattr(others, name) for name in MOMENTS})
+
+
+@contextlib.contextmanager
+def frozen(copies: Sequence[Layers]) -> Iterator[Callable[[Float[np.ndarray, " M"]], Float[np.ndarray, " M"]]]:
+    """A time in which running statistics stay, and a function that tells rewards as no statistics scale them.
+
+    The function takes the rewards of a step of all copies. A reward that running statistics scale is told as it was
+    below the innermost wrapper that does so; any other is what it is.
+    """
+    with contextlib.ExitStack() as stack:
+        seen: set[int] = set()
+        listening: dict[int, _Rewards] = {}
+        heard: list[_Rewards | None] = []
+        for layers in copies:
+            for statistics in statistics_of(layers).values():
+                if id(statistics) not in seen:
+                    seen.add(id(statistics))
+                    stack.enter_context(_replaced(statistics, "update", lambda *_, **__: None))
+            scaling = [layer for layer in layers if any(map(_is_of_rewards, vars(layer).values()))]
+            below = _below(scaling[-1]) if scaling else None
+            if below is not None and id(below) not in listening:
+                method = "step_wait" if _is_sb3_wrapper(scaling[-1]) else "step"
+                listening[id(below)] = rewards = _Rewards(getattr(below, method), hasattr(below, "num_envs"))
+                stack.enter_context(_replaced(below, method, rewards))
+            heard.append(None if below is None else listening[id(below)])
+
+        def as_given(rewards: Float[np.ndarray, " M"]) -> Float[np.ndarray, " M"]:
+            return np.array([rewards[i] if one is None else one.of(i) for i, one in enumerate(heard)], np.float64)
+
+        yield as_given if any(heard) else lambda rewards: rewards
+
+
+class _Rewards:
+    """A `step` that remembers what it last rewarded."""
+
+    def __init__(self, step: Callable[..., Any], of_all: bool) -> None:
+        self._step, self._of_all, self._rewards = step, of_all, np.zeros(1)
+
+    def __call__(self, *arguments: Any) -> Any:
+        answer = self._step(*arguments)
+        self._rewards = np.array(answer[1], np.float64).ravel()
+        return answer
+
+    def of(self, copy: int) -> float:
+        """The last reward of a copy."""
+        return float(self._rewards[copy if self._of_all else 0])
+
+
+@contextlib.contextmanager
+def _replaced(holder: Any, name: str, value: Any) -> Iterator[None]:
+    """A time in which an object has another attribute of its own."""
+    before = vars(holder).get(name, _MISSING)
+    vars(holder)[name] = value
+    try:
+        yield
+    finally:
+        if before is _MISSING:
+            del vars(holder)[name]
+        else:
+            vars(holder)[name] = before
+
+
+def refuse_different(name: str, given: Layers, as_given: Attributes, anew: Layers) -> None:
+    """Raise UsageError where an environment that is made anew is not like the one that was given.
+
+    What training has changed in the given one since does not count: it is carried to each copy.
+    """
+    kinds = [[type(layer).__name__ for layer in layers] for layers in (given, anew)]
+    remedy = "give a function that makes it, or evaluate on another: evaluate(env=...) or Evaluate(env=...)"
+    require(
+        kinds[0] == kinds[1],
+        f"{name} is {' in '.join(reversed(kinds[0]))}, and its spec makes {' in '.join(reversed(kinds[1]))}: {remedy}",
+    )
+    since = changed(given, as_given)
+    made = plain_data(anew)
+    anew[0].reset(seed=0)
+    begun = plain_data(anew)
+    for layer, own, moved, *likes in zip(given, as_given, since, made, begun, strict=True):
+        if type(layer).__module__.startswith("gymnasium.wrappers"):
+            continue
+        for attribute, value in own.items():
+            there = [like[attribute] for like in likes if attribute in like]
+            if attribute in moved or not there or any(_are_equal(value, other) for other in there):
+                continue
+            raise UsageError(
+                f"{name}'s {attribute} is {value!r:.60}, but {there[0]!r:.60} in one that its spec makes, so "
+                f"evaluation can't have copies of it; {remedy}"
+            )
+
+
+def _is_plain(value: Any, depth: int = 3) -> bool:
+    if isinstance(value, np.ndarray):
+        return value.dtype != object
+    if isinstance(value, list | tuple | collections.deque):
+        return depth > 0 and all(_is_plain(one, depth - 1) for one in value)
+    if isinstance(value, dict):
+        return depth > 0 and all(_is_plain(one, depth - 1) for one in (*value.keys(), *value.values()))
+    return value is None or isinstance(value, bool | int | float | str | np.generic) or _is_statistics(value)
+
+
+def _is_statistics(value: Any) -> bool:
+    return all(hasattr(value, name) for name in (*MOMENTS, "update")) and hasattr(value, "__dict__")
+
+
+def _is_of_rewards(value: Any) -> bool:
+    """Whether it is running statistics of one number, the return: those of observations have an axis."""
+    return _is_statistics(value) and np.ndim(value.mean) == 0
+
+
+def _of_observations(layers: Layers) -> dict[str, Any]:
+    used = [layer if getattr(layer, "norm_obs", True) else None for layer in layers]  # SB3's VecNormalize may not
+    found = statistics_of([layer for layer in used if layer is not None])
+    return {place: one for place, one in found.items() if not _is_of_rewards(one)}
+
+
+def _are_equal(one: Any, other: Any) -> bool:
+    if _is_statistics(one) and _is_statistics(other):
+        return all(_are_equal(getattr(one, name), getattr(other, name)) for name in MOMENTS)
+    if isinstance(one, list | tuple | collections.deque) and type(one) is type(other):
+        return len(one) == len(other) and all(map(_are_equal, one, other))
+    if isinstance(one, dict) and isinstance(other, dict):
+        return one.keys() == other.keys() and all(_are_equal(value, other[key]) for key, value in one.items())
+    arrays = isinstance(one, np.ndarray | float) and isinstance(other, np.ndarray | float)
+    if arrays and np.asarray(one).dtype.kind in "fc":
+        return np.array_equal(one, other, equal_nan=True)
+    if type(one) is not type(other):
+        return False
+    return np.array_equal(one, other) if isinstance(one, np.ndarray) else bool(one == other)
+
+
+def _is_sb3_wrapper(env: Any) -> bool:
+    return is_instance_of(env, "stable_baselines3", "VecEnvWrapper")
+
+
+def _below(wrapper: Any) -> Any:
+    return wrapper.venv if _is_sb3_wrapper(wrapper) else wrapper.env
+
+
+def _readable(place: str) -> str:
+    return place.split("/")[1]
+
+
+def _listed(statistics: dict[str, Any]) -> str:
+    return ", ".join(map(_readable, statistics)) or "nothing"

@@ -1,0 +1,201 @@
+"""Evaluation plays by what training has learnt, or been given: statistics of wrappers, stages, parameters."""
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.vector import AutoresetMode, SyncVectorEnv
+from gymnasium.wrappers import ClipReward, NormalizeObservation, NormalizeReward, TransformObservation, TransformReward
+from gymnasium.wrappers import vector as vector_wrappers
+from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
+
+import galton
+from galton.callbacks import Evaluate, StopOnReward
+from galton.models.file import InexactResume
+
+SETTINGS = {"n_steps": 64, "batch_size": 64, "n_epochs": 1, "gamma": 0.9, "learning_rate": 1e-2, "box_units": 1}
+
+
+def pendulum():
+    return gymnasium.make("Pendulum-v1", max_episode_steps=30)
+
+
+def normalised():
+    """An environment as CleanRL's scripts wrap it."""
+    return ClipReward(NormalizeReward(NormalizeObservation(pendulum()), gamma=0.9), -10, 10)
+
+
+def of_gymnasium():
+    """A vector environment whose copies normalise observations, and which normalises rewards itself."""
+    make = lambda: NormalizeObservation(pendulum())  # noqa: E731
+    return vector_wrappers.NormalizeReward(SyncVectorEnv([make] * 2, autoreset_mode=AutoresetMode.SAME_STEP), gamma=0.9)
+
+
+def of_sb3():
+    return VecNormalize(DummyVecEnv([pendulum, pendulum]), gamma=0.9)
+
+
+def trained(env, **settings):
+    model = galton.PPO(env, "gaussian", n_envs=None, **SETTINGS | settings)
+    return model.learn(256, progress_bar=False)
+
+
+def by_hand(model, seeds, statistics):
+    """Returns of the bare environment's rewards, its observations normalised by these statistics."""
+    env, returns = pendulum(), []
+    for seed in seeds:
+        observation, _ = env.reset(seed=int(seed))
+        collected, ended = 0.0, False
+        while not ended:
+            seen = (observation - statistics.mean) / np.sqrt(statistics.var + 1e-8)
+            action, _ = model.predict(seen.astype(np.float32), deterministic=True)
+            observation, reward, _, ended, _ = env.step(action)
+            collected += float(reward)
+        returns.append(collected)
+    return returns
+
+
+def seeds_of(model, n):
+    return np.random.SeedSequence((model.seed, 1, model.num_timesteps)).generate_state(n)
+
+
+def statistics(wrapper):
+    while not hasattr(wrapper, "obs_rms"):
+        wrapper = wrapper.env
+    return wrapper.obs_rms
+
+
+def test_plays_by_the_statistics_of_training_and_tells_the_rewards_of_the_environment():
+    made = []
+    model = trained(lambda: made.append(normalised()) or made[-1])
+    before = statistics(made[0]).mean.copy(), statistics(made[0]).count
+    returns = model.evaluate(3)
+    np.testing.assert_allclose(returns, by_hand(model, seeds_of(model, 3), statistics(made[0])), rtol=1e-4)
+    np.testing.assert_array_equal(model.evaluate(3), returns)
+    np.testing.assert_array_equal(statistics(made[0]).mean, before[0])
+    assert statistics(made[0]).count == before[1]
+
+
+def test_plays_by_the_statistics_of_training_after_loading(tmp_path):
+    model = trained(normalised)
+    path = model.save(tmp_path / "model")
+    with pytest.warns(InexactResume):
+        loaded = galton.PPO.load(path, env=normalised)
+    mine, theirs = (statistics(one.population.environments.layers[0][0]) for one in (model, loaded))
+    np.testing.assert_allclose(theirs.mean, mine.mean, atol=0.02)  # the first observation of a new episode has joined
+    assert mine.count < theirs.count < mine.count + 2
+    np.testing.assert_allclose(loaded.evaluate(3), by_hand(loaded, seeds_of(loaded, 3), theirs), rtol=1e-4)
+
+
+@pytest.mark.parametrize("make", [of_gymnasium, of_sb3])
+def test_another_vector_environment_gets_the_statistics_of_training(make):
+    envs, other = make(), make()
+    model = trained(envs)
+    returns = model.evaluate(4, env=other)
+    seeds = seeds_of(model, 2)
+    of_copies = [envs] * 2 if make is of_sb3 else envs.unwrapped.envs
+    for i, copy in enumerate(of_copies):
+        seed = seeds[0] + i if make is of_sb3 else seeds[i]  # SB3 numbers the copies' seeds
+        np.testing.assert_allclose(returns[2 * i], by_hand(model, [seed], statistics(copy))[0], rtol=1e-4)
+    assert statistics(other if make is of_sb3 else other.unwrapped.envs[1]).count == statistics(of_copies[1]).count
+
+
+def test_without_the_statistics_of_training_evaluation_is_refused(tmp_path):
+    model = trained(normalised)
+    unbounded = gymnasium.spaces.Box(-np.inf, np.inf, (3,), np.float32)
+    bare = trained(lambda: TransformObservation(pendulum(), lambda observation: observation, unbounded))
+    with pytest.raises(galton.UsageError, match="NormalizeObservation, and what the model is trained on by nothing"):
+        bare.evaluate(2, env=normalised)
+    alone = galton.PPO.load(model.save(tmp_path / "model"))
+    with pytest.raises(galton.UsageError, match=r"has counted no observations.*load\(path, env=\.\.\.\)"):
+        alone.evaluate(2, env=normalised)
+    ready = normalised()
+    statistics(ready).mean, statistics(ready).var, statistics(ready).count = np.zeros(3), np.full(3, 2.0), 100
+    returns = alone.evaluate(2, env=ready)
+    first = by_hand(alone, seeds_of(alone, 1), statistics(ready))
+    np.testing.assert_allclose(returns[0], first[0], rtol=1e-4)
+    assert statistics(ready).count == 100
+    ready.reset()
+    assert statistics(ready).count == 101  # it counts again afterwards
+
+
+def test_a_policy_that_cannot_change_is_told_one_return_whatever_scales_its_rewards():
+    told = []
+    model = galton.PPO(lambda: NormalizeReward(Falling(), gamma=0.9), "gaussian", **SETTINGS | {"learning_rate": 0.0})
+    watch = lambda model, log: told.append(log["eval/mean_reward"])  # noqa: E731
+    model.learn(256, [Evaluate(every=64, n_episodes=1), StopOnReward(-20.0), watch], progress_bar=False)
+    assert told == [-30.0] * 4
+
+
+class Falling(gymnasium.Env):
+    """Ten steps, each of which earns `reward`, which somebody may change; `stage` counts episodes.
+
+    Its spaces are Pendulum's, so its programs are too.
+    """
+
+    observation_space = gymnasium.spaces.Box(-1, 1, (3,))
+    action_space = gymnasium.spaces.Box(-2, 2, (1,))
+
+    def __init__(self):
+        self.reward, self.stage = -3.0, 0
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        self.t, self.stage = 0, self.stage + 1
+        return np.zeros(3, np.float32), {}
+
+    def step(self, action):
+        self.t += 1
+        return np.zeros(3, np.float32), self.reward, False, self.t == 10, {}
+
+
+class Staged(gymnasium.Wrapper):
+    """A curriculum: rewards are multiplied by the stage, which somebody sets."""
+
+    stage_weight = 1.0
+
+    def step(self, action):
+        observation, reward, *ends = self.env.step(action)
+        return observation, reward * self.stage_weight, *ends
+
+
+def test_copies_have_what_training_was_given_meanwhile():
+    made = []
+    model = galton.PPO(lambda: made.append(Staged(Falling())) or made[-1], "gaussian", **SETTINGS)
+    np.testing.assert_array_equal(model.evaluate(2), [-30, -30])
+    made[0].unwrapped.reward = -5.0
+    np.testing.assert_array_equal(model.evaluate(2), [-50, -50])
+    made[0].stage_weight = 2.0
+    np.testing.assert_array_equal(model.evaluate(2), [-100, -100])
+
+
+def test_an_environment_that_differs_from_its_spec_is_not_made_anew():
+    given = pendulum()
+    given.unwrapped.g = 0.0
+    model = galton.PPO(given, "gaussian", **SETTINGS)
+    with pytest.raises(galton.UsageError, match=r"g is 0\.0, but 10\.0 in one that its spec makes.*evaluate\(env="):
+        model.evaluate(2)
+
+
+def test_an_environment_like_its_spec_may_have_been_played_on():
+    given = normalised()
+    given.reset(seed=3)
+    given.step(np.zeros(1, np.float32))
+    model = galton.PPO(given, "gaussian", **SETTINGS)
+    np.testing.assert_allclose(model.evaluate(2), by_hand(model, seeds_of(model, 2), statistics(given)), rtol=1e-4)
+
+
+def test_episodes_on_a_given_environment_follow_one_another():
+    model = galton.PPO(Falling, "gaussian", **SETTINGS)
+    given = Falling()
+    given.reward = -1.0
+    np.testing.assert_array_equal(model.evaluate(4, env=given), [-10] * 4)
+    assert given.stage == 5
+    evaluate = Evaluate(every=64, n_episodes=3, env=given)
+    model.learn(64, evaluate, progress_bar=False)
+    assert evaluate.best == -10
+    assert given.stage == 9
+
+
+def test_a_user_wrapper_of_rewards_is_part_of_the_task():
+    model = galton.PPO(lambda: TransformReward(Falling(), lambda reward: reward / 10), "gaussian", **SETTINGS)
+    np.testing.assert_allclose(model.evaluate(1), [-3], rtol=1e-6)
