@@ -1,11 +1,14 @@
 """Settings under one name: what to train with where no loss is named, and what the paper trains with."""
 
+import math
 from collections.abc import Mapping
 from typing import NamedTuple
 
 from galton.errors import require, unknown
 
-RECOMMENDED, PAPER = "recommended", "paper"
+GAUSSIAN, CLASSIFICATION, PAPER = "gaussian", "classification", "paper"
+RECOMMENDED = "recommended"
+"""What the preset of classification was called up to 0.2.0.dev0, in commands and files."""
 
 
 class Preset(NamedTuple):
@@ -20,11 +23,42 @@ class Preset(NamedTuple):
     rollout is as long."""
 
 
-_A2C = {
+_A2C_GAUSSIAN = {
+    "n_envs": 8,
+    "n_steps": 20,
+    "learning_rate": 0.00318,
+    "decay_steps": math.inf,
+    "gamma": 0.994,
+    "gae_lambda": 0.938,
+    "ent_coef": 0.0244,
+    "max_grad_norm": 1.01,
+    "normalize_observation": True,
+    "normalize_reward": True,
+    "normalize_advantage": True,
+    "box_units": 1.0,
+    "log_std_init": -0.89,
+    "log_std_min": -3.0,
+}
+"""What benchmarks/winner-a2c.toml selected for the Gaussian."""
+
+_PPO_GAUSSIAN = {
+    "n_envs": 8,
+    "n_steps": 256,
+    "decay_steps": math.inf,
+    "normalize_observation": True,
+    "normalize_reward": True,
+    "box_units": 1.0,
+    "log_std_init": -0.5,
+}
+"""Set by hand on HalfCheetah (docs/ppo.md): Stable-Baselines3's numbers with eight environments, normalisation and a
+linear decay, in units of the box."""
+
+_A2C_CLASSIFICATION = {
     "n_bins": 25,
     "n_envs": 8,
     "n_steps": 20,
     "learning_rate": 0.00133,
+    "decay_steps": math.inf,
     "gamma": 0.992,
     "gae_lambda": 0.851,
     "ent_coef": 0.000944,
@@ -41,15 +75,15 @@ _A2C = {
     "log_std_init": -0.616,
     "deterministic_action": "mean",
 }
-"""What benchmarks/winner-a2c.toml selected for its best head over bins, but for the decay of the learning rate, since a
-model doesn't know how long it will be trained."""
+"""What benchmarks/winner-a2c.toml selected for its best head over bins."""
 
-_PPO = {
+_PPO_CLASSIFICATION = {
     "n_bins": 50,
     "n_envs": 8,
     "n_steps": 256,
     "n_epochs": 5,
     "learning_rate": 0.00104,
+    "decay_steps": math.inf,
     "gamma": 0.993,
     "gae_lambda": 0.99,
     "ent_coef": 0.000599,
@@ -68,25 +102,33 @@ _PPO = {
 """The same of benchmarks/winner-mujoco.toml."""
 
 PRESETS: Mapping[str, Mapping[str, Preset]] = {
-    RECOMMENDED: {
-        "a2c": Preset(RECOMMENDED, "hl-gauss-centred", _A2C),
-        "ppo": Preset(RECOMMENDED, "hl-gauss-centred", _PPO),
+    GAUSSIAN: {
+        "a2c": Preset(GAUSSIAN, "gaussian", _A2C_GAUSSIAN),
+        "ppo": Preset(GAUSSIAN, "gaussian", _PPO_GAUSSIAN),
+    },
+    CLASSIFICATION: {
+        "a2c": Preset(CLASSIFICATION, "hl-gauss-centred", _A2C_CLASSIFICATION),
+        "ppo": Preset(CLASSIFICATION, "hl-gauss-centred", _PPO_CLASSIFICATION),
     },
     PAPER: {},
 }
 """By their names and that of the algorithm. What isn't there has the usual loss and the algorithm's defaults."""
 
+USUAL = {"a2c": CLASSIFICATION, "ppo": GAUSSIAN}
+"""The preset of each algorithm where neither a preset nor a loss is named; that of any other is the paper's."""
+
 
 def find_preset(name: str | None, loss: str | None, algorithm: str) -> Preset:
     """The preset of that name, with the loss if one is named.
 
-    Without a name it is the recommended one, or the paper's where a loss is named: what was tuned for one loss says
-    nothing of another.
+    Without a name it is the algorithm's usual one, or the paper's where a loss is named: what was tuned for one loss
+    says nothing of another.
 
     Raises:
         UsageError: there is none of that name, or it was tuned for another loss.
     """
-    name = name or (RECOMMENDED if loss is None else PAPER)
+    name = name or (USUAL.get(algorithm, PAPER) if loss is None else PAPER)
+    name = CLASSIFICATION if name == RECOMMENDED else name
     if name not in PRESETS:
         raise unknown("preset", name, PRESETS)
     preset = PRESETS[name].get(algorithm, Preset(name))

@@ -1,27 +1,28 @@
 """What a model begins with where no loss is named, and how the paper's settings are had back."""
 
 import json
+import math
 import tomllib
 from pathlib import Path
 
 import gymnasium
+import jax
+import numpy as np
 import pytest
 from stable_baselines3.common.vec_env import DummyVecEnv
 
-from galton import A2C, ALGORITHMS, PPO, Config, Hypers, UsageError
+from galton import A2C, ALGORITHMS, PPO, Config, Hypers, UsageError, train
 from galton.cli._options import Training
 from galton.models import Model
-from galton.presets import PAPER, PRESETS, RECOMMENDED, Preset, find_preset
+from galton.presets import CLASSIFICATION, GAUSSIAN, PAPER, PRESETS, RECOMMENDED, Preset, find_preset
 
 from .tall import Tall
 
 ROOT = Path(__file__).parents[2]
 EIGHT = {"n_envs": 8, "n_steps": 20, "normalize_reward": True, "learning_rate": 0.002, "gamma": 0.95}
 MADE_UP = {
-    RECOMMENDED: {
-        "a2c": Preset(RECOMMENDED, "hl-one-hot", EIGHT),
-        "ppo": Preset(RECOMMENDED, "gaussian", EIGHT | {"n_steps": 256}),
-    },
+    GAUSSIAN: {"ppo": Preset(GAUSSIAN, "gaussian", EIGHT | {"n_steps": 256})},
+    CLASSIFICATION: {"a2c": Preset(CLASSIFICATION, "hl-one-hot", EIGHT)},
     PAPER: {},
 }
 
@@ -36,11 +37,16 @@ def told(model):
     return model.config, model.hypers
 
 
-def test_where_no_loss_is_named_it_is_the_recommended_preset_whole(made_up):
-    model = A2C("lqr")
+def test_where_no_loss_is_named_it_is_the_usual_preset_whole(made_up):
     config = Config("hl-one-hot", n_envs=8, n_steps=20, normalize_reward=True)
-    assert told(model) == told(A2C("lqr", preset="recommended")) == (config, Hypers(0.002, gamma=0.95))
-    assert PPO("lqr").config.loss == "gaussian"
+    assert told(A2C("lqr")) == told(A2C("lqr", preset="classification")) == (config, Hypers(0.002, gamma=0.95))
+    assert told(PPO("lqr")) == told(PPO("lqr", preset="gaussian"))
+    assert (PPO("lqr").config.loss, PPO("lqr").hypers.gamma) == ("gaussian", 0.95)
+
+
+def test_the_preset_of_classification_has_its_earlier_name_too():
+    for algorithm in ALGORITHMS:
+        assert find_preset(RECOMMENDED, None, algorithm) == PRESETS[CLASSIFICATION][algorithm]
 
 
 def test_where_a_loss_is_named_it_is_the_papers_settings(made_up):
@@ -48,12 +54,12 @@ def test_where_a_loss_is_named_it_is_the_papers_settings(made_up):
         assert told(A2C("lqr", loss)) == told(A2C("lqr", loss, preset="paper")) == (Config(loss), Hypers())
     assert told(A2C("lqr", preset="paper")) == (Config(), Hypers())
     assert told(PPO("lqr", preset="paper")) == told(PPO("lqr", "hl-gauss"))
-    assert told(A2C("lqr", "hl-one-hot", preset="recommended")) == told(A2C("lqr"))
+    assert told(A2C("lqr", "hl-one-hot", preset="classification")) == told(A2C("lqr"))
 
 
 def test_what_was_tuned_for_one_loss_is_refused_for_another(made_up):
-    with pytest.raises(UsageError, match="preset is 'recommended', which was tuned for loss 'hl-one-hot', not 'gauss"):
-        A2C("lqr", "gaussian", preset="recommended")
+    with pytest.raises(UsageError, match="preset is 'classification', which was tuned for loss 'hl-one-hot', not 'ga"):
+        A2C("lqr", "gaussian", preset="classification")
 
 
 def test_what_is_named_goes_before_the_preset(made_up):
@@ -92,7 +98,7 @@ def test_minibatches_that_are_named_are_whole(made_up):
 
 
 def test_an_algorithm_of_ones_own_has_the_usual_settings(made_up):
-    assert find_preset(None, None, "reinforce") == Preset(RECOMMENDED, "hl-gauss", {})
+    assert find_preset(None, None, "reinforce") == Preset(PAPER, "hl-gauss", {})
 
 
 @pytest.mark.parametrize("name", PRESETS)
@@ -106,7 +112,7 @@ def test_models_and_commands_have_the_same_presets(monkeypatch, name, algorithm,
 
 
 @pytest.mark.parametrize("algorithm", ALGORITHMS)
-def test_what_is_recommended_trains(algorithm):
+def test_what_is_usual_trains(algorithm):
     env = gymnasium.make("Pendulum-v1")
     model = Model(env, algorithm=algorithm, net_arch=(4,), n_steps=64)
     before = model.num_timesteps
@@ -114,29 +120,39 @@ def test_what_is_recommended_trains(algorithm):
 
 
 @pytest.mark.parametrize(
-    ("algorithm", "benchmark", "method"), [("a2c", "winner-a2c", "width-edges"), ("ppo", "winner-mujoco", "edges")]
+    ("name", "algorithm", "benchmark", "method"),
+    [
+        (CLASSIFICATION, "a2c", "winner-a2c", "width-edges"),
+        (CLASSIFICATION, "ppo", "winner-mujoco", "edges"),
+        (GAUSSIAN, "a2c", "winner-a2c", "gaussian"),
+    ],
 )
-def test_what_is_recommended_is_what_a_benchmark_selected(algorithm, benchmark, method):
-    """To three digits, but for the decay of the learning rate."""
+def test_a_preset_is_what_a_benchmark_selected(name, algorithm, benchmark, method):
+    """To three digits; a benchmark's decay of 1 is over all that is trained."""
     report = json.loads((ROOT / "results" / benchmark / "report.json").read_text())
     drawn = report["draws"][method][report["selected"]["shared"][method]]
     selected = report["file"]["fixed"] | report["file"]["methods"][method]["fixed"] | drawn
-    preset = PRESETS[RECOMMENDED][algorithm]
-    found = {**preset.settings, "loss": preset.loss, "algorithm": algorithm, "decay_steps": 1}
-    assert rounded(found) == rounded(selected)
+    preset = PRESETS[name][algorithm]
+    found = {**preset.settings, "loss": preset.loss, "algorithm": algorithm}
+    assert found["decay_steps"] == math.inf
+    other = {"decay_steps": 1} | (
+        {"deterministic_action": "mean"} if name == GAUSSIAN else {}
+    )  # which it has no use for
+    assert rounded(found | other) == rounded(selected)
 
 
 @pytest.mark.parametrize(
     ("algorithm", "benchmark", "method"),
     [("a2c", "a2c-one-setting", "recommended"), ("ppo", "ppo-parts-mujoco", "all-but-decay")],
 )
-def test_what_a_page_calls_the_default_is_what_is_recommended(algorithm, benchmark, method):
+def test_what_a_page_calls_the_default_is_the_preset_but_for_the_decay(algorithm, benchmark, method):
     file = tomllib.loads((ROOT / "benchmarks" / f"{benchmark}.toml").read_text())
     (rate,) = file["prior"]["learning_rate"]["choice"]
     trained = file["fixed"] | file["methods"][method].get("fixed", {}) | {"learning_rate": rate}
-    preset = PRESETS[RECOMMENDED][algorithm]
+    preset = PRESETS[CLASSIFICATION][algorithm]
     usual = {"net_arch": [*Config().net_arch], "decay_steps": 0}
     expected = {**preset.settings, "loss": preset.loss, "algorithm": algorithm}
+    del expected["decay_steps"]
     assert trained == expected | {name: value for name, value in usual.items() if name in trained}
 
 
@@ -145,5 +161,17 @@ def rounded(settings):
 
 
 def test_an_unknown_preset_is_refused():
-    with pytest.raises(UsageError, match="preset is 'best'; choose from recommended, paper"):
+    with pytest.raises(UsageError, match="preset is 'best'; choose from gaussian, classification, paper"):
         A2C("lqr", preset="best")
+
+
+def test_a_decay_over_all_that_is_trained_is_that_over_as_many_steps():
+    settings = {"n_envs": 2, "n_steps": 32, "net_arch": (4,), "loss": "gaussian"}
+    whole = A2C(Tall, decay_steps=math.inf, **settings).learn(100, progress_bar=False)
+    named = A2C(Tall, decay_steps=128, **settings).learn(100, progress_bar=False)
+    for mine, theirs in zip(*(jax.tree.leaves(model.learner.params) for model in (whole, named)), strict=True):
+        np.testing.assert_array_equal(mine, theirs)
+    assert whole.hypers.decay_steps == math.inf
+    result = train("lqr", Config("gaussian"), Hypers(decay_steps=math.inf), [0], 60, n_logs=1, n_eval_episodes=0)
+    other = train("lqr", Config("gaussian"), Hypers(decay_steps=60), [0], 60, n_logs=1, n_eval_episodes=0)
+    np.testing.assert_array_equal(result.learner.params["log_std"], other.learner.params["log_std"])

@@ -45,8 +45,9 @@ PresetName = Annotated[
     str,
     tyro.conf.arg(
         metavar=_PRESETS,
-        help="What the other defaults are: those that our benchmark selected, or the paper's; by default paper "
-        "where --loss is given, and else recommended.",
+        help="What the other defaults are: a well-set Gaussian's, those that our benchmark selected for "
+        "classification, or the paper's; by default paper where --loss is given, and else gaussian for PPO and "
+        "classification for A2C.",
     ),
 ]
 

@@ -58,13 +58,13 @@ class Options:
     training: TrainingOptions
     loss: LossName = ""
     preset: PresetName = ""
-    algorithm: AlgorithmName = "a2c"
+    algorithm: AlgorithmName = "ppo"
     """What learns; the defaults of its settings are its own."""
     seed: int = 0
     """Of everything random; the same seed gives the same run."""
     out: Path | None = None
-    """The run folder, by default runs/ENV-LOSS-SEED, or runs/ENV-ALGORITHM-LOSS-SEED; without a loss that is named it
-    has "recommended" in its place."""
+    """The run folder, by default runs/ENV-ppo-LOSS-SEED, or runs/ENV-LOSS-SEED under A2C; without a loss that is named
+    it has the preset in its place, as in runs/ENV-ppo-gaussian-preset-SEED."""
     overwrite: bool = False
     """Replace a run that the folder holds, once the new one has come to its first log point."""
     resume: bool = False
@@ -78,7 +78,7 @@ class Options:
     @property
     def folder(self) -> Path:
         """The run folder, named or by default."""
-        kind = self.loss if self.preset == PAPER else self.preset
+        kind = self.loss if self.preset == PAPER else f"{self.preset}-preset"
         name = f"{folder_name(self.env, self.algorithm)}-{plain_name(kind)}-{self.seed}"
         return self.out or Path("runs", name)
 

@@ -14,9 +14,9 @@ __all__ = ["A2C", "PPO", "InexactResume", "Model", "Settings"]
 class A2C(Model):
     """Advantage actor-critic with SB3's semantics, but for Adam in the place of RMSprop.
 
-    Where no loss is named it trains centred HL-Gauss over 25 bins, with the settings that benchmarks/winner-a2c.toml
-    selected for it but for the decay of the learning rate. Where a loss is named, or with the preset "paper", the
-    settings are those of the paper's appendix C.2, such as 20 steps an update.
+    Where no loss is named it trains the preset "classification": centred HL-Gauss over 25 bins, with the settings that
+    benchmarks/winner-a2c.toml selected for it. Where a loss is named, or with the preset "paper", the settings are
+    those of the paper's appendix C.2, such as 20 steps an update.
 
     Keyword arguments are the fields of `Config` and `Hypers`, which describe them; see `Model` for the others.
     """
@@ -49,9 +49,11 @@ class A2C(Model):
 class PPO(Model):
     """Proximal policy optimisation for every loss (see `galton.algorithms.ppo`), with SB3's semantics.
 
-    Where no loss is named it trains centred HL-Gauss over 50 bins, with the settings that
-    benchmarks/winner-mujoco.toml selected for it but for the decay of the learning rate: name `decay_steps`, the steps
-    that you will train for. Where a loss is named, or with the preset "paper", the numbers are SB3's too.
+    Where no loss is named it trains the preset "gaussian": a Gaussian in units of the action box with eight
+    environments, normalised observations and rewards, and a learning rate that falls to 0 while `learn` lasts. With
+    preset="classification" it trains centred HL-Gauss over 50 bins, with the settings that
+    benchmarks/winner-mujoco.toml selected for it. Where a loss is named, or with the preset "paper", the numbers are
+    SB3's too.
 
     Keyword arguments are the fields of `Config` and `Hypers`, which describe them; see `Model` for the others.
     """

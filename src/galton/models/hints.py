@@ -44,7 +44,7 @@ def refuse_schedules(settings: Mapping[str, object]) -> None:
         require(
             not callable(value),
             f"{name} is {value!r}; it must be a number, for there are no schedules but decay_steps=N, with which the "
-            "learning rate falls linearly to 0 over N steps",
+            "learning rate falls linearly to 0 over N steps, and decay_steps=math.inf, over all that learn trains",
         )
 
 

@@ -64,6 +64,7 @@ def learn(model: Learning, n_updates: int, callback: object, progress_bar: bool,
     first, size, start = model.num_timesteps, model.config.n_steps * model.config.n_envs, time.perf_counter()
     last, log_interval = first + n_updates * size, model.log_interval
     theirs, ours = _sorted_out(model, callback, printed, first, last)
+    model.population.end_at(last)
     pieces = Pieces(model.advance)
     with _progress(progress_bar, model.config.loss, last - first) as show:
         theirs.start()

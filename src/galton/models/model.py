@@ -40,7 +40,7 @@ class Model:
             a function that makes an environment, a name in `galton.envs.ENVS`, or a record of your own in pure JAX.
         loss: a key of LOSSES; None for the preset's.
         preset: a key of PRESETS, what the other settings begin with. None is "paper" where a loss is named, and else
-            "recommended", what our benchmark of the algorithm selected (docs/winner_a2c.md, docs/winner_mujoco.md).
+            the algorithm's usual one: "gaussian" for PPO, and "classification" for A2C (docs/which_policy.md).
         algorithm: a key of ALGORITHMS.
         n_envs: copies of the environment; None for the preset's number, or for as many as were given ready-made.
         seed: of everything random; the same seed gives the same run.

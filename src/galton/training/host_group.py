@@ -18,7 +18,7 @@ from galton.policies.correlation import nothing_before
 from galton.training.evaluate import copies, play
 from galton.training.host_programs import host_programs
 from galton.training.log import Finished, Log
-from galton.training.run import RunState, Snapshot, Tree, reseeded, with_keys, without_keys
+from galton.training.run import RunState, Snapshot, Tree, ending_at, reseeded, with_keys, without_keys
 from galton.types import Hypers, Learner, Params, Rule, Transition
 
 
@@ -54,7 +54,7 @@ class Group:
         """Whether an exception left the environments in the middle of a rollout."""
         self._observation = np.zeros((*self._shape, self._sizes[0]), np.float32)
         self._length = np.zeros(self._shape, np.int32)
-        self._hypers = self._place(hypers)
+        self._given, self._hypers = hypers, self._place(hypers)
         self._batch = self._empty_batch()
         self.environments = task.make(len(seeds) * agent.config.n_envs, n_threads)
         self._watch = Watch(self.environments.moves)
@@ -75,6 +75,10 @@ class Group:
         self._start(self.environments.reset(self._environment_seeds(0)))
         self._at_first = [plain_data(layers) for layers in self.environments.layers]
         self.runs = self._programs.observe(self.runs, self._observation)
+
+    def end_at(self, step: int) -> None:
+        """Let learning rates that fall over all that is trained (decay_steps = inf) reach 0 at this step."""
+        self._hypers = self._place(ending_at(self._given, step))
 
     def advance(self, n_updates: int) -> None:
         """The training loop: act for n_steps steps, then learn from them."""

@@ -25,6 +25,7 @@ from galton.training.run import (
     Snapshot,
     Tree,
     begin,
+    ending_at,
     learn,
     over_runs,
     read_log,
@@ -120,7 +121,7 @@ class DevicePopulation:
         start = time.perf_counter()
         self._programs = _compile(env, agent, self._shapes, self._on_runs)
         self.compile_seconds = time.perf_counter() - start
-        self._hypers = self._place(padded)
+        self._given, self._hypers = padded, self._place(padded)
         self._state = self._place(self._programs.begin(np.asarray(seeds, np.uint32)[self._padded], padded))
         self._batch: Transition | None = None
 
@@ -142,6 +143,10 @@ class DevicePopulation:
     @property
     def environments(self) -> None:
         """None, since environments in JAX are states in the population's own."""
+
+    def end_at(self, step: int) -> None:
+        """Let learning rates that fall over all that is trained (decay_steps = inf) reach 0 at this step."""
+        self._hypers = self._place(ending_at(self._given, step))
 
     def advance(self, n_updates: int) -> None:
         """Train all runs for so many updates each; they are done when it returns."""
