@@ -80,8 +80,8 @@ def learn(agent: Agent, run: RunState, batch: Transition, finished: Finished, hy
 
 def ending_at(hypers: Hypers, step: int) -> Hypers:
     """Hypers `[R]` whose learning rates reach 0 at this step where they fall over all that is trained."""
-    over_all = np.isinf(hypers.decay_steps)
-    return hypers._replace(decay_steps=np.where(over_all, np.float32(step), hypers.decay_steps))
+    given = jnp.asarray(hypers.decay_steps)
+    return hypers._replace(decay_steps=jnp.where(jnp.isinf(given), jnp.float32(step), given))
 
 
 def remaining(step: Int[Array, ""], hypers: Hypers) -> Float[Array, ""]:
