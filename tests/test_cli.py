@@ -210,7 +210,8 @@ def test_an_id_may_name_the_module_that_registers_it(tmp_path):
 def test_a_resumed_run_equals_one_without_a_break(tmp_path):
     """On a task with states, to the byte; what an unfinished process logged after its last save is not kept."""
     whole, broken = tmp_path / "whole", tmp_path / "broken"
-    options = ["--logs", "8", "--eval-episodes", "2", "--loss", "hl-gauss", "--n-bins", "10", "--normalize-observation"]
+    options = ["--logs", "8", "--eval-episodes", "2", "--algorithm", "a2c", "--loss", "hl-gauss", "--n-bins", "10"]
+    options += ["--normalize-observation"]
     assert galton("train", "lqr", "--steps", "800", *options, "--out", whole).returncode == 0
     assert galton("train", "lqr", "--steps", "400", *options[2:], "--logs", "4", "--out", broken).returncode == 0
     metrics = broken / "metrics.jsonl"

@@ -124,7 +124,7 @@ class Hypers(NamedTuple):
     """The gradient, actor's and critic's joined unless clip_separately says otherwise, is scaled down to this norm."""
     decay_steps: Annotated[Number, Within(lambda x: x >= 0, "0 or more, or inf for all steps that are trained")] = 0.0
     """The learning rate falls linearly to 0 over so many environment steps; 0: it stays. inf: over all that are
-    trained, which `learn` and `train` know. A further `learn` goes on to fall over its steps and those before."""
+    trained, which `learn` and `train` know; in each call of `learn` anew."""
     log_std_init: Annotated[Number, Within(np.isfinite, "finite")] = 0.0
     """The Gaussian's first log σ, and that of the policies made of it."""
     log_std_min: Annotated[Number, Within(lambda x: x < np.inf, "finite, or -inf for none")] = -math.inf

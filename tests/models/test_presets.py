@@ -7,14 +7,16 @@ from pathlib import Path
 
 import gymnasium
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from stable_baselines3.common.vec_env import DummyVecEnv
 
-from galton import A2C, ALGORITHMS, PPO, Config, Hypers, UsageError, train
+from galton import A2C, ALGORITHMS, PPO, Config, Hypers, UsageError
 from galton.cli._options import Training
 from galton.models import Model
 from galton.presets import CLASSIFICATION, GAUSSIAN, PAPER, PRESETS, RECOMMENDED, Preset, find_preset
+from galton.training.run import falling, remaining
 
 from .tall import Tall
 
@@ -164,13 +166,27 @@ def test_an_unknown_preset_is_refused():
         A2C("lqr", preset="best")
 
 
-def test_a_decay_over_all_that_is_trained_is_that_over_as_many_steps():
-    settings = {"n_envs": 2, "n_steps": 32, "net_arch": (4,), "loss": "gaussian"}
-    whole = A2C(Tall, decay_steps=math.inf, **settings).learn(100, progress_bar=False)
-    named = A2C(Tall, decay_steps=128, **settings).learn(100, progress_bar=False)
-    for mine, theirs in zip(*(jax.tree.leaves(model.learner.params) for model in (whole, named)), strict=True):
+def test_a_decay_over_all_that_is_trained_reaches_0_after_the_last_update():
+    """SB3's linear schedule, but that the rate of an update is that of its first step: a single update learns."""
+    agent = A2C("lqr", "gaussian", n_steps=10, n_envs=2).agent
+    for decay_steps, expected in ((jnp.inf, [0.3, 0.2, 0.1]), (80, [0.075, 0, 0])):
+        hypers = falling(agent, Hypers(0.3, decay_steps=decay_steps), begin=40, end=100)
+        at = [hypers.learning_rate * remaining(jnp.int32(step), hypers) for step in (60, 80, 100)]
+        np.testing.assert_allclose(at, expected, rtol=1e-5)
+
+
+@pytest.mark.parametrize("env", ["lqr", Tall])
+def test_a_run_that_is_cut_decays_as_one_that_is_not(env):
+    settings = {"loss": "gaussian", "n_steps": 32, "n_envs": 2, "net_arch": (4,), "decay_steps": math.inf}
+    whole, cut, each = (A2C(env, **settings) for _ in range(3))
+    whole.learn(256, progress_bar=False)
+    cut.population.decay_over(0, 256)
+    cut.advance(2)
+    cut.learn(128, progress_bar=False, decay_from=0)
+    for _ in range(4):
+        each.learn(64, progress_bar=False)  # at the full rate each time
+    spread = [jax.tree.leaves(model.learner.params) for model in (whole, cut, each)]
+    for mine, theirs, other in zip(*spread, strict=True):
         np.testing.assert_array_equal(mine, theirs)
+        assert (mine != other).any()
     assert whole.hypers.decay_steps == math.inf
-    result = train("lqr", Config("gaussian"), Hypers(decay_steps=math.inf), [0], 60, n_logs=1, n_eval_episodes=0)
-    other = train("lqr", Config("gaussian"), Hypers(decay_steps=60), [0], 60, n_logs=1, n_eval_episodes=0)
-    np.testing.assert_array_equal(result.learner.params["log_std"], other.learner.params["log_std"])

@@ -172,7 +172,8 @@ def _learn(model: Model, options: Options, record: "_Record", show: Show) -> Non
     if last // options.save_every > first // options.save_every:
         calls.append(_Saving(record.model, options.save_every))
     try:
-        model.learn(last - first, calls, progress_bar=False, log_interval=_interval(options.training, model))
+        interval = _interval(options.training, model)
+        model.learn(last - first, calls, progress_bar=False, log_interval=interval, decay_from=0)
     except DivergenceError as error:
         raise UsageError(str(error)) from None
     except KeyboardInterrupt:

@@ -53,7 +53,14 @@ def updates_for(total_timesteps: object, config: Config, step: int) -> int:
     return n_updates
 
 
-def learn(model: Learning, n_updates: int, callback: object, progress_bar: bool, printed: bool = False) -> None:
+def learn(
+    model: Learning,
+    n_updates: int,
+    callback: object,
+    progress_bar: bool,
+    printed: bool = False,
+    decay_from: int | None = None,
+) -> None:
     """Train for so many updates, with a log point every `model.log_interval` steps and at the end.
 
     Callbacks of SB3's are called after each update, ours as `galton.callbacks` says, until one says to stop.
@@ -64,7 +71,7 @@ def learn(model: Learning, n_updates: int, callback: object, progress_bar: bool,
     first, size, start = model.num_timesteps, model.config.n_steps * model.config.n_envs, time.perf_counter()
     last, log_interval = first + n_updates * size, model.log_interval
     theirs, ours = _sorted_out(model, callback, printed, first, last)
-    model.population.end_at(last)
+    model.population.decay_over(first if decay_from is None else decay_from, last)
     pieces = Pieces(model.advance)
     with _progress(progress_bar, model.config.loss, last - first) as show:
         theirs.start()

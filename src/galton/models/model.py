@@ -151,13 +151,14 @@ class Model:
         log_interval: int | None = None,
         *,
         progress_bar: bool = True,
+        decay_from: int | None = None,
         **others: object,
     ) -> ModelT:
         """Train for that many more steps, rounded up to whole updates.
 
         There is a log point every `log_interval` updates, counted from the start of the run, and one at the end.
         `galton.callbacks` says which callbacks are called when. The log points before the end do not depend on how
-        training is cut into calls of `learn`.
+        training is cut into calls of `learn`, unless the learning rate falls over all that is trained.
 
         Args:
             total_timesteps: steps of the environment, all copies together; a whole number such as 1e6 may be a float.
@@ -166,6 +167,8 @@ class Model:
             progress_bar: show how far training is.
             log_interval: updates between log points, by default 100 for A2C and 1 for PPO, as in SB3; a run that is
                 resumed keeps the logs only if it stays the same.
+            decay_from: with decay_steps = inf the learning rate falls from this step of the run to 0 at the end of this
+                call. By default it falls anew in each call, from where that begins; 0 goes on where a run was cut.
             others: refused, with a hint for SB3's.
 
         Raises:
@@ -182,8 +185,12 @@ class Model:
         log_interval = self.agent.algorithm.log_interval if log_interval is None else log_interval
         require_integer("log_interval", log_interval, 1)
         n_updates = updates_for(total_timesteps, self.config, self.population.step)
+        if decay_from is not None:
+            require_integer("decay_from", decay_from, 0)
+            past = f"decay_from is {decay_from}, but the run is at step {self.num_timesteps}; name an earlier one"
+            require(decay_from <= self.num_timesteps, past)
         self._interval = log_interval
-        learn(self, n_updates, callback, progress_bar, self.verbose > 0)
+        learn(self, n_updates, callback, progress_bar, self.verbose > 0, decay_from)
         return self
 
     def advance(self, n_updates: int) -> None:

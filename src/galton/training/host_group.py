@@ -18,7 +18,7 @@ from galton.policies.correlation import nothing_before
 from galton.training.evaluate import copies, play
 from galton.training.host_programs import host_programs
 from galton.training.log import Finished, Log
-from galton.training.run import RunState, Snapshot, Tree, ending_at, reseeded, with_keys, without_keys
+from galton.training.run import RunState, Snapshot, Tree, falling, reseeded, with_keys, without_keys
 from galton.types import Hypers, Learner, Params, Rule, Transition
 
 
@@ -76,9 +76,9 @@ class Group:
         self._at_first = [plain_data(layers) for layers in self.environments.layers]
         self.runs = self._programs.observe(self.runs, self._observation)
 
-    def end_at(self, step: int) -> None:
-        """Let learning rates that fall over all that is trained (decay_steps = inf) reach 0 at this step."""
-        self._hypers = self._place(ending_at(self._given, step))
+    def decay_over(self, begin: int, end: int) -> None:
+        """Let learning rates that fall over all that is trained (decay_steps = inf) fall from one step to another."""
+        self._hypers = self._place(falling(self._agent, self._given, begin, end))
 
     def advance(self, n_updates: int) -> None:
         """The training loop: act for n_steps steps, then learn from them."""

@@ -25,7 +25,7 @@ from galton.training.run import (
     Snapshot,
     Tree,
     begin,
-    ending_at,
+    falling,
     learn,
     over_runs,
     read_log,
@@ -144,9 +144,9 @@ class DevicePopulation:
     def environments(self) -> None:
         """None, since environments in JAX are states in the population's own."""
 
-    def end_at(self, step: int) -> None:
-        """Let learning rates that fall over all that is trained (decay_steps = inf) reach 0 at this step."""
-        self._hypers = self._place(ending_at(self._given, step))
+    def decay_over(self, begin: int, end: int) -> None:
+        """Let learning rates that fall over all that is trained (decay_steps = inf) fall from one step to another."""
+        self._hypers = self._place(falling(self._agent, self._given, begin, end))
 
     def advance(self, n_updates: int) -> None:
         """Train all runs for so many updates each; they are done when it returns."""

@@ -78,9 +78,9 @@ class HostPopulation:
         """What the first of the runs is trained on, which of a single run are all."""
         return self._groups[0].environments
 
-    def end_at(self, step: int) -> None:
-        """Let learning rates that fall over all that is trained (decay_steps = inf) reach 0 at this step."""
-        self._each(Group.end_at, step)
+    def decay_over(self, begin: int, end: int) -> None:
+        """Let learning rates that fall over all that is trained (decay_steps = inf) fall from one step to another."""
+        self._each(Group.decay_over, begin, end)
 
     def advance(self, n_updates: int) -> None:
         """Train all runs for so many updates each, every group in its thread."""

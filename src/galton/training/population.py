@@ -43,8 +43,8 @@ class Population(Protocol):
     def environments(self) -> HostEnvironments | None:
         """What the first group of runs is trained on; None for environments in JAX."""
 
-    def end_at(self, step: int) -> None:
-        """Let learning rates that fall over all that is trained (decay_steps = inf) reach 0 at this step."""
+    def decay_over(self, begin: int, end: int) -> None:
+        """Let learning rates that fall over all that is trained (decay_steps = inf) fall from one step to another."""
 
     def advance(self, n_updates: int) -> None:
         """Train all runs for so many updates each. The results do not depend on how training is cut into calls.

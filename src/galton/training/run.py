@@ -78,10 +78,16 @@ def learn(agent: Agent, run: RunState, batch: Transition, finished: Finished, hy
     )
 
 
-def ending_at(hypers: Hypers, step: int) -> Hypers:
-    """Hypers `[R]` whose learning rates reach 0 at this step where they fall over all that is trained."""
-    given = jnp.asarray(hypers.decay_steps)
-    return hypers._replace(decay_steps=jnp.where(jnp.isinf(given), jnp.float32(step), given))
+def falling(agent: Agent, hypers: Hypers, begin: int, end: int) -> Hypers:
+    """Hypers `[R]` whose learning rates fall from one step to another where they fall over all that is trained.
+
+    An update's rate is that of its rollout's first step, so that the last one, which may be the only one, learns too:
+    rate · (end − first step) / (end − begin).
+    """
+    last = end + agent.config.n_steps * agent.config.n_envs
+    over_all = jnp.isinf(jnp.asarray(hypers.decay_steps))
+    rate = jnp.where(over_all, hypers.learning_rate * jnp.float32(last / (end - begin)), hypers.learning_rate)
+    return hypers._replace(learning_rate=rate, decay_steps=jnp.where(over_all, jnp.float32(last), hypers.decay_steps))
 
 
 def remaining(step: Int[Array, ""], hypers: Hypers) -> Float[Array, ""]:

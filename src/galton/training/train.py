@@ -137,7 +137,7 @@ def _train(
     """Train from log point to log point: log, divergences, learner, and the seconds of compiling and of training."""
     if n_eval_episodes:
         population.check_evaluation(n_eval_episodes)
-    population.end_at(int(steps[-1]))
+    population.decay_over(0, int(steps[-1]))
     compiled, start, logs = population.compile_seconds, time.perf_counter(), []
     pieces = Pieces(population.advance)
     for step in steps:
