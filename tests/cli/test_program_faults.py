@@ -9,7 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from galton.cli import _program_faults, _programs
+from galton.cli import _program_faults
+from galton.training import programs_on_disk
 
 from .test_programs import COMPARE, entries, galton, keeping
 
@@ -23,7 +24,7 @@ def failing(name, number):
         return own(path, *arguments, **keywords)
     setattr(pathlib.Path, name, call)
 {before}
-from galton.cli._programs import keep_programs
+from galton.cli._program_faults import keep_programs
 keep_programs()
 {after}
 import jax
@@ -121,8 +122,8 @@ def test_a_comparison_whose_programs_rotted_has_the_same_numbers(compared):
 
 @pytest.mark.parametrize("given", ["a\0b", "n" * 300, "/dev/null/programs", "/proc/galton"])
 def test_a_place_that_can_not_be_is_told(given, monkeypatch, capsys):
-    monkeypatch.setattr(_programs.os, "environ", {_programs.PLACE: given})
-    _programs.keep_programs()
+    monkeypatch.setattr(programs_on_disk.os, "environ", {programs_on_disk.PLACE: given})
+    _program_faults.keep_programs()
     (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith("galton: compiled programs are not kept: ")
     assert "JAX_COMPILATION_CACHE_DIR" not in os.environ
@@ -150,6 +151,6 @@ def test_files_that_another_process_removes_meanwhile_are_no_fault(tmp_path, mon
         (tmp_path / name).write_bytes(b"no program")
     own = Path.is_file
     monkeypatch.setattr(Path, "is_file", lambda path: own(path) and (path.name == "two" or path.unlink() is None))
-    _programs.tidy(tmp_path)
+    programs_on_disk.tidy(tmp_path)
     monkeypatch.undo()
     assert not entries(tmp_path)

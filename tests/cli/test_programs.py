@@ -7,7 +7,8 @@ import zlib
 
 import pytest
 
-from galton.cli import _programs
+from galton.cli._program_faults import keep_programs
+from galton.training import programs_on_disk
 
 COMPARE = ["compare", "bandit", "--losses=gaussian", "--steps=100", "--seeds=2", "--logs=2", "--overwrite", "--out"]
 
@@ -16,7 +17,7 @@ def keeping(programs, *without):
     """The environment of a process that keeps its programs in a folder, whatever a command has set that ran in this."""
     without = ("JAX_COMPILATION_CACHE", "JAX_PERSISTENT_CACHE", "PYTHONWARNINGS", *without)
     kept = {name: value for name, value in os.environ.items() if not name.startswith(without)}
-    return kept | {_programs.PLACE: str(programs)}
+    return kept | {programs_on_disk.PLACE: str(programs)}
 
 
 def galton(folder, *words, programs, **environment):
@@ -67,14 +68,14 @@ def test_a_place_that_cannot_be_written_is_told_and_the_command_goes_on(tmp_path
     assert (tmp_path / "one" / "summary.json").exists()
 
 
-@pytest.mark.parametrize("environment", [{_programs.PLACE: "off"}, {"JAX_COMPILATION_CACHE_DIR": "elsewhere"}])
+@pytest.mark.parametrize("environment", [{programs_on_disk.PLACE: "off"}, {"JAX_COMPILATION_CACHE_DIR": "elsewhere"}])
 def test_it_is_off_where_the_user_says_so_or_says_where(environment, monkeypatch, tmp_path):
-    for name in (_programs.PLACE, "JAX_COMPILATION_CACHE_DIR", "XDG_CACHE_HOME"):
+    for name in (programs_on_disk.PLACE, "JAX_COMPILATION_CACHE_DIR", "XDG_CACHE_HOME"):
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     for name, value in environment.items():
         monkeypatch.setenv(name, value)
-    _programs.keep_programs()
+    keep_programs()
     assert os.environ.get("JAX_COMPILATION_CACHE_DIR") == environment.get("JAX_COMPILATION_CACHE_DIR")
     assert not [*tmp_path.iterdir()]
 
@@ -84,11 +85,11 @@ def test_what_is_whole_stays_and_what_is_old_is_not_read_again(tmp_path):
     whole.write_bytes(zlib.compress(b"program" * 1000))
     cut.write_bytes(zlib.compress(os.urandom(1000))[:500])
     garbage.write_bytes(b"no program")
-    _programs.tidy(tmp_path)
+    programs_on_disk.tidy(tmp_path)
     assert {*entries(tmp_path)} == {whole}
     whole.write_bytes(b"damaged later")
     os.utime(whole, (0, 0))
-    _programs.tidy(tmp_path)  # only what was written since is looked at
+    programs_on_disk.tidy(tmp_path)  # only what was written since is looked at
     assert {*entries(tmp_path)} == {whole}
 
 
@@ -97,6 +98,6 @@ def test_those_that_were_not_used_for_longest_make_room(monkeypatch, tmp_path):
         path = tmp_path / str(age)
         path.write_bytes(zlib.compress(os.urandom(900)))
         os.utime(path, (1e9 - age, 1e9 - age))
-    monkeypatch.setattr(_programs, "MOST", 2000)
-    _programs.tidy(tmp_path)
+    monkeypatch.setattr(programs_on_disk, "MOST", 2000)
+    programs_on_disk.tidy(tmp_path)
     assert {path.name for path in entries(tmp_path)} == {"0", "1"}

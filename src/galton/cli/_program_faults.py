@@ -8,20 +8,27 @@ import warnings
 from pathlib import Path
 from typing import TextIO
 
-ROOM = 1 << 20
-"""Bytes that there must be room for; small programs take some tens of kilobytes, large ones a megabyte."""
+from galton.training.programs_on_disk import PLACE, REMEDY, place
 
 _SAID = re.compile(r"Error (reading|writing) persistent compilation cache entry for '([^']*)': (.*)", re.DOTALL)
 """How JAX says that it can't use the folder: what failed, the program's name, and why."""
 
 
-def check_room(folder: Path) -> None:
-    """Raise OSError where nothing of ROOM bytes can be written into a folder."""
-    probe = folder / f"probe-{os.getpid()}"
+def keep_programs() -> None:
+    """Have this command and its workers keep what they compile, unless the user says where JAX does, or PLACE is off.
+
+    To be called before JAX is imported. A folder that can't be written, or is full, is told, and nothing is kept.
+    """
     try:
-        probe.write_bytes(bytes(ROOM))
-    finally:
-        probe.unlink(missing_ok=True)
+        folder = place()
+    except (OSError, ValueError) as error:  # of a name with a character that none can have
+        print(f"galton: compiled programs are not kept: {error}; {REMEDY}", file=sys.stderr)
+        os.environ[PLACE] = "off"  # nobody tries again
+        return
+    if folder:
+        tell_once(folder, REMEDY)
+        os.environ["JAX_COMPILATION_CACHE_DIR"] = str(folder)
+        os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
 
 
 def tell_once(folder: Path, remedy: str) -> None:

@@ -11,7 +11,7 @@ import sys
 
 from galton.cli._interrupts import ASKING
 from galton.cli._output import Lasting, lasting_output
-from galton.cli._programs import keep_programs
+from galton.cli._program_faults import keep_programs
 from galton.cli._words import run_command
 from galton.errors import BrokenEnvironmentError, CheckpointError, UsageError, unknown
 from galton.version import __version__

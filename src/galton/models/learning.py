@@ -1,6 +1,7 @@
 """The loop behind `learn`: updates, log points, callbacks."""
 
 import contextlib
+import sys
 import time
 from collections.abc import Callable, Iterator
 from typing import Any, Protocol, runtime_checkable
@@ -122,6 +123,20 @@ def _sorted_out(model: Learning, callback: object, printed: bool, first: int, la
     theirs = [one for one in given if sb3.is_callback(one)]
     ours = [one for one in given if not sb3.is_callback(one)]
     return sb3.Callbacks(model, theirs, last - first), Calls(model, ours, first, last)
+
+
+@contextlib.contextmanager
+def compiling(verbose: int) -> Iterator[None]:
+    """A time in which programs are compiled: a terminal shows that, and without one it is a line where verbose is 1."""
+    if sys.stderr.isatty():
+        from rich.console import Console
+
+        with Console(stderr=True).status("compiling; what is compiled is kept, and found the next time"):
+            yield
+    else:
+        if verbose:
+            print("compiling", flush=True)
+        yield
 
 
 @contextlib.contextmanager

@@ -16,6 +16,7 @@ from galton.policies.correlation import check_correlation
 from galton.training.log import Log
 from galton.training.on_device import DevicePopulation
 from galton.training.on_host import HostPopulation
+from galton.training.programs_on_disk import keep_programs
 from galton.training.run import Snapshot
 from galton.training.size import check_size
 from galton.types import Config, Hypers, Learner, Rule, check_config, check_hypers, without_unused
@@ -105,6 +106,7 @@ def populate(
     """
     check_config(config)
     check_hypers(hypers)
+    keep_programs()
     found, devices = find(env), devices or jax.devices()
     check_size(found, config, len(seeds))
     agent, hypers = resolved(found, config, hypers)

@@ -1,18 +1,18 @@
-"""Compiled programs on disk: what one command has compiled the next one finds. JAX keeps them; where, is said here."""
+"""Compiled programs on disk: what one process has compiled the next one finds. JAX keeps them; where, is said here."""
 
+import functools
 import hashlib
 import importlib
 import os
 import platform
 import sys
 import time
+import warnings
 import zlib
 from importlib.metadata import version
 from pathlib import Path
 
 import platformdirs
-
-from galton.cli._program_faults import check_room, tell_once
 
 PLACE = "GALTON_PROGRAMS"
 """The variable of the environment that names another folder for them, or is "off"."""
@@ -23,25 +23,55 @@ _ZSTANDARD = b"\x28\xb5\x2f\xfd"
 """How a file begins that JAX has packed with zstandard, which it prefers to zlib where it is installed."""
 
 
-def keep_programs() -> None:
-    """Have this process and its workers keep what they compile, unless the user says where JAX does, or PLACE is off.
+ROOM = 1 << 20
+"""Bytes that there must be room for; small programs take some tens of kilobytes, large ones a megabyte."""
+REMEDY = f"{PLACE} names another folder, or is off"
+"""What a user can do about a folder that can't be used."""
 
-    To be called before JAX is imported. A folder that can't be written, or is full, is told, and nothing is kept.
+
+def place() -> Path | None:
+    """The folder for this machine's programs, made and tidied; None where the user says where else, or PLACE is off.
+
+    Raises:
+        OSError, ValueError: a folder that can't be, can't be written, or is full.
     """
     given = os.environ.get(PLACE) or platformdirs.user_cache_dir("galton")
     if given == "off" or "JAX_COMPILATION_CACHE_DIR" in os.environ:
+        return None
+    folder = Path(given, _kind())
+    folder.mkdir(parents=True, exist_ok=True)
+    tidy(folder)
+    check_room(folder)
+    return folder
+
+
+@functools.cache
+def keep_programs() -> None:
+    """Have this process keep what it compiles from now on, once, unless the user has told JAX where to.
+
+    A folder that can't be written, or is full, is told by a warning, and nothing is kept.
+    """
+    import jax
+
+    if jax.config.jax_compilation_cache_dir is not None:  # type: ignore[attr-defined]
         return
-    folder, remedy = Path(given, _kind()), f"{PLACE} names another folder, or is off"
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        tidy(folder)
-        check_room(folder)
+        folder = place()
     except (OSError, ValueError) as error:  # of a name with a character that none can have
-        print(f"galton: compiled programs are not kept: {error}; {remedy}", file=sys.stderr)
+        warnings.warn(f"compiled programs are not kept: {error}; {REMEDY}", stacklevel=2)
         return
-    tell_once(folder, remedy)
-    os.environ["JAX_COMPILATION_CACHE_DIR"] = str(folder)
-    os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
+    if folder:
+        jax.config.update("jax_compilation_cache_dir", str(folder))
+        jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
+
+
+def check_room(folder: Path) -> None:
+    """Raise OSError where nothing of ROOM bytes can be written into a folder."""
+    probe = folder / f"probe-{os.getpid()}"
+    try:
+        probe.write_bytes(bytes(ROOM))
+    finally:
+        probe.unlink(missing_ok=True)
 
 
 def tidy(folder: Path) -> None:
