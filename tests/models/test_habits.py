@@ -149,6 +149,31 @@ def test_parameters_are_copies_and_can_be_put_into_another_model():
     assert not same(one.learner.params, other.learner.params)
 
 
+@pytest.mark.parametrize("env", ["lqr", swing], ids=["jax", "gymnasium"])
+def test_parameters_carry_the_statistics_that_normalise(env):
+    normalising = SMALL | {"normalize_observation": True, "normalize_reward": True}
+    one, other = A2C(env, **normalising).learn(50, **QUIET), A2C(env, **normalising, seed=1)
+    got = one.get_parameters()
+    assert got["normalizer"]["observation"]["n"] > 50
+    other.set_parameters(got)
+    observation = np.full(2, 0.3, np.float32)
+    action, before = (model.predict(observation, deterministic=True)[0] for model in (other, one))
+    np.testing.assert_array_equal(action, before)
+    assert same(other.get_parameters(), got)
+    del got["normalizer"]
+    with pytest.warns(UserWarning, match="parameters has no normalizer.*; give what get_parameters"):
+        other.set_parameters(jax.tree.map(np.zeros_like, got))
+    assert same(other.get_parameters()["normalizer"], one.get_parameters()["normalizer"])
+    negative = one.get_parameters()
+    negative["normalizer"]["observation"]["variance"] -= 1e6
+    with pytest.raises(UsageError, match=r"parameters\['normalizer'\]\['observation'\]\['variance'\] is negative"):
+        other.set_parameters(negative)
+    for model in (one, other):
+        model.close()
+    with pytest.raises(UsageError, match=r"differ from the model's own in \['normalizer'\]"):
+        A2C("lqr", **SMALL).set_parameters(negative)
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [

@@ -23,7 +23,7 @@ from galton.models.acting import exploit, explore, returns_on
 from galton.models.hints import refuse_policy, unexpected
 from galton.models.learning import check_divergence, learn, updates_for
 from galton.models.settings import Settings, split, unusual
-from galton.models.state import Arrays, Loaded, Run, copied
+from galton.models.state import Arrays, Loaded, Run, parameters_of
 from galton.presets import find_preset
 from galton.training.population import Population
 from galton.training.train import check_seed
@@ -318,11 +318,17 @@ class Model:
         self.seed, self.n_predictions = seed, 0
 
     def get_parameters(self) -> Params:
-        """A copy of the networks' parameters: `actor`, `critic` and, for the Gaussian, `log_std`, as numpy arrays."""
-        return copied(self.learner.params)
+        """A copy of the networks' parameters: `actor`, `critic` and, for the Gaussian, `log_std`, as numpy arrays.
+
+        A model that normalises has its statistics with them, under `normalizer`: mean, variance and n (how many were
+        seen) of what `Normalizer` names.
+        """
+        return parameters_of(self.learner)
 
     def set_parameters(self, parameters: Params) -> None:
-        """Go on with other parameters, such as another model's; Adam's moments stay.
+        """Go on with other parameters, such as another model's, and its statistics; Adam's moments stay.
+
+        A model that normalises warns where the statistics are missing, and keeps its own.
 
         Raises UsageError for other names or shapes than its own, and for numbers that are not finite.
         """
