@@ -1,4 +1,5 @@
 import errno
+import functools
 import json
 import math
 import os
@@ -59,6 +60,9 @@ class Fake:
 
     def save(self, path):
         self.saved.append((str(path), self.num_timesteps))
+
+    def take(self):
+        return types.SimpleNamespace(scored=lambda mean: self)
 
     def log_points(self, callback, n):
         for _ in range(n):
@@ -247,6 +251,24 @@ def test_evaluate_keeps_the_best_model_exactly_when_the_mean_improves():
     assert [log["eval/mean_reward"] for log in logs[:4]] == [-5.0, -7.0, -5.0, -4.0]
     assert [log["eval/best_mean_reward"] for log in logs] == [-5.0, -5.0, -5.0, -4.0, -4.0]
     assert logs[0]["eval/std_reward"] == 1.0
+
+
+def test_a_new_evaluate_knows_the_best_model_that_the_same_run_kept(tmp_path, monkeypatch):
+    means, best = iter([-5.0, -7.0, -4.0, -9.0]), tmp_path / "best"
+    monkeypatch.setattr(A2C, "evaluate", lambda self, n_episodes, *_: np.full(n_episodes, next(means)))
+
+    def learnt(model):
+        logs = []
+        model.learn(20, [Evaluate(20, best_model=best), lambda model, log: logs.append(log)], progress_bar=False)
+        return logs[0]["eval/best_mean_reward"], A2C.load(best).num_timesteps
+
+    new = functools.partial(A2C, "lqr", "hl-gauss", n_bins=10, net_arch=(8,), n_steps=10)
+    run = new()
+    assert learnt(run) == (-5.0, 20)
+    run = A2C.load(run.save(tmp_path / "last"), "lqr")
+    assert learnt(run) == (-5.0, 20), "a worse one is not kept"
+    assert learnt(run) == (-4.0, 60)
+    assert learnt(new()) == (-9.0, 20), "a new run begins anew"
 
 
 def test_an_environment_to_evaluate_on_is_made_once_and_closed():

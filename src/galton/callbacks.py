@@ -27,6 +27,7 @@ from galton.envs.fitting import check_same_spaces
 from galton.errors import UsageError, require, require_integer
 from galton.extras import needed
 from galton.saving import files
+from galton.saving.model_file import best_before
 from galton.training.evaluate import Kept
 
 Log = dict[str, float]
@@ -48,6 +49,9 @@ class Model(Protocol):
     def save(self, path: str | Path) -> Path:
         """Write the model to one file and return its path."""
 
+    def take(self) -> Any:
+        """What `save` would write now."""
+
 
 Callback = Callable[[Any, Log], bool | None]
 """(model, log) → whether to go on; None is yes."""
@@ -67,7 +71,8 @@ class Evaluate:
     env: object = None
     """What to play on; None for copies of the environment that the model is trained on."""
     best_model: str | Path | None = None
-    """Where to save the model each time that its mean return is the highest so far."""
+    """Where to save the model each time that its mean return is the highest so far. A run that is gone on with after
+    `load` knows the best model that it kept there; a new run begins anew."""
     env_kwargs: Mapping[str, object] | None = None
     """Keyword arguments for an id or a name."""
 
@@ -88,7 +93,10 @@ class Evaluate:
             check_same_spaces(task, model.actions, model.observations)
             self._on = (task if isinstance(task, Environment) else Kept(task, self.n_episodes),)
         if self.best_model is not None:
-            files.check_place("best_model", Path(self.best_model))
+            path = Path(self.best_model)
+            files.check_place("best_model", path)
+            before = best_before(path, model.env_name, model.config, model.hypers, model.num_timesteps)
+            self.best = max(self.best, before)
 
     def __call__(self, model: Model, log: Log) -> None:
         """Evaluate, and save the model if its mean return is the best so far."""
@@ -97,7 +105,7 @@ class Evaluate:
         if mean > self.best:
             self.best = mean
             if self.best_model is not None:
-                model.save(self.best_model)
+                model.take().scored(mean).save(self.best_model)
         log |= {
             "eval/mean_reward": mean,
             "eval/std_reward": float(returns.std()),
