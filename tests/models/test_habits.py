@@ -1,5 +1,6 @@
 """What users of Stable-Baselines3 expect of a model, beside learn, predict, save and load."""
 
+import inspect
 import math
 import subprocess
 import sys
@@ -109,6 +110,16 @@ def test_a_model_loaded_without_an_environment_can_be_saved_to_the_same_bytes(en
 def test_what_sb3_s_load_takes_is_told_to_be_left_out(tmp_path):
     with pytest.raises(TypeError, match=r"load\(\) got an unexpected keyword argument 'device'; JAX chooses"):
         A2C.load(tmp_path / "nothing", device="cpu")
+
+
+def test_load_on_a_model_is_refused_with_what_to_write(tmp_path):
+    model = A2C("bandit", **SMALL)
+    path = model.save(tmp_path / "model")
+    with pytest.raises(UsageError, match=r"A2C.load makes a new model .*; write model = A2C.load\(path\)"):
+        model.load(path, env="bandit")
+    assert type(model).load(path).num_timesteps == 0
+    assert inspect.signature(PPO.load) == inspect.signature(A2C.load)
+    assert "path" in inspect.signature(A2C.load).parameters
 
 
 def test_a_target_kl_of_none_is_off_as_in_sb3():

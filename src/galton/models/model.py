@@ -1,9 +1,10 @@
 """One run with the habits of Stable-Baselines3: learn, predict, evaluate, save, load."""
 
+import functools
 import warnings
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, TypeVar, Unpack
+from typing import TYPE_CHECKING, Any, TypeVar, Unpack
 
 import gymnasium
 import numpy as np
@@ -17,7 +18,7 @@ from galton.envs.fitting import check_copies, check_same_spaces, given, spaces_o
 from galton.envs.host.action_box import ActionBox
 from galton.envs.host.base import HostTask, Space
 from galton.envs.host.observations import Observations
-from galton.errors import require, require_integer
+from galton.errors import UsageError, require, require_integer
 from galton.models import file
 from galton.models.acting import exploit, explore, returns_on
 from galton.models.hints import refuse_policy, unexpected
@@ -30,6 +31,18 @@ from galton.training.train import check_seed
 from galton.types import Config, Hypers, Learner, Params, check_config, check_one_run
 
 ModelT = TypeVar("ModelT", bound="Model")
+
+if TYPE_CHECKING:
+    of_class = classmethod
+else:
+
+    class of_class(classmethod):  # noqa: N801
+        """A classmethod that makes an instance. Called on one it would leave that as it is, and so it refuses."""
+
+        def __get__(self, instance, owner=None):
+            """The method of the class; UsageError at a call of an instance's, with what to write."""
+            method = super().__get__(instance, owner)
+            return method if instance is None else functools.partial(_refuse_instance, instance, method)
 
 
 class Model:
@@ -247,9 +260,9 @@ class Model:
         """What `save` would write now, to be written later or by another thread."""
         return file.take(self, self._run.arrays)
 
-    @classmethod
+    @of_class
     def load(
-        cls: type[ModelT],
+        cls: type[ModelT],  # noqa: N805
         path: str | Path,
         env: object = None,
         env_kwargs: Mapping[str, object] | None = None,
@@ -337,6 +350,11 @@ class Model:
     def close(self) -> None:
         """Let go of the environments that the model made."""
         self._run.close()
+
+
+def _refuse_instance(instance: object, method: Any, *_: object, **__: object) -> None:
+    name = f"{type(instance).__name__}.{method.__name__}"
+    raise UsageError(f"{name} makes a new model and leaves this one as it is; write model = {name}(path)")
 
 
 def _refuse_alone(env_kwargs: Mapping[str, object] | None) -> None:
