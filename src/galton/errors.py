@@ -31,6 +31,10 @@ class SharedEnvironment(UserWarning):
     """Somebody else reset or stepped an environment between two updates, so training begins a new episode there."""
 
 
+class AliasedObservation(UserWarning):
+    """A vector environment's episodes end with the next one's first observation, as where both are one array."""
+
+
 def require_integer(name: str, value: object, least: int, most: int | None = None) -> None:
     """Raise UsageError unless the value is an integer of at least `least` and, if that is given, at most `most`."""
     fits = (
