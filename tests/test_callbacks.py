@@ -329,6 +329,12 @@ def test_stop_on_reward_stops_at_the_threshold_and_passes_over_what_is_not_known
     assert StopOnReward(1.0, "other")(Fake(), {"other": 2.0}) is False
 
 
+@pytest.mark.parametrize("kind", [np.float32, np.float64, np.int8, int])
+def test_a_number_of_numpys_is_a_number(kind):
+    assert StopOnReward(kind(3))(Fake(), {"eval/mean_reward": 3.0}) is False
+    assert StopAfter(kind(3)).meanwhile(Fake(), 3.0) is False
+
+
 def test_stop_on_reward_ends_training(model):
     assert learn(model, [Evaluate(20, 1), StopOnReward(-1e9)]) == 20
 
@@ -444,6 +450,9 @@ def test_weights_and_biases_says_what_to_install(monkeypatch):
         (lambda path: Checkpoint("x", every=-1), "every is -1"),
         (lambda path: StopAfter(0.0), "seconds is 0.0"),
         (lambda path: StopAfter(math.nan), "seconds is nan"),
+        (lambda path: StopAfter(True), "seconds is True; it must be a number"),
+        (lambda path: StopOnReward(np.True_), r"threshold is np.True_; it must be a number"),
+        (lambda path: StopOnReward(True), "threshold is True; it must be a number"),
         (lambda path: StopOnReward(math.nan), "threshold is nan"),
         (lambda path: JSONLines(path), "can't be written"),
         (lambda path: JSONLines(path / "new" / "/dev/null/x"), "can't be written"),

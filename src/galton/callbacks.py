@@ -24,7 +24,7 @@ import numpy as np
 from galton.envs.base import Environment
 from galton.envs.find import find
 from galton.envs.fitting import check_same_spaces
-from galton.errors import UsageError, require, require_integer
+from galton.errors import UsageError, is_number, require, require_integer
 from galton.extras import needed
 from galton.saving import files
 from galton.saving.model_file import best_before
@@ -162,7 +162,7 @@ class StopOnReward:
     """A key of the log; points without it are passed over, and you are warned if all were."""
 
     def __post_init__(self) -> None:
-        require(isinstance(self.threshold, int | float), f"threshold is {self.threshold!r}; it must be a number")
+        require(is_number(self.threshold), f"threshold is {self.threshold!r}; it must be a number")
         require(not math.isnan(self.threshold), "threshold is nan, which no number reaches")
         self._known = False
 
@@ -188,7 +188,7 @@ class StopAfter:
     """How many seconds `learn` may take."""
 
     def __post_init__(self) -> None:
-        fits = isinstance(self.seconds, int | float) and self.seconds > 0
+        fits = is_number(self.seconds) and self.seconds > 0
         require(fits, f"seconds is {self.seconds!r}; it must be a number greater than 0")
 
     def __call__(self, model: Model, log: Log) -> bool:

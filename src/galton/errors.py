@@ -48,6 +48,11 @@ def require_integer(name: str, value: object, least: int, most: int | None = Non
     require(fits, f"{name} is {shown}; it must be {wanted}")
 
 
+def is_number(value: object) -> bool:
+    """Whether it is one number, Python's or numpy's; True and False are none."""
+    return isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
+
+
 def require_word(name: str, value: object, choices: Collection[str]) -> None:
     """Raise UsageError, as `unknown` has it, unless the value is one of the choices."""
     if value not in choices:

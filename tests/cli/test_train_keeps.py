@@ -19,6 +19,7 @@ from galton.cli._options import Training
 from galton.envs.find import find
 from galton.errors import UsageError
 from galton.models import Model
+from galton.models.file import Taken
 from galton.saving import files
 from galton.saving.checkpoint import read
 from galton.saving.result_folder import write_settings
@@ -65,7 +66,7 @@ FAILURES = {
     "a save on the way": lambda patch: patch.setattr(train._Saving, "__call__", no_room),
     "the first update": lambda patch: patch.setattr(Model, "advance", no_room),
     "the making of the model": lambda patch: patch.setattr(Model, "of", no_room),
-    "the end": lambda patch: patch.setattr(Model, "save", fails_from(2, Model.save)),
+    "the end": lambda patch: patch.setattr(Taken, "save", fails_from(3, Taken.save)),
 }
 
 

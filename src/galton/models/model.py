@@ -27,6 +27,7 @@ from galton.models.settings import Settings, split, unusual
 from galton.models.state import Arrays, Loaded, Run, parameters_of
 from galton.presets import find_preset
 from galton.training.population import Population
+from galton.training.programs import check_process
 from galton.training.train import check_seed
 from galton.types import Config, Hypers, Learner, Params, check_config, check_one_run
 
@@ -239,8 +240,9 @@ class Model:
             env_kwargs: keyword arguments for an id or a name.
 
         Raises:
-            UsageError: an environment of which only one copy was given.
+            UsageError: an environment of which only one copy was given; or in a process forked from one that trains.
         """
+        check_process()
         require_integer("n_episodes", n_episodes, 1)
         if env is None:
             _refuse_alone(env_kwargs)
@@ -348,8 +350,19 @@ class Model:
         self._run.set_parameters(parameters)
 
     def close(self) -> None:
-        """Let go of the environments that the model made."""
+        """Close the environments that the model made. Nobody has to: they are closed too once nobody holds the model.
+
+        One that was given ready-made is its owner's, and stays open.
+        """
         self._run.close()
+
+    def __reduce__(self) -> Any:
+        """TypeError for pickle and copy, which says what to do: environments and programs can't be taken along."""
+        name = type(self).__name__
+        raise TypeError(
+            f"a {name} can't be pickled or copied, for it holds environments and compiled programs; save(path) writes "
+            f"all that it has learnt, and {name}.load(path, env) makes another that goes on from there"
+        )
 
 
 def _refuse_instance(instance: object, method: Any, *_: object, **__: object) -> None:

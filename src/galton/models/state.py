@@ -15,6 +15,7 @@ from galton.models import file
 from galton.normalization import Moments
 from galton.saving import checkpoint
 from galton.training.population import Population, populate
+from galton.training.programs import check_process
 from galton.types import Config, Hypers, Learner, Params
 
 Arrays = dict[str, np.ndarray]
@@ -93,7 +94,8 @@ class Run:
         return checkpoint.flatten(self.population.snapshot())
 
     def advance(self, n_updates: int) -> None:
-        """Train for so many updates."""
+        """Train for so many updates; UsageError in a process that was forked from the one that made the run."""
+        check_process()
         self._learner = None
         self.population.advance(n_updates)
 

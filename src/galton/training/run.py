@@ -78,7 +78,7 @@ def learn(agent: Agent, run: RunState, batch: Transition, finished: Finished, hy
     )
 
 
-def remaining(step: Int[Array, ""], hypers: Hypers) -> Float[Array, ""]:
+def remaining(step: Int[Array, ""] | int, hypers: Hypers) -> Float[Array, ""]:
     """The share of the learning rate that is left at this step: 1 − step / decay_steps, or 1 without a decay.
 
     As in Stable-Baselines3 the steps of the rollout that is learnt from count, so the last update's is 0.
