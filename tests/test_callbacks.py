@@ -234,6 +234,17 @@ def test_callbacks_are_called_in_order_and_share_the_log(model):
     assert seen == [1.0, 1.0]
 
 
+def test_a_step_in_a_log_is_the_model_s_also_where_a_callback_trains_it():
+    run, steps = A2C("lqr", "hl-gauss", n_bins=10, net_arch=(8,), n_steps=10), []
+
+    def train(model, log):
+        if not steps:
+            model.learn(20, progress_bar=False)
+
+    run.learn(100, [train, lambda model, log: steps.append(log["time/total_timesteps"])], 2, progress_bar=False)
+    assert steps == [40, 60, 80, 100] == [*range(40, run.num_timesteps + 1, 20)]
+
+
 def test_false_stops_at_that_log_point_after_the_others_and_none_and_true_do_not(model):
     calls = []
     stop = [lambda model, log: len(calls) < 2, lambda model, log: calls.append(1)]
@@ -451,7 +462,6 @@ def test_weights_and_biases_says_what_to_install(monkeypatch):
         (lambda path: StopAfter(0.0), "seconds is 0.0"),
         (lambda path: StopAfter(math.nan), "seconds is nan"),
         (lambda path: StopAfter(True), "seconds is True; it must be a number"),
-        (lambda path: StopOnReward(np.True_), r"threshold is np.True_; it must be a number"),
         (lambda path: StopOnReward(True), "threshold is True; it must be a number"),
         (lambda path: StopOnReward(math.nan), "threshold is nan"),
         (lambda path: JSONLines(path), "can't be written"),

@@ -31,6 +31,7 @@ from galton.saving.model_file import best_before
 from galton.training.evaluate import Kept
 
 Log = dict[str, float]
+Number = int | float | np.integer[Any] | np.floating[Any]
 
 
 @runtime_checkable
@@ -156,7 +157,7 @@ class Checkpoint:
 class StopOnReward:
     """Stop once a number in the log reaches a threshold."""
 
-    threshold: float
+    threshold: Number
     """Training stops where the number is as high as this, or higher."""
     metric: str = "eval/mean_reward"
     """A key of the log; points without it are passed over, and you are warned if all were."""
@@ -184,7 +185,7 @@ class StopOnReward:
 class StopAfter:
     """Stop after some time, counted from the beginning of `learn`, at the next whole update."""
 
-    seconds: float
+    seconds: Number
     """How many seconds `learn` may take."""
 
     def __post_init__(self) -> None:
@@ -198,7 +199,7 @@ class StopAfter:
     def meanwhile(self, model: Model, seconds: float) -> bool:
         """Go on while there is time, after so many seconds."""
         del model
-        return seconds < self.seconds
+        return bool(seconds < self.seconds)
 
 
 class Print:

@@ -90,6 +90,7 @@ def learn(model: Learning, n_updates: int, callback: object, progress_bar: bool,
                 log["train/learning_rate"] = _rate(model.hypers, step)
                 log = theirs.recorded(is_told) | log
                 going = ours.after(step, size, log, is_told) and going
+                step = model.num_timesteps  # which a callback may have trained
             show(step - first)
         theirs.end()
         ours.end()
