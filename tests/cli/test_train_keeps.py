@@ -119,6 +119,17 @@ def test_what_was_learnt_before_it_failed_is_gone_on_with(failure, tmp_path, mon
     assert read(out / "model.safetensors")[0]["step"] == 100
 
 
+def test_a_resumed_run_keeps_the_best_model_that_it_had(tmp_path, monkeypatch):
+    out, means = tmp_path / "run", iter([4.0, 9.0, 3.0, 2.0, 8.0, 7.0, 8.5, 6.0])
+    monkeypatch.setattr(Model, "evaluate", lambda self, n_episodes, *_: np.full(n_episodes, next(means)))
+    galton_train(out)
+    best = (out / "best_model.safetensors").read_bytes()
+    galton_train(out, training=small(steps=200), resume=True)
+    assert (out / "best_model.safetensors").read_bytes() == best
+    last = json.loads((out / "metrics.jsonl").read_text().splitlines()[-1])
+    assert (last["time/total_timesteps"], last["eval/mean_reward"], last["eval/best_mean_reward"]) == (200, 6.0, 9.0)
+
+
 @pytest.mark.parametrize(
     "options",
     [
