@@ -1,4 +1,5 @@
 import errno
+import functools
 import json
 import math
 import os
@@ -59,6 +60,9 @@ class Fake:
 
     def save(self, path):
         self.saved.append((str(path), self.num_timesteps))
+
+    def take(self):
+        return types.SimpleNamespace(scored=lambda mean: self)
 
     def log_points(self, callback, n):
         for _ in range(n):
@@ -230,6 +234,17 @@ def test_callbacks_are_called_in_order_and_share_the_log(model):
     assert seen == [1.0, 1.0]
 
 
+def test_a_step_in_a_log_is_the_model_s_also_where_a_callback_trains_it():
+    run, steps = A2C("lqr", "hl-gauss", n_bins=10, net_arch=(8,), n_steps=10), []
+
+    def train(model, log):
+        if not steps:
+            model.learn(20, progress_bar=False)
+
+    run.learn(100, [train, lambda model, log: steps.append(log["time/total_timesteps"])], 2, progress_bar=False)
+    assert steps == [40, 60, 80, 100] == [*range(40, run.num_timesteps + 1, 20)]
+
+
 def test_false_stops_at_that_log_point_after_the_others_and_none_and_true_do_not(model):
     calls = []
     stop = [lambda model, log: len(calls) < 2, lambda model, log: calls.append(1)]
@@ -247,6 +262,24 @@ def test_evaluate_keeps_the_best_model_exactly_when_the_mean_improves():
     assert [log["eval/mean_reward"] for log in logs[:4]] == [-5.0, -7.0, -5.0, -4.0]
     assert [log["eval/best_mean_reward"] for log in logs] == [-5.0, -5.0, -5.0, -4.0, -4.0]
     assert logs[0]["eval/std_reward"] == 1.0
+
+
+def test_a_new_evaluate_knows_the_best_model_that_the_same_run_kept(tmp_path, monkeypatch):
+    means, best = iter([-5.0, -7.0, -4.0, -9.0]), tmp_path / "best"
+    monkeypatch.setattr(A2C, "evaluate", lambda self, n_episodes, *_: np.full(n_episodes, next(means)))
+
+    def learnt(model):
+        logs = []
+        model.learn(20, [Evaluate(20, best_model=best), lambda model, log: logs.append(log)], progress_bar=False)
+        return logs[0]["eval/best_mean_reward"], A2C.load(best).num_timesteps
+
+    new = functools.partial(A2C, "lqr", "hl-gauss", n_bins=10, net_arch=(8,), n_steps=10)
+    run = new()
+    assert learnt(run) == (-5.0, 20)
+    run = A2C.load(run.save(tmp_path / "last"), "lqr")
+    assert learnt(run) == (-5.0, 20), "a worse one is not kept"
+    assert learnt(run) == (-4.0, 60)
+    assert learnt(new()) == (-9.0, 20), "a new run begins anew"
 
 
 def test_an_environment_to_evaluate_on_is_made_once_and_closed():
@@ -305,6 +338,12 @@ def test_stop_on_reward_stops_at_the_threshold_and_passes_over_what_is_not_known
     for log, go_on in (*values, ({"eval/mean_reward": -3.0}, False)):
         assert stop(Fake(), log) is go_on
     assert StopOnReward(1.0, "other")(Fake(), {"other": 2.0}) is False
+
+
+@pytest.mark.parametrize("kind", [np.float32, np.float64, np.int8, int])
+def test_a_number_of_numpys_is_a_number(kind):
+    assert StopOnReward(kind(3))(Fake(), {"eval/mean_reward": 3.0}) is False
+    assert StopAfter(kind(3)).meanwhile(Fake(), 3.0) is False
 
 
 def test_stop_on_reward_ends_training(model):
@@ -422,6 +461,8 @@ def test_weights_and_biases_says_what_to_install(monkeypatch):
         (lambda path: Checkpoint("x", every=-1), "every is -1"),
         (lambda path: StopAfter(0.0), "seconds is 0.0"),
         (lambda path: StopAfter(math.nan), "seconds is nan"),
+        (lambda path: StopAfter(True), "seconds is True; it must be a number"),
+        (lambda path: StopOnReward(True), "threshold is True; it must be a number"),
         (lambda path: StopOnReward(math.nan), "threshold is nan"),
         (lambda path: JSONLines(path), "can't be written"),
         (lambda path: JSONLines(path / "new" / "/dev/null/x"), "can't be written"),

@@ -101,7 +101,7 @@ def test_a_return_outside_is_the_nearest_centers(name):
 @pytest.mark.parametrize("algorithm", [A2C, pytest.param(PPO, marks=pytest.mark.slow)])
 def test_saved_and_loaded(name, algorithm, tmp_path):
     steps = {"n_steps": 8, "batch_size": 8} if algorithm is PPO else {}
-    model = algorithm("lqr", critic=name, normalize_reward=True, net_arch=(8,), **steps).learn(64)
+    model = algorithm("lqr", critic=name, normalize_reward=True, net_arch=(8,), **steps).learn(160)
     model.save(tmp_path / "model")
     loaded = algorithm.load(tmp_path / "model")
     assert loaded.config.critic == name

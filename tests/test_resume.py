@@ -126,11 +126,11 @@ def test_an_environment_that_can_not_tell_its_state_goes_on_in_new_episodes_with
 
 
 def test_a_run_goes_on_in_pure_jax_after_gymnasium_with_a_warning_and_in_a_wrong_environment_not_at_all(tmp_path):
-    model = A2C("galton/LQR-v0", n_bins=10, net_arch=(8,)).learn(20, progress_bar=False)
+    model = A2C("galton/LQR-v0", n_bins=10, net_arch=(8,)).learn(160, progress_bar=False)
     path = model.save(tmp_path / "model")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", InexactResume)
-        A2C.load(path, env=LQR()).learn(20, progress_bar=False)
+        A2C.load(path, env=LQR()).learn(160, progress_bar=False)
     for env, kind in (("mountain-car", "actions"), (LQR(A=np.eye(3), B=np.eye(3)[:, :2], Q=np.eye(3)), "observations")):
         with pytest.raises(UsageError, match=f"env has {kind}"):
             A2C.load(path, env=env)

@@ -10,6 +10,7 @@ from .bins import Bins as Bins
 from .critics import CRITICS as CRITICS
 from .critics import Critic as Critic
 from .devices import use_all_cores as use_all_cores
+from .errors import AliasedObservation as AliasedObservation
 from .errors import BrokenEnvironmentError as BrokenEnvironmentError
 from .errors import CheckpointError as CheckpointError
 from .errors import DivergenceError as DivergenceError

@@ -24,12 +24,14 @@ import numpy as np
 from galton.envs.base import Environment
 from galton.envs.find import find
 from galton.envs.fitting import check_same_spaces
-from galton.errors import UsageError, require, require_integer
+from galton.errors import UsageError, is_number, require, require_integer
 from galton.extras import needed
 from galton.saving import files
+from galton.saving.model_file import best_before
 from galton.training.evaluate import Kept
 
 Log = dict[str, float]
+Number = int | float | np.integer[Any] | np.floating[Any]
 
 
 @runtime_checkable
@@ -47,6 +49,9 @@ class Model(Protocol):
 
     def save(self, path: str | Path) -> Path:
         """Write the model to one file and return its path."""
+
+    def take(self) -> Any:
+        """What `save` would write now."""
 
 
 Callback = Callable[[Any, Log], bool | None]
@@ -67,7 +72,8 @@ class Evaluate:
     env: object = None
     """What to play on; None for copies of the environment that the model is trained on."""
     best_model: str | Path | None = None
-    """Where to save the model each time that its mean return is the highest so far."""
+    """Where to save the model each time that its mean return is the highest so far. A run that is gone on with after
+    `load` knows the best model that it kept there; a new run begins anew."""
     env_kwargs: Mapping[str, object] | None = None
     """Keyword arguments for an id or a name."""
 
@@ -88,7 +94,10 @@ class Evaluate:
             check_same_spaces(task, model.actions, model.observations)
             self._on = (task if isinstance(task, Environment) else Kept(task, self.n_episodes),)
         if self.best_model is not None:
-            files.check_place("best_model", Path(self.best_model))
+            path = Path(self.best_model)
+            files.check_place("best_model", path)
+            before = best_before(path, model.env_name, model.config, model.hypers, model.num_timesteps)
+            self.best = max(self.best, before)
 
     def __call__(self, model: Model, log: Log) -> None:
         """Evaluate, and save the model if its mean return is the best so far."""
@@ -97,7 +106,7 @@ class Evaluate:
         if mean > self.best:
             self.best = mean
             if self.best_model is not None:
-                model.save(self.best_model)
+                model.take().scored(mean).save(self.best_model)
         log |= {
             "eval/mean_reward": mean,
             "eval/std_reward": float(returns.std()),
@@ -148,13 +157,13 @@ class Checkpoint:
 class StopOnReward:
     """Stop once a number in the log reaches a threshold."""
 
-    threshold: float
+    threshold: Number
     """Training stops where the number is as high as this, or higher."""
     metric: str = "eval/mean_reward"
     """A key of the log; points without it are passed over, and you are warned if all were."""
 
     def __post_init__(self) -> None:
-        require(isinstance(self.threshold, int | float), f"threshold is {self.threshold!r}; it must be a number")
+        require(is_number(self.threshold), f"threshold is {self.threshold!r}; it must be a number")
         require(not math.isnan(self.threshold), "threshold is nan, which no number reaches")
         self._known = False
 
@@ -176,11 +185,11 @@ class StopOnReward:
 class StopAfter:
     """Stop after some time, counted from the beginning of `learn`, at the next whole update."""
 
-    seconds: float
+    seconds: Number
     """How many seconds `learn` may take."""
 
     def __post_init__(self) -> None:
-        fits = isinstance(self.seconds, int | float) and self.seconds > 0
+        fits = is_number(self.seconds) and self.seconds > 0
         require(fits, f"seconds is {self.seconds!r}; it must be a number greater than 0")
 
     def __call__(self, model: Model, log: Log) -> bool:
@@ -190,7 +199,7 @@ class StopAfter:
     def meanwhile(self, model: Model, seconds: float) -> bool:
         """Go on while there is time, after so many seconds."""
         del model
-        return seconds < self.seconds
+        return bool(seconds < self.seconds)
 
 
 class Print:

@@ -31,6 +31,10 @@ class SharedEnvironment(UserWarning):
     """Somebody else reset or stepped an environment between two updates, so training begins a new episode there."""
 
 
+class AliasedObservation(UserWarning):
+    """A vector environment's episodes end with the next one's first observation, as where both are one array."""
+
+
 def require_integer(name: str, value: object, least: int, most: int | None = None) -> None:
     """Raise UsageError unless the value is an integer of at least `least` and, if that is given, at most `most`."""
     fits = (
@@ -42,6 +46,11 @@ def require_integer(name: str, value: object, least: int, most: int | None = Non
     shown = value if isinstance(value, int | float | np.generic) else repr(value)
     wanted = f"an integer of at least {least}" + ("" if most is None else f" and at most {most:,}")
     require(fits, f"{name} is {shown}; it must be {wanted}")
+
+
+def is_number(value: object) -> bool:
+    """Whether it is one number, Python's or numpy's; True and False are none."""
+    return isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
 
 
 def require_word(name: str, value: object, choices: Collection[str]) -> None:

@@ -90,6 +90,11 @@ class Config:
             "normalize_advantage needs more than one step per update: raise n_steps or n_envs",
         )
 
+    @property
+    def rollout_size(self) -> int:
+        """The steps of one update, those of all environments together."""
+        return self.n_steps * self.n_envs
+
 
 def make_config(fields: dict[str, Any]) -> Config:
     """The Config with these fields, in which net_arch may be a list: JSON and TOML know no tuples."""

@@ -19,6 +19,7 @@ from galton.cli._options import Training
 from galton.envs.find import find
 from galton.errors import UsageError
 from galton.models import Model
+from galton.models.file import Taken
 from galton.saving import files
 from galton.saving.checkpoint import read
 from galton.saving.result_folder import write_settings
@@ -65,7 +66,7 @@ FAILURES = {
     "a save on the way": lambda patch: patch.setattr(train._Saving, "__call__", no_room),
     "the first update": lambda patch: patch.setattr(Model, "advance", no_room),
     "the making of the model": lambda patch: patch.setattr(Model, "of", no_room),
-    "the end": lambda patch: patch.setattr(Model, "save", fails_from(2, Model.save)),
+    "the end": lambda patch: patch.setattr(Taken, "save", fails_from(3, Taken.save)),
 }
 
 
@@ -116,6 +117,17 @@ def test_what_was_learnt_before_it_failed_is_gone_on_with(failure, tmp_path, mon
     assert read(out / "model.safetensors")[0]["step"] == 25
     galton_train(out, resume=True)
     assert read(out / "model.safetensors")[0]["step"] == 100
+
+
+def test_a_resumed_run_keeps_the_best_model_that_it_had(tmp_path, monkeypatch):
+    out, means = tmp_path / "run", iter([4.0, 9.0, 3.0, 2.0, 8.0, 7.0, 8.5, 6.0])
+    monkeypatch.setattr(Model, "evaluate", lambda self, n_episodes, *_: np.full(n_episodes, next(means)))
+    galton_train(out)
+    best = (out / "best_model.safetensors").read_bytes()
+    galton_train(out, training=small(steps=200), resume=True)
+    assert (out / "best_model.safetensors").read_bytes() == best
+    last = json.loads((out / "metrics.jsonl").read_text().splitlines()[-1])
+    assert (last["time/total_timesteps"], last["eval/mean_reward"], last["eval/best_mean_reward"]) == (200, 6.0, 9.0)
 
 
 @pytest.mark.parametrize(

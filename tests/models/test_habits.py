@@ -1,8 +1,15 @@
 """What users of Stable-Baselines3 expect of a model, beside learn, predict, save and load."""
 
+import copy
+import gc
+import inspect
 import math
+import os
+import pickle
+import signal
 import subprocess
 import sys
+import warnings
 
 import jax
 import numpy as np
@@ -11,6 +18,7 @@ import pytest
 from galton import A2C, PPO, DivergenceError, InexactResume, UsageError
 from galton.callbacks import Print
 
+from ..envs.host.walks import Closing
 from ..swing import stateful_swing, swing
 
 SMALL = {"preset": "paper", "n_bins": 10, "net_arch": (8,), "n_steps": 5, "n_envs": 2}
@@ -66,6 +74,44 @@ def test_a_whole_number_of_steps_may_be_a_float(steps):
     assert A2C("bandit", **SMALL).learn(steps, **QUIET).num_timesteps == 100
 
 
+def test_fewer_steps_than_an_update_takes_are_told():
+    model = A2C("bandit", **SMALL)
+    with pytest.warns(UserWarning, match="is 7, .* takes n_steps · n_envs = 5 · 2 = 10 steps, so 10 are taken"):
+        model.learn(7, **QUIET)
+    assert model.num_timesteps == 10
+    assert model.learn(11, **QUIET).num_timesteps == 30
+
+
+def test_the_log_has_the_learning_rate_in_force_and_one_that_is_0_is_told():
+    rates = []
+    model = A2C("bandit", **SMALL, learning_rate=0.1, decay_steps=40)
+    for _ in range(2):
+        model.learn(20, lambda model, log: rates.append(log["train/learning_rate"]), 1, **QUIET)
+    np.testing.assert_allclose(rates, [0.075, 0.05, 0.025, 0.0], rtol=1e-6)
+    with pytest.warns(UserWarning, match=r"decay_steps is 40, and the learning rate is 0 from there on"):
+        model.learn(20, **QUIET)
+    fixed = A2C("bandit", **SMALL, learning_rate=0.1)
+    fixed.learn(10, lambda _, log: rates.append(log["train/learning_rate"]), **QUIET)
+    assert rates[-1] == np.float32(0.1)
+
+
+@pytest.mark.parametrize("setting", [{"learning_rate": 1e-50}, {"decay_steps": 5}, {"decay_steps": 20}])
+def test_a_learning_rate_that_is_0_is_told_before_training(setting):
+    model = A2C("bandit", **SMALL, **setting)
+    before = model.get_parameters()
+    with pytest.warns(UserWarning, match=f"{next(iter(setting))} is .*nothing (more )?is learnt"):
+        model.learn(30, **QUIET)
+    assert same(before, model.get_parameters()) == (setting != {"decay_steps": 20})
+
+
+def test_the_log_says_how_many_minibatches_the_target_kl_let_through():
+    counts = []
+    for target_kl in (None, 1e-12):
+        model = PPO("lqr", **SMALL, batch_size=5, n_epochs=3, target_kl=target_kl, learning_rate=0.1)
+        model.learn(10, lambda _, log: counts.append(log["train/n_minibatches"]), **QUIET)
+    assert counts == [3 * 2, 1]
+
+
 @pytest.mark.parametrize("steps", [1.5, math.nan, math.inf, 0.0, -1e2, 3e9])
 def test_what_is_no_number_of_steps_is_refused(steps):
     model = A2C("bandit", **SMALL)
@@ -111,6 +157,57 @@ def test_what_sb3_s_load_takes_is_told_to_be_left_out(tmp_path):
         A2C.load(tmp_path / "nothing", device="cpu")
 
 
+def test_load_on_a_model_is_refused_with_what_to_write(tmp_path):
+    model = A2C("bandit", **SMALL)
+    path = model.save(tmp_path / "model")
+    with pytest.raises(UsageError, match=r"A2C.load makes a new model .*; write model = A2C.load\(path\)"):
+        model.load(path, env="bandit")
+    assert type(model).load(path).num_timesteps == 0
+    assert inspect.signature(PPO.load) == inspect.signature(A2C.load)
+    assert "path" in inspect.signature(A2C.load).parameters
+
+
+@pytest.mark.parametrize("taking", [pickle.dumps, copy.deepcopy, copy.copy])
+def test_pickle_and_copy_of_a_model_name_what_to_do_instead(taking):
+    with pytest.raises(TypeError, match=r"A2C can't be pickled or copied.*save\(path\).*A2C.load\(path, env\)"):
+        taking(A2C("bandit", **SMALL))
+
+
+def test_environments_that_a_model_made_are_closed_with_it_and_one_that_was_given_is_not():
+    made, given = [], Closing()
+
+    def make():
+        made.append(Closing())
+        return made[-1]
+
+    for env, n_envs in ((make, 2), (given, 1)):
+        model = A2C(env, **SMALL | {"n_envs": n_envs}).learn(10, **QUIET)
+        del model
+        gc.collect()
+    A2C(make, **SMALL).close()
+    gc.collect()
+    assert [env.closed for env in made] == [1] * 4
+    assert given.closed == 0
+
+
+@pytest.mark.parametrize("child", ["learn", "evaluate", "new"])
+def test_training_in_a_forked_child_says_what_to_do_instead(child):
+    model = A2C("bandit", **SMALL)
+    calls = {"learn": lambda: model.learn(10, **QUIET), "evaluate": model.evaluate, "new": lambda: A2C("lqr", **SMALL)}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of JAX's and of Python's, that it may hang
+        pid = os.fork()
+    if not pid:
+        signal.alarm(20)
+        try:
+            calls[child]()
+        except UsageError as error:
+            os._exit('get_context("spawn")' not in str(error))
+        finally:
+            os._exit(2)
+    assert os.waitpid(pid, 0)[1] == 0
+
+
 def test_a_target_kl_of_none_is_off_as_in_sb3():
     assert PPO("lqr", **SMALL, batch_size=5, target_kl=None).hypers.target_kl == math.inf
 
@@ -147,6 +244,31 @@ def test_parameters_are_copies_and_can_be_put_into_another_model():
     assert not same(got, one.learner.params)
     other.learn(50, **QUIET)
     assert not same(one.learner.params, other.learner.params)
+
+
+@pytest.mark.parametrize("env", ["lqr", swing], ids=["jax", "gymnasium"])
+def test_parameters_carry_the_statistics_that_normalise(env):
+    normalising = SMALL | {"normalize_observation": True, "normalize_reward": True}
+    one, other = A2C(env, **normalising).learn(50, **QUIET), A2C(env, **normalising, seed=1)
+    got = one.get_parameters()
+    assert got["normalizer"]["observation"]["n"] > 50
+    other.set_parameters(got)
+    observation = np.full(2, 0.3, np.float32)
+    action, before = (model.predict(observation, deterministic=True)[0] for model in (other, one))
+    np.testing.assert_array_equal(action, before)
+    assert same(other.get_parameters(), got)
+    del got["normalizer"]
+    with pytest.warns(UserWarning, match="parameters has no normalizer.*; give what get_parameters"):
+        other.set_parameters(jax.tree.map(np.zeros_like, got))
+    assert same(other.get_parameters()["normalizer"], one.get_parameters()["normalizer"])
+    negative = one.get_parameters()
+    negative["normalizer"]["observation"]["variance"] -= 1e6
+    with pytest.raises(UsageError, match=r"parameters\['normalizer'\]\['observation'\]\['variance'\] is negative"):
+        other.set_parameters(negative)
+    for model in (one, other):
+        model.close()
+    with pytest.raises(UsageError, match=r"differ from the model's own in \['normalizer'\]"):
+        A2C("lqr", **SMALL).set_parameters(negative)
 
 
 @pytest.mark.parametrize(

@@ -44,7 +44,7 @@ def update(
 
 def check(config: Config) -> None:
     """Raise UsageError where an entropy is to be held and there is one step per update."""
-    entropy.check(config, config.n_steps * config.n_envs, "n_steps or n_envs")
+    entropy.check(config, config.rollout_size, "n_steps or n_envs")
 
 
 ALGORITHM = Algorithm("a2c", "A2C", update, actor_critic.SCALARS, choices=credit.CHOICES, check=check)

@@ -173,6 +173,7 @@ def _minibatch(
         "clip_fraction": jnp.mean(jnp.abs(ratio - 1) > hypers.clip_range),
         "ratio_mean": ratio.mean(),
         "ratio_max": ratio.max(),
+        "n_minibatches": going.astype(jnp.float32),
     }
     told |= held
     return (learner, going), (looking, told)
@@ -187,12 +188,16 @@ def gated(
 
 
 def _summarise(looked_at: Bool[Array, "epochs batches"], told: Told) -> Scalars:
-    """Means over the minibatches that were looked at; the KL divergence of the last epoch that was, as SB3's."""
+    """Means over the minibatches that were looked at; the KL divergence of the last epoch that was, as SB3's.
+
+    n_minibatches is how many were learnt from: all, unless target_kl left some off.
+    """
     last = looked_at & (jnp.arange(len(looked_at)) == looked_at.any(1).sum() - 1)[:, None]
     means = {name: _mean(values, looked_at) for name, values in told.items()}
     return means | {
         "approx_kl": _mean(told["approx_kl"], last),
         "ratio_max": jnp.where(looked_at, told["ratio_max"], 0.0).max(),
+        "n_minibatches": told["n_minibatches"].sum(),
     }
 
 
@@ -202,7 +207,7 @@ def _mean(values: Float[Array, "epochs batches"], where: Bool[Array, "epochs bat
 
 def check(config: Config) -> None:
     """Raise UsageError unless the minibatches divide a rollout."""
-    size = config.n_steps * config.n_envs
+    size = config.rollout_size
     require(
         size % config.batch_size == 0,
         f"batch_size is {config.batch_size}, but a rollout has n_steps · n_envs = {config.n_steps} · {config.n_envs} = "
@@ -219,7 +224,7 @@ ALGORITHM = Algorithm(
     "ppo",
     "PPO",
     update,
-    (*actor_critic.SCALARS, "approx_kl", "clip_fraction", "ratio_mean", "ratio_max"),
+    (*actor_critic.SCALARS, "approx_kl", "clip_fraction", "ratio_mean", "ratio_max", "n_minibatches"),
     own=("n_epochs", "batch_size", "ratio", "clip_range", "target_kl"),
     defaults={"learning_rate": 3e-4, "n_steps": 2048, "gae_lambda": 0.95, "normalize_advantage": True},
     log_interval=1,

@@ -14,8 +14,8 @@ from galton.cli._runs import model_of
 from galton.deploy import card, export, hub
 from galton.errors import UsageError, require, unknown
 from galton.models import Model
-from galton.models.file import existing
 from galton.saving import files
+from galton.saving.model_file import existing
 from galton.saving.result_folder import CARD, CONFIG, CONTRACT, METRICS, MODEL, POLICY, read_settings
 
 FORMATS = ("onnx", "card")

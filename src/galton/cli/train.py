@@ -192,12 +192,12 @@ def _learn(model: Model, options: Options, record: "_Record", show: Show) -> Non
 def _interval(training: Training, model: Model) -> int:
     """Updates between log points: as many as make the wanted number of points, or as the run had."""
     if model.num_timesteps:
-        return model.log_interval // (model.config.n_steps * model.config.n_envs)
+        return model.log_interval // model.config.rollout_size
     return _interval_asked(training, model)
 
 
 def _interval_asked(training: Training, model: Model) -> int:
-    size = model.config.n_steps * model.config.n_envs
+    size = model.config.rollout_size
     return math.ceil(math.ceil(training.steps / size) / training.logs)
 
 

@@ -11,7 +11,7 @@ from jaxtyping import Array, Bool, Float, Integer, Key, PyTree
 from galton.envs.base import Environment
 from galton.envs.host.base import HostEnvironments, HostTask, Space, Steps
 from galton.envs.host.moves import Moves
-from galton.errors import UsageError, require
+from galton.errors import UsageError, is_number, require
 
 
 def rescaled(env: Environment | HostTask, action_scale: object) -> Environment | HostTask:
@@ -23,8 +23,7 @@ def rescaled(env: Environment | HostTask, action_scale: object) -> Environment |
     Raises:
         UsageError: a scale that is no finite number greater than 0.
     """
-    number = isinstance(action_scale, int | float) and not isinstance(action_scale, bool)
-    fits = number and 0 < action_scale < float("inf")  # type: ignore[operator]
+    fits = is_number(action_scale) and 0 < action_scale < float("inf")  # type: ignore[operator]
     require(fits, f"action_scale is {action_scale!r}; it must be a finite number greater than 0")
     scale = float(action_scale)  # type: ignore[arg-type]
     return Rescaled(env, scale) if isinstance(env, Environment) else RescaledTask(env, scale)

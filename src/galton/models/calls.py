@@ -23,7 +23,7 @@ class Calls:
         UsageError: one that can't be called, or would not be before the end.
     """
 
-    def __init__(self, model: object, callbacks: Sequence[object], first: int, last: int) -> None:
+    def __init__(self, model: Any, callbacks: Sequence[object], first: int, last: int) -> None:
         self._model, self._callbacks = model, [_callable(one) for one in callbacks]
         for one in self._callbacks:
             _check_reached(one, first, last)
@@ -50,13 +50,18 @@ class Calls:
             every = _every(one)
             due = step // every > (step - size) // every if every else is_log_point or not going or len(log) > n_names
             if due:
-                going = not _stops(one(self._model, log)) and going
+                going = not _stops(self._call(one, log)) and going
             elif not every:
                 waiting.append(one)
         if not going:  # the end of `learn`, which is a log point for those too that came before the one that said so
             for one in waiting:
-                one(self._model, log)
+                self._call(one, log)
         return going
+
+    def _call(self, one: Callback, log: Log) -> object:
+        """Call one with the step of the model, which one before it may have trained."""
+        log["time/total_timesteps"] = self._model.num_timesteps
+        return one(self._model, log)
 
     def end(self) -> None:
         """Tell those that want to know that `learn` has ended."""

@@ -13,7 +13,7 @@ from galton.envs.host.observations import Observations
 from galton.envs.host.space_json import from_json, to_json
 from galton.errors import CheckpointError, UsageError, require
 from galton.records import written
-from galton.saving import checkpoint, files
+from galton.saving import checkpoint
 from galton.saving import model_file as saved
 from galton.training.log import Tally
 from galton.training.population import Population
@@ -70,22 +70,6 @@ class ModelFile(NamedTuple):
         return find_algorithm(self.config.algorithm).label
 
 
-def with_suffix(path: Path) -> Path:
-    """The file that `save` writes for a path: `.safetensors` is added to a name without a suffix.
-
-    Raises:
-        UsageError: the path has no name.
-    """
-    files.check_name("path", path)
-    return path if path.suffix else path.with_suffix(".safetensors")
-
-
-def existing(path: Path) -> Path:
-    """The file that was meant: the one of that very name, or else the one that `save` would have written for it."""
-    saved_as = with_suffix(path)
-    return saved_as if not path.is_file() and saved_as.is_file() else path
-
-
 class Taken(NamedTuple):
     """What a file would hold of a model at one moment; it can be written later, and by another thread."""
 
@@ -97,9 +81,13 @@ class Taken(NamedTuple):
         """How many environment steps the model's run had taken."""
         return int(self.settings["step"])
 
+    def scored(self, mean_reward: float) -> "Taken":
+        """The same with the mean return of an evaluation, by which the same run knows its best model later."""
+        return self._replace(arrays=self.arrays | {saved.SCORE: np.array(mean_reward, np.float64)})
+
     def save(self, path: str | Path) -> Path:
         """Write it to one file as `Model.save` does, and return the file's path."""
-        path = with_suffix(Path(path))
+        path = saved.with_suffix(Path(path))
         checkpoint.write(path, self.settings, saved.with_ballast(self.settings, self.arrays))
         return path
 
@@ -113,7 +101,7 @@ def take(model: Described, arrays: dict[str, np.ndarray]) -> Taken:
         "hypers": {name: float(value) for name, value in written(model.hypers).items()},
         "seed": int(model.seed),
         "step": model.num_timesteps,
-        "log_interval": model.log_interval // (model.config.n_steps * model.config.n_envs),
+        "log_interval": model.log_interval // model.config.rollout_size,
         "n_predictions": model.n_predictions,
         "action_space": to_json(model.actions.space),
         "observation_space": to_json(model.observations.space),
@@ -128,7 +116,7 @@ def read(path: Path, opener: type) -> tuple[ModelFile, dict[str, np.ndarray]]:
         UsageError: no such file, or one for another class; NewerVersionError: a newer version of Galton wrote it.
         CheckpointError: a file that is damaged or not a model.
     """
-    path = existing(path)
+    path = saved.existing(path)
     settings, arrays = checkpoint.read(path)
     settings = saved.checked(path, settings, arrays)
     try:

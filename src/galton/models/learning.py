@@ -3,6 +3,7 @@
 import contextlib
 import sys
 import time
+import warnings
 from collections.abc import Callable, Iterator
 from typing import Any, Protocol, runtime_checkable
 
@@ -17,7 +18,8 @@ from galton.training.log import Log
 from galton.training.pieces import Pieces
 from galton.training.population import Population
 from galton.training.remedy import remedy
-from galton.types import Config
+from galton.training.run import falling, remaining
+from galton.types import Config, Hypers
 
 
 @runtime_checkable
@@ -25,6 +27,7 @@ class Learning(Protocol):
     """What the training loop needs of a model."""
 
     config: Config
+    hypers: Hypers
 
     @property
     def num_timesteps(self) -> int:
@@ -48,9 +51,15 @@ def updates_for(total_timesteps: object, config: Config, step: int) -> int:
         total_timesteps = int(total_timesteps)
     require_integer("total_timesteps", total_timesteps, 1)
     assert isinstance(total_timesteps, int | np.integer)
-    size = config.n_steps * config.n_envs
+    size = config.rollout_size
     n_updates = -(-int(total_timesteps) // size)
     require(step + n_updates * size < 2**31, f"total_timesteps is {total_timesteps}; one run counts to 2³¹ − 1")
+    if total_timesteps < size:
+        warnings.warn(
+            f"total_timesteps is {total_timesteps:,}, but an update takes n_steps · n_envs = {config.n_steps:,} · "
+            f"{config.n_envs:,} = {size:,} steps, so {size:,} are taken; a smaller n_steps makes updates shorter",
+            stacklevel=3,
+        )
     return n_updates
 
 
@@ -69,10 +78,13 @@ def learn(
     Raises:
         UsageError: a callback that can't be called, or would not be before the end.
     """
-    first, size, start = model.num_timesteps, model.config.n_steps * model.config.n_envs, time.perf_counter()
+    first, size, start = model.num_timesteps, model.config.rollout_size, time.perf_counter()
     last, log_interval = first + n_updates * size, model.log_interval
+    begin = first if decay_from is None else decay_from
+    hypers = falling(model.hypers, begin, last, size)
+    _tell_of_no_rate(hypers, last, size)
     theirs, ours = _sorted_out(model, callback, printed, first, last)
-    model.population.decay_over(first if decay_from is None else decay_from, last)
+    model.population.decay_over(begin, last)
     pieces = Pieces(model.advance)
     with _progress(progress_bar, model.config.loss, last - first) as show:
         theirs.start()
@@ -86,8 +98,10 @@ def learn(
                 is_log_point = step % log_interval == 0
                 is_told = is_log_point or step == last or not going
                 log = named(model.population.log(begin_next=is_log_point), step, seconds, first)
+                log["train/learning_rate"] = _rate(hypers, step)
                 log = theirs.recorded(is_told) | log
                 going = ours.after(step, size, log, is_told) and going
+                step = model.num_timesteps  # which a callback may have trained
             show(step - first)
         theirs.end()
         ours.end()
@@ -114,6 +128,26 @@ def named(log: Log, step: int, seconds: float, first: int) -> dict[str, float]:
         "time/time_elapsed": seconds,
         "time/fps": (step - first) / seconds,
     } | {f"train/{name}": value for name, value in columns.items() if name != "evaluation_return"}
+
+
+def _rate(hypers: Hypers, step: int) -> float:
+    """The learning rate of the update that ends at this step, as it is in float32."""
+    return float(np.float32(hypers.learning_rate) * remaining(step, hypers))
+
+
+def _tell_of_no_rate(hypers: Hypers, last: int, size: int) -> None:
+    """Warn where updates up to the last step learn nothing, but for the last of a decay, as in SB3."""
+    given, decay_steps = hypers.learning_rate, hypers.decay_steps
+    if np.float32(given) == 0:
+        told = f"learning_rate is {given}, 0 in float32, so nothing is learnt; make the model with a greater one"
+    elif _rate(hypers, last - size) == 0 or _rate(hypers, size) == 0:
+        told = (
+            f"decay_steps is {decay_steps:,.0f}, and the learning rate is 0 from there on, so nothing more is "
+            f"learnt up to step {last:,}; make the model with decay_steps of all the steps that you train for"
+        )
+    else:
+        return
+    warnings.warn(told, stacklevel=4)
 
 
 def _sorted_out(model: Learning, callback: object, printed: bool, first: int, last: int) -> tuple[sb3.Callbacks, Calls]:

@@ -1,9 +1,10 @@
 """One run with the habits of Stable-Baselines3: learn, predict, evaluate, save, load."""
 
+import functools
 import warnings
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, TypeVar, Unpack
+from typing import TYPE_CHECKING, Any, TypeVar, Unpack
 
 import gymnasium
 import numpy as np
@@ -17,19 +18,32 @@ from galton.envs.fitting import check_copies, check_same_spaces, given, spaces_o
 from galton.envs.host.action_box import ActionBox
 from galton.envs.host.base import HostTask, Space
 from galton.envs.host.observations import Observations
-from galton.errors import require, require_integer
+from galton.errors import UsageError, require, require_integer
 from galton.models import file
 from galton.models.acting import exploit, explore, returns_on
 from galton.models.hints import refuse_policy, unexpected
 from galton.models.learning import check_divergence, compiling, learn, updates_for
 from galton.models.settings import Settings, split, unusual
-from galton.models.state import Arrays, Loaded, Run, copied
+from galton.models.state import Arrays, Loaded, Run, parameters_of
 from galton.presets import find_preset
 from galton.training.population import Population
+from galton.training.programs import check_process
 from galton.training.train import check_seed
 from galton.types import Config, Hypers, Learner, Params, check_config, check_one_run
 
 ModelT = TypeVar("ModelT", bound="Model")
+
+if TYPE_CHECKING:
+    of_class = classmethod
+else:
+
+    class of_class(classmethod):  # noqa: N801
+        """A classmethod that makes an instance. Called on one it would leave that as it is, and so it refuses."""
+
+        def __get__(self, instance, owner=None):
+            """The method of the class; UsageError at a call of an instance's, with what to write."""
+            method = super().__get__(instance, owner)
+            return method if instance is None else functools.partial(_refuse_instance, instance, method)
 
 
 class Model:
@@ -133,7 +147,7 @@ class Model:
     @property
     def log_interval(self) -> int:
         """How many environment steps lie between two log points, all copies together, as `learn` was last told."""
-        return self._interval * self.config.n_steps * self.config.n_envs
+        return self._interval * self.config.rollout_size
 
     @property
     def learner(self) -> Learner:
@@ -240,8 +254,9 @@ class Model:
 
         Raises:
             UsageError: an environment that was given and can't be copied as it is; one that normalises observations by
-                other statistics than training's.
+                other statistics than training's; or in a process forked from one that trains.
         """
+        check_process()
         require_integer("n_episodes", n_episodes, 1)
         if env is None:
             _refuse_alone(env_kwargs)
@@ -262,9 +277,9 @@ class Model:
         """What `save` would write now, to be written later or by another thread."""
         return file.take(self, self._run.arrays)
 
-    @classmethod
+    @of_class
     def load(
-        cls: type[ModelT],
+        cls: type[ModelT],  # noqa: N805
         path: str | Path,
         env: object = None,
         env_kwargs: Mapping[str, object] | None = None,
@@ -333,19 +348,41 @@ class Model:
         self.seed, self.n_predictions = seed, 0
 
     def get_parameters(self) -> Params:
-        """A copy of the networks' parameters: `actor`, `critic` and, for the Gaussian, `log_std`, as numpy arrays."""
-        return copied(self.learner.params)
+        """A copy of the networks' parameters: `actor`, `critic` and, for the Gaussian, `log_std`, as numpy arrays.
+
+        A model that normalises has its statistics with them, under `normalizer`: mean, variance and n (how many were
+        seen) of what `Normalizer` names.
+        """
+        return parameters_of(self.learner)
 
     def set_parameters(self, parameters: Params) -> None:
-        """Go on with other parameters, such as another model's; Adam's moments stay.
+        """Go on with other parameters, such as another model's, and its statistics; Adam's moments stay.
+
+        A model that normalises warns where the statistics are missing, and keeps its own.
 
         Raises UsageError for other names or shapes than its own, and for numbers that are not finite.
         """
         self._run.set_parameters(parameters)
 
     def close(self) -> None:
-        """Let go of the environments that the model made."""
+        """Close the environments that the model made. Nobody has to: they are closed too once nobody holds the model.
+
+        One that was given ready-made is its owner's, and stays open.
+        """
         self._run.close()
+
+    def __reduce__(self) -> Any:
+        """TypeError for pickle and copy, which says what to do: environments and programs can't be taken along."""
+        name = type(self).__name__
+        raise TypeError(
+            f"a {name} can't be pickled or copied, for it holds environments and compiled programs; save(path) writes "
+            f"all that it has learnt, and {name}.load(path, env) makes another that goes on from there"
+        )
+
+
+def _refuse_instance(instance: object, method: Any, *_: object, **__: object) -> None:
+    name = f"{type(instance).__name__}.{method.__name__}"
+    raise UsageError(f"{name} makes a new model and leaves this one as it is; write model = {name}(path)")
 
 
 def _refuse_alone(env_kwargs: Mapping[str, object] | None) -> None:

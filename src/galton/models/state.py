@@ -1,6 +1,7 @@
 """Where a model stands: in a run that can go on, or where the file left it that it was loaded from."""
 
 import dataclasses
+import warnings
 from pathlib import Path
 
 import jax
@@ -11,17 +12,20 @@ from galton.envs.base import Environment
 from galton.envs.host.base import HostEnvironments, HostTask
 from galton.errors import UsageError, require
 from galton.models import file
+from galton.normalization import Moments
 from galton.saving import checkpoint
 from galton.training.population import Population, populate
+from galton.training.programs import check_process
 from galton.types import Config, Hypers, Learner, Params
 
 Arrays = dict[str, np.ndarray]
 """What a file holds beside its settings, by path."""
 
 
-def copied(params: Params) -> Params:
-    """The parameters as numpy arrays of their own."""
-    copies: Params = jax.tree.map(np.array, params)
+def parameters_of(learner: Learner) -> Params:
+    """The parameters, and under `normalizer` the statistics of a model that normalises; numpy arrays of their own."""
+    kept = {name: part._asdict() for name, part in learner.normalizer._asdict().items() if isinstance(part, Moments)}
+    copies: Params = jax.tree.map(np.array, learner.params | ({"normalizer": kept} if kept else {}))
     return copies
 
 
@@ -99,7 +103,8 @@ class Run:
         return checkpoint.flatten(self.population.snapshot())
 
     def advance(self, n_updates: int) -> None:
-        """Train for so many updates."""
+        """Train for so many updates; UsageError in a process that was forked from the one that made the run."""
+        check_process()
         self._learner = None
         self.population.advance(n_updates)
 
@@ -115,7 +120,15 @@ class Run:
     def set_parameters(self, parameters: Params) -> None:
         """Go on with other parameters; UsageError unless they are finite and have the names and shapes of these."""
         require(isinstance(parameters, dict), f"parameters is {parameters!r:.80}; give what get_parameters returns")
-        own, given = (dict(jax.tree.leaves_with_path(tree)) for tree in (self.learner.params, parameters))
+        whole = parameters_of(self.learner)
+        if "normalizer" in whole and "normalizer" not in parameters:
+            warnings.warn(
+                "parameters has no normalizer, the statistics that its networks' inputs were normalised with, so the "
+                "model keeps its own; give what get_parameters of the model they come from returns",
+                stacklevel=3,
+            )
+            parameters = parameters | {"normalizer": whole["normalizer"]}
+        own, given = (dict(jax.tree.leaves_with_path(tree)) for tree in (whole, parameters))
         differ = [jax.tree_util.keystr(path) for path in own.keys() ^ given.keys()]
         require(not differ, f"parameters differ from the model's own in {', '.join(sorted(differ))}")
         for path, array in own.items():
@@ -124,8 +137,11 @@ class Run:
             with np.errstate(over="ignore"):
                 finite = other.dtype.kind in "fiu" and bool(np.isfinite(other.astype(array.dtype)).all())
             require(finite, f"{name} is not all finite numbers of {array.dtype}")
-        params = jax.tree.map(lambda array, other: np.asarray(other, array.dtype), self.learner.params, parameters)
-        learner = self.learner._replace(params=params)
+            negative = name.endswith(("['variance']", "['n']")) and bool((other < 0).any())
+            require(not negative, f"{name} is negative in part; it must be 0 or more")
+        params = jax.tree.map(lambda array, other: np.asarray(other, array.dtype), whole, parameters)
+        statistics = {name: Moments(**part) for name, part in params.pop("normalizer", {}).items()}
+        learner = self.learner._replace(params=params, normalizer=self.learner.normalizer._replace(**statistics))
         self.population.put(jax.tree.map(lambda x: np.asarray(x)[None], learner))
         self._learner = None
 

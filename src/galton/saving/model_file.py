@@ -8,8 +8,9 @@ import numpy as np
 
 from galton.algorithms import find_algorithm
 from galton.envs.host.answers import shown
-from galton.errors import CheckpointError, NewerVersionError, in_a_line
+from galton.errors import CheckpointError, NewerVersionError, UsageError, in_a_line
 from galton.records import FIRST_FIELDS, defaults, refuse_unknown
+from galton.saving import checkpoint, files
 from galton.saving.checkpoint import Settings
 from galton.types import Config, Hypers, make_config
 
@@ -34,6 +35,9 @@ EXAMPLE: Settings = {
 }
 """What a model's file holds; of config and hypers a file leaves out later fields that have their defaults."""
 
+SCORE = "evaluation/mean_reward"
+"""The array of a best model's file that holds its mean return."""
+
 MALFORMED = (
     KeyError,
     TypeError,
@@ -45,6 +49,39 @@ MALFORMED = (
     RecursionError,
 )
 """The errors that come of settings and arrays which `save` did not write."""
+
+
+def with_suffix(path: Path) -> Path:
+    """The file that `save` writes for a path: `.safetensors` is added to a name without a suffix.
+
+    Raises:
+        UsageError: the path has no name.
+    """
+    files.check_name("path", path)
+    return path if path.suffix else path.with_suffix(".safetensors")
+
+
+def existing(path: Path) -> Path:
+    """The file that was meant: the one of that very name, or else the one that `save` would have written for it."""
+    saved_as = with_suffix(path)
+    return saved_as if not path.is_file() and saved_as.is_file() else path
+
+
+def best_before(path: Path, env_name: str, config: Config, hypers: Hypers, step: int) -> float:
+    """The mean return of the best model that a run of these settings kept at this path up to this step; −inf for none.
+
+    A file of anything else is nobody's best: whoever keeps a better model writes over it.
+    """
+    path = existing(path)
+    if not path.is_file():
+        return -math.inf
+    try:
+        settings, arrays = checkpoint.read(path)
+        settings = checked(path, settings, arrays)
+    except (CheckpointError, UsageError):
+        return -math.inf
+    same = settings["env"] == env_name and config_of(settings) == config and hypers_of(settings) == hypers
+    return float(arrays[SCORE]) if same and settings["step"] <= step and SCORE in arrays else -math.inf
 
 
 def unusable(path: Path, error: Exception) -> CheckpointError:

@@ -21,6 +21,9 @@ from galton.training.log import Finished, Log
 from galton.training.run import RunState, Snapshot, Tree, falling, reseeded, with_keys, without_keys
 from galton.types import Hypers, Learner, Params, Rule, Transition
 
+LONG = 10_000
+"""Steps of an episode in training after which it is said that it may have no time limit."""
+
 
 class Group:
     """P runs with N copies of the task each, stepped and trained together.
@@ -78,7 +81,7 @@ class Group:
 
     def decay_over(self, begin: int, end: int) -> None:
         """Let learning rates that fall over all that is trained (decay_steps = inf) fall from one step to another."""
-        self._hypers = self._place(falling(self._agent, self._given, begin, end))
+        self._hypers = self._place(falling(self._given, begin, end, self._agent.config.rollout_size))
 
     def advance(self, n_updates: int) -> None:
         """The training loop: act for n_steps steps, then learn from them."""
@@ -93,11 +96,18 @@ class Group:
                 stacklevel=2,
             )
             self._start_anew()
-        self._interrupted = True
+        self._interrupted, longest = True, self._length.max()
         for _ in range(n_updates):
             self._batch, finished = self._rollout()
             self.runs = self._programs.learn(self.runs, self._batch, finished, self._hypers)
         self._interrupted = False
+        if longest < LONG <= self._length.max():
+            warnings.warn(
+                f"an episode of {self._task.name} has lasted {LONG:,} steps and goes on. Without a time limit training "
+                "may never see a return, and an evaluation that does not end fails; gymnasium.make(id, "
+                "max_episode_steps=...), env_kwargs with an id, or gymnasium.wrappers.TimeLimit sets one",
+                stacklevel=2,
+            )
 
     def _rollout(self) -> tuple[Transition, Finished]:
         """T steps of the P · N environments; numpy arrays `[P, T, N, ...]`."""

@@ -61,7 +61,7 @@ def iterate(
     Noise is drawn for a block of rollouts at once, since a call of the generator costs as much for several short ones
     as for one. Each rollout has its own key, so nothing depends on the blocks.
     """
-    batch_size = agent.config.n_steps * agent.config.n_envs
+    batch_size = agent.config.rollout_size
     n_drawn = min(16, max(1, _STEPS_DRAWN // batch_size))
 
     def block(carry: tuple[Array, DeviceState, Transition]) -> tuple[Array, DeviceState, Transition]:
@@ -146,7 +146,7 @@ class DevicePopulation:
 
     def decay_over(self, begin: int, end: int) -> None:
         """Let learning rates that fall over all that is trained (decay_steps = inf) fall from one step to another."""
-        self._hypers = self._place(falling(self._agent, self._given, begin, end))
+        self._hypers = self._place(falling(self._given, begin, end, self._agent.config.rollout_size))
 
     def advance(self, n_updates: int) -> None:
         """Train all runs for so many updates each; they are done when it returns."""

@@ -16,6 +16,7 @@ from galton.policies.correlation import check_correlation
 from galton.training.log import Log
 from galton.training.on_device import DevicePopulation
 from galton.training.on_host import HostPopulation
+from galton.training.programs import check_process
 from galton.training.programs_on_disk import keep_programs
 from galton.training.run import Snapshot
 from galton.training.size import check_size
@@ -102,8 +103,10 @@ def populate(
         devices: what to compute on; by default, on all of this process.
 
     Raises:
-        UsageError: an environment that can't be used, settings that don't fit together, or too little memory.
+        UsageError: an environment that can't be used, settings that don't fit together, too little memory, or a process
+            that was forked from one that trains.
     """
+    check_process()
     check_config(config)
     check_hypers(hypers)
     keep_programs()

@@ -1,12 +1,18 @@
-"""The compiled programs that this process keeps: each maps memory, of which Linux allows only so many pieces."""
+"""The compiled programs that this process keeps: each maps memory, of which Linux allows only so many pieces.
+
+A process that was forked from this one can run none of them.
+"""
 
 import functools
 import gc
+import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import ParamSpec, TypeVar, cast
 
 import jax
+
+from galton.errors import require
 
 T = TypeVar("T")
 P = ParamSpec("P")
@@ -42,3 +48,16 @@ def make_room(share: float = 0.5) -> None:
             forget()
         jax.clear_caches()
         gc.collect()
+
+
+_first_process = functools.cache(os.getpid)
+"""The process in which this is asked first; what is forked from it has the answer already."""
+
+
+def check_process() -> None:
+    """Raise UsageError in a process that was forked after this was called, where JAX waits for threads for ever."""
+    require(
+        os.getpid() == _first_process(),
+        "this process was forked from one that computes with JAX, whose threads are not here, so training would wait "
+        'for ever; start it with multiprocessing.get_context("spawn"), or make models only after the fork',
+    )

@@ -64,7 +64,7 @@ def rollout_key(run: RunState, ahead: Int[Array, ""] | int = 0) -> Key[Array, ""
 def learn(agent: Agent, run: RunState, batch: Transition, finished: Finished, hypers: Hypers) -> RunState:
     """The run after one update on a rollout `[T, N]`, with its step, its tally and a first divergence noted."""
     frozen = run.diverged_at >= 0
-    step = run.step + agent.config.n_steps * agent.config.n_envs
+    step = run.step + agent.config.rollout_size
     rate = hypers.learning_rate * remaining(step, hypers)
     key = jax.random.fold_in(rollout_key(run), _OF_UPDATES)
     hypers = hypers._replace(learning_rate=jnp.where(frozen, 0.0, rate))
@@ -78,19 +78,19 @@ def learn(agent: Agent, run: RunState, batch: Transition, finished: Finished, hy
     )
 
 
-def falling(agent: Agent, hypers: Hypers, begin: int, end: int) -> Hypers:
-    """Hypers `[R]` whose learning rates fall from one step to another where they fall over all that is trained.
+def falling(hypers: Hypers, begin: int, end: int, rollout: int) -> Hypers:
+    """Hypers whose learning rates fall from one step to another where they fall over all that is trained.
 
     An update's rate is that of its rollout's first step, so that the last one, which may be the only one, learns too:
     rate · (end − first step) / (end − begin).
     """
-    last = end + agent.config.n_steps * agent.config.n_envs
+    last = end + rollout
     over_all = jnp.isinf(jnp.asarray(hypers.decay_steps))
     rate = jnp.where(over_all, hypers.learning_rate * jnp.float32(last / (end - begin)), hypers.learning_rate)
     return hypers._replace(learning_rate=rate, decay_steps=jnp.where(over_all, jnp.float32(last), hypers.decay_steps))
 
 
-def remaining(step: Int[Array, ""], hypers: Hypers) -> Float[Array, ""]:
+def remaining(step: Int[Array, ""] | int, hypers: Hypers) -> Float[Array, ""]:
     """The share of the learning rate that is left at this step: 1 − step / decay_steps, or 1 without a decay.
 
     As in Stable-Baselines3 the steps of the rollout that is learnt from count, so the last update's is 0.

@@ -109,7 +109,7 @@ def train(
     steps = log_points(config, total_timesteps, n_logs)
     require(steps[-1] < 2**31, f"total_timesteps is {total_timesteps}; one run counts up to 2³¹ − 1 steps")
     all_hypers = Hypers._make(np.broadcast_to(np.asarray(h, np.float32), len(seeds)) for h in hypers)
-    updates_per_log = int(steps[0]) // (config.n_steps * config.n_envs)
+    updates_per_log = int(steps[0]) // config.rollout_size
     with contextlib.closing(populate(env, config, all_hypers, seeds, devices)) as population:
         rules = _rules(config, eval_mean) if n_eval_episodes else {}
         trained = _train(population, steps, updates_per_log, n_eval_episodes, rules, on_log, meanwhile)
@@ -167,7 +167,7 @@ def log_points(config: Config, total_timesteps: int, n_logs: int) -> Int[np.ndar
 
 def log_plan(config: Config, total_timesteps: int, n_logs: int) -> tuple[int, int]:
     """How many log points there are, and how many environment steps lie between each two."""
-    batch = config.n_steps * config.n_envs
+    batch = config.rollout_size
     n_updates = -(-total_timesteps // batch)
     updates_per_log = -(-n_updates // min(n_logs, n_updates))
     return -(-n_updates // updates_per_log), updates_per_log * batch

@@ -57,6 +57,7 @@ BROKEN_STEPS = {
     "terminated None": (terminated(None), "terminated is None; it must be True or False"),
     "terminated NaN": (terminated(np.nan), "terminated is nan; it must be True or False"),
     "terminated 2": (terminated(2), "terminated is 2; it must be True or False"),
+    "terminated -1": (terminated(np.int8(-1)), r"terminated is np.int8\(-1\); it must be True or False"),
     "terminated text": (terminated("False"), "terminated is 'False'; it must be True or False"),
     "terminated of two": (terminated(np.array([True, False])), "terminated is array.*; it must be True or False"),
     "truncated a float": (truncated(0.0), "truncated is 0.0; it must be True or False"),

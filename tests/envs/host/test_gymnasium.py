@@ -77,6 +77,8 @@ def answering(number, flag):
         Writing,
         answering(np.float64, np.bool),
         answering(np.float32, bool),
+        answering(float, int),
+        answering(float, lambda flag: np.array(flag, np.int8)),
         answering(np.array, np.array),
         answering(lambda value: [value], bool),
         answering(lambda value: np.array([[value]]), lambda flag: np.asarray(flag)[()]),

@@ -88,12 +88,23 @@ def test_an_environment_that_breaks_in_its_first_reset_is_named_when_the_model_i
         make_model(Blind)
 
 
-def test_an_evaluation_that_never_ends_is_stopped(monkeypatch):
-    class Endless(Walk):
-        def step(self, action):
-            observed, reward, _, late, info = super().step(action)
-            return observed, reward, False, late, info
+class Endless(Walk):
+    def ends(self):
+        return False
 
+
+def test_an_episode_of_training_that_does_not_end_is_told_once_with_the_remedy(monkeypatch):
+    monkeypatch.setattr("galton.training.host_group.LONG", 30)
+    model = make_model(Endless, n_steps=5)
+    model.learn(25 * N, progress_bar=False)
+    with pytest.warns(UserWarning, match=r"an episode of Endless has lasted 30 steps .*max_episode_steps=") as told:
+        model.learn(25 * N, progress_bar=False)
+    model.learn(50 * N, progress_bar=False)
+    assert len(told) == 1
+    make_model(lambda: TimeLimit(Endless(), 29)).learn(100 * N, progress_bar=False)
+
+
+def test_an_evaluation_that_never_ends_is_stopped(monkeypatch):
     monkeypatch.setattr("galton.training.evaluate.MAX_STEPS", 20)
     model = make_model(Endless)
     with pytest.raises(BrokenEnvironmentError, match="Endless: an episode of evaluation did not end in 20 steps; give"):

@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 from gymnasium.spaces import Box, Discrete, Tuple
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
+from gymnasium.wrappers.vector import DictInfoToList
 from stable_baselines3.common.vec_env import DummyVecEnv
 
 import galton
-from galton import UsageError
+from galton import AliasedObservation, UsageError
 from galton.envs.find import find
 from galton.envs.host.gymnasium import GymnasiumTask
 from galton.envs.host.vector import VectorTask
@@ -61,6 +62,79 @@ def test_a_vector_environment_gives_what_its_copies_give(make, env, n_actions):
     for one, other in zip(ours, theirs, strict=True):
         assert one.dtype == other.dtype
         np.testing.assert_array_equal(one, other)
+
+
+class Counting(Walk):
+    """It says 0 and 1 for False and True."""
+
+    def ends(self):
+        return np.int64(super().ends())
+
+
+def integers(make):
+    """A vector environment whose own flags are integers."""
+    envs = make(Counting)
+    step = envs.step
+
+    def counted(actions):
+        observed, rewards, *flags, infos = step(actions)
+        return observed, rewards, *(flag.astype(int) for flag in flags), infos
+
+    envs.step = counted
+    return envs
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda: DictInfoToList(sync(Walk)),
+        lambda: DictInfoToList(sync(Named)),
+        lambda: integers(sync),
+        lambda: integers(dummy),
+        lambda: sync(Counting),
+    ],
+    ids=["infos in a list", "Dict infos in a list", "integers", "sb3's integers", "copies' integers"],
+)
+def test_other_ways_to_say_the_same_are_read(make):
+    envs = make()
+    kind = Named if "z" in str(getattr(envs, "single_observation_space", "")) else Walk
+    ours, theirs = run(GymnasiumTask(limited(kind)).make(N), 2), run(find(envs).make(N), 2)
+    for one, other in zip(ours, theirs, strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+class OneArray(Walk):
+    """It returns one and the same array, again and again."""
+
+    def observe(self):
+        self.__dict__.setdefault("array", np.zeros(2, np.float32))[:] = super().observe()
+        return self.array
+
+
+class Constant(Walk):
+    def observe(self):
+        return np.ones(2, np.float32)
+
+
+class Home(Walk):
+    """Its first and some of its last observations are the same."""
+
+    def observe(self):
+        return np.array([0 if self.ends() or not self.t else self.position, 0], np.float32)
+
+
+@pytest.mark.parametrize("make", [sync, dummy])
+def test_an_array_that_is_the_last_observation_and_the_next_first_is_noticed_once(make):
+    envs = find(make(OneArray)).make(N)
+    with pytest.warns(AliasedObservation, match=r"Vec.*Env: each of .*: return a copy \(observation.copy") as told:
+        run(envs, 2, 200)
+    assert len(told) == 1
+
+
+@pytest.mark.parametrize("env", [Constant, Home, Walk, Named])
+def test_what_only_looks_like_it_is_not_warned_of(env):
+    for make in (sync, dummy):
+        run(find(make(env)).make(N), 2)
 
 
 @pytest.mark.parametrize("copy", [True, False])

@@ -68,6 +68,7 @@ BOTH = {
     "two rewards": (replace(1, np.zeros(2)), r", step 5: the reward is .*of shape \(2,\); it must be 3 of float"),
     "no reward": (replace(1, None), ", step 5: the reward is None; it must be 3 of float"),
     "flags of numbers": (replace(2, np.zeros(3)), r", step 5: (terminated|dones) is .*; it must be 3 of bool"),
+    "flags beyond 1": (replace(2, np.array([0, 1, 2])), r", step 5: (terminated|dones) is .*; it must be 3 of bool"),
     "one flag": (replace(2, False), ", step 5: (terminated|dones) is False; it must be 3 of bool"),
     "two": (
         lambda *answer: answer[:2],

@@ -74,11 +74,11 @@ def one_number(value: object, what: str, where: str) -> float:
 
 
 def one_flag(value: object, what: str, where: str) -> bool:
-    """True or False, which may come as numpy's."""
+    """True or False, which may come as numpy's, or as the integer 1 or 0."""
     if value is True or value is False:
         return value
     scalar = value[()] if isinstance(value, np.ndarray) and value.shape == () else value
-    if not isinstance(scalar, bool | np.bool):
+    if not isinstance(scalar, bool | np.bool) and not (isinstance(scalar, int | np.integer) and scalar in (0, 1)):
         raise BrokenEnvironmentError(f"{where}: {what} is {shown(value)}; it must be True or False")
     return bool(scalar)
 

@@ -122,7 +122,7 @@ class GymnasiumTask:
 
 
 class GymnasiumEnvs:
-    """M environments in a loop; `given` is not closed with the others."""
+    """M environments in a loop; `given` is not closed with the others, which are once nobody holds this any more."""
 
     def __init__(
         self,
@@ -134,8 +134,10 @@ class GymnasiumEnvs:
         moves: Sequence[Moves],
     ) -> None:
         self._name, self._envs, self._actions, self._observations = name, envs, actions, observations
-        self._given, self.moves = given, moves
+        self.moves = moves
         self._n_steps = 0
+        self._close = weakref.finalize(self, _close, [env for env in envs if env is not given])
+        self._close.atexit = False
 
     @property
     def layers(self) -> list[list[Any]]:
@@ -194,7 +196,7 @@ class GymnasiumEnvs:
 
     def close(self) -> None:
         """Close what Galton made; an environment that the user gave stays open."""
-        _close(env for env in self._envs if env is not self._given)
+        self._close()
 
     def _step(self, i: int, action: np.ndarray, where: str) -> tuple[object, ...]:
         try:  # `blame` does the same, more slowly

@@ -75,7 +75,8 @@ def step_gymnasium(envs: VectorEnvs, action: np.ndarray) -> Steps:
     following = envs.rows(raw)
     terminated = envs.flags(terminations, "terminated")
     truncated = envs.flags(truncations, "truncated")
-    final = envs.last_rows(following, terminated | truncated, lambda i: infos["final_obs"][i], "final_obs")
+    key, listed = "final_obs", isinstance(infos, list)  # as DictInfoToList makes it
+    final = envs.last_rows(following, terminated | truncated, lambda i: infos[i][key] if listed else infos[key][i], key)
     return Steps(following, final, envs.numbers(rewards, "the reward"), terminated, truncated & ~terminated)
 
 

@@ -1,5 +1,6 @@
 """The copies of a vector environment that the user made, every answer checked."""
 
+import warnings
 from collections.abc import Callable
 from typing import Any
 
@@ -15,7 +16,10 @@ from galton.envs.host.base import Steps
 from galton.envs.host.carried import layers_of_copies
 from galton.envs.host.moves import moves_of
 from galton.envs.host.observations import Observations
-from galton.errors import BrokenEnvironmentError, UsageError
+from galton.errors import AliasedObservation, BrokenEnvironmentError, UsageError
+
+_MANY = 5
+"""How many episodes must have ended alike before it is no coincidence."""
 
 
 class VectorEnvs:
@@ -38,6 +42,10 @@ class VectorEnvs:
         copies = getattr(envs.unwrapped, "envs", ())  # those in other processes nobody else can hold
         self.moves = moves_of([envs, *(copy for copy in copies if isinstance(copy, gymnasium.Env))])
         self._n_steps = 0
+        self._observation = np.zeros((0, 0), np.float32)
+        self._n_alike = 0
+        """How many episodes have ended with the first observation of the next, as long as all did; −1 once one did not,
+        or after the warning."""
 
     @property
     def layers(self) -> list[list[Any]]:
@@ -47,12 +55,16 @@ class VectorEnvs:
     def reset(self, seeds: Integer[np.ndarray, " M"]) -> Float[np.ndarray, "M o"]:
         """Begin an episode in every copy."""
         self._n_steps = 0
-        return self.rows(self._reset(self, [int(seed) for seed in seeds]))
+        self._observation = self.rows(self._reset(self, [int(seed) for seed in seeds]))
+        return self._observation
 
     def step(self, action: Float[np.ndarray, "M d"]) -> Steps:
         """Act; the environment resets itself."""
         self._n_steps += 1
-        return self._step(self, self._actions.to_env(action))
+        steps = self._step(self, self._actions.to_env(action))
+        self._look_for_aliases(steps)
+        self._observation = steps.observation
+        return steps
 
     def get_state(self) -> None:
         """None, since vector environments don't tell their states."""
@@ -116,21 +128,44 @@ class VectorEnvs:
             final[i] = self._observations.flatten(raw, self._where(i))
         return final
 
+    def _look_for_aliases(self, steps: Steps) -> None:
+        """Warn where the first episodes all end with the first observation of the next, which was not there before."""
+        ended = steps.terminated | steps.truncated
+        if self._n_alike < 0 or not ended.any():
+            return
+        new = ended & (self._observation != steps.observation).any(1)  # what never changes tells nothing
+        alike = (steps.final_observation == steps.observation).all(1)
+        self._n_alike = -1 if (new & ~alike).any() else self._n_alike + int(new.sum())
+        if self._n_alike >= _MANY:
+            self._n_alike = -1
+            warnings.warn(
+                f"{self._name}: each of the first episodes ended with the very observation that the next began with. "
+                "If the environment returns one and the same array, its reset overwrites what the episode led to, and "
+                "training takes the value of a wrong state: return a copy (observation.copy()), or give Galton a "
+                "function that makes one environment, with n_envs",
+                AliasedObservation,
+                stacklevel=2,
+            )
+
     def numbers(self, values: object, what: str) -> Float[np.ndarray, " M"]:
         """One finite number for each copy."""
         array = self._array(values, what, "float")
         return np.stack([as_float32(array[i, ...], what, self._where(i)) for i in range(len(array))])
 
     def flags(self, values: object, what: str) -> Bool[np.ndarray, " M"]:
-        """True or False for each copy."""
-        return self._array(values, what, "bool").copy()
+        """True or False for each copy, which may come as the integers 1 and 0."""
+        return self._array(values, what, "bool").astype(bool)
 
     def _array(self, values: object, what: str, kind: str) -> np.ndarray:
         array, n = as_numbers(values), self._envs.num_envs
-        if array is None or array.shape != (n,) or (kind == "bool" and array.dtype != bool):
+        if array is None or array.shape != (n,) or (kind == "bool" and not _are_flags(array)):
             raise BrokenEnvironmentError(f"{self._where()}: {what} is {shown(values)}; it must be {n} of {kind}")
         return array
 
     def _where(self, copy: int | None = None) -> str:
         which = "" if copy is None else f", copy {copy}"
         return f"{self._name}{which}, step {self._n_steps}"
+
+
+def _are_flags(array: np.ndarray) -> bool:
+    return array.dtype == bool or (array.dtype.kind in "iu" and bool(((array == 0) | (array == 1)).all()))
