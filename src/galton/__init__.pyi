@@ -1,7 +1,13 @@
+from . import algorithms as algorithms
 from . import callbacks as callbacks
+from . import critics as critics
 from . import deploy as deploy
 from . import envs as envs
+from . import losses as losses
 from . import paper as paper
+from . import policies as policies
+from . import presets as presets
+from . import returns as returns
 from . import sweep as sweep
 from . import targets as targets
 from .algorithms import ALGORITHMS as ALGORITHMS

@@ -96,6 +96,10 @@ ODD_SOURCES = {
     "no observation space": (Sightless, "Sightless's observation_space is 'two numbers'; it must be a Gymnasium space"),
     "discrete actions": (Discretes(), r"Discretes has actions Discrete\(2\); .*needs a Box"),
     "an action space that raises": (Failing, "Failing's action_space raised NotImplementedError: which actions"),
+    "an id without its version": (
+        "Pendulum",
+        "environment is 'Pendulum', an id without its version; 'Pendulum-v1' is the",
+    ),
     "an unknown id": ("Wolk-v0", "environment is 'Wolk-v0'; Gymnasium knows no environment of that name"),
     "an id in small letters": ("pendulum-v1", r"environment is 'pendulum-v1'; .*; did you mean Pendulum-v1\?$"),
     "an id without its version": ("halfcheeta", r"environment is 'halfcheeta'; .*; did you mean HalfCheetah-v\d\?$"),

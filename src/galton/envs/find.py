@@ -1,8 +1,10 @@
 """The task that a user means: by a name, an id, a function, or an environment that is already there."""
 
+import contextlib
 from collections.abc import Mapping
 
 import gymnasium
+from gymnasium.envs.registration import find_highest_version, get_env_id, parse_env_id
 
 from galton.envs import registry
 from galton.envs.base import Environment
@@ -52,6 +54,7 @@ def find(env: object, **kwargs: object) -> Environment | HostTask:
 def _find_by_name(name: str, kwargs: Mapping[str, object]) -> Environment | HostTask:
     if registry.is_known(name):
         return registry.make(name, **kwargs)
+    _refuse_unversioned(name)
     try:
         return _find_mujoco(name, kwargs) or GymnasiumTask(name, **kwargs)
     except UsageError as error:
@@ -61,6 +64,17 @@ def _find_by_name(name: str, kwargs: Mapping[str, object]) -> Environment | Host
             require_libraries(f"environment {name!r}", "Box2D")
             check_named(f"environment {name!r}", error)
         raise
+
+
+def _refuse_unversioned(name: str) -> None:
+    """Raise UsageError for an id without its version, of which Gymnasium would take the newest."""
+    if name in gymnasium.registry or ":" in name:
+        return
+    with contextlib.suppress(gymnasium.error.Error):
+        namespace, plain, version = parse_env_id(name)
+        newest = None if version is not None else find_highest_version(namespace, plain)
+        meant = None if newest is None else get_env_id(namespace, plain, newest)
+        require(meant is None, f"environment is {name!r}, an id without its version; {meant!r} is the newest")
 
 
 def _why_unknown(name: str, error: gymnasium.error.UnregisteredEnv) -> str:
