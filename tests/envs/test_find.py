@@ -96,7 +96,7 @@ ODD_SOURCES = {
     "no observation space": (Sightless, "Sightless's observation_space is 'two numbers'; it must be a Gymnasium space"),
     "discrete actions": (Discretes(), r"Discretes has actions Discrete\(2\); .*needs a Box"),
     "an action space that raises": (Failing, "Failing's action_space raised NotImplementedError: which actions"),
-    "an id without its version": (
+    "an id of no version": (
         "Pendulum",
         "environment is 'Pendulum', an id without its version; 'Pendulum-v1' is the",
     ),
