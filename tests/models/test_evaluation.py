@@ -122,7 +122,8 @@ def test_a_policy_that_cannot_change_is_told_one_return_whatever_scales_its_rewa
     told = []
     model = galton.PPO(lambda: NormalizeReward(Falling(), gamma=0.9), "gaussian", **SETTINGS | {"learning_rate": 0.0})
     watch = lambda model, log: told.append(log["eval/mean_reward"])  # noqa: E731
-    model.learn(256, [Evaluate(every=64, n_episodes=1), StopOnReward(-20.0), watch], progress_bar=False)
+    with pytest.warns(UserWarning, match="so nothing is learnt"):
+        model.learn(256, [Evaluate(every=64, n_episodes=1), StopOnReward(-20.0), watch], progress_bar=False)
     assert told == [-30.0] * 4
 
 

@@ -131,7 +131,8 @@ def test_a_model_says_what_it_is_and_only_what_is_unusual():
 
 def test_verbose_prints_a_line_at_each_log_point(capsys):
     A2C("bandit", **SMALL, verbose=1).learn(50, log_interval=2, **QUIET)
-    lines = capsys.readouterr().out.splitlines()
+    compiling, *lines = capsys.readouterr().out.splitlines()
+    assert compiling == "compiling"
     assert [line.split(":")[0] for line in lines] == ["step 20", "step 40", "step 50"]
     assert all("ep_rew_mean" in line and "fps" in line for line in lines)
     A2C("bandit", **SMALL).learn(50, log_interval=2, **QUIET)
