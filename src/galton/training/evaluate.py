@@ -1,5 +1,6 @@
 """Evaluation: whole episodes of the policy that does not explore, and what they return."""
 
+import warnings
 from collections.abc import Callable
 
 import jax
@@ -11,11 +12,17 @@ from galton import normalization
 from galton.algorithms import Agent, actor_critic
 from galton.envs.base import Environment
 from galton.envs.host.base import HostEnvironments, HostTask
-from galton.envs.host.carried import frozen
+from galton.envs.host.carried import frozen, has_no_limit
 from galton.errors import BrokenEnvironmentError, require
 from galton.training.rollout import start_episodes
 from galton.types import Hypers, Learner
 
+LONG = 10_000
+"""Steps after which it is said of an episode that it may have no end, and after which evaluation cuts one that has no
+time limit."""
+LIMIT_IT = (
+    "gymnasium.make(id, max_episode_steps=...), env_kwargs with an id, or gymnasium.wrappers.TimeLimit sets a limit"
+)
 MAX_STEPS = 100_000
 """An episode outside JAX that is longer is taken for one that never ends."""
 
@@ -80,9 +87,13 @@ def play(
     statistics make of them.
 
     Raises:
-        BrokenEnvironmentError: an environment broke, or an episode does not end.
+        BrokenEnvironmentError: an environment broke, or an episode does not end that has a time limit.
+
+    Warns:
+        UserWarning: an episode without a time limit was cut after LONG steps.
     """
-    n = len(seeds)
+    n, cut = len(seeds), False
+    endless = np.array([has_no_limit(layers) for layers in envs.layers] or [False] * n)
     returns: list[list[float]] = [[] for _ in range(n)]
     wanted = (n_episodes + n - 1 - np.arange(n)) // n
     with frozen(envs.layers) as as_given:
@@ -92,7 +103,9 @@ def play(
             steps = envs.step(act(observation))
             collected += as_given(steps.reward)
             length += 1
-            for i in np.flatnonzero(steps.terminated | steps.truncated):
+            too_long = endless & active & (length >= LONG)
+            cut |= bool(too_long.any())
+            for i in np.flatnonzero(steps.terminated | steps.truncated | too_long):
                 if active[i]:
                     returns[i].append(collected[i])
                 collected[i], length[i] = 0.0, 0
@@ -100,6 +113,11 @@ def play(
                 break
             observation = steps.observation
         else:
+            if cut:
+                warnings.warn(
+                    f"{name} has no time limit, and an episode of evaluation was cut after {LONG:,} steps; {LIMIT_IT}",
+                    stacklevel=2,
+                )
             return np.concatenate([*map(np.array, returns)])
     raise BrokenEnvironmentError(
         f"{name}: an episode of evaluation did not end in {MAX_STEPS:,} steps; give the environment a time limit "

@@ -15,14 +15,11 @@ from galton.envs.host.moves import Watch
 from galton.envs.host.observations import Observations
 from galton.errors import BrokenEnvironmentError, SharedEnvironment
 from galton.policies.correlation import nothing_before
-from galton.training.evaluate import copies, play
+from galton.training.evaluate import LIMIT_IT, LONG, copies, play
 from galton.training.host_programs import host_programs
 from galton.training.log import Finished, Log
 from galton.training.run import RunState, Snapshot, Tree, falling, reseeded, with_keys, without_keys
 from galton.types import Hypers, Learner, Params, Rule, Transition
-
-LONG = 10_000
-"""Steps of an episode in training after which it is said that it may have no time limit."""
 
 
 class Group:
@@ -104,8 +101,7 @@ class Group:
         if longest < LONG <= self._length.max():
             warnings.warn(
                 f"an episode of {self._task.name} has lasted {LONG:,} steps and goes on. Without a time limit training "
-                "may never see a return, and an evaluation that does not end fails; gymnasium.make(id, "
-                "max_episode_steps=...), env_kwargs with an id, or gymnasium.wrappers.TimeLimit sets one",
+                f"may never see a return; {LIMIT_IT}",
                 stacklevel=2,
             )
 

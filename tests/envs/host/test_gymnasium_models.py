@@ -104,12 +104,15 @@ def test_an_episode_of_training_that_does_not_end_is_told_once_with_the_remedy(m
     make_model(lambda: TimeLimit(Endless(), 29)).learn(100 * N, progress_bar=False)
 
 
-def test_an_evaluation_that_never_ends_is_stopped(monkeypatch):
+def test_an_evaluation_without_a_time_limit_is_cut_and_one_that_breaks_its_limit_stopped(monkeypatch):
+    monkeypatch.setattr("galton.training.evaluate.LONG", 20)
+    with pytest.warns(UserWarning, match="Endless has no time limit, .* cut after 20 steps; .*max_episode_steps="):
+        returns = make_model(Endless).evaluate(2)
+    np.testing.assert_allclose(make_model(lambda: TimeLimit(Endless(), 20)).evaluate(2), returns)
+    assert len(make_model(lambda: TimeLimit(Endless(), 40)).evaluate(2)) == 2
     monkeypatch.setattr("galton.training.evaluate.MAX_STEPS", 20)
-    model = make_model(Endless)
-    with pytest.raises(BrokenEnvironmentError, match="Endless: an episode of evaluation did not end in 20 steps; give"):
-        model.evaluate(2)
-    assert len(make_model(lambda: TimeLimit(Endless(), 20)).evaluate(2)) == 2
+    with pytest.raises(BrokenEnvironmentError, match="an episode of evaluation did not end in 20 steps; give"):
+        make_model(lambda: TimeLimit(Endless(), 40)).evaluate(2)
 
 
 def test_a_given_environment_trains_alone_and_is_evaluated_only_if_it_can_be_made_again():

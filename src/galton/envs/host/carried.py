@@ -13,6 +13,7 @@ from typing import Any
 
 import gymnasium
 import numpy as np
+from gymnasium.wrappers import TimeLimit
 from jaxtyping import Float
 
 from galton.envs.host.wrappers import is_monitor
@@ -43,6 +44,12 @@ def layers_of_copies(envs: Any) -> list[Layers]:
     shared = layers_of(envs)
     copies = getattr(shared[-1], "envs", None)
     return [[*shared, *layers_of(one)] for one in copies] if copies else [shared] * envs.num_envs
+
+
+def has_no_limit(layers: Layers) -> bool:
+    """Whether an environment of this process has no time limit that Gymnasium knows of."""
+    known = any(isinstance(layer, TimeLimit) for layer in layers)
+    return isinstance(layers[-1], gymnasium.Env) and not known
 
 
 def plain_data(layers: Layers) -> Attributes:
