@@ -20,6 +20,7 @@ from galton.training.on_device import DevicePopulation
 from galton.training.on_host import HostPopulation
 from galton.training.run import Snapshot
 from galton.training.size import check_size
+from galton.training.yardsticks import Yardsticks
 from galton.types import Config, Hypers, Learner, Rule, check_config, check_hypers, without_unused
 
 
@@ -66,6 +67,12 @@ class Population(Protocol):
 
     def check_evaluation(self, n_episodes: int) -> None:
         """Raise UsageError unless `evaluate` can play that many episodes: where it is known, before training."""
+
+    def yardsticks(self) -> Yardsticks:
+        """What doing nothing and random actions return, on the copies that `evaluate` plays on.
+
+        Training is not touched by it.
+        """
 
     def put(self, learner: Learner) -> None:
         """Go on with something else learnt, each leaf `[R, ...]`, also where a run had diverged."""
