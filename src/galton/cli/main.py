@@ -17,6 +17,7 @@ from galton.errors import BrokenEnvironmentError, CheckpointError, UsageError, u
 from galton.version import __version__
 
 COMMANDS = {
+    "check": "say what Galton makes of an environment, and what to do about it",
     "train": "train one policy and keep it in a run folder",
     "compare": "train several losses over many seeds and say which is best",
     "sweep": "train a grid of settings on every core or on a cluster",
