@@ -17,13 +17,13 @@ from galton.errors import BrokenEnvironmentError, CheckpointError, UsageError, u
 from galton.version import __version__
 
 COMMANDS = {
-    "check": "say what Galton makes of an environment, and what to do about it",
     "train": "train one policy and keep it in a run folder",
     "compare": "train several losses over many seeds and say which is best",
     "sweep": "train a grid of settings on every core or on a cluster",
     "benchmark": "tune methods with equal budgets and judge them on held-out tasks",
     "watch": "film a policy that was trained",
     "export": "write a trained policy as an ONNX file, or its model card",
+    "check": "say what Galton makes of an environment, and what to do about it",
     "reproduce": "train and draw the figures of the paper",
     "report": "write the page of what was reproduced",
 }
