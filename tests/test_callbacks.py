@@ -19,6 +19,7 @@ from galton.callbacks import (
     TensorBoard,
     WeightsAndBiases,
 )
+from galton.training.yardsticks import Yardsticks
 
 from .envs.host.walks import Closing, Walk
 
@@ -51,12 +52,17 @@ class Fake:
     """A model whose evaluations are given."""
 
     def __init__(self, *means):
-        self.num_timesteps, self.means, self.saved = 0, list(means), []
+        self.num_timesteps, self.means, self.saved, self.n_yardsticks = 0, list(means), [], 0
 
     def evaluate(self, n_episodes, env=None):
         assert (n_episodes, env) == (2, "other")
         mean = self.means.pop(0)
         return np.array([mean - 1, mean + 1])
+
+    def yardsticks(self, env=None):
+        assert env == "other"
+        self.n_yardsticks += 1
+        return Yardsticks(-1.0, -2.5)
 
     def save(self, path):
         self.saved.append((str(path), self.num_timesteps))

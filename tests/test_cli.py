@@ -90,7 +90,7 @@ WRONG = [
     (["compare", "lqr", "--env-kwargs", '{"mass": 1}'], "lqr has no constant 'mass'; it has A, B, Q, R"),
     (
         ["trian"],
-        "command is 'trian'; choose from train, compare, sweep, benchmark, watch, export, reproduce, report; "
+        "command is 'trian'; choose from train, compare, sweep, benchmark, watch, export, check, reproduce, report; "
         "did you mean train?",
     ),
     (["train", "bandit", "--logs", "0"], "--logs is 0; it must be an integer of at least 1"),

@@ -32,6 +32,7 @@ from .models import InexactResume as InexactResume
 from .models import Model as Model
 from .policies import POLICIES as POLICIES
 from .policies import Policy as Policy
+from .training.check import check_env as check_env
 from .training.train import Result as Result
 from .training.train import train as train
 from .types import Config as Config

@@ -29,6 +29,7 @@ from galton.extras import needed
 from galton.saving import files
 from galton.saving.model_file import best_before
 from galton.training.evaluate import Kept
+from galton.training.yardsticks import Yardsticks
 
 Log = dict[str, float]
 Number = int | float | np.integer[Any] | np.floating[Any]
@@ -47,6 +48,9 @@ class Model(Protocol):
     ) -> np.ndarray:
         """Undiscounted returns of whole episodes without exploration."""
 
+    def yardsticks(self, env: object = None, env_kwargs: Mapping[str, object] | None = None) -> Yardsticks:
+        """What doing nothing and random actions return."""
+
     def save(self, path: str | Path) -> Path:
         """Write the model to one file and return its path."""
 
@@ -62,7 +66,9 @@ Callback = Callable[[Any, Log], bool | None]
 class Evaluate:
     """Play whole episodes without exploration; keep the best model.
 
-    Adds `eval/mean_reward`, `eval/std_reward` and `eval/best_mean_reward` to the log.
+    Adds `eval/mean_reward`, `eval/std_reward` and `eval/best_mean_reward` to the log. The first evaluation also plays
+    three episodes of doing nothing and three of random actions, `eval/doing_nothing` and `eval/random_actions`, and
+    you are warned where `learn` ends with a policy that is below one of them.
     """
 
     every: int = 10_000
@@ -81,7 +87,8 @@ class Evaluate:
         require_integer("every", self.every, 1)
         require_integer("n_episodes", self.n_episodes, 1)
         require(self.env is not None or not self.env_kwargs, f"env_kwargs is {self.env_kwargs}; give env with it")
-        self.best = -math.inf
+        self.best, self.latest = -math.inf, math.nan
+        self.yardsticks: Yardsticks | None = None
         self._on = self._named
 
     def check(self, model: Any) -> None:
@@ -102,7 +109,10 @@ class Evaluate:
     def __call__(self, model: Model, log: Log) -> None:
         """Evaluate, and save the model if its mean return is the best so far."""
         returns = model.evaluate(self.n_episodes, *self._on)
-        mean = float(returns.mean())
+        self.latest = mean = float(returns.mean())
+        if self.yardsticks is None:
+            self.yardsticks = model.yardsticks(*self._on)
+            log |= self.yardsticks.log()
         if mean > self.best:
             self.best = mean
             if self.best_model is not None:
@@ -114,9 +124,11 @@ class Evaluate:
         }
 
     def end(self, model: Model) -> None:
-        """Close the copies of the environment that were made to play on."""
+        """Close the copies of the environment that were made to play on; warn of a policy that need not be learnt."""
         del model
         self._let_go()
+        if self.yardsticks and (told := self.yardsticks.not_reached_by(self.latest)):
+            warnings.warn(f"{told}; train for longer, or see what galton.check_env says of it", stacklevel=2)
 
     def _let_go(self) -> None:
         if isinstance(self._on[0], Kept):
@@ -205,7 +217,10 @@ class StopAfter:
 class Print:
     """Prints a line of numbers at each log point."""
 
-    SHOWN = ("rollout/ep_rew_mean", "rollout/ep_len_mean", "eval/mean_reward", "train/entropy", "time/fps")
+    SHOWN = (
+        *("rollout/ep_rew_mean", "rollout/ep_len_mean", "eval/mean_reward", "eval/doing_nothing"),
+        *("eval/random_actions", "train/entropy", "time/fps"),
+    )
 
     def __call__(self, model: Model, log: Log) -> None:
         """Print those of SHOWN that are known."""

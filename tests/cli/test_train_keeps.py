@@ -290,3 +290,25 @@ def test_a_path_is_printed_as_it_is(name, tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     galton_train(name)
     assert f"run folder: {name}\n" in capsys.readouterr().out
+
+
+def test_what_a_policy_has_to_beat_is_told_once_and_in_the_end_if_it_does_not(tmp_path, capsys):
+    galton_train(tmp_path / "whole", training=small(200))
+    told = capsys.readouterr().out.splitlines()
+    first, *others = [json.loads(line) for line in (tmp_path / "whole" / "metrics.jsonl").read_text().splitlines()]
+    rest, random = first["eval/doing_nothing"], first["eval/random_actions"]
+    assert told[0] == f"doing nothing returns {rest:,.2f}, random actions {random:,.2f} (3 episodes of each)"
+    assert not any("eval/doing_nothing" in other for other in others)
+    assert ("is below that of" in told[-1]) == (others[-1]["eval/mean_reward"] < max(rest, random))
+    galton_train(tmp_path / "cut", training=small(100))
+    galton_train(tmp_path / "cut", training=small(200), resume=True)
+    again = [json.loads(line) for line in (tmp_path / "cut" / "metrics.jsonl").read_text().splitlines()]
+    assert [line.get("eval/doing_nothing") for line in again] == [rest] + [None] * (len(again) - 1)
+
+
+def test_a_policy_that_ends_below_doing_nothing_is_said_to_in_the_last_line(tmp_path, capsys):
+    galton_train(tmp_path / "run", training=small(5), loss="hl-gauss")
+    last = capsys.readouterr().out.splitlines()[-1]
+    assert "the policy's return of" in last
+    assert "is below that of" in last
+    assert "`galton check bandit`" in last

@@ -128,6 +128,7 @@ OBSERVED = {
 }
 
 
+@pytest.mark.filterwarnings("ignore:.* observes Box.*an image is flattened")
 @pytest.mark.parametrize("name", OBSERVED)
 def test_a_box_is_observed_in_its_own_shape(name, tmp_path):
     space = OBSERVED[name]

@@ -194,7 +194,7 @@ def test_episodes_on_a_given_environment_follow_one_another():
     evaluate = Evaluate(every=64, n_episodes=3, env=given)
     model.learn(64, evaluate, progress_bar=False)
     assert evaluate.best == -10
-    assert given.stage == 9
+    assert given.stage == 17  # with three episodes of doing nothing, and three of random actions
 
 
 def test_a_user_wrapper_of_rewards_is_part_of_the_task():

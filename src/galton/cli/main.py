@@ -23,6 +23,7 @@ COMMANDS = {
     "benchmark": "tune methods with equal budgets and judge them on held-out tasks",
     "watch": "film a policy that was trained",
     "export": "write a trained policy as an ONNX file, or its model card",
+    "check": "say what Galton makes of an environment, and what to do about it",
     "reproduce": "train and draw the figures of the paper",
     "report": "write the page of what was reproduced",
 }

@@ -48,6 +48,7 @@ from galton.saving.result_folder import (
     write_settings,
 )
 from galton.training.size import check_size
+from galton.training.yardsticks import N_EPISODES, logged
 
 
 @dataclasses.dataclass(frozen=True)
@@ -110,6 +111,9 @@ def main(arguments: Sequence[str]) -> None:
     )
     print(f"training return {training_return}, evaluation return {evaluation_return}, {speed} steps/s")
     print(f"run folder: {out}")
+    yardsticks = logged(last)
+    if yardsticks and (below := yardsticks.not_reached_by(last.get("eval/mean_reward", math.nan))):
+        print(f"{below}; train for longer, or see what `galton check {options.env}` says of it")
 
 
 def _check_folder(options: Options) -> None:
@@ -215,6 +219,8 @@ class _Record:
         self._calls = self._calls or list(self._due())
         for call in self._calls:
             call(model, log)
+        if told := logged(log):  # by the first evaluation
+            print(f"{told} ({N_EPISODES} episodes of each)", flush=True)
 
     @property
     def keeps(self) -> bool:
@@ -237,7 +243,8 @@ class _Record:
         options, out = self._options, self._options.folder
         if options.training.eval_episodes:
             evaluate = callbacks.Evaluate(1, options.training.eval_episodes, best_model=out / BEST)
-            evaluate.best = known(out / METRICS).get("eval/best_mean_reward", -math.inf)
+            before = known(out / METRICS)
+            evaluate.best, evaluate.yardsticks = before.get("eval/best_mean_reward", -math.inf), logged(before)
             yield evaluate
         yield callbacks.JSONLines(out / METRICS)
         if options.tensorboard:

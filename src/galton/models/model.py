@@ -29,6 +29,7 @@ from galton.presets import find_preset
 from galton.training.population import Population
 from galton.training.programs import check_process
 from galton.training.train import check_seed
+from galton.training.yardsticks import Yardsticks, yardsticks_on
 from galton.types import Config, Hypers, Learner, Params, check_config, check_one_run
 
 ModelT = TypeVar("ModelT", bound="Model")
@@ -265,6 +266,18 @@ class Model:
         check_same_spaces(task, self.actions, self.observations)
         about = (self.agent, self.learner, self.hypers, n_episodes, self.seed, self.num_timesteps)
         return returns_on(task, *about, self._run.environments)
+
+    def yardsticks(self, env: object = None, env_kwargs: Mapping[str, object] | None = None) -> Yardsticks:
+        """What a policy has to be better than: the mean returns of doing nothing and of random actions.
+
+        Three episodes of each are played where `evaluate` plays; its arguments and errors are that method's.
+        """
+        if env is None:
+            _refuse_alone(env_kwargs)
+            return self.population.yardsticks()
+        task = find(env, **(env_kwargs or {}))
+        check_same_spaces(task, self.actions, self.observations)
+        return yardsticks_on(task, self.actions.low, self.actions.high)
 
     def save(self, path: str | Path) -> Path:
         """Write the model to one file and return its path; `.safetensors` is added to a name without a suffix.

@@ -19,6 +19,7 @@ from galton.training.evaluate import LIMIT_IT, LONG, copies, play
 from galton.training.host_programs import host_programs
 from galton.training.log import Finished, Log
 from galton.training.run import RunState, Snapshot, Tree, falling, reseeded, with_keys, without_keys
+from galton.training.yardsticks import N_EPISODES, Yardsticks, yardsticks
 from galton.types import Hypers, Learner, Params, Rule, Transition
 
 
@@ -195,6 +196,14 @@ class Group:
 
         seeds = self._environment_seeds(1, int(self.runs.step[0]), n=n_episodes)
         return self._split(play(self._task.name, self._evaluator, seeds, act, len(seeds)))
+
+    def yardsticks(self) -> Yardsticks:
+        """What doing nothing and random actions return, on the copies that evaluation plays on."""
+        if self._evaluator is None:
+            self.make_evaluator(N_EPISODES)
+        assert self._evaluator
+        n_copies = len(self._seeds) * self._evaluator_episodes
+        return yardsticks(self._task.name, self._evaluator, n_copies, self._agent.low, self._agent.high)
 
     def put(self, learner: Learner) -> None:
         """Go on with something else learnt, each leaf `[P, ...]`."""

@@ -34,6 +34,7 @@ from galton.training.run import (
     with_keys,
     without_keys,
 )
+from galton.training.yardsticks import Yardsticks, yardsticks_on
 from galton.types import Hypers, Learner, Rule, Transition
 
 
@@ -169,6 +170,10 @@ class DevicePopulation:
 
     def check_evaluation(self, n_episodes: int) -> None:
         """Nothing to check: there are as many copies of the environment as one wants."""
+
+    def yardsticks(self) -> Yardsticks:
+        """What doing nothing and random actions return."""
+        return yardsticks_on(self._env, self._agent.low, self._agent.high)
 
     def put(self, learner: Learner) -> None:
         """Go on with something else learnt, each leaf `[R, ...]`."""

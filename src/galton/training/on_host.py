@@ -18,6 +18,7 @@ from galton.envs.host.base import HostEnvironments, HostTask
 from galton.training.host_group import Group
 from galton.training.log import Log
 from galton.training.run import Snapshot, Tree
+from galton.training.yardsticks import Yardsticks
 from galton.types import Hypers, Learner, Rule
 
 Answer = TypeVar("Answer")
@@ -99,6 +100,10 @@ class HostPopulation:
         """Make the copies that evaluation plays on, and keep them for it; UsageError if there can be none."""
         for group in self._groups:
             group.make_evaluator(n_episodes)
+
+    def yardsticks(self) -> Yardsticks:
+        """What doing nothing and random actions return, on the copies that evaluation plays on."""
+        return self._groups[0].yardsticks()
 
     def put(self, learner: Learner) -> None:
         """Go on with something else learnt, each leaf `[R, ...]`."""

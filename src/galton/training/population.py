@@ -1,5 +1,6 @@
 """R runs that are trained side by side, wherever their environments live."""
 
+import warnings
 from collections.abc import Sequence
 from typing import Protocol, runtime_checkable
 
@@ -12,6 +13,7 @@ from galton.envs.base import Environment
 from galton.envs.find import find
 from galton.envs.host.action_box import ActionBox
 from galton.envs.host.base import HostEnvironments, HostTask
+from galton.envs.host.observations import IMAGE_REMEDY, has_image
 from galton.policies.correlation import check_correlation
 from galton.training.log import Log
 from galton.training.on_device import DevicePopulation
@@ -20,6 +22,7 @@ from galton.training.programs import check_process
 from galton.training.programs_on_disk import keep_programs
 from galton.training.run import Snapshot
 from galton.training.size import check_size
+from galton.training.yardsticks import Yardsticks
 from galton.types import Config, Hypers, Learner, Rule, check_config, check_hypers, without_unused
 
 
@@ -70,6 +73,12 @@ class Population(Protocol):
     def check_evaluation(self, n_episodes: int) -> None:
         """Raise UsageError unless `evaluate` can play that many episodes: where it is known, before training."""
 
+    def yardsticks(self) -> Yardsticks:
+        """What doing nothing and random actions return, on the copies that `evaluate` plays on.
+
+        Training is not touched by it.
+        """
+
     def put(self, learner: Learner) -> None:
         """Go on with something else learnt, each leaf `[R, ...]`, also where a run had diverged."""
 
@@ -112,10 +121,17 @@ def populate(
     keep_programs()
     found, devices = find(env), devices or jax.devices()
     check_size(found, config, len(seeds))
+    _warn_of_images(found, config)
     agent, hypers = resolved(found, config, hypers)
     if isinstance(found, Environment):
         return DevicePopulation(found, agent, hypers, seeds, devices)
     return HostPopulation(found, agent, hypers, seeds, devices)
+
+
+def _warn_of_images(env: Environment | HostTask, config: Config) -> None:
+    """Warn where raw images go into networks that were not made for them."""
+    if isinstance(env, HostTask) and has_image(env.observation_space) and not config.normalize_observation:
+        warnings.warn(f"{env.name} observes {env.observation_space}: {IMAGE_REMEDY}", stacklevel=3)
 
 
 def resolved(env: Environment | HostTask, config: Config, hypers: Hypers) -> tuple[Agent, Hypers]:

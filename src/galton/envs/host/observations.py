@@ -14,6 +14,12 @@ from galton.envs.host.answers import as_float32, as_numbers, shown
 from galton.envs.host.base import Space
 from galton.errors import BrokenEnvironmentError, UsageError, require
 
+IMAGE_REMEDY = (
+    "an image is flattened, and its numbers from 0 to 255 saturate tanh units; Galton has no convolutions: wrap the "
+    "environment so that it observes features of the image, or train with normalize_observation=True"
+)
+"""What to do about an observation that is an image."""
+
 
 @dataclasses.dataclass(frozen=True)
 class Observations:
@@ -124,6 +130,15 @@ def _lengths(observation: Any, space: Space) -> set[int]:
     if isinstance(space, Tuple):
         return set().union(*(_lengths(observation[i], part) for i, part in enumerate(space.spaces)))
     return {len(observation)}
+
+
+def has_image(space: object) -> bool:
+    """Whether a space is or holds a Box of bytes in three dimensions, as images are."""
+    if isinstance(space, Dict):
+        return any(map(has_image, space.spaces.values()))
+    if isinstance(space, Tuple):
+        return any(map(has_image, space.spaces))
+    return isinstance(space, Box) and space.dtype == np.uint8 and len(space.shape) == 3
 
 
 def _has_fixed_size(space: object) -> bool:

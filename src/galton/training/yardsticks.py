@@ -1,0 +1,93 @@
+"""What a policy has to be better than: doing nothing and acting at random, neither of which needs any learning."""
+
+import math
+from collections.abc import Callable, Mapping
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from galton.envs.base import Environment
+from galton.envs.host.base import HostEnvironments, HostTask
+from galton.envs.on_host import RecordEnvironments
+from galton.training.evaluate import Kept, copies, play
+
+N_EPISODES = 3
+"""How many episodes of each are played."""
+SEED = 0
+"""Of the episodes and of the random actions: they are the same in every run."""
+
+Act = Callable[[Float[np.ndarray, "n o"]], Float[np.ndarray, "n d"]]
+"""Actions for observations."""
+Bound = Float[np.ndarray, " d"] | tuple[float, ...]
+"""The lower or the upper bounds of an action box."""
+
+
+class Yardsticks(NamedTuple):
+    """Mean undiscounted returns of N_EPISODES whole episodes."""
+
+    doing_nothing: float
+    """Of the action 0; in a dimension whose bounds leave 0 out, of the middle between them."""
+    random_actions: float
+    """Of actions that are uniform in the box."""
+
+    def log(self) -> dict[str, float]:
+        """Both numbers under the names that a log has for them."""
+        return {f"eval/{name}": value for name, value in self._asdict().items()}
+
+    def __str__(self) -> str:
+        return f"doing nothing returns {self.doing_nothing:,.2f}, random actions {self.random_actions:,.2f}"
+
+    def not_reached_by(self, mean: float) -> str:
+        """What to say of a policy with this mean return if it is below one of the two; empty if it isn't."""
+        above = [(value, name.replace("_", " ")) for name, value in self._asdict().items() if mean < value]
+        told = " and ".join(f"{name} ({value:,.2f})" for value, name in above)
+        return f"the policy's return of {mean:,.2f} is below that of {told}" if told else ""
+
+
+def logged(log: Mapping[str, float]) -> Yardsticks | None:
+    """The yardsticks that a log holds; None if it holds none."""
+    found = [log.get(name, math.nan) for name in Yardsticks(0.0, 0.0).log()]
+    return None if any(map(math.isnan, found)) else Yardsticks(*found)
+
+
+def nothing(low: Bound, high: Bound) -> Act:
+    """Acts by 0, and by the middle of a dimension whose bounds leave 0 out."""
+    low, high = np.asarray(low, np.float32), np.asarray(high, np.float32)
+    action = np.where((low <= 0) & (high >= 0), np.float32(0), low + (high - low) / 2)
+    return lambda observation: np.tile(action, (len(observation), 1))
+
+
+def at_random(low: Bound, high: Bound) -> Act:
+    """Acts by what is uniform in the box: the same actions again for whoever asks anew."""
+    rng = np.random.default_rng(SEED)
+    return lambda observation: rng.uniform(low, high, (len(observation), len(low))).astype(np.float32)
+
+
+def yardsticks(name: str, envs: HostEnvironments, n_copies: int, low: Bound, high: Bound) -> Yardsticks:
+    """Play both on these copies, from the same first states.
+
+    Raises:
+        BrokenEnvironmentError: an environment broke, or an episode does not end.
+    """
+    seeds = np.random.SeedSequence(SEED).generate_state(n_copies)
+    means = [play(name, envs, seeds, act(low, high), N_EPISODES).mean() for act in (nothing, at_random)]
+    return Yardsticks(*map(float, means))
+
+
+def yardsticks_on(task: Environment | HostTask, low: Bound, high: Bound) -> Yardsticks:
+    """Play both on copies of an environment, or on those given.
+
+    Raises:
+        UsageError: an environment that is being trained on and can't be copied.
+        BrokenEnvironmentError: as `yardsticks`.
+    """
+    if isinstance(task, Environment):
+        return yardsticks(type(task).__name__, RecordEnvironments(task), N_EPISODES, low, high)
+    n_copies = task.given or N_EPISODES
+    envs = copies(task, n_copies)
+    try:
+        return yardsticks(task.name, envs, n_copies, low, high)
+    finally:
+        if not isinstance(task, Kept):
+            envs.close()

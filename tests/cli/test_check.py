@@ -1,0 +1,26 @@
+"""`galton check`: findings and the exit code."""
+
+import pytest
+
+import galton
+from galton.cli import check
+from galton.training.check import Check, Finding
+
+
+@pytest.mark.parametrize(("ok", "code"), [(True, 0), (False, 1)])
+def test_each_finding_has_a_line_and_the_exit_code_says_whether_it_can_be_used(ok, code, monkeypatch, capsys):
+    asked = []
+    findings = Finding("arrays", "one", "copy it"), Finding("steps", "[raised]", "mend it", ok)
+    monkeypatch.setattr(check, "check_env", lambda *given: asked.append(given) or Check(findings))
+    with pytest.raises(SystemExit) as left:
+        check.main(["Own-v0", "--env-kwargs", '{"a": [1, 2]}'])
+    assert left.value.code == code
+    assert asked == [("Own-v0", {"a": (1, 2)})]
+    lines = [" ".join(line.split()) for line in capsys.readouterr().out.splitlines() if line.strip()]
+    words = "it can be trained on" if ok else "it can't be trained on as it is"
+    assert lines == ["arrays note one", "-> copy it", f"steps {'note' if ok else 'stop'} [raised]", "-> mend it", words]
+
+
+def test_constants_that_are_no_json_are_an_error_of_the_command():
+    with pytest.raises(galton.UsageError, match=r"env_kwargs is '\{', which is not JSON"):
+        check.main(["lqr", "--env-kwargs", "{"])

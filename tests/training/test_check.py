@@ -1,0 +1,165 @@
+"""What `check_env` says of environments, good and bad."""
+
+import re
+
+import numpy as np
+import pytest
+from gymnasium.spaces import Box
+from gymnasium.vector import AutoresetMode, SyncVectorEnv
+from gymnasium.wrappers import NormalizeObservation, TimeLimit
+
+import galton
+from galton.training import check
+from galton.training.probe import Spread
+
+from ..envs.host.walks import Stateful, Walk, Walks, fail, reward
+
+
+@pytest.fixture(autouse=True)
+def short(monkeypatch):
+    monkeypatch.setattr(check, "SECONDS", 0.3)
+
+
+class Endless(Walk):
+    def ends(self):
+        return False
+
+
+class Aliasing(Walk):
+    def observe(self):
+        self.array = getattr(self, "array", np.zeros(2, np.float32))
+        self.array[:] = super().observe()
+        return self.array
+
+
+class Far(Walk):
+    def observe(self):
+        return super().observe() * 1e6
+
+
+class Deaf(Walk):
+    def step(self, action):
+        return super().step(np.zeros(1))
+
+
+class Unseeded(Walk):
+    starts = iter(range(1000))
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        self.position = float(next(self.starts))
+        return self.observe(), {}
+
+
+class Seeing(Walk):
+    observation_space = Box(0, 255, (4, 4, 3), np.uint8)
+
+    def observe(self):
+        return np.full((4, 4, 3), self.t, np.uint8)
+
+
+class Nothing(Walk):
+    def step(self, action):
+        observation, _, *ends = super().step(action)
+        return observation, 0.0, *ends
+
+
+class Cut(Walk):
+    def ends(self):
+        return self.t == 5
+
+
+def found(env, **kwargs):
+    return {finding.name: finding for finding in galton.check_env(env, **kwargs).findings}
+
+
+GOOD = [lambda: Stateful(), "lqr", "bandit", "Pendulum-v1"]
+NOTES = {
+    "no end": (Endless, "time limit", "none was found", "TimeLimit"),
+    "aliasing": (Aliasing, "arrays", "writes into the array", "return a copy"),
+    "far from 0": (Far, "scale of observations", "e.06", "normalize_observation=True"),
+    "deaf": (Deaf, "effect of actions", "change neither observations nor rewards", "uses its action"),
+    "unseeded": (Unseeded, "seeds", "another first observation", "self.np_random"),
+    "image": (Seeing, "observations", r"\(4, 4, 3\), seen as a vector of 48 numbers", "Galton has no convolutions"),
+    "no reward": (Nothing, "rewards", "0 in each of", "nothing to learn from"),
+    "a time limit as an end": (Cut, "ends of episodes", "0 truncated, after 5 steps", "return it as truncated"),
+    "statistics": (lambda: NormalizeObservation(Walk()), "statistics", "NormalizeObservation", "normalize_observation"),
+    "no state": (Walk, "resume", "begins new episodes", "get_state and set_state"),
+}
+BROKEN = {
+    "NaN": (Walks(reward(np.nan), 0, 2), "steps", "copy 0, step 2: the reward is nan"),
+    "raising": (Walks(fail, 0, 4), "steps", "ZeroDivisionError: the robot fell over"),
+    "not made": (lambda: 1 / 0, "environment", "division by zero"),
+    "discrete": ("CartPole-v1", "environment", r"CartPole-v1 has actions Discrete\(2\)"),
+    "unknown": ("Pendulm-v1", "environment", "Pendulm-v1"),
+    "nothing": (None, "environment", "env is None"),
+}
+
+
+@pytest.mark.parametrize("env", GOOD)
+def test_what_can_be_trained_on_is_ok_and_its_returns_are_told(env):
+    each = found(env)
+    assert all(finding.ok for finding in each.values())
+    assert {"actions", "observations", "time limit", "resume", "speed"} <= set(each)
+    for name in ("doing nothing", "random actions"):
+        assert "episode" in each[name].value
+    assert not each["seeds"].remedy
+    assert not each["effect of actions"].remedy
+
+
+@pytest.mark.parametrize(("env", "name", "value", "remedy"), NOTES.values(), ids=NOTES)
+def test_what_is_amiss_is_told_with_its_remedy(env, name, value, remedy):
+    finding = found(env)[name]
+    assert finding.ok
+    assert re.search(value, finding.value)
+    assert remedy in finding.remedy
+
+
+@pytest.mark.parametrize(("env", "name", "value"), BROKEN.values(), ids=BROKEN)
+def test_what_breaks_is_a_finding_and_no_error(env, name, value):
+    result = galton.check_env(env)
+    assert not result.ok
+    assert [finding.name for finding in result.findings if not finding.ok] == [name]
+    assert re.search(value, result.findings[-1].value)
+    assert result.findings[-1].remedy
+
+
+def test_numbers_are_those_that_the_environment_gives():
+    each = found("lqr", env_kwargs={"max_episode_steps": 7})
+    assert each["actions"].value.startswith("2 in [-1, 1]")
+    assert each["time limit"].value == "7 steps"
+    assert each["ends of episodes"].value == "0 terminated and 20 truncated, after 7 steps"
+    assert found(lambda: TimeLimit(Endless(), 7))["time limit"].value == "7 steps"
+    assert found(Walk)["random actions"].value.endswith("(deviation of 10 episodes)")
+
+
+def test_an_environment_that_is_there_and_a_vector_of_them_can_be_checked():
+    assert found(Stateful())["resume"].value.startswith("exact")
+    vector = SyncVectorEnv([Walk] * 2, autoreset_mode=AutoresetMode.SAME_STEP)
+    each = found(vector)
+    assert "2 copies" in each["environment"].value
+    assert "2 copies together" in each["speed"].value
+    assert not galton.check_env(SyncVectorEnv([Walk] * 2)).ok
+
+
+def test_statistics_of_an_environment_that_is_there_stay_as_they_are():
+    env = NormalizeObservation(Walk())
+    galton.check_env(env)
+    assert env.obs_rms.count == pytest.approx(1e-4)
+
+
+def test_a_spread_is_numpys():
+    rows = np.random.default_rng(0).normal(1e6, 1, (50, 3)) * [1, 1, 0]
+    spread = Spread()
+    for part in np.array_split(rows, 7):
+        spread.add(part)
+    np.testing.assert_allclose(spread.mean, rows.mean(0), rtol=1e-12)
+    np.testing.assert_allclose(spread.deviation, rows.std(0), rtol=1e-6)
+    np.testing.assert_array_equal((spread.low, spread.high), (rows.min(0), rows.max(0)))
+
+
+def test_a_check_is_shown_with_a_line_for_each_finding_and_for_its_remedy():
+    shown = check.Check((check.Finding("a", "1"), check.Finding("b", "2", "c"), check.Finding("d", "3", "e", ok=False)))
+    assert [" ".join(line.split()) for line in repr(shown).splitlines()] == [
+        *("a 1", "b note: 2", "-> c", "d stop: 3", "-> e")
+    ]
