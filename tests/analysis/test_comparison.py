@@ -121,3 +121,12 @@ def test_the_same_figure_gives_the_same_files(results, tmp_path):
         first, second = ((tmp_path / name).with_suffix(suffix).read_bytes() for name in ("a", "b"))
         assert first == second
         assert len(first) > 5_000
+
+
+def test_a_preset_is_told_with_its_loss_and_is_the_baseline_where_that_is_the_gaussians(tmp_path):
+    names = ["hl-gauss-centred, preset best", "gaussian, preset gaussian"]
+    of_presets = {name: result(name.partition(",")[0], [-9.0, -8.0, -7.5, -7.0]) for name in names}
+    line, _ = verdicts(of_presets)
+    assert line.startswith("Centred HL-Gauss (ours), preset best − Gaussian, preset gaussian, training return: +0.00")
+    lines = learning_curves(of_presets, LQR(), "LQR").axes[0].lines
+    assert {"Centred HL-Gauss (ours), preset best", "Gaussian, preset gaussian"} < {line.get_label() for line in lines}

@@ -16,7 +16,18 @@ from galton.records import plain
 from galton.training.train import Result
 
 Results = Mapping[str, Result]
-"""The trained runs of each loss, by its name."""
+"""The trained runs of each loss, as `named` calls it."""
+
+
+def named(loss: str, preset: str = "") -> str:
+    """What a loss is called in a comparison, with the preset that its settings are of."""
+    return f"{loss}, preset {preset}" if preset else loss
+
+
+def label_of(name: str) -> str:
+    """What tables and figures call it; KeyError for none of LOSSES."""
+    loss, comma, preset = name.partition(",")
+    return LOSSES[loss].label + comma + preset
 
 
 @dataclasses.dataclass(frozen=True)
@@ -24,6 +35,7 @@ class Row:
     """What the table of a comparison says of one loss."""
 
     loss: str
+    """As `named` calls it."""
     training_return: Interval
     """Mean return over the last 5% of training, with its interval over runs."""
     evaluation_return: Interval
@@ -81,17 +93,20 @@ def summarise(results: Results, env: Environment | None, at_rest: float | None =
 def verdicts(results: Results, baseline: str = "gaussian") -> list[str]:
     """What the final returns say of each loss against the baseline: a sentence each, none if it was not trained.
 
+    The baseline is the first of that loss.
+
     Runs of one seed are pairs, a diverged run counts as the worst of all, and the p values of the rank tests are
     adjusted for all sentences by Holm's method.
     """
     found: dict[str, Comparison] = {}
+    baseline = next((name for name in results if name.partition(",")[0] == baseline), baseline)
     for metric, name in (("training_return", "training"), ("evaluation_return", "evaluation")):
         finals = {loss: result.final(metric) for loss, result in results.items()}
         known = np.concatenate([of[~np.isnan(of)] for of in finals.values()])
         for loss, of in finals.items():
             if loss != baseline and baseline in finals and known.size:
                 ours, theirs = (np.where(np.isnan(runs), known.min(), runs) for runs in (of, finals[baseline]))
-                sentence = f"{LOSSES[loss].label} − {LOSSES[baseline].label}, {name} return"
+                sentence = f"{label_of(loss)} − {label_of(baseline)}, {name} return"
                 found[sentence] = compare(ours, theirs, paired=True)
     adjusted = holm([comparison.p for comparison in found.values()])
     return [
@@ -122,7 +137,8 @@ def learning_curves(results: Results, env: Environment | None, title: str) -> Fi
         for loss, result in results.items():
             curves = getattr(result.log, metric).astype(np.float64)
             interval = mean_interval(fill_until(curves, result.steps, result.diverged_at))
-            draw_series(axes, result.steps, interval, *look_of(loss))
+            _, color, dashes = look_of(result.config.loss)
+            draw_series(axes, result.steps, interval, label_of(loss), color, dashes if loss in LOSSES else "-")
             means.append(interval.mean)
         axes.set_title(heading, fontsize=10)
         over_steps(axes, float(max(result.steps[-1] for result in results.values())))

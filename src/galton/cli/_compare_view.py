@@ -3,9 +3,8 @@
 from rich import box
 from rich.table import Table
 
-from galton.analysis.comparison import Row, rest_of
+from galton.analysis.comparison import Row, label_of, rest_of
 from galton.envs.base import Environment
-from galton.losses import LOSSES
 
 
 def table(rows: list[Row], env: Environment | None, at_rest: float | None = None) -> Table:
@@ -23,7 +22,7 @@ def table(rows: list[Row], env: Environment | None, at_rest: float | None = None
     for row in rows:
         share = f"{row.rest_to_optimum:.1%}".replace("-", "−") if row.rest_to_optimum is not None else "—"
         view.add_row(
-            LOSSES[row.loss].label,
+            label_of(row.loss),
             f"{row.training_return:.2f}",
             f"{row.evaluation_return:.2f}",
             *[share] * shares,

@@ -15,7 +15,7 @@ from galton.cli._registry import REGISTRY
 from galton.cli._words import Without
 from galton.errors import UsageError
 from galton.policies import POLICIES
-from galton.presets import PAPER, find_preset
+from galton.presets import PAPER, Preset, find_preset
 from galton.types import Config, Hypers
 
 OptionsT = TypeVar("OptionsT")
@@ -47,11 +47,15 @@ _POLICIES = tyro.conf.arg(metavar="{" + ",".join(["auto", *POLICIES]) + "}")
 
 
 def parse(
-    options: type[OptionsT], name: str, arguments: Sequence[str], prepare: Callable[[OptionsT], None] = lambda _: None
+    options: type[OptionsT],
+    name: str,
+    arguments: Sequence[str],
+    prepare: Callable[[OptionsT], None] = lambda _: None,
+    preset: Preset | None = None,
 ) -> OptionsT:
     """Parse twice: the first time for the task, the algorithm and the preset, whose settings are the second's defaults.
 
-    Between the two, `prepare` may register the task.
+    Between the two, `prepare` may register the task. A preset that is given here is taken whatever was typed.
     """
 
     def usual(training: Training, asked: Sequence[str], **others: str) -> OptionsT:
@@ -64,7 +68,7 @@ def parse(
         first = usual(Training(), arguments)  # help is printed even so
     prepare(first)
     env, algorithm, loss = first.env, first.algorithm, getattr(first, "loss", None)  # type: ignore[attr-defined]
-    preset = find_preset(getattr(first, "preset", PAPER) or None, loss or None, algorithm)
+    preset = preset or find_preset(getattr(first, "preset", PAPER) or None, loss or None, algorithm)
     others = {} if loss is None else {"loss": preset.loss, "preset": preset.name}
     n_envs = first.training.config.n_envs  # type: ignore[attr-defined]
     training = Training.of_task(env, algorithm, preset, None if n_envs == _UNTOLD else n_envs)

@@ -2,24 +2,25 @@
 
 import dataclasses
 import json
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
-from galton.analysis.comparison import Row, curves, learning_curves, summarise, verdicts
+from galton.analysis.comparison import Row, curves, label_of, learning_curves, named, summarise, verdicts
 from galton.analysis.plots import save
 from galton.cli._compare_view import table
 from galton.cli._console import plain_console
-from galton.cli._options import AlgorithmName, EnvName, LossNames, command_line, folder_name
+from galton.cli._options import AlgorithmName, EnvName, LossNames, Training, command_line, folder_name
 from galton.cli._parsing import TrainingOptions, parse
 from galton.cli._progress import live_progress
 from galton.devices import use_all_cores
 from galton.envs.base import Environment
 from galton.envs.registry import read_constants
-from galton.errors import require, require_integer
-from galton.losses import LOSSES, find_loss
+from galton.errors import require, require_integer, require_word
+from galton.losses import LOSSES
+from galton.presets import PRESETS, find_preset
 from galton.saving import files
 from galton.saving.result_folder import CURVES, FIGURE, SUMMARY, result_folder, told, write_settings
-from galton.sweep.grid import expand
+from galton.sweep.grid import bases
 from galton.sweep.study import Setting
 from galton.tasks import task_of
 from galton.training.population import resolved
@@ -52,21 +53,21 @@ class Options:
 def main(arguments: Sequence[str]) -> None:
     """Train all losses, print the table and write figure, curves and settings."""
     options = parse(Options, "compare", arguments)
-    labels = {loss: find_loss(loss).label for loss in options.losses}
     require(
-        len(labels) == len(options.losses) > 0,
+        len({*options.losses}) == len(options.losses) > 0,
         f"losses is {options.losses}; name each loss once, and at least one",
     )
     require_integer("seeds", options.seeds, 1)
+    compared = dict(_compared(options, arguments))
     training, seeds = options.training, range(options.seeds)
     use_all_cores()  # before the environment's module computes something
     env = training.find(options.env)
     known = env if isinstance(env, Environment) else None
     out = options.out or Path("runs", f"compare-{folder_name(options.env, options.algorithm)}")
-    check_size(env, training.config, len(seeds), training.eval_episodes)
     training.check(seeds)
-    settings = expand([{"loss": options.losses}], Setting(training.config, training.hypers).record())
-    for setting in settings:  # before the first is trained
+    settings = _settings(compared)
+    for setting in settings.values():  # before the first is trained
+        check_size(env, setting.config, len(seeds), training.eval_episodes)
         resolved(env, *setting)
     console = plain_console()
     results: dict[str, Result] = {}
@@ -74,11 +75,12 @@ def main(arguments: Sequence[str]) -> None:
     try:
         with result_folder(out, options.overwrite) as folder:
             with live_progress(console) as follow:
-                for (loss, label), setting in zip(labels.items(), settings, strict=True):
-                    results[loss] = training.run(env, *setting, seeds, follow(label, training.steps, len(seeds)))
+                for name, setting in settings.items():
+                    show = follow(name if name not in LOSSES else label_of(name), training.steps, len(seeds))
+                    results[name] = training.run(env, *setting, seeds, show)
             rows = summarise(results, known, options.at_rest)
             with told(out):
-                _keep(folder, options, results, rows, known)
+                _keep(folder, options, settings, results, rows, known)
     finally:
         if rows:  # a disk that is full takes the files, but not the numbers
             console.print(table(rows, known, options.at_rest))
@@ -86,14 +88,45 @@ def main(arguments: Sequence[str]) -> None:
     print(f"figure and numbers: {out}")
 
 
+def _compared(options: Options, arguments: Sequence[str]) -> Iterator[tuple[str, tuple[str, Training]]]:
+    """Each of the words under its full name, with its loss and what that is trained with.
+
+    A preset brings its settings, and what was typed goes before them. A word that is both a loss and a preset is the
+    latter where another one is a preset alone, if there is one for this algorithm: then both sides are tuned.
+    """
+    tuned = any(word in PRESETS and word not in LOSSES for word in options.losses)
+    for word in options.losses:
+        require_word("losses", word, [*LOSSES, *(preset for preset in PRESETS if preset not in LOSSES)])
+        if word not in LOSSES or (tuned and options.algorithm in PRESETS.get(word, {})):
+            preset = find_preset(word, None, options.algorithm)
+            own = parse(Options, "compare", arguments, preset=preset).training
+            yield named(preset.loss, word), (preset.loss, own)
+        else:
+            yield named(word), (word, options.training)
+
+
+def _settings(compared: Mapping[str, tuple[str, Training]]) -> dict[str, Setting]:
+    """The setting of each, without what its loss has no use for and another's has."""
+    points = [{"loss": loss} for loss, _ in compared.values()]
+    given = [Setting(training.config, training.hypers).record() for _, training in compared.values()]
+    of_points = zip(bases(points, given), points, strict=True)
+    return {name: Setting.of_record(base | point) for name, (base, point) in zip(compared, of_points, strict=True)}
+
+
 def _keep(
-    folder: Path, options: Options, results: dict[str, Result], rows: list[Row], known: Environment | None
+    folder: Path,
+    options: Options,
+    settings: Mapping[str, Setting],
+    results: Mapping[str, Result],
+    rows: list[Row],
+    known: Environment | None,
 ) -> None:
     """Write settings, summary, curves and figure into a folder."""
     import pyarrow.parquet as pq  # galton.analysis says how to install it
 
     given = {"env": options.env, "losses": options.losses, "seeds": options.seeds}
-    write_settings(folder, given | options.training.record() | {"command": command_line()})
+    own = {"settings": {name: setting.record() for name, setting in settings.items()}, "command": command_line()}
+    write_settings(folder, given | options.training.record() | own)
     files.write(folder / SUMMARY, (json.dumps([row.record() for row in rows], indent=2) + "\n").encode())
     with files.replacing(folder / CURVES) as scratch:
         pq.write_table(curves(results), scratch)

@@ -39,20 +39,20 @@ def expand(blocks: Iterable[Mapping[str, object]], base: Mapping[str, object]) -
             n <= MOST_SETTINGS, f"{', '.join(axes)} have {n:,} combinations; give lists with {MOST_SETTINGS:,} at most"
         )
         points += [dict(zip(axes, point, strict=True)) for point in itertools.product(*axes.values())]
-    of_points = zip(bases(points, base), points, strict=True)
+    of_points = zip(bases(points, [base] * len(points)), points, strict=True)
     return tuple(dict.fromkeys(Setting.of_record(shared | point) for shared, point in of_points))
 
 
-def bases(points: Sequence[Mapping[str, object]], base: Mapping[str, object]) -> Iterator[Fields]:
-    """The base of each point: without what its loss and policy have no use for, where those of another point have one.
+def bases(points: Sequence[Mapping[str, object]], given: Sequence[Mapping[str, object]]) -> Iterator[Fields]:
+    """The base given for each point, without what its loss and policy have no use for where those of another have one.
 
     What none of them has a use for stays, to be refused by name.
     """
-    whole = [{**base, **point} for point in points]
+    whole = [{**base, **point} for base, point in zip(given, points, strict=True)]
     choices = [make_config({name: fields[name] for name in ("loss", "policy") if name in fields}) for fields in whole]
     unused = {choice: {*idle(choice)} for choice in dict.fromkeys(choices)}
     nobodys = set.intersection(*unused.values()) if unused else set()
-    for choice in choices:
+    for base, choice in zip(given, choices, strict=True):
         own = unused[choice] - nobodys
         yield {name: value for name, value in base.items() if name not in own or may_idle(name, value)}
 

@@ -41,7 +41,7 @@ def search(
     require_integer("batch", batch, 1)
     optuna.logging.set_verbosity(optuna.logging.WARNING)
     searches = {loss: _begin(seed, loss) for loss in LOSSES}
-    shared = dict(zip(LOSSES, bases([{"loss": loss} for loss in LOSSES], base), strict=True))
+    shared = dict(zip(LOSSES, bases([{"loss": loss} for loss in LOSSES], [base] * len(LOSSES)), strict=True))
     settings: dict[Setting, None] = {}
     for start in range(0, n, batch):
         asked: list[tuple[str, optuna.Trial, Setting]] = []
