@@ -5,6 +5,7 @@ begins with RUN are single runs, which print leaves out.
 """
 
 import io
+import itertools
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -148,6 +149,15 @@ def draw_level(axes: Axes, value: float, name: str, linestyle: LineStyle) -> Non
 def color(i: int) -> str:
     """The colour of the i-th of several series that have no colour of their own; they repeat."""
     return _COLORS[i % len(_COLORS)]
+
+
+def colors_of(losses: Sequence[str]) -> list[str]:
+    """A colour for each series by its loss, the same in all figures; others of a loss have what no loss there has."""
+    known = [*LOSSES]
+    own = [_COLORS[known.index(loss) % len(_COLORS)] for loss in losses]
+    left = [shade for shade in (*_COLORS[len(known) :], *_COLORS[: len(known)]) if shade not in own] or [*_COLORS]
+    others = itertools.cycle(left)
+    return [shade if shade not in own[:i] else next(others) for i, shade in enumerate(own)]
 
 
 def look_of(loss: str) -> tuple[str, str, str]:

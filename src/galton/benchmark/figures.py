@@ -6,13 +6,14 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from galton.analysis.plots import color, draw_marks, draw_series, finish, label_rows, over_steps, panels
+from galton.analysis.plots import colors_of, draw_marks, draw_series, finish, label_rows, over_steps, panels
 from galton.analysis.scales import fit_curves
 from galton.analysis.statistics import Interval, mean_interval
 from galton.benchmark import tables
 from galton.benchmark.found import Found
 from galton.benchmark.protocol import Method
 from galton.benchmark.stages import Role, Stage
+from galton.sweep.study import DEFAULTS
 
 _SERIES: dict[tuple[Stage, Role], tuple[str, str, str]] = {
     ("fresh", "shared"): ("tuning tasks, one setting for all", "o", "#0072B2"),
@@ -53,9 +54,9 @@ def best_of(found: Found) -> Figure:
     kinds = kinds if found.protocol.budget.settings > 1 else {}
     figure, axes = panels(len(kinds), height=3.1, width=3.9)
     for panel, (kind, title) in zip(axes, kinds.items(), strict=True):
-        for i, method in enumerate(leading(found)):
+        for method, shade in zip(leading(found), _colors(found), strict=True):
             got = getattr(found.best_of[method.name], kind)
-            draw_series(panel, np.arange(1, len(got) + 1), Interval(got, got, got), method.label, color(i), "-", "o")
+            draw_series(panel, np.arange(1, len(got) + 1), Interval(got, got, got), method.label, shade, "-", "o")
         panel.set_title(title, fontsize=10)
         panel.set_xlabel("draws")
         panel.xaxis.set_major_locator(MaxNLocator(integer=True))
@@ -70,11 +71,11 @@ def curves(found: Found) -> Figure:
     figure, axes = panels(len(stages), columns=3)
     for panel, runs in zip(axes, stages, strict=True):
         drawn, last = [], 0.0
-        for i, method in enumerate(leading(found)):
+        for method, shade in zip(leading(found), _colors(found), strict=True):
             steps, of_runs = runs.curves(method.name, "shared")
             last = max(last, float(steps[-1]))
             drawn.append(mean_interval(of_runs))
-            draw_series(panel, steps, drawn[-1], method.label, color(i), "-", single_runs=of_runs)
+            draw_series(panel, steps, drawn[-1], method.label, shade, "-", single_runs=of_runs)
         fit_curves(panel, drawn)
         held_out = " (held out)" if runs.stage == "held-out" else ""
         panel.set_title(f"{runs.part.task.label}{held_out}", fontsize=10)
@@ -82,6 +83,11 @@ def curves(found: Found) -> Figure:
     label_rows(axes, tables.metric(found))
     finish(figure, axes)
     return figure
+
+
+def _colors(found: Found) -> list[str]:
+    """The colours of the leading methods."""
+    return colors_of([str(method.fixed.get("loss", DEFAULTS["loss"])) for method in leading(found)])
 
 
 def leading(found: Found) -> list[Method]:
