@@ -231,8 +231,10 @@ def test_a_summary_is_enough(tmp_path):
         raise AssertionError("trained")
 
     reproduce.train([AGAIN["bandit"]], "smoke", str(tmp_path), fail)
+    told: list[str] = []
     with pytest.raises(AssertionError, match="trained"):
-        reproduce.train([MAIN["lqr"]], "smoke", str(tmp_path), fail)
+        reproduce.train([AGAIN["bandit"], MAIN["lqr"]], "smoke", str(tmp_path), fail, told.append)
+    assert told == ["3 of 3: lqr"]
 
 
 MINE = """

@@ -1,6 +1,6 @@
 """What figures need, trained: each sweep in a folder of its own, then as a summary of a megabyte or less."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, get_args
 
 import pyarrow as pa
@@ -96,7 +96,13 @@ def measure(figures: Mapping[str, FigureStudy], budget: Budget, out: str) -> Non
             Store(f"{out}/{DATA}").write(f"{name}.parquet", to_bytes(with_record(figure.measure(budget), record)))
 
 
-def train(sweeps: Iterable[Sweep], budget: Budget, out: str, carry_out: CarryOut) -> None:
+def train(
+    sweeps: Iterable[Sweep],
+    budget: Budget,
+    out: str,
+    carry_out: CarryOut,
+    tell: Callable[[str], None] = lambda _: None,
+) -> None:
     """Train the sweeps that are not done yet, and write a summary of each.
 
     Args:
@@ -105,12 +111,14 @@ def train(sweeps: Iterable[Sweep], budget: Budget, out: str, carry_out: CarryOut
         out: summaries go to its folder `data`, the runs to `sweeps`; a run needs no second training, and with its
             summary there a sweep needs no runs.
         carry_out: trains what a plan lacks.
+        tell: is told before each sweep that is trained which of how many it is, and its name.
 
     Raises:
         UsageError: the folder holds a sweep that is not the one asked for, or is in use, or full.
     """
     done = dict(load(out).sweeps)
-    for sweep in needed(sweeps):
+    wanted = list(needed(sweeps))
+    for i, sweep in enumerate(wanted, 1):
         name, study = sweep.name, sweep.study(budget, done)
         if name in done:
             there = done[name].study
@@ -123,6 +131,7 @@ def train(sweeps: Iterable[Sweep], budget: Budget, out: str, carry_out: CarryOut
         store = Store(f"{out}/sweeps/{name}")
         with store.lock():
             plan = engine.prepare(store, study, 2 if budget == "smoke" else None, extend=False)  # few programs
+            tell(f"{i} of {len(wanted)}: {name}")
             carry_out(store, plan)
             table: pa.Table = results.collect(store, plan)
             done[name] = Summary.of_results(study, table, {"budget": budget} | provenance(store, plan))
