@@ -52,10 +52,12 @@ def parse(
     arguments: Sequence[str],
     prepare: Callable[[OptionsT], None] = lambda _: None,
     preset: Preset | None = None,
+    eval_episodes: int = 0,
 ) -> OptionsT:
     """Parse twice: the first time for the task, the algorithm and the preset, whose settings are the second's defaults.
 
-    Between the two, `prepare` may register the task. A preset that is given here is taken whatever was typed.
+    Between the two, `prepare` may register the task. A preset that is given here is taken whatever was typed, and
+    an evaluation has at least so many episodes, unless it is typed how many.
     """
 
     def usual(training: Training, asked: Sequence[str], **others: str) -> OptionsT:
@@ -72,7 +74,8 @@ def parse(
     others = {} if loss is None else {"loss": preset.loss, "preset": preset.name}
     n_envs = first.training.config.n_envs  # type: ignore[attr-defined]
     training = Training.of_task(env, algorithm, preset, None if n_envs == _UNTOLD else n_envs)
-    return usual(training, arguments, **others)
+    least = dataclasses.replace(training, eval_episodes=max(training.eval_episodes, eval_episodes))
+    return usual(least, arguments, **others)
 
 
 @REGISTRY.struct_rule

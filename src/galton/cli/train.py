@@ -86,7 +86,7 @@ class Options:
 
 def main(arguments: Sequence[str]) -> None:
     """Train and write config.json, metrics.jsonl, model.safetensors and best_model.safetensors."""
-    options = parse(Options, "train", arguments)
+    options = parse(Options, "train", arguments, eval_episodes=10)  # they choose the best model
     out, steps, label = options.folder, options.training.steps, find_loss(options.loss).label
     options.training.check([options.seed])
     require(options.save_every >= 1, f"save_every is {options.save_every}; it must be at least 1")
