@@ -24,6 +24,8 @@ COMMANDS = {
     "watch": "film a policy that was trained",
     "export": "write a trained policy as an ONNX file, or its model card",
     "check": "say what Galton makes of an environment, and what to do about it",
+    "evaluate": "play episodes of a trained policy and say what they return",
+    "plot": "draw the learning curves of runs",
     "reproduce": "train and draw the figures of the paper",
     "report": "write the page of what was reproduced",
 }
@@ -88,10 +90,12 @@ def _unread(stdout: Lasting) -> int:
 
 
 def _run(name: str, arguments: list[str]) -> int:
-    if name in ("--help", "-h"):
+    if name == "help" and arguments:
+        name, arguments = arguments[0], ["--help"]
+    if name in ("--help", "-h", "help"):
         print(HELP, end="")
         return 0
-    if name == "--version":
+    if name in ("--version", "-v", "-V", "version"):
         print(__version__)
         return 0
     for number in ASKING:

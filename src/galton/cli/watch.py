@@ -2,7 +2,6 @@
 
 import contextlib
 import dataclasses
-import json
 import os
 import sys
 from collections.abc import Sequence
@@ -14,18 +13,16 @@ import numpy as np
 import tyro
 
 from galton.cli import _film as film
-from galton.cli._modules import search_here
 from galton.cli._reading import read_options
-from galton.cli._runs import model_of
+from galton.cli._runs import environment_of, model_of
 from galton.envs.fitting import check_same_spaces
 from galton.envs.host.answers import FAULTS, blame, one_flag, one_number, parts
 from galton.envs.host.gymnasium import GymnasiumTask
 from galton.envs.host.mujoco_log import mujoco_warns
-from galton.envs.registry import is_known, read_constants
+from galton.envs.registry import is_known
 from galton.errors import UsageError, require, require_integer
 from galton.extras import check_named
 from galton.models import Model
-from galton.saving.result_folder import CONFIG, read_settings
 from galton.training.train import check_seed
 
 
@@ -61,7 +58,7 @@ def main(arguments: Sequence[str]) -> None:
     require(out.suffix in (".mp4", ".gif"), f"out is {out}; its name must end in .mp4 or .gif")
     film.check_libraries(out)
     model = Model.load(file)
-    name, kwargs = _environment(options, file)
+    name, kwargs = environment_of(file, options.env, options.env_kwargs)
     env = _make(name, kwargs)
     try:
         check_same_spaces(GymnasiumTask(env), model.actions, model.observations)
@@ -73,33 +70,6 @@ def main(arguments: Sequence[str]) -> None:
     film.write(out, frames, fps)
     told = ", ".join(f"{value:,.2f}" for value in returns)
     print(f"return {told} in {len(frames)} frames\nvideo: {out}")
-
-
-def _environment(options: Options, file: Path) -> tuple[str, dict[str, object]]:
-    """The id and the keyword arguments: those given, or else those of the run."""
-    beside, known = file.with_name(CONFIG), _settings_beside(file, options)
-    name = known.get("env") if options.env is None else options.env
-    require(name is not None, f"env is not known: there is no {CONFIG} beside {file}; give --env")
-    if not isinstance(name, str):
-        raise UsageError(f"env is {name!r} in {beside}; it must be a name")
-    require(
-        options.env is not None or ":" not in name,
-        f"env is {name} in {beside}, which imports a module; give it with --env if you trust it",
-    )
-    if ":" in name:
-        search_here()
-    given = json.dumps(known.get("env_kwargs", {})) if options.env_kwargs is None else options.env_kwargs
-    return name, read_constants(given)
-
-
-def _settings_beside(file: Path, options: Options) -> dict[str, object]:
-    """The settings of the run, or nothing where all that is wanted of them was given."""
-    if options.env is not None and options.env_kwargs is not None:
-        return {}
-    try:
-        return read_settings(file.parent)
-    except UsageError as error:
-        raise UsageError(f"{error}; give --env and --env-kwargs (as '{{}}' where there are none)") from None
 
 
 def _make(name: str, kwargs: dict[str, Any]) -> film.Env:
