@@ -79,7 +79,7 @@ WRONG = [
     (["benchmark", "none.toml", "--shard-width", "0"], "--shard-width is 0; it must be an integer of at least 1"),
     (["benchmark", "none.toml", "--jobs", "3"], "--jobs is 3; it goes with a cluster"),
     (["benchmark"], "Missing from galton benchmark: FILE.toml The protocol"),
-    (["sweep", "status", "nowhere"], "out is nowhere, which holds no sweep; start one with: galton sweep ENV"),
+    (["sweep", "status", "nowhere"], "DIR is nowhere, which holds no sweep; start one with: galton sweep ENV"),
     (["train", "lqr", "--eta", "0"], "--eta is 0.0; it must be finite, and greater than 0"),
     (["compare", "lqr", "--eta", "-0.5"], "--eta is -0.5; it must be finite, and greater than 0"),
     (["train", "lqr", "--n-bins", "1"], "--n-bins is 1; it must be an integer of at least 2"),
@@ -90,8 +90,8 @@ WRONG = [
     (["compare", "lqr", "--env-kwargs", '{"mass": 1}'], "lqr has no constant 'mass'; it has A, B, Q, R"),
     (
         ["trian"],
-        "command is 'trian'; choose from train, compare, sweep, benchmark, watch, export, check, reproduce, report; "
-        "did you mean train?",
+        "command is 'trian'; choose from train, compare, sweep, benchmark, watch, export, check, evaluate, plot, "
+        "reproduce, report; did you mean train?",
     ),
     (["train", "bandit", "--logs", "0"], "--logs is 0; it must be an integer of at least 1"),
     (["train", "bandit", "--eval-episodes", "-1"], "--eval-episodes is -1; it must be an integer of at least 0"),
@@ -122,7 +122,8 @@ WRONG = [
     (["train", "lqr", "--algorithm", "A2C"], "--algorithm is 'A2C'; choose from a2c, ppo; did you mean a2c?"),
     (["reproduce"], "what to reproduce is not said; choose from figure-1, figure-2"),
     (["reproduce", "--budget", "small"], "what to reproduce is not said"),
-    (["reproduce", "figure3"], "what is 'figure3'; choose from figure-1, figure-2"),
+    (["reproduce", "figure3"], "'figure3' is nothing to reproduce; choose from figure-1, figure-2"),
+    (["train", "Pendulum"], "environment is 'Pendulum', an id without its version; did you mean Pendulum-v1?"),
     (["export", "nowhere"], "path is nowhere, which does not exist"),
     (["export", "."], "run is ., which holds no model.safetensors; name a run folder of `galton train`, or a"),
     (["export", "nowhere", "--format", "torch"], "--format is 'torch'; choose from onnx, card"),
@@ -396,3 +397,18 @@ def test_two_processes_do_not_fill_one_folder(tmp_path):
     assert second.returncode == 2
     assert "which another process is filling" in second.stderr
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["-v"], "0."),
+        (["version"], "0."),
+        (["help"], "usage: galton COMMAND"),
+        (["help", "plot"], "usage: galton plot"),
+    ],
+)
+def test_version_and_help_may_be_asked_for_as_elsewhere(words, said):
+    done = galton(*words)
+    assert done.returncode == 0
+    assert done.stdout.startswith(said)

@@ -35,7 +35,8 @@ class Without:
 def options_of(record: type) -> dict[str, str]:
     """The option that fills each argument: all fields of a record of options and of the records in it, as typed.
 
-    What has a place instead of a name keeps its plain word; so does nothing that an outer record has already named.
+    What has a place instead of a name keeps its plain word, or has that of the help where it is another one (DIR); so
+    does nothing that an outer record has already named.
     """
     from tyro.conf import Positional  # `galton --help` needn't load it
 
@@ -48,10 +49,16 @@ def options_of(record: type) -> dict[str, str]:
             hidden = [field for mark in marks if isinstance(mark, Without) for field in mark.fields]
             inner |= {field: option for field, option in options_of(kind).items() if field not in hidden}
             continue
-        typed = name if any(mark in placed for mark in marks) else "--" + name.replace("_", "-")
+        typed = _placed(name, marks) if any(mark in placed for mark in marks) else "--" + name.replace("_", "-")
         arguments = [argument for mark in marks if isinstance(mark, Fills) for argument in mark.arguments]
         known |= dict.fromkeys([name, *arguments], typed)
     return inner | known
+
+
+def _placed(name: str, marks: Sequence[object]) -> str:
+    """What the help calls an argument that has a place, unless it is its name in capitals or no plain word."""
+    shown = [str(word) for mark in marks if (word := getattr(mark, "metavar", None))]
+    return next((word for word in shown if word.isalpha() and word != name.upper()), name)
 
 
 def resaid(message: str, record: type) -> str:

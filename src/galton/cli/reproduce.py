@@ -12,7 +12,7 @@ from galton.cli._carry import processes
 from galton.cli._modules import import_typed
 from galton.cli._reading import read_options
 from galton.cli.report import write
-from galton.errors import require, unknown
+from galton.errors import UsageError, did_you_mean, require
 from galton.paper import reproduce as paper
 from galton.paper.figure import FigureStudy
 from galton.paper.registry import FIGURES, all_sweeps
@@ -68,7 +68,7 @@ def reproduce(what: Sequence[str], budget: Budget, out: Path, workers: int | Non
         places = [Place(place.cores, (("JAX_DISABLE_MOST_OPTIMIZATIONS", "1"),)) for place in places]
     paper.refuse_other_budgets(sweeps, figures, budget, str(out))
     with processes(places) as carry_out:
-        paper.train(sweeps, budget, str(out), carry_out)
+        paper.train(sweeps, budget, str(out), carry_out, lambda told: print(told, flush=True))
     paper.measure(figures, budget, str(out))
     write(out, paper.load(str(out)))
 
@@ -85,7 +85,9 @@ def asked(what: Sequence[str]) -> tuple[list[Sweep], dict[str, FigureStudy]]:
     named = {word: fnmatch.filter(all_sweeps(), word) for word in what if word not in known}
     for word, found in named.items():
         if not found:
-            raise unknown("what", word, [*known, "the name of a sweep, such as reacher-again or '*reacher*'"])
+            choices = [*known, "the name of a sweep, such as reacher-again or '*reacher*'"]
+            meant = did_you_mean(word, known)
+            raise UsageError(f"{word!r} is nothing to reproduce; choose from {', '.join(choices)}{meant}")
     if "all" not in what:
         figures = {word: FIGURES[word] for word in what if word in FIGURES}
         tasks = [task for word in what for task in GROUPS.get(word, (word,)) if task in TASKS]
