@@ -1,4 +1,8 @@
-"""Running statistics of observations and rewards, with the semantics of Stable-Baselines3's VecNormalize."""
+"""Running statistics of observations and rewards, with the semantics of Stable-Baselines3's VecNormalize.
+
+Observations are counted from an origin, the first that the run sees: beside a large mean float32 has no digits left for
+what moves, and the samples that the statistics begin with would be far from all that are seen.
+"""
 
 from typing import Any, NamedTuple
 
@@ -24,11 +28,13 @@ class Normalizer(NamedTuple):
     """What normalising needs to know; an entry is () where it is off."""
 
     observation: Moments | tuple[()]
-    """Moments of the observations, `[o]`."""
+    """Moments of the observations beyond the origin, `[o]`."""
     discounted_return: Moments | tuple[()]
     """Moments of each copy's discounted return: rewards are divided by its standard deviation."""
     running_return: Any
     """The discounted return of the episode so far, `[N]`."""
+    origin: Float[Array, " o"] | tuple[()] = ()
+    """What is taken away from observations first, `[o]`; 0 in files of before it."""
 
 
 def init(config: Config, observation_size: int) -> Normalizer:
@@ -41,6 +47,7 @@ def init(config: Config, observation_size: int) -> Normalizer:
         moments(observation_size) if config.normalize_observation else (),
         moments() if config.normalize_reward else (),
         jnp.zeros(config.n_envs) if config.normalize_reward else (),
+        jnp.zeros(observation_size) if config.normalize_observation else (),
     )
 
 
@@ -54,11 +61,18 @@ def update_moments(moments: Moments, batch: Float[Array, "N *rest"]) -> Moments:
     return Moments(moments.mean + share * delta, moments.variance + share * (spread - moments.variance), total)
 
 
+def begin(normalizer: Normalizer, observation: Float[Array, "N o"]) -> Normalizer:
+    """Count the first observations of a run of N environments, the first of which becomes the origin."""
+    if not normalizer.observation:
+        return normalizer
+    return observe(normalizer._replace(origin=observation[0]), observation)
+
+
 def observe(normalizer: Normalizer, observation: Float[Array, "N o"]) -> Normalizer:
     """Count the observations of one step of N environments."""
     if not normalizer.observation:
         return normalizer
-    return normalizer._replace(observation=update_moments(normalizer.observation, observation))
+    return normalizer._replace(observation=update_moments(normalizer.observation, observation - normalizer.origin))
 
 
 def observation(normalizer: Normalizer, raw: Float[Array, "*batch o"]) -> Float[Array, "*batch o"]:
@@ -66,7 +80,7 @@ def observation(normalizer: Normalizer, raw: Float[Array, "*batch o"]) -> Float[
     if not normalizer.observation:
         return raw
     mean, variance, _ = normalizer.observation
-    return jnp.clip((raw - mean) / jnp.sqrt(variance + EPSILON), -CLIP, CLIP)
+    return jnp.clip((raw - normalizer.origin - mean) / jnp.sqrt(variance + EPSILON), -CLIP, CLIP)
 
 
 def reward(
@@ -78,7 +92,7 @@ def reward(
     running = normalizer.running_return * hypers.gamma + raw
     moments = update_moments(normalizer.discounted_return, running)
     scaled = jnp.clip(raw / jnp.sqrt(moments.variance + EPSILON), -CLIP, CLIP)
-    return Normalizer(normalizer.observation, moments, jnp.where(done, 0.0, running)), scaled
+    return normalizer._replace(discounted_return=moments, running_return=jnp.where(done, 0.0, running)), scaled
 
 
 def receive(

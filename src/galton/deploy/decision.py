@@ -77,7 +77,7 @@ def _normalised(graph: Graph, rows: str, normalizer: Normalizer) -> str:
     if not normalizer.observation:
         return rows
     mean, variance, _ = normalizer.observation
-    centered = graph.add("Sub", rows, np.asarray(mean))
+    centered = graph.add("Sub", graph.add("Sub", rows, np.asarray(normalizer.origin)), np.asarray(mean))
     scaled = graph.add("Div", centered, np.sqrt(np.asarray(variance) + np.float32(normalization.EPSILON)))
     clip = normalization.CLIP
     return graph.add("Clip", scaled, -clip, clip, name="normalised_observation")

@@ -17,10 +17,10 @@ def remedy(agent: Agent, learner: Learner) -> str:
         agent: of the run.
         learner: of one run, or of several.
     """
-    observation, discounted_return, _ = learner.normalizer
+    normalizer = learner.normalizer
     for moments, what, setting, wrapper in (
-        (observation, "observations", "normalize_observation", "TransformObservation"),
-        (discounted_return, "rewards", "normalize_reward", "TransformReward"),
+        (normalizer.observation, "observations", "normalize_observation", "TransformObservation"),
+        (normalizer.discounted_return, "rewards", "normalize_reward", "TransformReward"),
     ):
         if _overflowed(moments):
             return (
