@@ -78,7 +78,7 @@ def seen_by_a_run(samples):
     """The normaliser after samples `[T, N, o]`, the first of which the run begins with."""
 
     def count(samples):
-        normalizer = normalization.begin(normalization.init(Config(normalize_observation=True), 1), samples[0])
+        normalizer = normalization.begin(normalization.init(Config(normalize_observation=True), samples.shape[-1]), samples[0])
         return jax.lax.scan(lambda n, x: (normalization.observe(n, x), None), normalizer, samples[1:])[0]
 
     return jax.jit(count)(jnp.asarray(samples))
@@ -100,6 +100,16 @@ def test_an_offset_leaves_the_deviation_what_it_is(offset):
     np.testing.assert_allclose(np.sqrt(normalizer.observation.variance), samples.astype(np.float64).std(), rtol=1e-3)
     numbers = np.asarray(standardise(normalizer, samples), np.float64)
     np.testing.assert_allclose([numbers.mean(), numbers.std()], [0, 1], atol=2e-3)
+
+
+def test_an_entry_that_never_moved_is_divided_by_its_size():
+    never, moves = np.float32([0, -0.3, 2e4]), np.random.default_rng(0).normal(size=(5_000, 2, 1)) * 1e-6
+    samples = np.concatenate([np.broadcast_to(never, (5_000, 2, 3)), moves], -1).astype(np.float32)
+    normalizer = seen_by_a_run(samples)
+    expected = [1, 1, 2e4, np.sqrt(normalizer.observation.variance[3] + 1e-8)]
+    np.testing.assert_allclose(normalization.deviation(normalizer), expected, rtol=1e-6)
+    moved = np.float32([0.01, -0.29, 2.02e4, 0])
+    np.testing.assert_allclose(standardise(normalizer, moved)[:3], 0.01, rtol=1e-4)
 
 
 @pytest.mark.parametrize("flags", [(False, False), (True, False), (False, True)])

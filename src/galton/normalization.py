@@ -13,6 +13,10 @@ from galton.types import Config, Hypers
 
 CLIP = 10.0
 EPSILON = 1e-8
+PRIOR = 1e-4
+"""How many samples the mean 0 and the variance 1 count for that statistics begin with."""
+ROUNDING = 1e-7
+"""Of a number in float32."""
 
 
 class Moments(NamedTuple):
@@ -38,10 +42,10 @@ class Normalizer(NamedTuple):
 
 
 def init(config: Config, observation_size: int) -> Normalizer:
-    """Mean 0 and variance 1, counted for 1e-4 samples."""
+    """Mean 0 and variance 1, counted for PRIOR samples."""
 
     def moments(*shape: int) -> Moments:
-        return Moments(jnp.zeros(shape), jnp.ones(shape), jnp.full((), 1e-4))
+        return Moments(jnp.zeros(shape), jnp.ones(shape), jnp.full((), PRIOR))
 
     return Normalizer(
         moments(observation_size) if config.normalize_observation else (),
@@ -79,8 +83,19 @@ def observation(normalizer: Normalizer, raw: Float[Array, "*batch o"]) -> Float[
     """Standardised and clipped to ±10; as it is where normalising is off."""
     if not normalizer.observation:
         return raw
-    mean, variance, _ = normalizer.observation
-    return jnp.clip((raw - normalizer.origin - mean) / jnp.sqrt(variance + EPSILON), -CLIP, CLIP)
+    return jnp.clip((raw - normalizer.origin - normalizer.observation.mean) / deviation(normalizer), -CLIP, CLIP)
+
+
+def deviation(normalizer: Normalizer) -> Float[Array, " o"]:
+    """What observations are divided by: an entry's standard deviation or, while it never moved, its size, at least 1.
+
+    So an entry that was constant in training does not carry a policy away when it first moves in use.
+    """
+    assert normalizer.observation
+    mean, variance, n = normalizer.observation
+    size = jnp.abs(normalizer.origin)
+    never_moved = (jnp.abs(mean) <= ROUNDING * size) & (variance * n <= 2 * PRIOR)  # all that is left is the prior's 1
+    return jnp.where(never_moved, jnp.maximum(size, 1.0), jnp.sqrt(variance + EPSILON))
 
 
 def reward(
