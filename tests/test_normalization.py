@@ -78,7 +78,9 @@ def seen_by_a_run(samples):
     """The normaliser after samples `[T, N, o]`, the first of which the run begins with."""
 
     def count(samples):
-        normalizer = normalization.begin(normalization.init(Config(normalize_observation=True), samples.shape[-1]), samples[0])
+        normalizer = normalization.begin(
+            normalization.init(Config(normalize_observation=True), samples.shape[-1]), samples[0]
+        )
         return jax.lax.scan(lambda n, x: (normalization.observe(n, x), None), normalizer, samples[1:])[0]
 
     return jax.jit(count)(jnp.asarray(samples))

@@ -31,6 +31,10 @@ class SharedEnvironment(UserWarning):
     """Somebody else reset or stepped an environment between two updates, so training begins a new episode there."""
 
 
+class WideGaussian(UserWarning):
+    """A Gaussian's σ has outgrown the action box in training, and most of its actions are clipped."""
+
+
 def require_integer(name: str, value: object, least: int, most: int | None = None) -> None:
     """Raise UsageError unless the value is an integer of at least `least` and, if that is given, at most `most`."""
     fits = (

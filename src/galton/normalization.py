@@ -37,7 +37,7 @@ class Normalizer(NamedTuple):
     """Moments of each copy's discounted return: rewards are divided by its standard deviation."""
     running_return: Any
     """The discounted return of the episode so far, `[N]`."""
-    origin: Float[Array, " o"] | tuple[()] = ()
+    origin: Any = ()
     """What is taken away from observations first, `[o]`; 0 in files of before it."""
 
 

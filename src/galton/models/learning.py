@@ -2,6 +2,7 @@
 
 import contextlib
 import time
+import warnings
 from collections.abc import Callable, Iterator
 from typing import Any, Protocol, runtime_checkable
 
@@ -10,13 +11,13 @@ import numpy as np
 from galton import sb3
 from galton.algorithms import Agent
 from galton.callbacks import Print
-from galton.errors import DivergenceError, require, require_integer
+from galton.errors import DivergenceError, WideGaussian, require, require_integer
 from galton.models.calls import Calls, next_call
 from galton.training.log import Log
 from galton.training.pieces import Pieces
 from galton.training.population import Population
-from galton.training.remedy import remedy
-from galton.types import Config
+from galton.training.remedy import outgrown, remedy
+from galton.types import Config, Hypers, Learner
 
 
 @runtime_checkable
@@ -24,6 +25,12 @@ class Learning(Protocol):
     """What the training loop needs of a model."""
 
     config: Config
+    hypers: Hypers
+    agent: Agent
+
+    @property
+    def learner(self) -> Learner:
+        """What was learnt."""
 
     @property
     def num_timesteps(self) -> int:
@@ -72,7 +79,7 @@ def learn(
     last, log_interval = first + n_updates * size, model.log_interval
     theirs, ours = _sorted_out(model, callback, printed, first, last)
     model.population.decay_over(first if decay_from is None else decay_from, last)
-    pieces = Pieces(model.advance)
+    pieces, told = Pieces(model.advance), False
     with _progress(progress_bar, model.config.loss, last - first) as show:
         theirs.start()
         going, step = True, first
@@ -86,6 +93,10 @@ def learn(
                 is_told = is_log_point or step == last or not going
                 log = named(model.population.log(begin_next=is_log_point), step, seconds, first)
                 log = theirs.recorded(is_told) | log
+                most_clipped = log["train/edge_share"] > 0.5
+                if most_clipped and not told and (message := outgrown(model.agent, model.learner, model.hypers)):
+                    warnings.warn(f"at step {step:,} {message}", WideGaussian, stacklevel=3)
+                    told = True
                 going = ours.after(step, size, log, is_told) and going
             show(step - first)
         theirs.end()
