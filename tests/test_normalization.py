@@ -74,6 +74,46 @@ def test_moments_are_numpys_over_all_samples():
     np.testing.assert_allclose(moments.variance, samples.var(0), rtol=1e-3)
 
 
+def seen_by_a_run(samples):
+    """The normaliser after samples `[T, N, o]`, the first of which the run begins with."""
+
+    def count(samples):
+        normalizer = normalization.begin(
+            normalization.init(Config(normalize_observation=True), samples.shape[-1]), samples[0]
+        )
+        return jax.lax.scan(lambda n, x: (normalization.observe(n, x), None), normalizer, samples[1:])[0]
+
+    return jax.jit(count)(jnp.asarray(samples))
+
+
+def test_statistics_follow_a_mean_that_moves_far_from_zero():
+    normal = np.random.default_rng(0).normal(size=(80_000, 1, 1))
+    samples = (3_000 + normal + 3 * (np.arange(80_000) >= 40_000)[:, None, None]).astype(np.float32)
+    normalizer = seen_by_a_run(samples)
+    exact = samples.astype(np.float64)
+    np.testing.assert_allclose(normalizer.origin + normalizer.observation.mean, exact.mean((0, 1)), atol=0.01)
+    np.testing.assert_allclose(np.sqrt(normalizer.observation.variance), exact.std((0, 1)), rtol=0.01)
+
+
+@pytest.mark.parametrize("offset", [0.0, 1e4, 1e5, 1e6])
+def test_an_offset_leaves_the_deviation_what_it_is(offset):
+    samples = (offset + np.random.default_rng(0).normal(size=(1_000, 2, 1))).astype(np.float32)
+    normalizer = seen_by_a_run(samples)
+    np.testing.assert_allclose(np.sqrt(normalizer.observation.variance), samples.astype(np.float64).std(), rtol=1e-3)
+    numbers = np.asarray(standardise(normalizer, samples), np.float64)
+    np.testing.assert_allclose([numbers.mean(), numbers.std()], [0, 1], atol=2e-3)
+
+
+def test_an_entry_that_never_moved_is_divided_by_its_size():
+    never, moves = np.float32([0, -0.3, 2e4]), np.random.default_rng(0).normal(size=(5_000, 2, 1)) * 1e-6
+    samples = np.concatenate([np.broadcast_to(never, (5_000, 2, 3)), moves], -1).astype(np.float32)
+    normalizer = seen_by_a_run(samples)
+    expected = [1, 1, 2e4, np.sqrt(normalizer.observation.variance[3] + 1e-8)]
+    np.testing.assert_allclose(normalization.deviation(normalizer), expected, rtol=1e-6)
+    moved = np.float32([0.01, -0.29, 2.02e4, 0])
+    np.testing.assert_allclose(standardise(normalizer, moved)[:3], 0.01, rtol=1e-4)
+
+
 @pytest.mark.parametrize("flags", [(False, False), (True, False), (False, True)])
 def test_what_is_off_costs_and_changes_nothing(flags):
     config = Config(n_envs=N, normalize_observation=flags[0], normalize_reward=flags[1])
@@ -94,7 +134,7 @@ def test_the_host_loop_records_standardised_observations():
     population = HostPopulation(task, agent, hypers, [0], jax.devices())
     population.advance(20)
     moments = population.learner.normalizer.observation
-    np.testing.assert_allclose(moments.mean[0], [5, -200], rtol=0.2)
+    np.testing.assert_allclose(population.learner.normalizer.origin[0] + moments.mean[0], [5, -200], rtol=0.2)
     np.testing.assert_allclose(np.sqrt(moments.variance[0]), [1e-2, 1e3], rtol=0.1)
     batch = population._groups[0]._batch
     np.testing.assert_allclose(batch.observation[0].reshape(-1, 2).std(0), 1, atol=0.25)

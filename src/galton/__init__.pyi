@@ -23,6 +23,7 @@ from .errors import DivergenceError as DivergenceError
 from .errors import NewerVersionError as NewerVersionError
 from .errors import SharedEnvironment as SharedEnvironment
 from .errors import UsageError as UsageError
+from .errors import WideGaussian as WideGaussian
 from .extras import MissingExtraError as MissingExtraError
 from .losses import LOSSES as LOSSES
 from .losses import Loss as Loss

@@ -35,6 +35,10 @@ class AliasedObservation(UserWarning):
     """A vector environment's episodes end with the next one's first observation, as where both are one array."""
 
 
+class WideGaussian(UserWarning):
+    """A Gaussian's σ has outgrown the action box in training, and most of its actions are clipped."""
+
+
 def require_integer(name: str, value: object, least: int, most: int | None = None) -> None:
     """Raise UsageError unless the value is an integer of at least `least` and, if that is given, at most `most`."""
     fits = (

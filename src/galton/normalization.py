@@ -1,4 +1,8 @@
-"""Running statistics of observations and rewards, with the semantics of Stable-Baselines3's VecNormalize."""
+"""Running statistics of observations and rewards, with the semantics of Stable-Baselines3's VecNormalize.
+
+Observations are counted from an origin, the first that the run sees: beside a large mean float32 has no digits left for
+what moves, and the samples that the statistics begin with would be far from all that are seen.
+"""
 
 from typing import Any, NamedTuple
 
@@ -9,6 +13,10 @@ from galton.types import Config, Hypers
 
 CLIP = 10.0
 EPSILON = 1e-8
+PRIOR = 1e-4
+"""How many samples the mean 0 and the variance 1 count for that statistics begin with."""
+ROUNDING = 1e-7
+"""Of a number in float32."""
 
 
 class Moments(NamedTuple):
@@ -24,23 +32,26 @@ class Normalizer(NamedTuple):
     """What normalising needs to know; an entry is () where it is off."""
 
     observation: Moments | tuple[()]
-    """Moments of the observations, `[o]`."""
+    """Moments of the observations beyond the origin, `[o]`."""
     discounted_return: Moments | tuple[()]
     """Moments of each copy's discounted return: rewards are divided by its standard deviation."""
     running_return: Any
     """The discounted return of the episode so far, `[N]`."""
+    origin: Any = ()
+    """What is taken away from observations first, `[o]`; 0 in files of before it."""
 
 
 def init(config: Config, observation_size: int) -> Normalizer:
-    """Mean 0 and variance 1, counted for 1e-4 samples."""
+    """Mean 0 and variance 1, counted for PRIOR samples."""
 
     def moments(*shape: int) -> Moments:
-        return Moments(jnp.zeros(shape), jnp.ones(shape), jnp.full((), 1e-4))
+        return Moments(jnp.zeros(shape), jnp.ones(shape), jnp.full((), PRIOR))
 
     return Normalizer(
         moments(observation_size) if config.normalize_observation else (),
         moments() if config.normalize_reward else (),
         jnp.zeros(config.n_envs) if config.normalize_reward else (),
+        jnp.zeros(observation_size) if config.normalize_observation else (),
     )
 
 
@@ -54,19 +65,37 @@ def update_moments(moments: Moments, batch: Float[Array, "N *rest"]) -> Moments:
     return Moments(moments.mean + share * delta, moments.variance + share * (spread - moments.variance), total)
 
 
+def begin(normalizer: Normalizer, observation: Float[Array, "N o"]) -> Normalizer:
+    """Count the first observations of a run of N environments, the first of which becomes the origin."""
+    if not normalizer.observation:
+        return normalizer
+    return observe(normalizer._replace(origin=observation[0]), observation)
+
+
 def observe(normalizer: Normalizer, observation: Float[Array, "N o"]) -> Normalizer:
     """Count the observations of one step of N environments."""
     if not normalizer.observation:
         return normalizer
-    return normalizer._replace(observation=update_moments(normalizer.observation, observation))
+    return normalizer._replace(observation=update_moments(normalizer.observation, observation - normalizer.origin))
 
 
 def observation(normalizer: Normalizer, raw: Float[Array, "*batch o"]) -> Float[Array, "*batch o"]:
     """Standardised and clipped to ±10; as it is where normalising is off."""
     if not normalizer.observation:
         return raw
-    mean, variance, _ = normalizer.observation
-    return jnp.clip((raw - mean) / jnp.sqrt(variance + EPSILON), -CLIP, CLIP)
+    return jnp.clip((raw - normalizer.origin - normalizer.observation.mean) / deviation(normalizer), -CLIP, CLIP)
+
+
+def deviation(normalizer: Normalizer) -> Float[Array, " o"]:
+    """What observations are divided by: an entry's standard deviation or, while it never moved, its size, at least 1.
+
+    So an entry that was constant in training does not carry a policy away when it first moves in use.
+    """
+    assert normalizer.observation
+    mean, variance, n = normalizer.observation
+    size = jnp.abs(normalizer.origin)
+    never_moved = (jnp.abs(mean) <= ROUNDING * size) & (variance * n <= 2 * PRIOR)  # all that is left is the prior's 1
+    return jnp.where(never_moved, jnp.maximum(size, 1.0), jnp.sqrt(variance + EPSILON))
 
 
 def reward(
@@ -78,7 +107,7 @@ def reward(
     running = normalizer.running_return * hypers.gamma + raw
     moments = update_moments(normalizer.discounted_return, running)
     scaled = jnp.clip(raw / jnp.sqrt(moments.variance + EPSILON), -CLIP, CLIP)
-    return Normalizer(normalizer.observation, moments, jnp.where(done, 0.0, running)), scaled
+    return normalizer._replace(discounted_return=moments, running_return=jnp.where(done, 0.0, running)), scaled
 
 
 def receive(

@@ -64,10 +64,10 @@ def _chosen(rule, logits, size, centers):
 
 def _features(model, x):
     """What the last layer sees, and its absolute values."""
-    moments = model.learner.normalizer.observation
+    moments, origin = model.learner.normalizer.observation, model.learner.normalizer.origin
     if moments:
         mean, variance = (np.asarray(value, np.float64) for value in moments[:2])
-        x = np.clip((x - mean) / np.sqrt(variance + 1e-8), -10, 10)
+        x = np.clip((x - np.asarray(origin, np.float64) - mean) / np.sqrt(variance + 1e-8), -10, 10)
     for layer in model.learner.params["actor"][:-1]:
         x = np.tanh(x @ np.asarray(layer["kernel"], np.float64) + np.asarray(layer["bias"], np.float64))
     return x, abs(x)

@@ -76,9 +76,9 @@ def bounds(actions: ActionBox) -> tuple[Float[np.ndarray, "*shape"], Float[np.nd
 def _normalised(graph: Graph, rows: str, normalizer: Normalizer) -> str:
     if not normalizer.observation:
         return rows
-    mean, variance, _ = normalizer.observation
-    centered = graph.add("Sub", rows, np.asarray(mean))
-    scaled = graph.add("Div", centered, np.sqrt(np.asarray(variance) + np.float32(normalization.EPSILON)))
+    from_origin = graph.add("Sub", rows, np.asarray(normalizer.origin))
+    centered = graph.add("Sub", from_origin, np.asarray(normalizer.observation.mean))
+    scaled = graph.add("Div", centered, np.asarray(normalization.deviation(normalizer)))
     clip = normalization.CLIP
     return graph.add("Clip", scaled, -clip, clip, name="normalised_observation")
 

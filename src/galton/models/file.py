@@ -152,7 +152,7 @@ def learner_of(model: ModelFile, agent: Agent, arrays: dict[str, np.ndarray]) ->
         )
         like = {"run": {"learner": jax.tree.map(lambda x: jax.ShapeDtypeStruct((1, *x.shape), x.dtype), one)}}
         # NamedTuples and dictionaries have the same names in a checkpoint.
-        learner = checkpoint.unflatten(arrays, like)["run"]["learner"]
+        learner = checkpoint.unflatten(_with_origin(arrays), like)["run"]["learner"]
     except saved.MALFORMED as error:
         raise saved.unusable(model.path, error) from None
     first: Learner = jax.tree.map(lambda rows: jnp.asarray(rows[0]), learner)
@@ -190,4 +190,11 @@ def resume(path: Path, population: Population, arrays: dict[str, np.ndarray]) ->
 def _grown(arrays: dict[str, np.ndarray], tally: Tally) -> dict[str, np.ndarray]:
     """The arrays with what the algorithm did not yet tell when they were written: unknown up to the next log point."""
     unknown = np.where(arrays["run/tally/n_updates"] > 0, np.float32(np.nan), np.float32(0))
-    return {f"run/tally/diagnostics/{name}": unknown for name in tally.diagnostics} | arrays
+    return {f"run/tally/diagnostics/{name}": unknown for name in tally.diagnostics} | _with_origin(arrays)
+
+
+def _with_origin(arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """The arrays with the origin of a normaliser that had none when they were written: its statistics began at 0."""
+    normalizer = "run/learner/normalizer"
+    mean = arrays.get(f"{normalizer}/observation/mean")
+    return arrays if mean is None else {f"{normalizer}/origin": np.zeros_like(mean)} | arrays

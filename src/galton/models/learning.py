@@ -12,14 +12,14 @@ import numpy as np
 from galton import sb3
 from galton.algorithms import Agent
 from galton.callbacks import Print
-from galton.errors import DivergenceError, require, require_integer
+from galton.errors import DivergenceError, WideGaussian, require, require_integer
 from galton.models.calls import Calls, next_call
 from galton.training.log import Log
 from galton.training.pieces import Pieces
 from galton.training.population import Population
-from galton.training.remedy import remedy
+from galton.training.remedy import outgrown, remedy
 from galton.training.run import falling, remaining
-from galton.types import Config, Hypers
+from galton.types import Config, Hypers, Learner
 
 
 @runtime_checkable
@@ -28,6 +28,11 @@ class Learning(Protocol):
 
     config: Config
     hypers: Hypers
+    agent: Agent
+
+    @property
+    def learner(self) -> Learner:
+        """What was learnt."""
 
     @property
     def num_timesteps(self) -> int:
@@ -85,7 +90,7 @@ def learn(
     _tell_of_no_rate(hypers, last, size)
     theirs, ours = _sorted_out(model, callback, printed, first, last)
     model.population.decay_over(begin, last)
-    pieces = Pieces(model.advance)
+    pieces, told = Pieces(model.advance), False
     with _progress(progress_bar, model.config.loss, last - first) as show:
         theirs.start()
         going, step = True, first
@@ -100,6 +105,10 @@ def learn(
                 log = named(model.population.log(begin_next=is_log_point), step, seconds, first)
                 log["train/learning_rate"] = _rate(hypers, step)
                 log = theirs.recorded(is_told) | log
+                most_clipped = log["train/edge_share"] > 0.5
+                if most_clipped and not told and (message := outgrown(model.agent, model.learner, model.hypers)):
+                    warnings.warn(f"at step {step:,} {message}", WideGaussian, stacklevel=3)
+                    told = True
                 going = ours.after(step, size, log, is_told) and going
                 step = model.num_timesteps  # which a callback may have trained
             show(step - first)

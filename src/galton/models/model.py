@@ -195,6 +195,7 @@ class Model:
 
         Warns:
             SharedEnvironment: somebody else moved the environment since; its episodes begin anew.
+            WideGaussian: at a log point, once a call: σ has outgrown the action box.
         """
         for name in others:
             raise unexpected("learn", name)

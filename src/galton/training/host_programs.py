@@ -50,7 +50,7 @@ def host_programs(agent: Agent) -> HostPrograms:
         return jax.lax.map(lambda run: begin(agent, size, *run)[0], (seeds, hypers))
 
     def observe(run: RunState, observation: Array) -> RunState:
-        learner = run.learner._replace(normalizer=normalization.observe(run.learner.normalizer, observation))
+        learner = run.learner._replace(normalizer=normalization.begin(run.learner.normalizer, observation))
         return run._replace(learner=learner)
 
     def prepare(run: RunState) -> PyTree[Array]:

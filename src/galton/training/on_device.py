@@ -95,7 +95,7 @@ def begin_on_device(env: Environment, agent: Agent, seed: UInt[Array, ""], hyper
     before = nothing_before(agent.policy, (n_envs,), hypers.noise_correlation)
     episodes = start_episodes(episodes_key, env, n_envs)._replace(noise=before)
     first = jax.vmap(env.observe)(episodes.env)
-    learner = run.learner._replace(normalizer=normalization.observe(run.learner.normalizer, first))
+    learner = run.learner._replace(normalizer=normalization.begin(run.learner.normalizer, first))
     return DeviceState(run._replace(learner=learner), episodes)
 
 

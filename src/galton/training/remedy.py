@@ -1,13 +1,18 @@
-"""What to do about a gradient that was not finite, by what can be seen of its cause."""
+"""What to do about a gradient that was not finite, or a σ that grows, by what can be seen of the cause."""
 
+import jax.numpy as jnp
 import numpy as np
 
 from galton.algorithms import Agent
 from galton.normalization import Moments
-from galton.types import Learner
+from galton.policies.gaussian import Gaussian
+from galton.types import Hypers, Learner
 
 WIDE = 1e18
 """Of an action dimension: the square of anything wider comes near the end of float32, 3.4e38."""
+
+OUTGROWN = 3.0
+"""In half-widths of the box: three quarters of the actions of a Gaussian around its middle are clipped, or more."""
 
 
 def remedy(agent: Agent, learner: Learner) -> str:
@@ -17,10 +22,10 @@ def remedy(agent: Agent, learner: Learner) -> str:
         agent: of the run.
         learner: of one run, or of several.
     """
-    observation, discounted_return, _ = learner.normalizer
+    normalizer = learner.normalizer
     for moments, what, setting, wrapper in (
-        (observation, "observations", "normalize_observation", "TransformObservation"),
-        (discounted_return, "rewards", "normalize_reward", "TransformReward"),
+        (normalizer.observation, "observations", "normalize_observation", "TransformObservation"),
+        (normalizer.discounted_return, "rewards", "normalize_reward", "TransformReward"),
     ):
         if _overflowed(moments):
             return (
@@ -35,6 +40,24 @@ def remedy(agent: Agent, learner: Learner) -> str:
         )
     off = [name for name in ("normalize_reward", "normalize_observation") if not getattr(agent.config, name)]
     return f"Lower learning_rate{''.join(f', or set {name}' for name in off)}"
+
+
+def outgrown(agent: Agent, learner: Learner, hypers: Hypers) -> str:
+    """What to say of one run whose Gaussian's σ has more than doubled and outgrown the box; empty where it has not."""
+    means = jnp.zeros(agent.policy.n_outputs)
+    first, now = (
+        agent.policy.distribution(means, params, hypers) for params in (agent.policy.init(hypers)[1], learner.params)
+    )
+    if not (isinstance(first, Gaussian) and isinstance(now, Gaussian)):
+        return ""
+    half_widths = np.asarray(now.sigma) * 2 / (np.asarray(now.high, np.float64) - now.low)
+    if not ((half_widths > OUTGROWN) & (np.asarray(now.sigma) > 2 * np.asarray(first.sigma))).any():
+        return ""
+    rate = "" if not float(hypers.ent_coef) else f"lower ent_coef, which is {float(hypers.ent_coef):g}, or "
+    return (
+        f"the Gaussian's σ has grown to {half_widths.max():.1f} half-widths of the action box, and most of its actions "
+        f'are clipped; {rate}take policy="clipped-gaussian" or a head over bins, whose σ stays in the box'
+    )
 
 
 def _overflowed(moments: Moments | tuple[()]) -> bool:
