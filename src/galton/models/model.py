@@ -365,7 +365,7 @@ class Model:
         """A copy of the networks' parameters: `actor`, `critic` and, for the Gaussian, `log_std`, as numpy arrays.
 
         A model that normalises has its statistics with them, under `normalizer`: mean, variance and n (how many were
-        seen) of what `Normalizer` names.
+        seen) of what `Normalizer` names, and the origin that observations are counted from.
         """
         return parameters_of(self.learner)
 

@@ -24,7 +24,9 @@ Arrays = dict[str, np.ndarray]
 
 def parameters_of(learner: Learner) -> Params:
     """The parameters, and under `normalizer` the statistics of a model that normalises; numpy arrays of their own."""
-    kept = {name: part._asdict() for name, part in learner.normalizer._asdict().items() if isinstance(part, Moments)}
+    told = learner.normalizer
+    kept = {name: part._asdict() for name, part in told._asdict().items() if isinstance(part, Moments)}
+    kept |= {"origin": told.origin} if told.observation else {}
     copies: Params = jax.tree.map(np.array, learner.params | ({"normalizer": kept} if kept else {}))
     return copies
 
@@ -140,7 +142,8 @@ class Run:
             negative = name.endswith(("['variance']", "['n']")) and bool((other < 0).any())
             require(not negative, f"{name} is negative in part; it must be 0 or more")
         params = jax.tree.map(lambda array, other: np.asarray(other, array.dtype), whole, parameters)
-        statistics = {name: Moments(**part) for name, part in params.pop("normalizer", {}).items()}
+        told = params.pop("normalizer", {}).items()
+        statistics = {name: Moments(**part) if isinstance(part, dict) else part for name, part in told}
         learner = self.learner._replace(params=params, normalizer=self.learner.normalizer._replace(**statistics))
         self.population.put(jax.tree.map(lambda x: np.asarray(x)[None], learner))
         self._learner = None
