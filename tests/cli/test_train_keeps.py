@@ -36,7 +36,7 @@ def galton_train(out, **options):
     named = {"env": "bandit", "loss": "hl-gauss", "preset": "paper", "training": small(), "out": Path(out)}
     options = train.Options(**named | options)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(train, "parse", lambda *_: options)
+        patch.setattr(train, "parse", lambda *_, **__: options)
         train.main([])
 
 

@@ -3,12 +3,13 @@
 from collections.abc import Sequence
 
 from galton.cli._reading import read_options
-from galton.cli.sweep._folder import Folder, conclude, load
+from galton.cli.sweep._folder import Folder as Options
+from galton.cli.sweep._folder import conclude, load
 from galton.sweep.store import Store
 
 
 def main(arguments: Sequence[str]) -> None:
     """Write results.parquet from the shards that are there, and show the best settings."""
-    options = read_options(Folder, "sweep results", arguments)
+    options = read_options(Options, "sweep results", arguments)
     store = Store(options.out)
     conclude(store, load(store, options.imports))

@@ -7,7 +7,8 @@ from rich.table import Table
 
 from galton.cli._console import plain_console
 from galton.cli._reading import read_options
-from galton.cli.sweep._folder import Folder, load
+from galton.cli.sweep._folder import Folder as Options
+from galton.cli.sweep._folder import load
 from galton.losses import find_loss
 from galton.sweep.plan import Plan
 from galton.sweep.shard import finished
@@ -17,7 +18,7 @@ from galton.types import Config
 
 def main(arguments: Sequence[str]) -> None:
     """Show how many shards and runs of each program are done."""
-    options = read_options(Folder, "sweep status", arguments)
+    options = read_options(Options, "sweep status", arguments)
     store = Store(options.out)
     plan = load(store, options.imports)
     done = finished(store, plan)
