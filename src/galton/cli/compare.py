@@ -64,10 +64,11 @@ def main(arguments: Sequence[str]) -> None:
     env = training.find(options.env)
     known = env if isinstance(env, Environment) else None
     out = options.out or Path("runs", f"compare-{folder_name(options.env, options.algorithm)}")
-    training.check(seeds)
     settings = _settings(compared)
-    for setting in settings.values():  # before the first is trained
+    for setting in settings.values():  # before so many seeds are counted
         check_size(env, setting.config, len(seeds), training.eval_episodes)
+    training.check(seeds)
+    for setting in settings.values():  # before the first is trained
         resolved(env, *setting)
     console = plain_console()
     results: dict[str, Result] = {}
