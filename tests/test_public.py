@@ -31,3 +31,9 @@ def test_every_public_name_is_there(stub):
 def test_importing_galton_loads_no_heavy_library():
     done = subprocess.run([sys.executable, "-c", CHEAP], capture_output=True, text=True, check=True)
     assert done.stdout.split() == []
+
+
+@pytest.mark.parametrize("name", ["losses", "policies", "critics", "algorithms", "presets", "returns"])
+def test_the_parts_that_documents_name_are_attributes_of_the_package(name):
+    assert getattr(galton, name) is importlib.import_module(f"galton.{name}")
+    assert name in dir(galton)

@@ -59,8 +59,8 @@ class Critic(abc.ABC):
 class SquaredErrorCritic(Critic):
     """One output, the value, trained by (return − value)², as SB3's."""
 
-    label: ClassVar[str] = "squared error"
-    init_scale: ClassVar[float] = 1.0
+    label = "squared error"
+    init_scale = 1.0
 
     @classmethod
     def create(cls, config: Config) -> Critic:
@@ -96,7 +96,7 @@ class _Classifier(Critic):
     bins: Bins
     """Of the support's unit interval: 0 is value_min, 1 value_max."""
 
-    init_scale: ClassVar[float] = 0.01
+    init_scale = 0.01
 
     @classmethod
     def create(cls, config: Config) -> Critic:
@@ -149,8 +149,8 @@ class _Classifier(Critic):
 class HLGaussCritic(_Classifier):
     """HL-Gauss (Farebrother et al., 2024, §3.1): the target is a Gaussian histogram of value_eta bin widths."""
 
-    label: ClassVar[str] = "HL-Gauss"
-    uses: ClassVar[tuple[str, ...]] = ("n_value_bins", "value_min", "value_max", "value_eta")
+    label = "HL-Gauss"
+    uses = ("n_value_bins", "value_min", "value_max", "value_eta")
 
     def target(self, share: Float[Array, "*batch"], hypers: Hypers) -> Float[Array, "*batch k"]:
         """The Gaussian's mass in each bin, cut off at the support and rescaled."""
@@ -160,8 +160,8 @@ class HLGaussCritic(_Classifier):
 class TwoHotCritic(_Classifier):
     """Two-hot (Bellemare et al., 2017, eq. 7): the two centers around a return share the mass, so that they mean it."""
 
-    label: ClassVar[str] = "two-hot"
-    uses: ClassVar[tuple[str, ...]] = ("n_value_bins", "value_min", "value_max")
+    label = "two-hot"
+    uses = ("n_value_bins", "value_min", "value_max")
 
     def target(self, share: Float[Array, "*batch"], hypers: Hypers) -> Float[Array, "*batch k"]:
         """1 − distance in bin widths, of the centers that are nearer than a width."""
