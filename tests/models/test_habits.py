@@ -17,6 +17,7 @@ import pytest
 
 from galton import A2C, PPO, DivergenceError, InexactResume, UsageError
 from galton.callbacks import Print
+from galton.models.learning import compiling
 
 from ..envs.host.walks import Closing
 from ..swing import stateful_swing, swing
@@ -131,11 +132,34 @@ def test_a_model_says_what_it_is_and_only_what_is_unusual():
 
 def test_verbose_prints_a_line_at_each_log_point(capsys):
     A2C("bandit", **SMALL, verbose=1).learn(50, log_interval=2, **QUIET)
-    compiling, *lines = capsys.readouterr().out.splitlines()
-    assert compiling == "compiling"
+    lines = capsys.readouterr().out.splitlines()
     assert [line.split(":")[0] for line in lines] == ["step 20", "step 40", "step 50"]
     assert all("ep_rew_mean" in line and "fps" in line for line in lines)
     A2C("bandit", **SMALL).learn(50, log_interval=2, **QUIET)
+    assert capsys.readouterr().out == ""
+
+
+class Waited:
+    """A timer whose seconds have passed at once."""
+
+    def __init__(self, _, call):
+        self.start, self.cancel, self.join = call, bool, bool
+
+
+@pytest.mark.parametrize(("terminal", "printed", "said"), [(True, False, 1), (False, True, 1), (False, False, 0)])
+def test_compiling_that_takes_long_is_said_on_a_terminal_or_in_a_line(terminal, printed, said, monkeypatch, capsys):
+    monkeypatch.setattr("galton.models.learning.threading.Timer", Waited)
+    monkeypatch.setattr("rich.console.Console.is_terminal", terminal)
+    with compiling(printed):
+        pass
+    out, err = capsys.readouterr()
+    assert (out, err.count("compiling") > 0) == ("", said)
+    assert terminal or err == "compiling\n" * said
+
+
+def test_nothing_is_drawn_without_a_terminal(monkeypatch, capsys):
+    monkeypatch.setattr("rich.console.Console.is_terminal", False)
+    A2C("lqr", **SMALL).learn(20)
     assert capsys.readouterr().out == ""
 
 

@@ -1,7 +1,8 @@
 """The loop behind `learn`: updates, log points, callbacks."""
 
 import contextlib
-import sys
+import functools
+import threading
 import time
 import warnings
 from collections.abc import Callable, Iterator
@@ -169,27 +170,39 @@ def _sorted_out(model: Learning, callback: object, printed: bool, first: int, la
 
 
 @contextlib.contextmanager
-def compiling(verbose: int) -> Iterator[None]:
-    """A time in which programs are compiled: a terminal shows that, and without one it is a line where verbose is 1."""
-    if sys.stderr.isatty():
-        from rich.console import Console
+def compiling(printed: bool) -> Iterator[None]:
+    """Say that programs are compiled inside, once that has taken a second.
 
-        with Console(stderr=True).status("compiling; what is compiled is kept, and found the next time"):
-            yield
-    else:
-        if verbose:
-            print("compiling", flush=True)
+    On a terminal it is said while it lasts; without one it is a line on standard error, if it is to be printed.
+    """
+    from rich.console import Console
+
+    console = Console(stderr=True)
+    status = console.status("compiling; what is compiled is kept, and found the next time")
+    say: Callable[[], None] = status.start
+    if not console.is_terminal:
+        say = functools.partial(console.print, "compiling") if printed else lambda: None
+    waiting = threading.Timer(1.0, say)
+    waiting.start()
+    try:
         yield
+    finally:
+        waiting.cancel()
+        waiting.join()
+        status.stop()
 
 
 @contextlib.contextmanager
 def _progress(shown: bool, title: str, total: int) -> Iterator[Callable[[int], None]]:
-    """A bar that is told how many steps are done; none where it is not wanted."""
+    """A bar that is told how many steps are done; none where it is not wanted, or can't be drawn."""
     if not shown:
         yield lambda _: None
         return
+    from rich.console import Console
     from rich.progress import Progress
 
-    with Progress(transient=True) as progress:
+    console = Console()
+    drawn = console.is_terminal or console.is_jupyter
+    with Progress(console=console, transient=True, disable=not drawn) as progress:
         bar = progress.add_task(title, total=total)
         yield lambda done: progress.update(bar, completed=done)

@@ -60,7 +60,7 @@ class Model:
         n_envs: copies of the environment; None for the preset's number, or for as many as were given ready-made.
         seed: of everything random; the same seed gives the same run.
         env_kwargs: keyword arguments for an id or a name.
-        verbose: 1 to print a line at each log point of `learn`.
+        verbose: 1 to print a line at each log point of `learn`, and one where compiling takes longer than a second.
         settings: the other fields of `Config` and `Hypers`, which describe them. Their defaults are the algorithm's,
             and for a task of the paper that is called by its name, those of App. C.2, as on the command line: "bandit"
             has a linear network and, for A2C, 5 steps an update and a learning rate of 0.05.
@@ -87,7 +87,7 @@ class Model:
         task = find(env, **(env_kwargs or {}))
         chosen = find_preset(preset, loss, algorithm)
         records = split(find_algorithm(algorithm), chosen, n_envs, dict(settings), env, given(task))
-        with compiling(verbose):
+        with compiling(printed=verbose > 0):
             self._begin(task, *records, seed)
         self.verbose = verbose
 
