@@ -106,7 +106,7 @@ def test_a_run_folder_goes_on_as_it_did(tmp_path):
     shutil.copytree(V1 / "run", tmp_path / "run")
     known = record("run.json")
     before = (tmp_path / "run" / "metrics.jsonl").read_text()
-    command(*known["command"], cwd=tmp_path)
+    command(*known["command"], "--algorithm", "a2c", cwd=tmp_path)  # which was the default
     text = (tmp_path / "run" / "metrics.jsonl").read_text()
     assert text.startswith(before)
     lines = [json.loads(line) for line in text.splitlines()]
