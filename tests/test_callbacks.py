@@ -455,7 +455,7 @@ def test_weights_and_biases_gets_the_finite_numbers_and_its_settings(monkeypatch
 
 def test_weights_and_biases_says_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "wandb", None)
-    with pytest.raises(UsageError, match=r"galton\[wandb\]"):
+    with pytest.raises(UsageError, match=r"pip install .*\[wandb\]"):
         WeightsAndBiases()
 
 

@@ -1,11 +1,13 @@
 """What is not installed is named by the extra that brings it, and the core works without any extra."""
 
 import ast
+import importlib.metadata
 import json
 import re
 import subprocess
 import sys
 import tomllib
+import urllib.request
 from pathlib import Path
 
 import pytest
@@ -47,7 +49,7 @@ for call in asked:
     print(json.dumps([code, said.getvalue()]))
 """
 
-STUDIES = "pip install 'galton[studies]'\n"
+STUDIES = f"{extras.installing('studies')}\n"
 FEW = ["--steps", "200", "--logs", "1", "--eval-episodes", "1", "--net-arch", "4", "--n-bins", "5"]
 EXPORT = "import galton.deploy; galton.deploy.export(galton.A2C('bandit'), 'policy')"
 UPLOAD = "from galton.deploy import hub; hub.upload('ada/pendulum', {})"
@@ -65,27 +67,29 @@ CORE = [
     (
         ["watch", "run", "--out", "x.mp4"],
         2,
-        "galton: --out is x.mp4, which needs imageio_ffmpeg: pip install 'galton[video]'\n",
+        f"galton: --out is x.mp4, which needs imageio_ffmpeg: {extras.installing('video')}\n",
     ),
-    (["watch", "run", "--out", "x.gif"], 2, "galton: --out is x.gif, which needs PIL: pip install 'galton[video]'\n"),
+    (["watch", "run", "--out", "x.gif"], 2, f"galton: --out is x.gif, which needs PIL: {extras.installing('video')}\n"),
+    (["watch", "run"], 2, f"galton: watch needs imageio_ffmpeg: {extras.installing('video')}\n"),
+    (["watch", "nothing"], 2, "galton: path is nothing, which does not exist\n"),
     (
         ["train", "Reacher-v5", *FEW],
         2,
-        "galton: environment 'Reacher-v5' needs mujoco and imageio: pip install 'galton[mujoco]'\n",
+        f"galton: environment 'Reacher-v5' needs mujoco and imageio: {extras.installing('mujoco')}\n",
     ),
     (
         ["train", "LunarLanderContinuous-v3", *FEW],
         2,
-        "galton: environment 'LunarLanderContinuous-v3' needs Box2D: pip install 'galton[box2d]'\n",
+        f"galton: environment 'LunarLanderContinuous-v3' needs Box2D: {extras.installing('box2d')}\n",
     ),
     (["benchmark", "my.toml"], 2, f"galton: benchmark needs pyarrow and matplotlib: {STUDIES}"),
-    (["export", "run", "--format", "onnx"], 2, "galton: the format onnx needs onnx: pip install 'galton[onnx]'\n"),
-    (EXPORT, "MissingExtraError: the format onnx needs onnx: pip install 'galton[onnx]'", ""),
-    (UPLOAD, "MissingExtraError: push needs huggingface_hub: pip install 'galton[hub]'", ""),
-    (WANDB, "MissingExtraError: WeightsAndBiases needs wandb: pip install 'galton[wandb]'", ""),
+    (["export", "run", "--format", "onnx"], 2, f"galton: the format onnx needs onnx: {extras.installing('onnx')}\n"),
+    (EXPORT, f"MissingExtraError: the format onnx needs onnx: {extras.installing('onnx')}", ""),
+    (UPLOAD, f"MissingExtraError: push needs huggingface_hub: {extras.installing('hub')}", ""),
+    (WANDB, f"MissingExtraError: WeightsAndBiases needs wandb: {extras.installing('wandb')}", ""),
     (
         "import galton; galton.sweep",
-        "MissingExtraError: galton.sweep needs pyarrow and fsspec: pip install 'galton[studies]'",
+        f"MissingExtraError: galton.sweep needs pyarrow and fsspec: {extras.installing('studies')}",
         "",
     ),
 ]
@@ -95,12 +99,12 @@ WITH_STUDIES = [
     (
         ["sweep", "bandit", "--grid", "optuna", "--workers", "1"],
         2,
-        "galton: --grid is 'optuna', which needs optuna: pip install 'galton[search]'\n",
+        f"galton: --grid is 'optuna', which needs optuna: {extras.installing('search')}\n",
     ),
     (
         ["sweep", "bandit", "--cluster", "slurm"],
         2,
-        "galton: a cluster needs dask_jobqueue and distributed: pip install 'galton[cluster]'\n",
+        f"galton: a cluster needs dask_jobqueue and distributed: {extras.installing('cluster')}\n",
     ),
 ]
 
@@ -140,7 +144,7 @@ def test_a_sweep_names_the_extra_that_an_option_needs(index, with_studies):
 
 def test_every_extra_is_missed_once():
     said = " ".join(f"{code} {line}" for _, code, line in [*CORE, *WITH_STUDIES])
-    assert set(re.findall(r"galton\[(\w+)\]", said)) == set(extras.LIBRARIES.values())
+    assert set(re.findall(r"pip install \S+\[(\w+)\]", said.replace("-e ", ""))) == set(extras.LIBRARIES.values())
 
 
 def test_libraries_and_their_extras_are_those_of_pyproject():
@@ -163,9 +167,44 @@ def test_only_this_file_says_how_to_install_an_extra():
     assert list(literals) == ["extras.py"]
 
 
+INSTALLED = {
+    "an editable folder": ({"url": "file://PLACE", "dir_info": {"editable": True}}, "pip install -e 'PLACE[hub]'"),
+    "a folder": ({"url": "file://PLACE", "dir_info": {}}, "pip install 'PLACE[hub]'"),
+    "a wheel": ({"url": "file://PLACE/galton.whl", "archive_info": {}}, "pip install 'PLACE/galton.whl[hub]'"),
+    "a folder that is gone": ({"url": "file://PLACE/gone", "dir_info": {}}, "pip install 'galton[hub]'"),
+    "a repository": ({"url": "https://example.org/galton.git", "vcs_info": {}}, "pip install 'galton[hub]'"),
+    "an index": (None, "pip install 'galton[hub]'"),
+}
+"""What pip notes of where Galton came from, and the command that installs an extra from there."""
+
+
+@pytest.mark.parametrize("came", INSTALLED)
+def test_an_extra_is_installed_from_where_galton_came(came, tmp_path, monkeypatch):
+    noted, told = INSTALLED[came]
+    place = tmp_path / "a folder"
+    place.mkdir()
+    (place / "galton.whl").touch()
+
+    class Installed(importlib.metadata.PathDistribution):
+        def read_text(self, name):
+            assert name == "direct_url.json"
+            return noted and json.dumps(noted).replace("PLACE", urllib.request.pathname2url(str(place)))
+
+    monkeypatch.setattr(importlib.metadata, "distribution", lambda _: Installed(place))
+    assert extras.installing("hub") == told.replace("PLACE", str(place))
+
+
+def test_where_nothing_is_installed_an_extra_has_the_name_of_the_package(monkeypatch):
+    def distribution(name):
+        raise importlib.metadata.PackageNotFoundError(name)
+
+    monkeypatch.setattr(importlib.metadata, "distribution", distribution)
+    assert extras.installing("hub") == "pip install 'galton[hub]'"
+
+
 def test_a_library_that_is_there_and_can_not_be_loaded_is_told_with_the_cause():
     with (
-        pytest.raises(MissingExtraError, match=r"^it needs onnx: pip install 'galton\[onnx\]' \(no such symbol\)$"),
+        pytest.raises(MissingExtraError, match=r"^it needs onnx: pip install .*\[onnx\]' \(no such symbol\)$"),
         extras.needed("it", "onnx"),
     ):
         raise ImportError("no such\nsymbol")
@@ -186,7 +225,7 @@ def test_the_error_is_one_of_an_argument_and_one_of_an_import():
 def test_gymnasiums_advice_is_said_in_our_extras(told, extra, monkeypatch):
     for library in ("mujoco", "pygame"):
         monkeypatch.setitem(sys.modules, library, None)
-    with pytest.raises(MissingExtraError, match=rf"^watching needs \w+: pip install 'galton\[{extra}\]'$"):
+    with pytest.raises(MissingExtraError, match=rf"^watching needs \w+: pip install .*\[{extra}\]'$"):
         extras.check_named("watching", RuntimeError(told))
 
 

@@ -1,10 +1,16 @@
 """Libraries that only a part of Galton needs: which extra brings each, and the one message that names it."""
 
 import contextlib
+import importlib.metadata
 import importlib.util
+import json
 import re
+import shlex
 import sys
+import urllib.parse
+import urllib.request
 from collections.abc import Iterator
+from pathlib import Path
 
 from galton.errors import UsageError
 
@@ -81,4 +87,18 @@ def _is_there(library: str) -> bool:
 
 def _told(what: str, libraries: list[str] | tuple[str, ...]) -> str:
     (extra,) = {LIBRARIES[library] for library in libraries}
-    return f"{what} needs {' and '.join(libraries)}: pip install 'galton[{extra}]'"
+    return f"{what} needs {' and '.join(libraries)}: {installing(extra)}"
+
+
+def installing(extra: str) -> str:
+    """The command that installs an extra: from the folder or the file that Galton came from, or else by its name."""
+    try:
+        told = json.loads(importlib.metadata.distribution("galton").read_text("direct_url.json") or "{}")
+    except (importlib.metadata.PackageNotFoundError, ValueError):
+        told = {}
+    url = urllib.parse.urlsplit(told.get("url", ""))
+    place = urllib.request.url2pathname(url.path)
+    if url.scheme != "file" or not Path(place).exists():
+        return f"pip install 'galton[{extra}]'"
+    editable = "-e " if told.get("dir_info", {}).get("editable") else ""
+    return f"pip install {editable}{shlex.quote(f'{place}[{extra}]')}"

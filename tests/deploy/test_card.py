@@ -1,7 +1,10 @@
 """What a model card says of a run, and how little a run may have told."""
 
+import re
+
 import numpy as np
 import pytest
+from markdown_it import MarkdownIt
 from scipy import stats
 
 from galton.deploy.card import card
@@ -92,6 +95,34 @@ def test_what_a_run_does_not_know_is_not_made_up(model):
     one = card(model, SETTINGS | {"eval_episodes": 1}, [POINTS[-1], {STEP: 641.0}])
     assert ["This policy", "640", "1", "-900.00", "not known"] in rows_of(one)
     assert ["641", "not known", "not known"] in rows_of(one)
+
+
+@pytest.mark.parametrize(
+    "odd",
+    [
+        '<img src=x onerror="alert(1)">',
+        "[evil](javascript:alert(1))",
+        "![evil](https://evil.example/x.png)",
+        "https://evil.example",
+        "www.evil.example",
+        "mallory@evil.example",
+        "evil | b",
+        "evil \\| b",
+        "evil\n\n# b",
+        "__evil__",
+        "&lt;evil&gt;",
+        "| evil |\\",
+    ],
+)
+def test_what_a_file_says_is_code_and_no_markup(odd, model):
+    text = card(model, dict.fromkeys(SETTINGS, odd) | {"versions": {odd: odd}}, POINTS)
+    html = MarkdownIt("commonmark", {"html": True}).enable("table").render(text.split("---\n", 2)[2])
+    for row in re.findall(r"<tr>.*?</tr>", html, re.DOTALL):
+        assert len(re.findall("</t[hd]>", row)) in (2, 3, 5), row
+    assert ("evil" in html) or ("alert" in html)
+    bare = re.sub(r"<code[^>]*>.*?</code>", "", html, flags=re.DOTALL)
+    assert not re.findall(r"evil|alert|<img|<a |<strong|<h1>.*b", bare)
+    assert html.count("<h1>") == 1
 
 
 @pytest.mark.parametrize("odd", ["x`|```\n## y", 5, None, [], {"a": "|"}])

@@ -88,6 +88,9 @@ def test_a_name_that_a_folder_has_alone_is_told_so(model, tmp_path):
     (tmp_path / "x.d").mkdir()
     with pytest.raises(CheckpointError, match="x can't be loaded: it is a folder; name a file"):
         A2C.load(tmp_path / "x")
+    (tmp_path / "x" / "model.safetensors").touch()
+    with pytest.raises(UsageError, match=r"x, the folder of a run; name a file in it, such as .*x/model\.safetensors"):
+        A2C.load(tmp_path / "x")
     with pytest.raises(UsageError, match=r"path is .*x\.d, which can't be written: Is a directory"):
         model.save(tmp_path / "x.d")
     with pytest.raises(UsageError, match=r"path is .*nothing, which does not exist"):

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from galton.errors import UsageError
+from galton.saving import files
 from galton.sweep import engine, results
 from galton.sweep.executors import WorkerDiedError
 from galton.sweep.grid import expand
@@ -163,7 +164,7 @@ def test_a_shard_that_cannot_be_read_now_is_kept(tmp_path, monkeypatch):
     def fail(*_):
         raise PermissionError("not now")
 
-    monkeypatch.setattr(store._files, "cat_file", fail)
+    monkeypatch.setattr(files, "read", fail)
     with pytest.raises(UsageError, match="can't be read: not now"):
         engine.verified(store, plan)
     monkeypatch.undo()

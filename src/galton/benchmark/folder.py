@@ -173,7 +173,7 @@ def _done(
 def _prepared(store: Store, part: Part, shard_width: int | None) -> Iterator[tuple[Store, Plan]]:
     """The folder and the plan of each study of a part."""
     for i, study in enumerate(part.studies):
-        place = Store(f"{store.url}/{SWEEPS}/{part.name}" + (f"~{i + 1}" if i else ""))  # no task's name has a ~
+        place = store.below(f"{SWEEPS}/{part.name}" + (f"~{i + 1}" if i else ""))  # no task's name has a ~
         there = FILE_OF_PLAN in place.names("")
         with place.lock():
             plan = engine.prepare(place, study, None if there else shard_width or width(study), extend=False)
@@ -193,7 +193,9 @@ def _note(store: Store, part: Part, sweeps: Sequence[tuple[Store, Plan]]) -> Non
 def made(store: Store) -> dict[str, Any]:
     """How each part was made, by its name, as far as the folder knows."""
     try:
-        return json.loads(store.read(MADE)) if MADE in store.names("") else {}
+        return json.loads(store.read(MADE))
+    except FileNotFoundError:
+        return {}
     except ValueError as error:
         raise UsageError(f"out is {store.url}, whose {MADE} is damaged ({error}); remove that file") from None
 

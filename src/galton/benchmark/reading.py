@@ -13,6 +13,7 @@ from galton.benchmark.priors import Record, check_names, read_table
 from galton.benchmark.protocol import Budget, Method, Protocol, Selection, Task, check
 from galton.errors import UsageError, require, require_integer, unknown
 from galton.fields import annotations, checked
+from galton.saving import files
 from galton.types import Hypers
 
 TABLES = ("budget", "selection", "fixed", "prior", "methods", "tasks")
@@ -54,7 +55,7 @@ def load(path: Path, before: Collection[Path] = ()) -> dict[str, Any]:
         UsageError: it can't be read, or extends itself.
     """
     try:
-        record = tomllib.loads(path.read_text(encoding="utf-8"))
+        record = tomllib.loads(files.read(path, files.TEXT).decode())
     except (OSError, ValueError, RecursionError) as error:
         raise UsageError(f"file is {str(path)!r}, which can't be read as TOML: {error}") from None
     if "extends" not in record:

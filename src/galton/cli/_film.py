@@ -30,9 +30,9 @@ def frame(env: Env) -> np.ndarray:
     return picture
 
 
-def check_libraries(out: Path) -> None:
-    """Raise MissingExtraError unless a file of that kind, .mp4 or .gif, can be written here."""
-    require_libraries(f"out is {out}, which", "imageio_ffmpeg" if out.suffix == ".mp4" else "PIL")
+def check_libraries(what: str, out: Path) -> None:
+    """Raise MissingExtraError, which begins with `what`, unless an .mp4 or .gif like `out` can be written here."""
+    require_libraries(what, "imageio_ffmpeg" if out.suffix == ".mp4" else "PIL")
 
 
 def write(out: Path, frames: list[np.ndarray], fps: int) -> None:

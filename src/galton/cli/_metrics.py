@@ -5,6 +5,7 @@ import math
 import sys
 from pathlib import Path
 
+from galton.errors import UsageError
 from galton.saving import files
 
 STEP = "time/total_timesteps"
@@ -33,7 +34,12 @@ def forget_after(step: int, path: Path) -> None:
 
 
 def _lines(path: Path) -> list[bytes]:
-    return path.read_bytes().splitlines() if path.exists() else []
+    try:
+        return files.read(path, files.DATA).splitlines()
+    except FileNotFoundError:
+        return []
+    except OSError as error:
+        raise UsageError(f"{path} can't be read: {error.strerror or error}") from None
 
 
 def _point(line: bytes) -> dict[str, float]:

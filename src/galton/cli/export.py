@@ -50,6 +50,8 @@ def main(arguments: Sequence[str]) -> None:
     model, settings = Model.load(file), _settings(file, "card" in formats)
     out = options.out or file.parent
     require(not out.exists() or out.is_dir(), f"out is {out}, which is a file; name a folder")
+    written = [*((POLICY, CONTRACT) if "onnx" in formats else ()), *((CARD,) if "card" in formats else ())]
+    files.check_no_way_out("out", out, *written)
     if "onnx" in formats:
         path = export(model, out / POLICY, _origin(file, settings))
         print(f"policy: {path}\ncontract: {path.with_suffix('.json')}")
@@ -57,7 +59,8 @@ def main(arguments: Sequence[str]) -> None:
         print(f"card: {_write_card(out / CARD, card.card(model, settings, points(file.with_name(METRICS))))}")
     if options.push is not None:
         names = {POLICY: out / POLICY, CONTRACT: out / CONTRACT, "README.md": out / CARD, MODEL: file}
-        print(f"pushed: {hub.upload(options.push, {name: path.read_bytes() for name, path in names.items()})}")
+        contents = {name: files.read(path, files.DATA) for name, path in names.items()}
+        print(f"pushed: {hub.upload(options.push, contents)}")
 
 
 def _settings(file: Path, needed: bool) -> dict[str, object]:
@@ -70,7 +73,7 @@ def _settings(file: Path, needed: bool) -> dict[str, object]:
 
 def _origin(file: Path, settings: dict[str, object]) -> dict[str, object]:
     """Where the policy came from, as far as its model does not say it."""
-    model = {"model": file.name, "model_sha256": hashlib.sha256(file.read_bytes()).hexdigest()}
+    model = {"model": file.name, "model_sha256": hashlib.sha256(files.read(file, files.DATA)).hexdigest()}
     return {name: value for name, value in settings.items() if name in ("env", "env_kwargs", "command")} | model
 
 

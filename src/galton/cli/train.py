@@ -35,6 +35,7 @@ from galton.losses import find_loss
 from galton.models import InexactResume, Model
 from galton.models.file import Taken
 from galton.presets import PAPER
+from galton.saving import files
 from galton.saving.result_folder import (
     BEST,
     CONFIG,
@@ -120,6 +121,8 @@ def _check_folder(options: Options) -> None:
     if options.resume:
         there = (options.folder / MODEL).exists()
         require(there, f"out is {options.folder}, which holds no {MODEL} to resume")
+        files.check_no_way_out("out", options.folder, MODEL, BEST, METRICS, *["tensorboard"] * options.tensorboard)
+        known(options.folder / METRICS)  # an error now, where it can't be read
     else:
         check_free(options.folder, options.overwrite, "--overwrite or --resume")
 

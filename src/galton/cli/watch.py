@@ -23,6 +23,7 @@ from galton.envs.registry import is_known
 from galton.errors import UsageError, require, require_integer
 from galton.extras import check_named
 from galton.models import Model
+from galton.saving import files
 from galton.training.train import check_seed
 
 
@@ -56,8 +57,10 @@ def main(arguments: Sequence[str]) -> None:
     file = model_of(options.run)
     out = options.out or file.with_name("video.mp4")
     require(out.suffix in (".mp4", ".gif"), f"out is {out}; its name must end in .mp4 or .gif")
-    film.check_libraries(out)
+    if options.out is None:
+        files.check_no_way_out("out", out.parent, out.name)
     model = Model.load(file)
+    film.check_libraries("watch" if options.out is None else f"out is {out}, which", out)
     name, kwargs = environment_of(file, options.env, options.env_kwargs)
     env = _make(name, kwargs)
     try:

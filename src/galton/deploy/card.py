@@ -5,6 +5,7 @@ Its head is what the Hugging Face Hub reads. Which licence the policy has is not
 
 import json
 import math
+import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -45,7 +46,7 @@ def card(model: Model, settings: Mapping[str, Any], points: Sequence[Point]) -> 
     env, algorithm = settings.get("env", model.env_name), model.agent.algorithm.label
     parts = [
         _head(str(env)),
-        f"# {_plain(env)}: {algorithm} with {model.config.loss}",
+        f"# {_name(env)}: {algorithm} with {model.config.loss}",
         f"A policy for continuous control, trained by Galton for {model.num_timesteps:,} steps of its environment.",
         "Its licence is not said here. Whoever publishes it chooses one and adds `license:` to the head of this file.",
         "## The task",
@@ -139,7 +140,7 @@ def _versions(settings: Mapping[str, Any]) -> list[str]:
     found = settings.get("versions")
     if not isinstance(found, dict):
         return []
-    rows = [(_plain(name), _code(version)) for name, version in found.items() if version is not None]
+    rows = [(_name(name), _code(version)) for name, version in found.items() if version is not None]
     return ["## Versions", _table(("", ""), rows)]
 
 
@@ -157,4 +158,12 @@ def _plain(value: object) -> str:
 
 
 def _code(value: object) -> str:
-    return f"`{_plain(value).replace('|', chr(92) + '|')}`"
+    """A text as code, in which nothing is markup; a bar in it ends no cell of a table, behind a backslash neither."""
+    text = _plain(value).replace("\\|", "\\ |").replace("|", "\\|")
+    return f"`{text}`"
+
+
+def _name(value: object) -> str:
+    """A name such as Pendulum-v1 as it is; anything else as code, for Markdown might see HTML or a link in it."""
+    text = _plain(value)
+    return text if re.fullmatch(r"[A-Za-z0-9][\w/-]*", text, re.ASCII) else _code(text)

@@ -34,6 +34,7 @@ def export(model: Model, path: str | Path, origin: Mapping[str, object] | None =
     files.check_name("path", path)
     path = path if path.suffix else path.with_suffix(".onnx")
     require(path.suffix == ".onnx", f"path is {path}; its name must end in .onnx")
+    files.check_no_way_out("path", path.parent, path.with_suffix(".json").name)  # which nobody named
     decision = decide(model)
     content = encode(decision)
     terms = contract(model, decision, path.name, content, origin or {})

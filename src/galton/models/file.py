@@ -15,6 +15,7 @@ from galton.errors import CheckpointError, UsageError, require
 from galton.records import written
 from galton.saving import checkpoint
 from galton.saving import model_file as saved
+from galton.saving.result_folder import MODEL
 from galton.training.log import Tally
 from galton.training.population import Population
 from galton.training.train import check_seed
@@ -117,6 +118,8 @@ def read(path: Path, opener: type) -> tuple[ModelFile, dict[str, np.ndarray]]:
         CheckpointError: a file that is damaged or not a model.
     """
     path = saved.existing(path)
+    a_run = path.is_dir() and (path / MODEL).is_file()
+    require(not a_run, f"path is {path}, the folder of a run; name a file in it, such as {path / MODEL}")
     settings, arrays = checkpoint.read(path)
     settings = saved.checked(path, settings, arrays)
     try:

@@ -32,7 +32,7 @@ def load(out: str) -> Trained:
     Raises:
         UsageError: a file there is damaged, or something else.
     """
-    store = Store(f"{out}/{DATA}")
+    store = Store(out).below(DATA)
     files = store.names("")
     sweeps = {name: Summary.load(store, f"{name}.parquet") for name in all_sweeps() if f"{name}.parquet" in files}
     for name, summary in sweeps.items():
@@ -67,7 +67,7 @@ def _check_provenance(where: str, record: Mapping[str, Any], example: dict[str, 
 def of_no_figure(out: str) -> list[str]:
     """The files of a folder's data that no figure knows, such as those of a study that was not imported."""
     known = {f"{name}.parquet" for name in (*all_sweeps(), *FIGURES)}
-    return [file for file in Store(f"{out}/{DATA}").names("") if file.endswith(".parquet") and file not in known]
+    return [file for file in Store(out).below(DATA).names("") if file.endswith(".parquet") and file not in known]
 
 
 def refuse_other_budgets(sweeps: Iterable[Sweep], measured: Iterable[str], budget: Budget, out: str) -> None:
@@ -93,7 +93,7 @@ def measure(figures: Mapping[str, FigureStudy], budget: Budget, out: str) -> Non
     for name, figure in figures.items():
         if figure.measure is not None and name not in there:
             record = {"budget": budget, "versions": [versions()], "machines": [machine()]}
-            Store(f"{out}/{DATA}").write(f"{name}.parquet", to_bytes(with_record(figure.measure(budget), record)))
+            Store(out).below(DATA).write(f"{name}.parquet", to_bytes(with_record(figure.measure(budget), record)))
 
 
 def train(
@@ -128,11 +128,11 @@ def train(
                     f"name another folder, or remove {DATA}/{name}.parquet there"
                 )
             continue
-        store = Store(f"{out}/sweeps/{name}")
+        store = Store(out).below(f"sweeps/{name}")
         with store.lock():
             plan = engine.prepare(store, study, 2 if budget == "smoke" else None, extend=False)  # few programs
             tell(f"{i} of {len(wanted)}: {name}")
             carry_out(store, plan)
             table: pa.Table = results.collect(store, plan)
             done[name] = Summary.of_results(study, table, {"budget": budget} | provenance(store, plan))
-        done[name].save(Store(f"{out}/{DATA}"), f"{name}.parquet")
+        done[name].save(Store(out).below(DATA), f"{name}.parquet")

@@ -22,7 +22,7 @@ from galton.saving.provenance import version
 FORMAT = 1
 """The number of today's format; a file of a higher one is of a newer version."""
 MAX_HEADER = 1 << 23
-MAX_FILE = 1 << 30
+MAX_FILE = files.DATA
 
 Settings = dict[str, Any]
 """What JSON can hold, by name."""
@@ -57,11 +57,7 @@ def read(path: Path) -> tuple[Settings, dict[str, np.ndarray]]:
     """
     require(path.exists(), f"path is {path}, which does not exist")
     try:
-        if path.is_dir():
-            raise CheckpointError("it is a folder; name a file")
-        if not path.is_file() or path.stat().st_size > MAX_FILE:
-            raise CheckpointError("it is not a file of a checkpoint's size")
-        content = path.read_bytes()
+        content = files.read(path, MAX_FILE)
         length = int.from_bytes(content[:8], "little")
         if len(content) < 8 or length > min(MAX_HEADER, len(content) - 8):
             raise CheckpointError("its header is cut off or too long")
@@ -78,7 +74,9 @@ def read(path: Path) -> tuple[Settings, dict[str, np.ndarray]]:
             raise CheckpointError("its settings are missing")
     except CheckpointError as error:
         raise CheckpointError(f"{path} can't be loaded: {error}") from None
-    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError, SafetensorError) as error:
+    except OSError as error:
+        raise CheckpointError(f"{path} can't be loaded: {error.strerror or error}") from None
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError, SafetensorError) as error:
         raise CheckpointError(f"{path} is not a checkpoint of Galton's: {in_a_line(error)}") from None
     return record["settings"], arrays
 

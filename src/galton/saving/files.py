@@ -5,6 +5,7 @@ import os
 import platform
 import re
 import secrets
+import stat
 from collections.abc import Iterator
 from pathlib import Path, PureWindowsPath
 
@@ -12,6 +13,45 @@ from galton.errors import UsageError, require
 
 SCRATCH = ".writing-"
 """How the names of files begin that are not whole yet; machine and process follow."""
+TEXT = 1 << 24
+"""The most bytes of a file of settings, which people write or read: over 100 times the longest of ours."""
+DATA = 1 << 30
+"""The most bytes of a file that grows with what is trained, such as a model, a log or a table: what a memory holds."""
+_ODD = {stat.S_IFIFO: "a pipe", stat.S_IFSOCK: "a socket"}
+
+
+def read(path: Path, most: int) -> bytes:
+    """The whole content of a regular file, or of the one that a link leads to; it may be a stranger's.
+
+    Nothing else is opened, for a pipe would never end, nor anything larger read.
+
+    Args:
+        path: of the file.
+        most: bytes that it may have, TEXT or DATA.
+
+    Raises:
+        FileNotFoundError: there is none.
+        OSError: it can't be read, is something else, or is larger; the message says so without the path.
+    """
+    _readable_size(path.stat(), most)
+    with open(path, "rb", opener=_at_once) as file:  # which Path.open doesn't take
+        return file.read(_readable_size(os.fstat(file.fileno()), most))
+
+
+def _readable_size(found: os.stat_result, most: int) -> int:
+    """The size of what was found, in bytes; OSError where it is not to be read."""
+    if stat.S_ISDIR(found.st_mode):
+        raise IsADirectoryError("it is a folder; name a file")
+    if not stat.S_ISREG(found.st_mode):
+        raise OSError(f"it is {_ODD.get(stat.S_IFMT(found.st_mode), 'a device')}; name a regular file")
+    if found.st_size > most:
+        raise OSError(f"its size is {found.st_size:,} bytes, and it may have {most:,}; name another file")
+    return found.st_size
+
+
+def _at_once(path: str, flags: int) -> int:
+    """Open a file without waiting, should it have become a pipe meanwhile."""
+    return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
 
 
 def write(path: Path, data: bytes) -> None:
@@ -33,7 +73,7 @@ def replacing(path: Path) -> Iterator[Path]:
     Raises:
         OSError: a path that can't be written.
     """
-    path = path.resolve()
+    path = _target(path)
     scratch = path.with_name(f"{SCRATCH}{platform.node()}-{os.getpid()}-{secrets.token_hex(4)}{path.suffix}")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -54,6 +94,30 @@ def check_inside(name: str, value: str) -> None:
     parts = re.split(r"[/\\]", value)
     inside = "\0" not in value and not {"", ".", ".."} & {*parts} and not PureWindowsPath(value).drive
     require(inside, f"{name} is {value!r}, which is no name of a file in a folder; leave out '..' and what leads away")
+
+
+def check_no_way_out(name: str, folder: Path, *files: str) -> None:
+    """Raise UsageError, which calls the folder by this name, where a link in it leads what would be written elsewhere.
+
+    A folder that somebody else filled may hold one. The folder itself may be a link, since its user named it.
+
+    Args:
+        name: of the argument.
+        folder: that is written into.
+        files: the names in it that are written, which may lie in folders of its own.
+    """
+    top = _target(folder)
+    for file in files:
+        place = _target(top / file)
+        require(
+            place.is_relative_to(top),
+            f"{name} is {folder}, whose {file} leads out of it by a link, to {place}; remove the link",
+        )
+
+
+def _target(path: Path) -> Path:
+    """Where a path leads in the end; a link that leads back to itself is where it ends."""
+    return Path(os.path.realpath(path))
 
 
 def check_text(name: str, path: str | Path) -> None:

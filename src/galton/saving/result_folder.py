@@ -88,6 +88,7 @@ def claimed(path: Path) -> Iterator[None]:
     lock = filelock.FileLock(path.parent / f".{path.name}.lock", blocking=False)
     with told(path):
         path.parent.mkdir(parents=True, exist_ok=True)
+        files.check_no_way_out("out", path.parent, Path(lock.lock_file).name)  # it would be emptied
         try:
             lock.acquire()
         except filelock.Timeout:
@@ -147,7 +148,7 @@ def read_settings(folder: Path) -> dict[str, object]:
     """
     path = folder / CONFIG
     try:
-        settings = json.loads(path.read_text())
+        settings = json.loads(files.read(path, files.TEXT))
     except FileNotFoundError:
         return {}
     except (OSError, ValueError, RecursionError) as error:

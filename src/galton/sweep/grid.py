@@ -13,6 +13,7 @@ from galton.algorithms import idle, may_idle
 from galton.errors import UsageError, did_you_mean, require, require_integer
 from galton.losses import LOSSES
 from galton.records import Fields
+from galton.saving import files
 from galton.sweep.study import Setting
 from galton.tasks import settings_of, task_of
 from galton.types import make_config
@@ -114,7 +115,7 @@ def read_grid(path: Path, base: Mapping[str, object]) -> tuple[Setting, ...]:
         UsageError: no such file, no TOML, no grid in it, an unknown field, a value out of range.
     """
     try:
-        record = tomllib.loads(path.read_text())
+        record = tomllib.loads(files.read(path, files.TEXT).decode())
     except (OSError, ValueError, RecursionError) as error:
         meant = did_you_mean(path, GRIDS)
         raise UsageError(f"grid is {str(path)!r}, which can't be read as TOML: {error}{meant}") from None

@@ -22,12 +22,13 @@ class Store:
 
     Args:
         url: a path, or whatever fsspec opens (`s3://bucket/sweep` with s3fs installed).
+        top: the folder on a disk that nothing is written out of, whatever links it holds; by default the place itself.
 
     Raises:
         UsageError: fsspec can't open the place.
     """
 
-    def __init__(self, url: str) -> None:
+    def __init__(self, url: str, top: Path | None = None) -> None:
         files.check_text("out", url)
         try:
             self._files, self._root = fsspec.core.url_to_fs(url)
@@ -35,6 +36,11 @@ class Store:
             raise UsageError(f"out is {url!r}, which can't be opened: {error}") from None
         self.url = url
         self.local = Path(self._root) if isinstance(self._files, LocalFileSystem) else None
+        self._top = top or self.local
+
+    def below(self, folder: str) -> "Store":
+        """The files of a folder in this one."""
+        return Store(f"{self.url}/{folder}", self._top)
 
     @property
     def absolute(self) -> str:
@@ -65,6 +71,8 @@ class Store:
             UsageError: it can't be read.
         """
         try:
+            if self.local is not None:
+                return files.read(Path(self._at(name)), files.DATA)
             return self._files.cat_file(self._at(name))
         except FileNotFoundError:
             raise
@@ -77,7 +85,7 @@ class Store:
         Raises:
             UsageError: no room, or no permission.
         """
-        place = self._at(name)
+        place = self._own(name)
         try:
             if self.local is not None:
                 files.write(Path(place), data)
@@ -94,12 +102,19 @@ class Store:
     def remove(self, name: str) -> None:
         """Remove a file, if it is there."""
         with contextlib.suppress(FileNotFoundError):
-            self._files.rm_file(self._at(name))
+            self._files.rm_file(self._own(name))
 
     def _at(self, name: str) -> str:
         """The address of a file; UsageError for a name that leads out of the folder."""
         files.check_inside("name", name)
         return f"{self._root}/{name}"
+
+    def _own(self, name: str) -> str:
+        """The address of a file that may be changed; UsageError where a link leads out of the folder to it."""
+        place = self._at(name)
+        if self._top is not None:
+            files.check_no_way_out("out", self._top, str(Path(place).relative_to(self._top)))
+        return place
 
     @contextlib.contextmanager
     def lock(self) -> Iterator[None]:
@@ -118,6 +133,7 @@ class Store:
             return
         try:
             new = not self.local.exists()
+            self._own(_LOCK)
             self.local.mkdir(parents=True, exist_ok=True)
             lock = filelock.FileLock(self.local / _LOCK, blocking=False)
             lock.acquire()

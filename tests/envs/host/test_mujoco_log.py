@@ -1,5 +1,7 @@
 """MuJoCo's messages become warnings or nothing; no MUJOCO_LOG.TXT lies about."""
 
+import subprocess
+import sys
 import warnings
 
 import gymnasium
@@ -44,6 +46,13 @@ def test_making_an_environment_leaves_no_line_and_no_file(env, tmp_path, monkeyp
     assert list(tmp_path.iterdir()) == []
     assert capfd.readouterr() == ("", "")
     assert mujoco.get_mju_user_warning() is None
+
+
+def test_a_function_that_is_the_first_to_import_mujoco_leaves_no_line_either(tmp_path):
+    code = "import gymnasium; from galton.envs.find import find; find(lambda: gymnasium.make('HalfCheetah-v5'))"
+    done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_what_the_users_own_model_is_told_is_a_warning(tmp_path, monkeypatch):
