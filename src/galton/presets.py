@@ -118,6 +118,11 @@ USUAL = {"a2c": CLASSIFICATION, "ppo": GAUSSIAN}
 """The preset of each algorithm where neither a preset nor a loss is named; that of any other is the paper's."""
 
 
+def present(name: str) -> str:
+    """What a preset of that name is called by now."""
+    return CLASSIFICATION if name == RECOMMENDED else name
+
+
 def find_preset(name: str | None, loss: str | None, algorithm: str) -> Preset:
     """The preset of that name, with the loss if one is named.
 
@@ -128,7 +133,7 @@ def find_preset(name: str | None, loss: str | None, algorithm: str) -> Preset:
         UsageError: there is none of that name, or it was tuned for another loss.
     """
     name = name or (USUAL.get(algorithm, PAPER) if loss is None else PAPER)
-    name = CLASSIFICATION if name == RECOMMENDED else name
+    name = present(name)
     if name not in PRESETS:
         raise unknown("preset", name, PRESETS)
     preset = PRESETS[name].get(algorithm, Preset(name))

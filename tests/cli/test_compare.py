@@ -12,6 +12,7 @@ from galton.presets import PAPER, Preset, find_preset
 from galton.sweep.study import Setting
 
 MADE_UP = {
+    "classification": {"ppo": Preset("classification", "hl-gauss-centred", {"eta": 2.0})},
     "best": {"ppo": Preset("best", "hl-gauss-centred", {"n_envs": 4, "n_steps": 32, "eta": 3.0, "gamma": 0.9})},
     "gaussian": {"ppo": Preset("gaussian", "gaussian", {"log_std_init": -1.0, "learning_rate": 0.002})},
     PAPER: {},
@@ -23,6 +24,7 @@ ASKED = [
     [*A2C, "best", "gaussian"],
     [*PPO, "best", "gaussian", "--gamma", "0.5", "--target-tails", "edges"],
     [*PPO, "bst"],
+    [*PPO, "recommended", "gaussian"],
 ]
 COMPARED = f"""
 import json
@@ -70,6 +72,13 @@ def test_a_preset_brings_its_loss_and_its_settings_and_so_does_the_gaussian_besi
 def test_without_a_preset_beside_it_or_of_this_algorithm_gaussian_is_the_loss(compared, of_model):
     assert compared[1] == {name: of_model(PAPER, name) for name in ("gaussian", "hl-gauss")}
     assert [*compared[2]] == ["hl-gauss, preset best", "gaussian"]
+
+
+def test_the_earlier_name_of_a_preset_is_that_preset(compared, of_model):
+    assert compared[5] == {
+        "hl-gauss-centred, preset classification": of_model("classification"),
+        "gaussian, preset gaussian": of_model("gaussian"),
+    }
 
 
 def test_what_is_typed_goes_for_all_that_have_a_use_for_it(compared, of_model):

@@ -107,7 +107,7 @@ def test_an_export_again_replaces_its_files(run):
 
 
 WRONG = {
-    "no run": (["nowhere"], "path is nowhere, which does not exist"),
+    "no run": (["nowhere"], "run is nowhere, which does not exist"),
     "no model": (["{run}/.."], "run is .*, which holds no model.safetensors; name a run folder of `galton train`"),
     "a long name": (["x" * 300], "^(run|path) is x"),
     "no format": (["{run}", "--format", "torch"], "format is 'torch'; choose from onnx, card"),

@@ -41,7 +41,10 @@ def test_each_run_is_a_curve_of_what_is_known_of_it(tmp_path, drawn, capsys):
 
 @pytest.mark.parametrize(
     ("arguments", "told"),
-    [(["nowhere"], "nowhere, which holds no metrics.jsonl"), (["x", "--out", "a.pdf"], "must end in .png or .svg")],
+    [
+        (["nowhere"], "run is nowhere, which holds no metrics.jsonl"),
+        (["x", "--out", "a.pdf"], "must end in .png or .svg"),
+    ],
 )
 def test_what_cannot_be_drawn_is_told(arguments, told):
     with pytest.raises(UsageError, match=told):

@@ -117,7 +117,7 @@ def test_another_budget_in_the_same_folder_is_refused(part):
     ("arguments", "complaint"),
     [
         (["reproduce", "figure-11"], "what is 'figure-11'; choose from figure-1, "),
-        (["report", "nowhere"], "holds no data; make some with: galton reproduce"),
+        (["report", "nowhere"], "DIR is 'nowhere', which holds no data; make some with: galton reproduce"),
     ],
 )
 def test_wrong_words_are_one_line(arguments, complaint):
@@ -151,7 +151,7 @@ def samples(**changed):
 
 
 def test_what_a_figure_measured_is_kept_and_refused_at_another_budget(tmp_path):
-    calls = []
+    calls, told = [], []
 
     def measure(budget):
         calls.append(budget)
@@ -159,8 +159,8 @@ def test_what_a_figure_measured_is_kept_and_refused_at_another_budget(tmp_path):
 
     figures = {"propositions": dataclasses.replace(FIGURES["propositions"], measure=measure)}
     for _ in range(2):
-        reproduce.measure(figures, "smoke", str(tmp_path))
-    assert calls == ["smoke"]
+        reproduce.measure(figures, "smoke", str(tmp_path), told.append)
+    assert (calls, told) == (["smoke"], ["measurement 1 of 1: propositions"])
     known = record_of(reproduce.load(str(tmp_path)).tables["propositions"])
     assert (known["budget"], known["versions"], known["machines"]) == ("smoke", [versions()], [machine()])
     reproduce.refuse_other_budgets([], [], "paper", str(tmp_path))

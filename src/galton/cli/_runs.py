@@ -6,6 +6,7 @@ from pathlib import Path
 from galton.cli._modules import search_here
 from galton.envs.registry import read_constants
 from galton.errors import UsageError, require
+from galton.saving.model_file import existing
 from galton.saving.result_folder import CONFIG, MODEL, read_settings
 
 
@@ -13,11 +14,13 @@ def model_of(run: Path) -> Path:
     """The model's file in a run folder, or the file that was named.
 
     Raises:
-        UsageError: a folder without a model, or one that can't be read.
+        UsageError: nothing of that name, a folder without a model, or one that can't be read.
     """
     try:
         if not run.is_dir():
-            return run
+            file = existing(run)
+            require(file.exists(), f"run is {run}, which does not exist")
+            return file
         there = (run / MODEL).exists()
     except OSError as error:
         raise UsageError(f"run is {run}, which can't be read: {error.strerror}") from None

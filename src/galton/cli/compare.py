@@ -17,7 +17,7 @@ from galton.envs.base import Environment
 from galton.envs.registry import read_constants
 from galton.errors import require, require_integer, require_word
 from galton.losses import LOSSES
-from galton.presets import PRESETS, find_preset
+from galton.presets import PRESETS, find_preset, present
 from galton.saving import files
 from galton.saving.result_folder import CURVES, FIGURE, SUMMARY, result_folder, told, write_settings
 from galton.sweep.grid import bases
@@ -54,7 +54,7 @@ def main(arguments: Sequence[str]) -> None:
     """Train all losses, print the table and write figure, curves and settings."""
     options = parse(Options, "compare", arguments)
     require(
-        len({*options.losses}) == len(options.losses) > 0,
+        len({present(word) for word in options.losses}) == len(options.losses) > 0,
         f"losses is {options.losses}; name each loss once, and at least one",
     )
     require_integer("seeds", options.seeds, 1)
@@ -95,8 +95,9 @@ def _compared(options: Options, arguments: Sequence[str]) -> Iterator[tuple[str,
     A preset brings its settings, and what was typed goes before them. A word that is both a loss and a preset is the
     latter where another one is a preset alone, if there is one for this algorithm: then both sides are tuned.
     """
-    tuned = any(word in PRESETS and word not in LOSSES for word in options.losses)
-    for word in options.losses:
+    words = [present(word) for word in options.losses]
+    tuned = any(word in PRESETS and word not in LOSSES for word in words)
+    for word in words:
         require_word("losses", word, [*LOSSES, *(preset for preset in PRESETS if preset not in LOSSES)])
         if word not in LOSSES or (tuned and options.algorithm in PRESETS.get(word, {})):
             preset = find_preset(word, None, options.algorithm)

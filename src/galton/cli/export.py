@@ -15,7 +15,6 @@ from galton.deploy import card, export, hub
 from galton.errors import UsageError, require, unknown
 from galton.models import Model
 from galton.saving import files
-from galton.saving.model_file import existing
 from galton.saving.result_folder import CARD, CONFIG, CONTRACT, METRICS, MODEL, POLICY, read_settings
 
 FORMATS = ("onnx", "card")
@@ -46,7 +45,7 @@ def main(arguments: Sequence[str]) -> None:
     if options.push is not None:
         hub.check_repository(options.push)
     formats = FORMATS if options.push is not None else options.format
-    file = existing(model_of(options.run))
+    file = model_of(options.run)
     model, settings = Model.load(file), _settings(file, "card" in formats)
     out = options.out or file.parent
     require(not out.exists() or out.is_dir(), f"out is {out}, which is a file; name a folder")

@@ -37,7 +37,9 @@ def main(arguments: Sequence[str]) -> None:
     require(len(options.runs) > 0, "runs is empty; name a run folder of `galton train`, or several")
     logs = {str(run): points(run / METRICS) for run in options.runs}
     for run, log in logs.items():
-        require(bool(log), f"runs has {run}, which holds no {METRICS} with log points; name run folders")
+        require(
+            bool(log), f"run is {run}, which holds no {METRICS} with log points; name a run folder of `galton train`"
+        )
     known = [name for name in SHOWN if any(name in point for log in logs.values() for point in log)]
     figure, axes = panels(len(known), height=3.7, width=4.55)
     for panel, metric in zip(axes, known, strict=True):

@@ -4,6 +4,7 @@ import dataclasses
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Annotated
 
 import tyro
 
@@ -21,7 +22,7 @@ from galton.sweep.store import Store
 class Options:
     """Draw the figures and write the page, from the summaries that `galton reproduce` left in a folder."""
 
-    folder: tyro.conf.Positional[Path]
+    folder: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="DIR")]
     """The folder; its data are read, figures/, index.html and tables.md are written."""
     imports: tuple[str, ...] = ()
     """Modules to import first, where figures of your own are registered."""

@@ -2,6 +2,7 @@
 
 import dataclasses
 import fnmatch
+import functools
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
@@ -67,9 +68,10 @@ def reproduce(what: Sequence[str], budget: Budget, out: Path, workers: int | Non
     if budget == "smoke":  # compiling is all that takes time
         places = [Place(place.cores, (("JAX_DISABLE_MOST_OPTIMIZATIONS", "1"),)) for place in places]
     paper.refuse_other_budgets(sweeps, figures, budget, str(out))
+    tell = functools.partial(print, flush=True)
     with processes(places) as carry_out:
-        paper.train(sweeps, budget, str(out), carry_out, lambda told: print(told, flush=True))
-    paper.measure(figures, budget, str(out))
+        paper.train(sweeps, budget, str(out), carry_out, tell)
+    paper.measure(figures, budget, str(out), tell)
     write(out, paper.load(str(out)))
 
 

@@ -87,13 +87,20 @@ def refuse_other_budgets(sweeps: Iterable[Sweep], measured: Iterable[str], budge
             )
 
 
-def measure(figures: Mapping[str, FigureStudy], budget: Budget, out: str) -> None:
-    """Measure what these figures need besides sweeps, unless the folder has it, and write it there."""
+def measure(
+    figures: Mapping[str, FigureStudy], budget: Budget, out: str, tell: Callable[[str], None] = lambda _: None
+) -> None:
+    """Measure what these figures need besides sweeps, unless the folder has it, and write it there.
+
+    Before each, `tell` is told which of how many it is, and its name.
+    """
     there = load(out).tables
-    for name, figure in figures.items():
-        if figure.measure is not None and name not in there:
+    wanted = {name: figure.measure for name, figure in figures.items() if figure.measure is not None}
+    for i, (name, measured) in enumerate(wanted.items(), 1):
+        if name not in there:
+            tell(f"measurement {i} of {len(wanted)}: {name}")
             record = {"budget": budget, "versions": [versions()], "machines": [machine()]}
-            Store(out).below(DATA).write(f"{name}.parquet", to_bytes(with_record(figure.measure(budget), record)))
+            Store(out).below(DATA).write(f"{name}.parquet", to_bytes(with_record(measured(budget), record)))
 
 
 def train(
