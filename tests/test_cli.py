@@ -19,7 +19,7 @@ from galton import LOSSES
 from galton.envs import ENVS
 from galton.saving.checkpoint import read
 
-SMALL = ["--steps", "400", "--logs", "4", "--eval-episodes", "2", "--n-bins", "10"]
+SMALL = ["--algorithm", "a2c", "--steps", "400", "--logs", "4", "--eval-episodes", "2", "--n-bins", "10"]
 
 
 GALTON = Path(sysconfig.get_path("scripts"), "galton")
@@ -235,7 +235,7 @@ def test_a_resumed_run_equals_one_without_a_break(tmp_path):
 
 def test_an_interrupted_run_is_saved_and_goes_on(tmp_path):
     out = tmp_path / "run"
-    command = [GALTON, "train", "lqr", "--n-bins", "10", "--eval-episodes", "0", "--logs", "10000", "--out", out]
+    command = [GALTON, "train", "lqr", "--eval-episodes", "0", "--logs", "10000", "--out", out]
     process = subprocess.Popen([*command, "--steps", "100000000"], stderr=subprocess.PIPE, stdout=subprocess.DEVNULL)
     deadline = time.monotonic() + 120
     while not (out / "metrics.jsonl").exists() and time.monotonic() < deadline:
@@ -286,6 +286,7 @@ def test_an_earlier_run_stays_until_the_first_log_point_of_the_new_one(tmp_path)
     assert galton("train", "bandit", "--steps", "100", "--out", out).returncode == 0
     before = content(out)
     options = ["--overwrite", "--out", out, "--eval-episodes", "0", "--loss", "hl-gauss", "--n-bins", "10"]
+    options += ["--algorithm", "a2c"]
     for code, words, arguments in (
         (2, "--steps is 99999999999; one run counts up to", ["bandit", "--steps", "99999999999"]),
         (1, "on purpose", ["failing:Failing-v0", "--env-kwargs", '{"after": 5}', "--steps", "400"]),

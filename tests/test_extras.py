@@ -50,7 +50,20 @@ for call in asked:
 """
 
 STUDIES = f"{extras.installing('studies')}\n"
-FEW = ["--steps", "200", "--logs", "1", "--eval-episodes", "1", "--net-arch", "4", "--n-bins", "5"]
+FEW = [
+    "--algorithm",
+    "a2c",
+    "--steps",
+    "200",
+    "--logs",
+    "1",
+    "--eval-episodes",
+    "1",
+    "--net-arch",
+    "4",
+    "--n-bins",
+    "5",
+]
 EXPORT = "import galton.deploy; galton.deploy.export(galton.A2C('bandit'), 'policy')"
 UPLOAD = "from galton.deploy import hub; hub.upload('ada/pendulum', {})"
 WANDB = "import galton; galton.callbacks.WeightsAndBiases()"

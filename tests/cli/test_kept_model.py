@@ -36,13 +36,13 @@ gymnasium.register("Slow-v0", Slow, max_episode_steps=10)
 LONG = ["--n-steps", "1200", "--n-bins", "8", "--steps", "1200000", "--logs", "1000"]
 MANY = ["--steps", "100000000", "--logs", "2000"]
 RUNS = {
-    "a2c in JAX": ["bandit", *MANY],
+    "a2c in JAX": ["bandit", "--algorithm", "a2c", *MANY],
     "ppo in JAX": ["mountain-car", "--algorithm", "ppo", "--loss", "gaussian", *MANY],
-    "a2c on Gymnasium's": ["Pendulum-v1", *MANY],
+    "a2c on Gymnasium's": ["Pendulum-v1", "--algorithm", "a2c", *MANY],
     "ppo on Gymnasium's": ["Pendulum-v1", "--algorithm", "ppo", *MANY],
-    "a2c in batches": ["HalfCheetah-v5", *MANY],
+    "a2c in batches": ["HalfCheetah-v5", "--algorithm", "a2c", *MANY],
     "ppo in batches": ["HalfCheetah-v5", "--algorithm", "ppo", "--n-envs", "8", *MANY],
-    "a2c with long updates": ["slow:Slow-v0", *LONG],
+    "a2c with long updates": ["slow:Slow-v0", "--algorithm", "a2c", *LONG],
     "ppo with long updates": ["slow:Slow-v0", "--algorithm", "ppo", "--batch-size", "100", *LONG],
 }
 ASKED = 5.0

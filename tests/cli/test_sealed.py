@@ -13,6 +13,7 @@ import pytest
 
 HERE = Path(__file__).parent
 GOLDEN = HERE.parent / "golden" / "v1"
+A2C = ["--algorithm", "a2c"]
 SMALL = ["--steps", "100", "--logs", "2", "--eval-episodes", "1"]
 GRID = '[[grid]]\nloss = "gaussian"\nlearning_rate = [0.05, 0.1]\n'
 OWN_PIPES = ("multiprocessing.connection", "multiprocessing.spawn")
@@ -68,10 +69,10 @@ def test_no_local_command_does(tmp_path, trust):
     shutil.copytree(GOLDEN / "results", tmp_path / "paper")
     (tmp_path / "grid.toml").write_text(GRID)
     commands = [
-        ["train", "bandit", *SMALL, "--out", "run", "--tensorboard"],
+        ["train", "bandit", *A2C, *SMALL, "--out", "run", "--tensorboard"],
         ["train", "bandit", "--algorithm", "ppo", "--loss", "gaussian", *SMALL, "--out", "ppo"],
-        ["train", "Pendulum-v1", *SMALL, "--out", "pendulum"],
-        ["train", "bandit", "--steps", "200", *SMALL[2:], "--out", "run", "--tensorboard", "--resume"],
+        ["train", "Pendulum-v1", *A2C, *SMALL, "--out", "pendulum"],
+        ["train", "bandit", *A2C, "--steps", "200", *SMALL[2:], "--out", "run", "--tensorboard", "--resume"],
         ["compare", "bandit", *SMALL, "--seeds", "2", "--losses", "gaussian", "hl-gauss", "--out", "compare"],
         ["sweep", "bandit", "--grid", "grid.toml", "--trials", "1", *SMALL, "--workers", "2", "--out", "out"],
         ["sweep", "status", "out"],

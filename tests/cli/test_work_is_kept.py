@@ -74,7 +74,7 @@ def test_so_many_seeds_are_refused_before_they_are_counted(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-WORDS = ["bandit", "--steps", "100", "--logs", "2", "--eval-episodes", "0"]
+WORDS = ["bandit", "--algorithm", "a2c", "--steps", "100", "--logs", "2", "--eval-episodes", "0"]
 
 
 @pytest.mark.parametrize(
