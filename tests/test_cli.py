@@ -123,7 +123,7 @@ WRONG = [
     (["reproduce"], "what to reproduce is not said; choose from figure-1, figure-2"),
     (["reproduce", "--budget", "small"], "what to reproduce is not said"),
     (["reproduce", "figure3"], "'figure3' is nothing to reproduce; choose from figure-1, figure-2"),
-    (["train", "Pendulum"], "environment is 'Pendulum', an id without its version; did you mean Pendulum-v1?"),
+    (["train", "Pendulum"], "environment is 'Pendulum', an id without its version; 'Pendulum-v1' is the newest"),
     (["export", "nowhere"], "run is nowhere, which does not exist"),
     (["export", "."], "run is ., which holds no model.safetensors; name a run folder of `galton train`, or a"),
     (["export", "nowhere", "--format", "torch"], "--format is 'torch'; choose from onnx, card"),

@@ -84,7 +84,7 @@ CORE = [
     ),
     (["watch", "run", "--out", "x.gif"], 2, f"galton: --out is x.gif, which needs PIL: {extras.installing('video')}\n"),
     (["watch", "run"], 2, f"galton: watch needs imageio_ffmpeg: {extras.installing('video')}\n"),
-    (["watch", "nothing"], 2, "galton: path is nothing, which does not exist\n"),
+    (["watch", "nothing"], 2, "galton: run is nothing, which does not exist\n"),
     (
         ["train", "Reacher-v5", *FEW],
         2,

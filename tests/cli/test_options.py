@@ -58,7 +58,7 @@ def parsed(*arguments):
 
 
 def test_options_make_the_records_themselves():
-    options, kinds = parsed("lqr", "--n-bins", "7", "--eta", "0.5", "--loss", "gaussian")
+    options, kinds = parsed("lqr", "--algorithm", "a2c", "--n-bins", "7", "--eta", "0.5", "--loss", "gaussian")
     assert kinds == ["Config", "Hypers"]
     assert options["loss"] == "gaussian"
     assert options["training"]["config"] == dataclasses.asdict(Config("gaussian", n_bins=7)) | {"net_arch": [64, 64]}
@@ -66,7 +66,7 @@ def test_options_make_the_records_themselves():
 
 
 def test_the_tasks_settings_are_the_defaults():
-    training = parsed("bandit", "--n-steps", "6")[0]["training"]
+    training = parsed("bandit", "--algorithm", "a2c", "--n-steps", "6")[0]["training"]
     assert training["steps"] == 2_000
     assert (training["config"]["n_steps"], training["config"]["net_arch"]) == (6, [])
     assert training["hypers"][0] == 0.05

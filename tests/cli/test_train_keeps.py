@@ -177,6 +177,8 @@ def test_a_disk_that_fills_up_is_told_in_a_line_and_the_model_is_kept(tmp_path):
     words = [
         "train",
         "bandit",
+        "--algorithm",
+        "a2c",
         "--steps",
         "500",
         "--logs",

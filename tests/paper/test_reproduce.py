@@ -116,7 +116,7 @@ def test_another_budget_in_the_same_folder_is_refused(part):
 @pytest.mark.parametrize(
     ("arguments", "complaint"),
     [
-        (["reproduce", "figure-11"], "what is 'figure-11'; choose from figure-1, "),
+        (["reproduce", "figure-11"], "'figure-11' is nothing to reproduce; choose from figure-1, "),
         (["report", "nowhere"], "DIR is 'nowhere', which holds no data; make some with: galton reproduce"),
     ],
 )
@@ -139,7 +139,7 @@ def test_words_ask_for_sweeps():
     scales = [f"scale-lqr-{scale}" for scale in (0.125, 0.5, 1, 2, 8)]
     assert {sweep.name for sweep in sweeps} == {"hypotheses-lqr-again", *scales}
     assert figures == {}
-    with pytest.raises(UsageError, match="what is 'cart-pole'"):
+    with pytest.raises(UsageError, match="'cart-pole' is nothing to reproduce"):
         asked(["lqr", "cart-pole"])
 
 

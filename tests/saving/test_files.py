@@ -126,8 +126,7 @@ WHY = {
     "saving/files.py": {"write_bytes", "open"},  # this is the mechanism
     "callbacks.py": {"open"},  # a log: it is appended to, a line at a time
     "cli/_output.py": {"open"},  # os.devnull
-    "cli/_program_faults.py": {"write_bytes"},  # what is removed at once
-    "cli/_programs.py": {"touch"},  # an empty file
+    "training/programs_on_disk.py": {"write_bytes", "touch"},  # what is removed at once, and an empty file
     "cli/compare.py": {"write_table"},  # into a scratch file of `files.replacing`
     "sweep/parquet.py": {"write_table"},  # into memory
     "analysis/plots.py": {"savefig"},  # into memory
@@ -137,7 +136,7 @@ WHY = {
 
 READERS = {"read_text", "read_bytes", "cat_file"}
 OWN = {
-    "cli/_programs.py": {"read_text", "read_bytes"},  # /proc, and what this user's commands compiled
+    "training/programs_on_disk.py": {"read_text", "read_bytes"},  # /proc, and what this user's processes compiled
     "devices.py": {"read_text"},  # /sys
     "extras.py": {"read_text"},  # what pip notes of an installation
     "page/page.py": {"read_text"},  # of this package

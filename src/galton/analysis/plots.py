@@ -154,7 +154,7 @@ def color(i: int) -> str:
 def colors_of(losses: Sequence[str]) -> list[str]:
     """A colour for each series by its loss, the same in all figures; others of a loss have what no loss there has."""
     known = [*LOSSES]
-    own = [_COLORS[known.index(loss) % len(_COLORS)] for loss in losses]
+    own = [_COLORS[(known.index(loss) if loss in known else i) % len(_COLORS)] for i, loss in enumerate(losses)]
     left = [shade for shade in (*_COLORS[len(known) :], *_COLORS[: len(known)]) if shade not in own] or [*_COLORS]
     others = itertools.cycle(left)
     return [shade if shade not in own[:i] else next(others) for i, shade in enumerate(own)]

@@ -87,7 +87,8 @@ def curves(found: Found) -> Figure:
 
 def _colors(found: Found) -> list[str]:
     """The colours of the leading methods."""
-    return colors_of([str(method.fixed.get("loss", DEFAULTS["loss"])) for method in leading(found)])
+    fixed = [{**found.protocol.fixed, **method.fixed}.get("loss") for method in leading(found)]
+    return colors_of([str(DEFAULTS["loss"] if loss is None else loss.values[0]) for loss in fixed])
 
 
 def leading(found: Found) -> list[Method]:

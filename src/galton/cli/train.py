@@ -179,8 +179,9 @@ def _learn(model: Model, options: Options, record: "_Record", show: Show) -> Non
     if last // options.save_every > first // options.save_every:
         calls.append(_Saving(record.model, options.save_every))
     try:
-        interval = _interval(options.training, model)
-        model.learn(last - first, calls, progress_bar=False, log_interval=interval, decay_from=0)
+        interval, size = _interval(options.training, model), model.config.rollout_size
+        whole = math.ceil((last - first) / size) * size  # which learn would say in a warning
+        model.learn(whole, calls, progress_bar=False, log_interval=interval, decay_from=0)
     except DivergenceError as error:
         raise UsageError(str(error)) from None
     except KeyboardInterrupt:

@@ -385,6 +385,12 @@ class Model:
         """
         self._run.close()
 
+    def __copy__(self: ModelT) -> ModelT:
+        """Another view of the same run, as `copy.copy` makes of any object."""
+        model = type(self).__new__(type(self))
+        vars(model).update(vars(self))
+        return model
+
     def __reduce__(self) -> Any:
         """TypeError for pickle and copy, which says what to do: environments and programs can't be taken along."""
         name = type(self).__name__
