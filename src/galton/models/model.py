@@ -392,7 +392,7 @@ class Model:
         return model
 
     def __reduce__(self) -> Any:
-        """TypeError for pickle and copy, which says what to do: environments and programs can't be taken along."""
+        """TypeError for pickle and deepcopy, which says what to do: environments and programs can't be taken along."""
         name = type(self).__name__
         raise TypeError(
             f"a {name} can't be pickled or copied, for it holds environments and compiled programs; save(path) writes "
