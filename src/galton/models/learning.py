@@ -33,7 +33,7 @@ class Learning(Protocol):
 
     @property
     def learner(self) -> Learner:
-        """What was learnt."""
+        """Parameters, Adam's moments and the statistics that normalise."""
 
     @property
     def num_timesteps(self) -> int:

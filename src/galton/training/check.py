@@ -36,7 +36,7 @@ class Finding:
     name: str
     """What was looked at."""
     value: str
-    """What was found."""
+    """The finding in words, with its numbers."""
     remedy: str = ""
     """What to do about it; empty where all is well."""
     ok: bool = True

@@ -24,7 +24,7 @@ class Spread:
         self.low, self.high = np.full((), np.inf), np.full((), -np.inf)
 
     def add(self, rows: Float[np.ndarray, "n e"]) -> None:
-        """Count further vectors."""
+        """Count n further vectors, each of the same entries."""
         rows = rows.astype(np.float64)
         self._first = self._first if self.n else rows[0]
         self.n += len(rows)
@@ -34,7 +34,7 @@ class Spread:
 
     @property
     def mean(self) -> Float[np.ndarray, " e"]:
-        """Of each entry."""
+        """The mean of each entry over all vectors."""
         return self._first + self._sum / self.n
 
     @property

@@ -18,7 +18,7 @@ SEED = 0
 """Of the episodes and of the random actions: they are the same in every run."""
 
 Act = Callable[[Float[np.ndarray, "n o"]], Float[np.ndarray, "n d"]]
-"""Actions for observations."""
+"""A function that gives n actions for n observations."""
 Bound = Float[np.ndarray, " d"] | tuple[float, ...]
 """The lower or the upper bounds of an action box."""
 
