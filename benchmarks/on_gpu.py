@@ -8,6 +8,7 @@ row is in the file as soon as it is measured, so the script may be cut at any ti
 - `copies`: one run with thousands of copies of an LQR of a cheetah's size (17 states, 6 actions), 128×128 networks.
 - `compile`: four runs of 2,048 copies and rollouts of 480 steps, without XLA's autotuning of fusions; and once more
   with it at the end, in all the time that is left.
+- `compile-counting`: the first of these programs as it was when `Bins.encode` counted edges.
 - `precision`: A2C with matrix products in float32, and in TF32.
 
     python benchmarks/on_gpu.py [--seconds 480] [--toy] [--stages a2c ppo ...] [--out results/benchmarks]
@@ -38,6 +39,7 @@ STAGES = {
     "copies": ("", 0.12),
     "precision": ("", 0.06),
     "compile-autotuned": ("", 0.16),
+    "compile-counting": ("", 0.16),
 }
 """The flags that XLA gets, and the share of the time. What one leaves over goes to those after it."""
 
@@ -76,6 +78,14 @@ def compile_(sizes):
     """Compile alone: nothing is trained."""
     for loss in ("hl-gauss-centred", "gaussian"):
         measure("ppo", cheetah_sized(), loss, sizes[1] // 16 or 1, slices=0, **large(2 * sizes[2], n_steps=480))
+
+
+def counting(sizes):
+    """Compile the head's program with the index that was: the number of inner edges at or below an action."""
+    from galton import Bins
+
+    Bins.encode = lambda self, action: (action[..., None] >= self.edges[:, 1:-1]).sum(-1)
+    compile_(sizes)
 
 
 def precision(sizes):
@@ -121,6 +131,7 @@ def measure(algorithm, env, loss, runs, slices=3, precision=None, **settings):
     try:
         start = time.perf_counter()
         population = populate(env, config, hypers, range(runs), jax.devices()[:1])
+        jax.block_until_ready(population.learner)
         row["compile_seconds"] = population.compile_seconds
         row["begin_seconds"] = time.perf_counter() - start - population.compile_seconds
         if slices:
@@ -156,7 +167,7 @@ def stage(name, toy):
     device = jax.devices()[0]
     print(json.dumps({"device": device.device_kind, "platform": device.platform, "jax": jax.__version__}), flush=True)
     sizes = (1, 4, 16) if toy else (1, 64, 1024, 4096, 16384)
-    stages = {"a2c": a2c, "ppo": ppo, "copies": copies, "precision": precision}
+    stages = {"a2c": a2c, "ppo": ppo, "copies": copies, "precision": precision, "compile-counting": counting}
     stages.get(name, compile_)(sizes)
 
 

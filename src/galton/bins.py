@@ -96,8 +96,16 @@ class Bins:
         object.__setattr__(self, "bin_centers", bin_centers)
 
     def encode(self, action: Float[Array, "*batch d"]) -> Int[Array, "*batch d"]:
-        """The index, 0 … k − 1, of the bin that holds each entry of an action."""
-        return (action[..., None] >= self.edges[:, 1:-1]).sum(-1)
+        """The index, 0 … k − 1, of the bin that holds each entry of an action.
+
+        Arithmetic finds it, off by one at most, and the two edges beside it say which: what comes out is the number of
+        inner edges at or below the action, in less time than it takes to count them.
+        """
+        half = 0.5 if self.bin_centers == "bounds" else 0.0
+        near = jnp.clip((action - self.low) / self.width + half, 0, self.n_bins - 1).astype(int)
+        inner = jnp.pad(self.edges[:, 1:-1], ((0, 0), (1, 1)), constant_values=jnp.nan)  # nothing is beyond the ends
+        below, above = (inner[jnp.arange(len(self.low)), near + i] for i in (0, 1))
+        return near - (action < below) + (action >= above)
 
     def decode(self, index: Int[Array, "*batch d"]) -> Float[Array, "*batch d"]:
         """The center of each indexed bin."""

@@ -14,7 +14,7 @@ from galton.types import Params
 def init_mlp(key: Key[Array, ""], sizes: Sequence[int], last_scale: float) -> list[Params]:
     """Orthogonal kernels of scale √2, the last of `last_scale`, and zero biases: layers sizes[0] → … → sizes[-1].
 
-    Not under vmap: two batched QR kernels in one program can wait for each other for ever in jaxlib 0.10.2.
+    Not under vmap on a CPU: two batched QR kernels in one program can wait for each other for ever in jaxlib 0.10.2.
     """
     scales = [2**0.5] * (len(sizes) - 2) + [last_scale]
     keys = jax.random.split(key, len(scales))

@@ -221,7 +221,7 @@ class _Programs(NamedTuple):
 @kept
 def _compile(env: Environment, agent: Agent, hypers: Hypers, on_runs: NamedSharding) -> _Programs:
     """The programs for hypers of these shapes."""
-    begin_all = jax.jit(_one_after_the_other(functools.partial(begin_on_device, env, agent)))
+    begin_all = jax.jit(_begin_all(env, agent, on_runs))
     axes = (0, 0, None)
     advance = _on_all_devices(over_runs(agent, functools.partial(iterate, env, agent), axes), on_runs, axes)
     log = _on_all_devices(jax.vmap(functools.partial(read_log, agent)), on_runs, (0, 0, 0))
@@ -248,7 +248,7 @@ def _compile_evaluation(
     def program(key: Array, step: Array, learner: Learner, hypers: Hypers) -> Array:
         return evaluate(jax.random.fold_in(key, step), env, agent, learner, hypers, n_episodes)
 
-    begin_all = _one_after_the_other(functools.partial(begin_on_device, env, agent))
+    begin_all = _begin_all(env, agent, on_runs)
     run = _placed(jax.eval_shape(begin_all, _seeds(hypers), hypers).run, on_runs)
     compiled = (
         jax.jit(_on_all_devices(jax.vmap(program), on_runs, (0, 0, 0, 0)))
@@ -264,9 +264,14 @@ def _seeds(hypers: Hypers) -> jax.ShapeDtypeStruct:
     return jax.ShapeDtypeStruct(jax.tree.leaves(hypers)[0].shape, jnp.uint32)
 
 
-def _one_after_the_other(f: Callable[[Array, Hypers], Tree]) -> Callable[[Array, Hypers], Tree]:
-    """Map over runs one after the other, without a batch axis (see `init_mlp`)."""
-    return lambda seeds, hypers: jax.lax.map(lambda run: f(*run), (seeds, hypers))
+def _begin_all(
+    env: Environment, agent: Agent, on_runs: NamedSharding
+) -> Callable[[UInt[Array, " R"], Hypers], DeviceState]:
+    """Make new runs: all at once, but on a CPU one after the other, without a batch axis (see `init_mlp`)."""
+    begin = functools.partial(begin_on_device, env, agent)
+    if on_runs.mesh.devices.flat[0].platform != "cpu":
+        return jax.vmap(begin)
+    return lambda seeds, hypers: jax.lax.map(lambda run: begin(*run), (seeds, hypers))
 
 
 def _on_all_devices(
