@@ -5,9 +5,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from gymnasium.spaces import Box
+from gymnasium.spaces import Box, Dict
+from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 
+import galton
 from galton import Config, Hypers, normalization
 from galton.algorithms import resolve
 from galton.envs import find
@@ -15,7 +17,12 @@ from galton.training.on_host import HostPopulation
 from galton.training.population import action_box
 
 N = 3
-receive, standardise = jax.jit(normalization.receive), jax.jit(normalization.observation)
+receive = jax.jit(normalization.receive)
+
+
+@jax.jit
+def standardise(normalizer, raw):
+    return normalization.observation(normalizer, normalization.from_origin(normalizer, raw))
 
 
 class Drift(gymnasium.Env):
@@ -77,11 +84,14 @@ def test_moments_are_numpys_over_all_samples():
 def seen_by_a_run(samples):
     """The normaliser after samples `[T, N, o]`, the first of which the run begins with."""
 
+    def count_one(normalizer, x):
+        return normalization.observe(normalizer, normalization.from_origin(normalizer, x))
+
     def count(samples):
         normalizer = normalization.begin(
             normalization.init(Config(normalize_observation=True), samples.shape[-1]), samples[0]
         )
-        return jax.lax.scan(lambda n, x: (normalization.observe(n, x), None), normalizer, samples[1:])[0]
+        return jax.lax.scan(lambda n, x: (count_one(n, x), None), normalizer, samples[1:])[0]
 
     return jax.jit(count)(jnp.asarray(samples))
 
@@ -102,6 +112,53 @@ def test_an_offset_leaves_the_deviation_what_it_is(offset):
     np.testing.assert_allclose(np.sqrt(normalizer.observation.variance), samples.astype(np.float64).std(), rtol=1e-3)
     numbers = np.asarray(standardise(normalizer, samples), np.float64)
     np.testing.assert_allclose([numbers.mean(), numbers.std()], [0, 1], atol=2e-3)
+
+
+class Late(gymnasium.Env):
+    """A point that actions move about, seen in float64 from far away, such as a time since 1970."""
+
+    action_space = Box(-1.0, 1.0, (1,))
+
+    def __init__(self, offset, space):
+        self.offset, self.observation_space = offset, space
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        self.t, self.place = 0, self.np_random.normal()
+        return self._observe(), {}
+
+    def step(self, action):
+        self.t += 1
+        self.place += float(action[0]) / 10
+        return self._observe(), -abs(self.place), False, self.t == 20, {}
+
+    def _observe(self):
+        seen = np.array([self.offset + self.place])
+        return {"clock": seen} if isinstance(self.observation_space, Dict) else seen
+
+
+@pytest.mark.parametrize("many", [1, 3])
+@pytest.mark.parametrize("nested", [False, True])
+def test_float64_observations_lose_their_digits_after_the_origin(nested, many):
+    space = Box(-np.inf, np.inf, (1,), np.float64)
+    space = Dict({"clock": space}) if nested else space
+
+    def trained(offset):
+        env = (
+            Late(offset, space)
+            if many == 1
+            else SyncVectorEnv([lambda: Late(offset, space)] * many, autoreset_mode=AutoresetMode.SAME_STEP)
+        )
+        model = galton.PPO(env, n_steps=240 // many, batch_size=60, normalize_observation=True, seed=0)
+        model.learn(720)
+        seen = offset + np.linspace(-2, 2, 9)[:, None]
+        return model, model.predict({"clock": seen} if nested else seen, deterministic=True)[0]
+
+    (near, near_actions), (far, far_actions) = trained(0.0), trained(1.7e9)
+    assert np.ptp(near_actions) > 0.01
+    np.testing.assert_allclose(far_actions, near_actions, atol=0.1 * np.ptp(near_actions))
+    deviations = [np.sqrt(model.learner.normalizer.observation.variance) for model in (near, far)]
+    np.testing.assert_allclose(*deviations, rtol=0.01)
 
 
 def test_an_entry_that_never_moved_is_divided_by_its_size():

@@ -1,12 +1,14 @@
 """Running statistics of observations and rewards, with the semantics of Stable-Baselines3's VecNormalize.
 
 Observations are counted from an origin, the first that the run sees: beside a large mean float32 has no digits left for
-what moves, and the samples that the statistics begin with would be far from all that are seen.
+what moves, and the samples that the statistics begin with would be far from all that are seen. So `from_origin` comes
+first; outside JAX it is `from_origin_on_host`, which has the observations as they are, in float64.
 """
 
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from galton.types import Config, Hypers
@@ -65,25 +67,38 @@ def update_moments(moments: Moments, batch: Float[Array, "N *rest"]) -> Moments:
     return Moments(moments.mean + share * delta, moments.variance + share * (spread - moments.variance), total)
 
 
-def begin(normalizer: Normalizer, observation: Float[Array, "N o"]) -> Normalizer:
+def begin(normalizer: Normalizer, raw: Float[Array, "N o"]) -> Normalizer:
     """Count the first observations of a run of N environments, the first of which becomes the origin."""
     if not normalizer.observation:
         return normalizer
-    return observe(normalizer._replace(origin=observation[0]), observation)
+    normalizer = normalizer._replace(origin=raw[0])
+    return observe(normalizer, from_origin(normalizer, raw))
 
 
-def observe(normalizer: Normalizer, observation: Float[Array, "N o"]) -> Normalizer:
-    """Count the observations of one step of N environments."""
+def from_origin(normalizer: Normalizer, raw: Float[Array, "*batch o"]) -> Float[Array, "*batch o"]:
+    """Observations told from the origin; as they are where normalising is off."""
+    return raw - normalizer.origin if normalizer.observation else raw
+
+
+def from_origin_on_host(normalizer: Normalizer, raw: Float[np.ndarray, "*runs n o"]) -> Float[np.ndarray, "*runs n o"]:
+    """The same for n observations of each run, in float32: digits are lost after the origin is taken away."""
+    if normalizer.observation:
+        raw = raw - np.asarray(normalizer.origin)[..., None, :]
+    return raw.astype(np.float32, copy=False)
+
+
+def observe(normalizer: Normalizer, moved: Float[Array, "N o"]) -> Normalizer:
+    """Count the observations of one step of N environments, told from the origin."""
     if not normalizer.observation:
         return normalizer
-    return normalizer._replace(observation=update_moments(normalizer.observation, observation - normalizer.origin))
+    return normalizer._replace(observation=update_moments(normalizer.observation, moved))
 
 
-def observation(normalizer: Normalizer, raw: Float[Array, "*batch o"]) -> Float[Array, "*batch o"]:
-    """Standardised and clipped to ±10; as it is where normalising is off."""
+def observation(normalizer: Normalizer, moved: Float[Array, "*batch o"]) -> Float[Array, "*batch o"]:
+    """Standardised and clipped to ±10, told from the origin; as it is where normalising is off."""
     if not normalizer.observation:
-        return raw
-    return jnp.clip((raw - normalizer.origin - normalizer.observation.mean) / deviation(normalizer), -CLIP, CLIP)
+        return moved
+    return jnp.clip((moved - normalizer.observation.mean) / deviation(normalizer), -CLIP, CLIP)
 
 
 def deviation(normalizer: Normalizer) -> Float[Array, " o"]:
@@ -119,6 +134,8 @@ def receive(
     hypers: Hypers,
 ) -> tuple[Normalizer, Float[Array, " N"], Float[Array, "N o"]]:
     """Take in one step: its rewards, the observations that end it and those, after any reset, that follow.
+
+    Observations are told from the origin.
 
     The new statistics, the normalised rewards and the normalised ends.
     """

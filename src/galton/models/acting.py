@@ -11,6 +11,7 @@ from galton.algorithms import Agent, actor_critic
 from galton.envs.base import Environment
 from galton.envs.host.base import HostEnvironments, HostTask
 from galton.envs.host.carried import take_statistics
+from galton.normalization import from_origin_on_host
 from galton.training.evaluate import Kept, copies, deterministic_action, evaluate, play
 from galton.types import Hypers, Learner
 
@@ -19,7 +20,7 @@ Rows = Float[np.ndarray, "n o"]
 
 def exploit(agent: Agent, learner: Learner, hypers: Hypers, rows: Rows) -> Float[np.ndarray, "n d"]:
     """The deterministic action for each observation."""
-    return np.asarray(_deterministic(agent, learner, rows, hypers))
+    return np.asarray(_deterministic(agent, learner, from_origin_on_host(learner.normalizer, rows), hypers))
 
 
 def explore(agent: Agent, learner: Learner, hypers: Hypers, rows: Rows, seed: int, n: int) -> Float[np.ndarray, "n d"]:
@@ -27,7 +28,7 @@ def explore(agent: Agent, learner: Learner, hypers: Hypers, rows: Rows, seed: in
     if not len(rows):  # JAX has no noise of no size
         return np.zeros((0, len(agent.low)), np.float32)
     key = jax.random.fold_in(jax.random.key(seed), n)
-    return np.asarray(_sampled(agent, learner, rows, key, hypers))
+    return np.asarray(_sampled(agent, learner, from_origin_on_host(learner.normalizer, rows), key, hypers))
 
 
 def returns_on(

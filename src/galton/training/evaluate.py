@@ -33,7 +33,7 @@ Carry = tuple[PyTree[Array], Array, Array, Array]
 def deterministic_action(
     agent: Agent, learner: Learner, observation: Float[Array, "*batch o"], hypers: Hypers
 ) -> Float[Array, "*batch d"]:
-    """The action taken without exploration, from raw observations."""
+    """The action taken without exploration, from observations that `normalization.from_origin` tells."""
     normalised = normalization.observation(learner.normalizer, observation)
     return actor_critic.distribution(agent, learner.params, normalised, hypers).deterministic_action()
 
@@ -139,7 +139,8 @@ def evaluate(
 
     def step(carry: Carry) -> Carry:
         states, returns, active, t = carry
-        action = deterministic_action(agent, learner, jax.vmap(env.observe)(states), hypers)
+        moved = normalization.from_origin(learner.normalizer, jax.vmap(env.observe)(states))
+        action = deterministic_action(agent, learner, moved, hypers)
         action = jnp.clip(action, env.action_low, env.action_high)
         states, reward, terminated = jax.vmap(env.step)(states, action, jax.tree.map(lambda x: x[t], noise))
         return states, returns + jnp.where(active, reward, 0.0), active & ~terminated, t + 1

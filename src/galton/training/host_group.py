@@ -14,6 +14,7 @@ from galton.envs.host.carried import MOMENTS, carry, plain_data, set_moments, st
 from galton.envs.host.moves import Watch
 from galton.envs.host.observations import Observations
 from galton.errors import BrokenEnvironmentError, SharedEnvironment
+from galton.normalization import from_origin_on_host
 from galton.policies.correlation import nothing_before
 from galton.training.evaluate import LIMIT_IT, LONG, copies, play
 from galton.training.host_programs import host_programs
@@ -75,7 +76,11 @@ class Group:
         """Begin the first episodes of training, whose observations the statistics count."""
         self._start(self.environments.reset(self._environment_seeds(0)))
         self._at_first = [plain_data(layers) for layers in self.environments.layers]
-        self.runs = self._programs.observe(self.runs, self._observation)
+        if self._config.normalize_observation:
+            origin = self._place(self._observation[:, 0].astype(np.float32))
+            learner = self.runs.learner._replace(normalizer=self.runs.learner.normalizer._replace(origin=origin))
+            self.runs = self.runs._replace(learner=learner)
+        self.runs = self._programs.observe(self.runs, self._from_origin(self._observation))
 
     def decay_over(self, begin: int, end: int) -> None:
         """Let learning rates that fall over all that is trained (decay_steps = inf) fall from one step to another."""
@@ -112,11 +117,12 @@ class Group:
         noise, learner = self._programs.prepare(self.runs), self.runs.learner
         params = _acting(learner.params)
         for t, device_t in enumerate(self._times):
+            moved = self._from_origin(self._observation)
             sampled, normalised, self._noise = self._programs.act(
-                params, learner.normalizer, self._observation, noise, device_t, self._hypers, *self._noise_before()
+                params, learner.normalizer, moved, noise, device_t, self._hypers, *self._noise_before()
             )
             action = np.asarray(sampled)
-            observation = self._observation if normalised is None else np.asarray(normalised)
+            observation = moved if normalised is None else np.asarray(normalised)
             steps = Steps(*map(self._split, self._step(action.reshape(-1, action.shape[-1]))))
             done = self._count(finished, t, steps)
             learner, reward, final = self._receive(learner, steps, done)
@@ -157,9 +163,8 @@ class Group:
         """The statistics after a step, and its rewards and final observations as the learner is to see them."""
         if not (self._config.normalize_observation or self._config.normalize_reward):
             return learner, steps.reward, steps.final_observation
-        normalizer, reward, final = self._programs.receive(
-            learner.normalizer, steps.reward, done, steps.final_observation, steps.observation, self._hypers
-        )
+        moved = map(self._from_origin, (steps.final_observation, steps.observation))
+        normalizer, reward, final = self._programs.receive(learner.normalizer, steps.reward, done, *moved, self._hypers)
         return learner._replace(normalizer=normalizer), np.asarray(reward), np.asarray(final)
 
     def log(self, begin_next: bool = True) -> Log:
@@ -191,7 +196,7 @@ class Group:
         learner, exploit = self.runs.learner, host_programs(self._agent.acting_by(rule)).exploit
 
         def act(observation: np.ndarray) -> np.ndarray:
-            action = np.asarray(exploit(learner, self._split(observation), self._hypers))
+            action = np.asarray(exploit(learner, self._from_origin(self._split(observation)), self._hypers))
             return action.reshape(len(observation), -1)
 
         seeds = self._environment_seeds(1, int(self.runs.step[0]), n=n_episodes)
@@ -269,6 +274,10 @@ class Group:
         self.environments.close()
         if self._evaluator:
             self._evaluator.close()
+
+    def _from_origin(self, observation: Float[np.ndarray, "P n o"]) -> Float[np.ndarray, "P n o"]:
+        """Observations as the programs take them."""
+        return from_origin_on_host(self.runs.learner.normalizer, observation)
 
     def _start_anew(self) -> None:
         """Begin new episodes in the middle of a run, with seeds that its step decides."""

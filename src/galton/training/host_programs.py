@@ -24,13 +24,13 @@ class HostPrograms(NamedTuple):
     begin: Callable[..., RunState]
     """(observation size, seeds, hypers) → runs."""
     observe: Callable[..., RunState]
-    """(runs, first observations `[P, N, o]`) → runs."""
+    """(runs, first observations from the origin `[P, N, o]`) → runs."""
     prepare: Callable[..., PyTree[Array]]
     """Runs → the noise of their next rollout, each leaf `[P, T, N, ...]`."""
     act: Callable[..., tuple[Array, Array | None, PyTree[Array]]]
-    """(params, normalizers, observations `[P, N, o]`, noise, t, hypers, what the noise goes on from, which episodes
-    begin `[P, N]`) → actions, if it is on normalised observations, and what the next noise goes on from. Where noise
-    is not correlated the last two arguments and the last answer are ()."""
+    """(params, normalizers, observations from the origin `[P, N, o]`, noise, t, hypers, what the noise goes on from,
+    which episodes begin `[P, N]`) → actions, if it is on normalised observations, and what the next noise goes on
+    from. Where noise is not correlated the last two arguments and the last answer are ()."""
     receive: Callable[..., tuple[Normalizer, Array, Array]]
     """(normalizers, rewards, dones, final and following observations, hypers) → as normalization.receive."""
     learn: Callable[..., RunState]
@@ -38,7 +38,7 @@ class HostPrograms(NamedTuple):
     log: Callable[..., tuple[RunState, Log]]
     """(runs, batch, hypers) → runs and logs."""
     exploit: Callable[..., Array]
-    """(learners, observations `[P, n, o]`, hypers) → deterministic actions."""
+    """(learners, observations from the origin `[P, n, o]`, hypers) → deterministic actions."""
 
 
 @kept
@@ -50,7 +50,7 @@ def host_programs(agent: Agent) -> HostPrograms:
         return jax.lax.map(lambda run: begin(agent, size, *run)[0], (seeds, hypers))
 
     def observe(run: RunState, observation: Array) -> RunState:
-        learner = run.learner._replace(normalizer=normalization.begin(run.learner.normalizer, observation))
+        learner = run.learner._replace(normalizer=normalization.observe(run.learner.normalizer, observation))
         return run._replace(learner=learner)
 
     def prepare(run: RunState) -> PyTree[Array]:

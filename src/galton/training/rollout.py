@@ -60,11 +60,14 @@ def rollout(
 ) -> tuple[EpisodeState, Learner, Transition, Finished]:
     """T steps of each environment, reset where an episode ends; the learner's statistics grow on the way."""
 
+    def observed(normalizer: normalization.Normalizer, states: PyTree[Array]) -> Array:
+        return normalization.from_origin(normalizer, jax.vmap(env.observe)(states))
+
     def step(
         carry: tuple[EpisodeState, normalization.Normalizer], noise: Noise
     ) -> tuple[tuple[EpisodeState, normalization.Normalizer], tuple[Transition, Finished]]:
         episodes, normalizer = carry
-        observation = normalization.observation(normalizer, jax.vmap(env.observe)(episodes.env))
+        observation = normalization.observation(normalizer, observed(normalizer, episodes.env))
         explored, z = continued(
             agent.policy, noise.action, episodes.noise, episodes.length == 0, hypers.noise_correlation
         )
@@ -85,7 +88,7 @@ def rollout(
             z,
         )
         normalizer, reward, next_observation = normalization.receive(
-            normalizer, reward, done, jax.vmap(env.observe)(states), jax.vmap(env.observe)(following.env), hypers
+            normalizer, reward, done, observed(normalizer, states), observed(normalizer, following.env), hypers
         )
         transition = Transition(observation, action, reward, next_observation, terminated, truncated)
         return (following, normalizer), (transition, Finished(done, collected, length))

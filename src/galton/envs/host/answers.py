@@ -18,7 +18,7 @@ FAULTS = (Exception, SystemExit)
 """What an environment may raise that is its own fault: one that calls sys.exit() must not end training in silence."""
 Made = TypeVar("Made")
 
-_LARGEST = float(np.finfo(np.float32).max)
+LARGEST = float(np.finfo(np.float32).max)
 
 
 @contextlib.contextmanager
@@ -65,7 +65,7 @@ def parts(answer: object, names: str, method: str, where: str) -> tuple[Any, ...
 
 def one_number(value: object, what: str, where: str) -> float:
     """A number that float32 can hold."""
-    if isinstance(value, float) and -_LARGEST <= value <= _LARGEST:  # np.float64 is one; NaN is not between
+    if isinstance(value, float) and -LARGEST <= value <= LARGEST:  # np.float64 is one; NaN is not between
         return value
     number = as_numbers(value)
     if number is None or number.size != 1:
@@ -93,7 +93,7 @@ def as_numbers(raw: object) -> Shaped[np.ndarray, "..."] | None:
 
 
 def as_float32(values: np.ndarray, what: str, where: str) -> Float[np.ndarray, "..."]:
-    """The same numbers for the networks, copied; BrokenEnvironmentError if one of them is not finite."""
+    """The same numbers in float32, copied; BrokenEnvironmentError if one of them is not finite."""
     with np.errstate(over="ignore", invalid="ignore"):
         converted = values.astype(np.float32)
     finite = np.isfinite(converted)

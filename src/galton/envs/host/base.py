@@ -28,7 +28,7 @@ class Steps(NamedTuple):
 
 @runtime_checkable
 class HostEnvironments(Protocol):
-    """M copies of a task outside JAX, stepped together. Observations are flat and float32.
+    """M copies of a task outside JAX, stepped together. Observations are flat, in float32 or float64.
 
     Every method raises BrokenEnvironmentError, which names the copy, where one raises or returns what it must not.
     """

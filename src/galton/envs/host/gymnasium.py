@@ -11,7 +11,18 @@ import numpy as np
 from jaxtyping import Float, Integer
 
 from galton.envs.host.action_box import ActionBox
-from galton.envs.host.answers import FAULTS, as_float32, blame, one_flag, one_number, parts, shown, told, try_to_make
+from galton.envs.host.answers import (
+    FAULTS,
+    LARGEST,
+    as_float32,
+    blame,
+    one_flag,
+    one_number,
+    parts,
+    shown,
+    told,
+    try_to_make,
+)
 from galton.envs.host.base import Steps
 from galton.envs.host.carried import layers_of, plain_data, refuse_different
 from galton.envs.host.moves import Moves, moves_of
@@ -153,7 +164,7 @@ class GymnasiumEnvs:
         """Act, and reset where an episode ended."""
         self._n_steps += 1
         n = len(self._envs)
-        final = np.empty((n, self._observations.size), np.float32)
+        final = np.empty((n, self._observations.size), self._observations.dtype)
         reward, terminated, truncated = np.empty(n, np.float32), np.empty(n, bool), np.empty(n, bool)
         raw: list[np.ndarray] = []
         following = final
@@ -172,7 +183,7 @@ class GymnasiumEnvs:
                 following[i] = self._reset(i, None)
             elif following is not final:
                 following[i] = final[i]
-        if not np.isfinite(final).all():
+        if not (np.abs(final) <= LARGEST).all():
             for i, values in enumerate(raw):
                 as_float32(values, "the observation", self._where(i))
         return Steps(following, final, reward, terminated, truncated & ~terminated)

@@ -132,7 +132,8 @@ class MujocoEnvs:
         return self._functions.observe(self._constants, self._simulations.fields)
 
     def _checked(self, observation: Matrix) -> Float[np.ndarray, "N o"]:
-        return as_float32(observation, "the observations", self._where())
+        as_float32(observation, "the observations", self._where())
+        return observation.copy()
 
     def _where(self) -> str:
         return f"{self._task.name}, step {self._n_steps}"

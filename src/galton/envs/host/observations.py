@@ -1,4 +1,4 @@
-"""Gymnasium's observations as the flat float32 vectors that networks see."""
+"""Gymnasium's observations as flat vectors: in float32, or in float64 where that would take digits from them."""
 
 import dataclasses
 import functools
@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 from gymnasium.spaces import Box, Dict, Discrete, MultiBinary, MultiDiscrete, Tuple
-from gymnasium.spaces.utils import flatdim, flatten
+from gymnasium.spaces.utils import flatdim, flatten, flatten_space
 from gymnasium.vector.utils import batch_space, iterate
 from jaxtyping import Float, Shaped
 
@@ -47,9 +47,20 @@ class Observations:
         """How many entries the flat vector has."""
         return int(flatdim(self.space))
 
+    @functools.cached_property
+    def dtype(self) -> np.dtype[np.floating[Any]]:
+        """What the vectors hold: float32 where it has all numbers of the space, else float64."""
+        own = np.dtype(flatten_space(self.space).dtype)
+        return np.dtype(np.float32 if np.can_cast(own, np.float32) else np.float64)
+
     def flatten(self, raw: object, where: str) -> Float[np.ndarray, " o"]:
         """One observation as a vector; BrokenEnvironmentError says what is wrong with it."""
-        return as_float32(self.numbers(raw, where), "the observation", where).ravel()
+        return self.checked(self.numbers(raw, where), "the observation", where).ravel()
+
+    def checked(self, values: np.ndarray, what: str, where: str) -> Float[np.ndarray, "..."]:
+        """The same numbers as vectors hold them, copied; BrokenEnvironmentError if float32 can't hold one."""
+        narrow = as_float32(values, what, where)
+        return narrow if self.dtype == narrow.dtype else values.astype(self.dtype)
 
     def numbers(self, raw: object, where: str) -> Shaped[np.ndarray, "..."]:
         """One observation as it came, of the right shape; whether it is finite is not looked at."""
@@ -77,7 +88,7 @@ class Observations:
                 single = values.shape == self.space.shape
                 require(single or values.shape[1:] == self.space.shape, f"its shape is {values.shape}")
                 require(values.dtype.kind in "fiub", f"its type is {values.dtype}")
-                return as_float32(values, "it", "predict").reshape(-1, self.size), single
+                return self.checked(values, "it", "predict").reshape(-1, self.size), single
             single = _depth(observation, self.space) == 0
             if not single:
                 lengths = _lengths(observation, self.space)
