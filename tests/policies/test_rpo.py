@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import torch
 from scipy.stats import kstest, uniform
 
 from galton import Config, Hypers
@@ -48,23 +49,31 @@ def gradient_of(update, learner):
     return jax.tree.map(lambda moment: moment / 0.1, after.optimizer.mu)
 
 
-def explicit(agent, params, rows, key, weight_of):
-    """The actor's gradient with moves drawn by hand."""
+def torchs(params, rows, key, objective):
+    """The actor's gradient by torch in float64, of the Gaussian whose means are moved by hand."""
+    moves = jax.random.uniform(key, rows.action.shape, minval=-0.8, maxval=0.8)
+    theirs = {name: jax.tree.map(tracked, params[name]) for name in ("actor", "log_std")}
+    x = tensor(rows.observation)
+    for layer in theirs["actor"][:-1]:
+        x = torch.tanh(x @ layer["kernel"] + layer["bias"])
+    mean = x @ theirs["actor"][-1]["kernel"] + theirs["actor"][-1]["bias"] + tensor(moves)
+    log_prob = torch.distributions.Normal(mean, theirs["log_std"].exp()).log_prob(tensor(rows.action)).sum(-1)
+    (-objective(log_prob, tensor(rows.advantage)).mean()).backward()
+    return jax.tree.map(lambda leaf: leaf.grad.numpy(), theirs)
 
-    def objective(params):
-        moves = jax.random.uniform(key, rows.action.shape, minval=-0.8, maxval=0.8)
-        distribution = agent.policy.distribution(mlp(params["actor"], rows.observation) + moves, params, ALPHA)
-        log_prob = distribution.log_prob(rows.action)
-        return -jnp.mean(jax.lax.stop_gradient(weight_of(log_prob)) * log_prob)
 
-    gradient = jax.grad(objective)(params)
-    return {name: gradient[name] for name in ("actor", "log_std")}
+def tensor(array):
+    return torch.tensor(np.asarray(array), dtype=torch.float64)
+
+
+def tracked(array):
+    return tensor(array).requires_grad_()
 
 
 def check(found, expected):
     for name in expected:
         for ours, theirs in zip(jax.tree.leaves(found[name]), jax.tree.leaves(expected[name]), strict=True):
-            np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-5 * float(jnp.abs(theirs).max()))
+            np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-5 * float(np.abs(theirs).max()))
 
 
 @pytest.mark.parametrize("count", [0, 7])
@@ -78,12 +87,13 @@ def test_ppos_gradient_is_that_of_means_moved_by_the_minibatchs_own_key(count):
     order = jnp.arange(T * N)[None]
     found = gradient_of(lambda learner: ppo.fit(agent, learner, rows, order, ALPHA, KEY), counted)
 
-    def weight_of(log_prob):
-        return rows.advantage * ppo.gated(jnp.exp(log_prob - rows.log_prob), rows.advantage, ALPHA.clip_range)
+    def clipped(log_prob, advantage):
+        ratio = (log_prob - tensor(rows.log_prob)).exp()
+        return torch.minimum(ratio * advantage, ratio.clamp(1 - ALPHA.clip_range, 1 + ALPHA.clip_range) * advantage)
 
-    check(found, explicit(agent, params, rows, jax.random.fold_in(KEY, count), weight_of))
+    check(found, torchs(params, rows, jax.random.fold_in(KEY, count), clipped))
     with pytest.raises(AssertionError):
-        check(found, explicit(agent, params, rows, jax.random.fold_in(KEY, count + 1), weight_of))
+        check(found, torchs(params, rows, jax.random.fold_in(KEY, count + 1), clipped))
 
 
 def test_a2cs_gradient_is_that_of_means_moved_by_the_updates_key():
@@ -92,7 +102,7 @@ def test_a2cs_gradient_is_that_of_means_moved_by_the_updates_key():
     batch = rollout_of(agent, learner)
     rows = ppo.prepare(agent, learner, batch, ALPHA)
     found = gradient_of(lambda learner: a2c.update(agent, learner, batch, ALPHA, KEY), fresh(agent, learner.params))
-    check(found, explicit(agent, learner.params, rows, KEY, lambda _: rows.advantage))
+    check(found, torchs(learner.params, rows, KEY, lambda log_prob, advantage: log_prob * advantage))
 
 
 @pytest.mark.parametrize("algorithm", [a2c, ppo])
