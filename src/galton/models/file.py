@@ -180,10 +180,7 @@ def resume(path: Path, population: Population, arrays: dict[str, np.ndarray]) ->
                     cause += f"; and it has no statistics of its wrappers ({error})"
         else:
             try:
-                observation = "environments/observation"  # in float32 in files of before it had its own precision
-                wanted = like["environments"]["observation"].dtype
-                told = {observation: arrays[observation].astype(wanted)} if observation in arrays else {}
-                snapshot |= checkpoint.unflatten(arrays | told, {"environments": like["environments"]})
+                snapshot |= checkpoint.unflatten(arrays, {"environments": like["environments"]})
             except CheckpointError as error:
                 snapshot["environments"] = like["environments"]
                 cause = f"the checkpoint has no state for its environments ({error})"

@@ -117,17 +117,23 @@ def flatten(tree: PyTree) -> dict[str, np.ndarray]:
 def unflatten(arrays: dict[str, np.ndarray], like: PyTree) -> PyTree:
     """Undo `flatten`, into the structure, shapes and types of `like`.
 
+    Where float64 is wanted float32 will do: observations were in float32 before they had their own precision.
+
     Raises:
         CheckpointError: an array that is missing or differs.
     """
     leaves, structure = jax.tree_util.tree_flatten_with_path(like)
+    told = []
     for path, leaf in leaves:
         found = arrays.get(_name(path))
+        if found is not None and found.dtype == np.float32 and leaf.dtype == np.float64:
+            found = found.astype(np.float64)
         wanted = (leaf.shape, np.dtype(leaf.dtype))
         if found is None or (found.shape, found.dtype) != wanted:
             there = "missing" if found is None else f"{found.shape} {found.dtype}"
             raise CheckpointError(f"{_name(path)} in the checkpoint is {there}; its settings call for {wanted}")
-    return jax.tree.unflatten(structure, [arrays[_name(path)] for path, _ in leaves])
+        told.append(found)
+    return jax.tree.unflatten(structure, told)
 
 
 def check_numbers(arrays: dict[str, np.ndarray], prefix: str, never_negative: Collection[str]) -> None:

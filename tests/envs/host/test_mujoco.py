@@ -56,7 +56,7 @@ def check_every_number_is_gymnasiums(name, kwargs, n_steps):
     exact = envs._observe()
     references = np.stack([env.reset(seed=int(seed))[0] for env, seed in zip(theirs, seeds, strict=True)])
     np.testing.assert_array_equal(exact, references)
-    np.testing.assert_array_equal(first, references.astype(np.float32))
+    np.testing.assert_array_equal(first, references)
 
     rng, ended = np.random.default_rng(0), np.zeros(2, int)
     for _ in range(n_steps // COPIES):

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 from gymnasium.spaces import Box, Dict, Discrete, MultiBinary, MultiDiscrete, Tuple
-from gymnasium.spaces.utils import flatdim, flatten, flatten_space
+from gymnasium.spaces.utils import flatdim, flatten
 from gymnasium.vector.utils import batch_space, iterate
 from jaxtyping import Float, Shaped
 
@@ -50,8 +50,7 @@ class Observations:
     @functools.cached_property
     def dtype(self) -> np.dtype[np.floating[Any]]:
         """What the vectors hold: float32 where it has all numbers of the space, else float64."""
-        own = np.dtype(flatten_space(self.space).dtype)
-        return np.dtype(np.float32 if np.can_cast(own, np.float32) else np.float64)
+        return np.dtype(np.float64 if _is_precise(self.space) else np.float32)
 
     def flatten(self, raw: object, where: str) -> Float[np.ndarray, " o"]:
         """One observation as a vector; BrokenEnvironmentError says what is wrong with it."""
@@ -150,6 +149,15 @@ def has_image(space: object) -> bool:
     if isinstance(space, Tuple):
         return any(map(has_image, space.spaces))
     return isinstance(space, Box) and space.dtype == np.uint8 and len(space.shape) == 3
+
+
+def _is_precise(space: object) -> bool:
+    """Whether a space is or holds a Box whose numbers float32 can't all hold."""
+    if isinstance(space, Dict):
+        return any(map(_is_precise, space.spaces.values()))
+    if isinstance(space, Tuple):
+        return any(map(_is_precise, space.spaces))
+    return isinstance(space, Box) and not np.can_cast(space.dtype, np.float32)
 
 
 def _has_fixed_size(space: object) -> bool:
