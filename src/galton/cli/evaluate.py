@@ -40,4 +40,4 @@ def main(arguments: Sequence[str]) -> None:
     low, high = mean + error * np.array(stats.t.interval(0.95, len(returns) - 1))
     print("returns", ", ".join(f"{value:,.2f}" for value in returns))
     print(f"mean {mean:,.2f}, 95% interval [{low:,.2f}, {high:,.2f}], standard deviation {returns.std():,.2f}")
-    print(f"{len(returns):,} episodes of {file}, by the {model.config.deterministic_action} of the policy")
+    print(f"{len(returns):,} episodes of {file}, without exploration")
