@@ -8,7 +8,7 @@ from pathlib import Path
 import jax
 import numpy as np
 
-V1, V2 = (Path(__file__).parent / version for version in ("v1", "v2"))
+V1, V2, V3 = (Path(__file__).parent / version for version in ("v1", "v2", "v3"))
 CLOSE = {"rtol": 1e-4, "atol": 1e-5}
 """What other compiler flags and other processors may change: a few roundings, added up over hundreds of updates."""
 

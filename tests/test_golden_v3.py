@@ -1,0 +1,98 @@
+"""Presets, later settings and a benchmark, as an earlier version wrote them."""
+
+import json
+import shutil
+
+import numpy as np
+import pytest
+
+import galton
+from galton.benchmark import stages
+from galton.benchmark.draws import draws
+from galton.benchmark.reading import read
+from galton.sweep.study import DEFAULTS, Setting
+
+from .golden.files import CLOSE, V3, arrays, by_path, check_close, command, record
+
+CHECKPOINTS, NAMES = record("checkpoints.json", V3), record("names.json", V3)
+KINDS = {"A2C": galton.A2C, "PPO": galton.PPO}
+QUICK = ("ppo-preset-classification", "ppo-held-hl-gauss-critic")
+BENCHMARKS = V3.parents[2] / "benchmarks"
+
+
+def load(name, env=None):
+    return KINDS[CHECKPOINTS[name]["class"]].load(V3 / "checkpoints" / f"{name}.safetensors", env)
+
+
+@pytest.mark.parametrize("name", CHECKPOINTS)
+def test_a_model_is_what_it_was_and_predicts_what_it_did(name):
+    known, model = CHECKPOINTS[name], load(name)
+    for field, value in known["config"].items():
+        assert getattr(model.config, field) == (tuple(value) if field == "net_arch" else value)
+    for field, value in known["hypers"].items():
+        assert getattr(model.hypers, field) == float(value)  # infinity is a word there
+    assert (model.seed, model.num_timesteps) == (known["seed"], known["step"])
+    found, golden = by_path(model.learner.params), arrays("checkpoints.npz", f"{name}/before/params/", V3)
+    assert {key: values.tobytes() for key, values in found.items()} == {
+        key: values.tobytes() for key, values in golden.items()
+    }
+    observation = np.array(known["observation"])
+    np.testing.assert_allclose(model.predict(observation, deterministic=True)[0], known["deterministic"], **CLOSE)
+    np.testing.assert_allclose(model.predict(observation)[0], known["explored"], **CLOSE)
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.slow if name not in QUICK else ()) for name in CHECKPOINTS]
+)
+def test_a_model_goes_on_as_it_did(name):
+    known, logs = CHECKPOINTS[name], []
+    if known["env"].endswith("-v5"):
+        pytest.importorskip("mujoco")
+    model = load(name, known["env"])
+    note = lambda _, log: logs.append(log)  # noqa: E731
+    model.learn(known["more"], note, progress_bar=False, log_interval=known["log_interval"])
+    model.close()
+    check_close(by_path(model.learner.params), arrays("checkpoints.npz", f"{name}/after/params/", V3))
+    log = {key: np.array([point[key] for point in logs]) for key in logs[0]}
+    check_close(log, arrays("checkpoints.npz", f"{name}/log/", V3))
+
+
+def test_every_field_gives_a_setting_the_name_that_it_gave():
+    assert NAMES["settings"].keys() <= DEFAULTS.keys()
+    for known in NAMES["settings"].values():
+        assert Setting.of_record(known["record"]).name == known["name"]
+
+
+@pytest.mark.parametrize(
+    "file", [pytest.param(name, marks=[pytest.mark.slow] * name.startswith("winner")) for name in NAMES["benchmarks"]]
+)
+def test_a_benchmark_draws_the_settings_that_it_drew(file):
+    known, protocol = NAMES["benchmarks"][file], read(BENCHMARKS / file)
+    assert protocol.digest == known["digest"]
+    parts = stages.tuning(protocol, draws(protocol))
+    names = {part.name: [[setting.name for setting in study.settings] for study in part.studies] for part in parts}
+    assert names == known["tuning"]
+
+
+def test_a_benchmark_that_was_done_is_read_and_reported_as_it_was(tmp_path):
+    for name in ("small.toml", "benchmark"):
+        (shutil.copytree if name == "benchmark" else shutil.copy)(V3 / name, tmp_path / name)
+    command("benchmark", "small.toml", "--workers", "1", "--out", "benchmark", cwd=tmp_path)
+    assert not (tmp_path / "benchmark" / "sweeps").exists()  # nothing was trained again
+    ours, theirs = (json.loads((folder / "benchmark" / "report.json").read_text()) for folder in (tmp_path, V3))
+    check_same(ours, theirs)
+
+
+def check_same(one, other):
+    """Everything that was there is there, and is the same."""
+    if isinstance(other, dict):
+        for key, value in other.items():
+            check_same(one[key], value)
+    elif isinstance(other, list):
+        assert len(one) == len(other)
+        for ours, theirs in zip(one, other, strict=True):
+            check_same(ours, theirs)
+    elif isinstance(other, float):
+        np.testing.assert_allclose(one, other, **CLOSE)
+    else:
+        assert one == other
