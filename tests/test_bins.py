@@ -33,6 +33,20 @@ def test_a_value_on_an_edge_belongs_to_the_bin_above_and_high_to_the_last(box):
     )
 
 
+@settings(max_examples=100)
+@given(boxes(), st.integers(0, 2**32 - 1), st.sampled_from(["inside", "bounds"]))
+def test_an_index_is_the_number_of_inner_edges_at_or_below_by_numpy(box, seed, bin_centers):
+    bins = Bins(*box, bin_centers=bin_centers)
+    beside = [np.nextafter(bins.edges, np.float32(end)) for end in (-np.inf, np.inf)]
+    inside = np.random.default_rng(seed).uniform(bins.low, bins.high, (50, len(bins.low))).astype(np.float32)
+    action = np.concatenate([inside, bins.edges.T, *(edges.T for edges in beside)])
+    action[abs(action) < np.finfo(np.float32).tiny] = 0  # XLA takes them for 0
+    expected = [
+        np.searchsorted(edges[1:-1], one, side="right") for edges, one in zip(bins.edges, action.T, strict=True)
+    ]
+    np.testing.assert_array_equal(bins.encode(jnp.asarray(action)), np.transpose(expected))
+
+
 @settings(max_examples=50)
 @given(boxes(), st.floats(1e-3, 1e30))
 def test_beyond_the_box_is_the_bin_at_that_end(box, distance):
