@@ -49,7 +49,7 @@ class Observations:
 
     @functools.cached_property
     def dtype(self) -> np.dtype[np.floating[Any]]:
-        """What the vectors hold: float32 where it has all numbers of the space, else float64."""
+        """Vectors hold float32 where that has all numbers of the space, else float64."""
         return np.dtype(np.float64 if _is_precise(self.space) else np.float32)
 
     def flatten(self, raw: object, where: str) -> Float[np.ndarray, " o"]:
@@ -152,7 +152,7 @@ def has_image(space: object) -> bool:
 
 
 def _is_precise(space: object) -> bool:
-    """Whether a space is or holds a Box whose numbers float32 can't all hold."""
+    """The space is or holds a Box whose numbers float32 can't all hold."""
     if isinstance(space, Dict):
         return any(map(_is_precise, space.spaces.values()))
     if isinstance(space, Tuple):
