@@ -262,6 +262,7 @@ def test_a_move_in_the_middle_of_a_rollout_stops_training():
         calls.append(env.reset())
         return learner
 
+    lone.population.compile()
     programs = lone.population._groups[0]._programs
     lone.population._groups[0]._programs = programs._replace(act=lambda *a: (rude(None), programs.act(*a))[1])
     with pytest.raises(BrokenEnvironmentError, match="Clock was reset or stepped by somebody else in the middle of a"):

@@ -91,6 +91,8 @@ def learn(
     _tell_of_no_rate(hypers, last, size)
     theirs, ours = _sorted_out(model, callback, printed, first, last)
     model.population.decay_over(begin, last)
+    with compiling(printed):
+        model.population.compile()
     pieces, told = Pieces(model.advance), False
     with _progress(progress_bar, model.config.loss, last - first) as show:
         theirs.start()

@@ -22,7 +22,7 @@ from galton.errors import UsageError, require, require_integer
 from galton.models import file
 from galton.models.acting import exploit, explore, returns_on
 from galton.models.hints import refuse_policy, unexpected
-from galton.models.learning import check_divergence, compiling, learn, updates_for
+from galton.models.learning import check_divergence, learn, updates_for
 from galton.models.settings import Settings, split, unusual
 from galton.models.state import Arrays, Loaded, Run, parameters_of
 from galton.presets import find_preset
@@ -87,8 +87,7 @@ class Model:
         task = find(env, **(env_kwargs or {}))
         chosen = find_preset(preset, loss, algorithm)
         records = split(find_algorithm(algorithm), chosen, n_envs, dict(settings), env, given(task))
-        with compiling(printed=verbose > 0):
-            self._begin(task, *records, seed)
+        self._begin(task, *records, seed)
         self.verbose = verbose
 
     @classmethod

@@ -62,7 +62,7 @@ class Group:
         self._watch = Watch(self.environments.moves)
 
     def begin(self) -> None:
-        """Make the runs and compile all programs but those of evaluation."""
+        """Make the runs."""
         with jax.default_device(self._device):
             self.runs: RunState = self._place(
                 self._programs.begin(self._sizes[0], jnp.asarray(self._seeds), self._hypers)
@@ -70,7 +70,6 @@ class Group:
             self._times = [jnp.int32(t) for t in range(self._config.n_steps)]
             correlation = self._hypers.noise_correlation
             self._noise = self._place(nothing_before(self._agent.policy, self._shape, correlation))
-        self._warm_up()
 
     def reset(self) -> None:
         """Begin the first episodes of training, whose observations the statistics count."""
@@ -80,11 +79,25 @@ class Group:
             origin = self._place(self._observation[:, 0].astype(np.float32))
             learner = self.runs.learner._replace(normalizer=self.runs.learner.normalizer._replace(origin=origin))
             self.runs = self.runs._replace(learner=learner)
-        self.runs = self._programs.observe(self.runs, self._from_origin(self._observation))
+            self.runs = self._programs.observe(self.runs, self._from_origin(self._observation))
 
     def decay_over(self, begin: int, end: int) -> None:
         """Let learning rates that fall over all that is trained (decay_steps = inf) fall from one step to another."""
         self._hypers = self._place(falling(self._given, begin, end, self._agent.config.rollout_size))
+
+    def warm_up(self) -> None:
+        """Compile what training runs, by a first call of each program on numbers of no meaning."""
+        p, n = self._shape
+        runs = jax.tree.map(jnp.copy, self.runs)
+        zeros = np.zeros((p, n, self._sizes[0]), np.float32)
+        noise = self._programs.prepare(runs)
+        params = _acting(runs.learner.params)
+        before = self._noise_before()
+        self._programs.act(params, runs.learner.normalizer, zeros, noise, self._times[0], self._hypers, *before)
+        reward = np.zeros(self._shape, np.float32)
+        self._receive(runs.learner, Steps(zeros, zeros, reward, reward > 0, reward > 0), reward > 0)
+        runs = self._programs.learn(runs, self._batch, self._empty_finished(), self._hypers)
+        jax.block_until_ready(self._programs.log(runs, self._batch, self._hypers))
 
     def advance(self, n_updates: int) -> None:
         """The training loop: act for n_steps steps, then learn from them."""
@@ -295,19 +308,6 @@ class Group:
         n = self._shape[1] if n is None else n
         sequences = [np.random.SeedSequence((int(seed), *purpose)) for seed in self._seeds]
         return np.concatenate([sequence.generate_state(n) for sequence in sequences])
-
-    def _warm_up(self) -> None:
-        p, n = self._shape
-        runs = jax.tree.map(jnp.copy, self.runs)
-        zeros = np.zeros((p, n, self._sizes[0]), np.float32)
-        noise = self._programs.prepare(runs)
-        params = _acting(runs.learner.params)
-        before = self._noise_before()
-        self._programs.act(params, runs.learner.normalizer, zeros, noise, self._times[0], self._hypers, *before)
-        reward = np.zeros(self._shape, np.float32)
-        self._receive(runs.learner, Steps(zeros, zeros, reward, reward > 0, reward > 0), reward > 0)
-        runs = self._programs.learn(runs, self._batch, self._empty_finished(), self._hypers)
-        jax.block_until_ready(self._programs.log(runs, self._batch, self._hypers))
 
     def _place(self, tree: Tree) -> Tree:
         placed: Tree = jax.device_put(tree, self._device)

@@ -119,11 +119,12 @@ class DevicePopulation:
         self._on_runs = NamedSharding(Mesh(devices[:n_devices], "runs"), PartitionSpec("runs"))
         padded = jax.tree.map(lambda h: np.asarray(h, np.float32)[self._padded], hypers)
         self._shapes = jax.tree.map(lambda h: jax.ShapeDtypeStruct(h.shape, h.dtype), padded)
+        self._programs: _Programs | None = None
         start = time.perf_counter()
-        self._programs = _compile(env, agent, self._shapes, self._on_runs)
+        begin_all = _compile_begin(env, agent, self._shapes, self._on_runs)
         self.compile_seconds = time.perf_counter() - start
         self._given, self._hypers = padded, self._place(padded)
-        self._state = self._place(self._programs.begin(np.asarray(seeds, np.uint32)[self._padded], padded))
+        self._state = self._place(begin_all(np.asarray(seeds, np.uint32)[self._padded], padded))
         self._batch: Transition | None = None
 
     @property
@@ -149,13 +150,23 @@ class DevicePopulation:
         """Let learning rates that fall over all that is trained (decay_steps = inf) fall from one step to another."""
         self._hypers = self._place(falling(self._given, begin, end, self._agent.config.rollout_size))
 
+    def compile(self) -> None:
+        """Compile what training runs, unless that is done."""
+        if self._programs is None:
+            start = time.perf_counter()
+            self._programs = _compile(self._env, self._agent, self._shapes, self._on_runs)
+            self.compile_seconds += time.perf_counter() - start
+
     def advance(self, n_updates: int) -> None:
         """Train all runs for so many updates each; they are done when it returns."""
+        self.compile()
+        assert self._programs
         self._state, self._batch = self._programs.advance(self._state, self._hypers, np.int32(n_updates))
         jax.block_until_ready(self._state.run.step)
 
     def log(self, begin_next: bool = True) -> Log:
         """What is recorded of the updates since the last log, each number `[R]`, without evaluation."""
+        assert self._programs
         run, log = self._programs.log(self._state.run, self._batch, self._hypers)
         if begin_next:
             self._state = self._state._replace(run=run)
@@ -210,8 +221,6 @@ class DevicePopulation:
 
 
 class _Programs(NamedTuple):
-    begin: Callable[..., DeviceState]
-    """(seeds, hypers) → states."""
     advance: Callable[..., tuple[DeviceState, Transition]]
     """(states, hypers, number of updates) → states and the last rollouts."""
     log: Callable[..., tuple[RunState, Log]]
@@ -219,20 +228,25 @@ class _Programs(NamedTuple):
 
 
 @kept
+def _compile_begin(
+    env: Environment, agent: Agent, hypers: Hypers, on_runs: NamedSharding
+) -> Callable[[UInt[np.ndarray, " R"], Hypers], DeviceState]:
+    """The program that makes new runs, for hypers of these shapes."""
+    return jax.jit(_begin_all(env, agent, on_runs)).lower(_seeds(hypers), hypers).compile()
+
+
+@kept
 def _compile(env: Environment, agent: Agent, hypers: Hypers, on_runs: NamedSharding) -> _Programs:
-    """The programs for hypers of these shapes."""
-    begin_all = jax.jit(_begin_all(env, agent, on_runs))
+    """The programs that train, for hypers of these shapes."""
     axes = (0, 0, None)
     advance = _on_all_devices(over_runs(agent, functools.partial(iterate, env, agent), axes), on_runs, axes)
     log = _on_all_devices(jax.vmap(functools.partial(read_log, agent)), on_runs, (0, 0, 0))
 
-    seeds, numbers = _seeds(hypers), hypers
-    state = _placed(jax.eval_shape(begin_all, seeds, numbers), on_runs)
-    hypers = _placed(numbers, on_runs)
+    state = _placed(jax.eval_shape(_begin_all(env, agent, on_runs), _seeds(hypers), hypers), on_runs)
+    hypers = _placed(hypers, on_runs)
     n = jax.ShapeDtypeStruct((), jnp.int32)
     batch = _placed(jax.eval_shape(advance, state, hypers, n)[1], on_runs)
     return _Programs(
-        begin_all.lower(seeds, numbers).compile(),
         jax.jit(advance).lower(state, hypers, n).compile(),
         jax.jit(log).lower(state.run, batch, hypers).compile(),
     )

@@ -55,6 +55,7 @@ class HostPopulation:
             self._each(Group.begin)
             self.compile_seconds = time.perf_counter() - start
             self._each(Group.reset)
+            self._is_compiled = False
         except BaseException:
             self.close()
             raise
@@ -83,8 +84,17 @@ class HostPopulation:
         """Let learning rates that fall over all that is trained (decay_steps = inf) fall from one step to another."""
         self._each(Group.decay_over, begin, end)
 
+    def compile(self) -> None:
+        """Compile what training runs, unless that is done."""
+        if not self._is_compiled:
+            start = time.perf_counter()
+            self._each(Group.warm_up)
+            self.compile_seconds += time.perf_counter() - start
+            self._is_compiled = True
+
     def advance(self, n_updates: int) -> None:
         """Train all runs for so many updates each, every group in its thread."""
+        self.compile()
         self._each(Group.advance, n_updates)
 
     def log(self, begin_next: bool = True) -> Log:

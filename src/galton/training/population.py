@@ -51,6 +51,9 @@ class Population(Protocol):
     def decay_over(self, begin: int, end: int) -> None:
         """Let learning rates that fall over all that is trained (decay_steps = inf) fall from one step to another."""
 
+    def compile(self) -> None:
+        """Compile what training runs, unless that is done; the first `advance` does it otherwise."""
+
     def advance(self, n_updates: int) -> None:
         """Train all runs for so many updates each. The results do not depend on how training is cut into calls.
 

@@ -138,6 +138,7 @@ def _train(
     if n_eval_episodes:
         population.check_evaluation(n_eval_episodes)
     population.decay_over(0, int(steps[-1]))
+    population.compile()
     compiled, start, logs = population.compile_seconds, time.perf_counter(), []
     pieces = Pieces(population.advance)
     for step in steps:
