@@ -13,10 +13,9 @@ import dataclasses
 import statistics
 from pathlib import Path
 
-import numpy as np
 from sides import Side, write
 
-import galton
+from galton.agents import agent_of
 from galton.benchmark.draws import draws, setting
 from galton.benchmark.reading import read
 from galton.page import quotes
@@ -37,9 +36,8 @@ class InTurn:
     def __init__(self, task, settings, steps):
         self.trained = []
         for config, hypers in settings:
-            each = galton.Hypers._make(np.full(RUNS, value, np.float32) for value in hypers)
-            size = config.n_steps * config.n_envs
-            self.trained.append((populate(task, config, each, range(RUNS)), -(-steps // size), size * RUNS))
+            size, population = config.rollout_size, populate(task, agent_of(config, hypers), range(RUNS))
+            self.trained.append((population, -(-steps // size), size * RUNS))
         for _ in settings:
             self.advance()
 

@@ -120,22 +120,23 @@ def measure(algorithm, env, loss, runs, slices=3, precision=None, **settings):
     import jax
 
     import galton
+    from galton.agents import agent_of
     from galton.training.population import populate
 
     entry = galton.ALGORITHMS[algorithm]
-    config = entry.config(loss=loss, **settings)
-    hypers = galton.Hypers._make(np.full(runs, value, np.float32) for value in entry.hypers(eta=2.0))
+    agent = agent_of(entry.config(loss=loss, **settings), entry.hypers(eta=2.0))
     row = {"algorithm": algorithm, "env": env if isinstance(env, str) else type(env).__name__.lower() + "-17x6"}
     row |= {"loss": loss, "runs": runs} | settings | ({"precision": precision} if precision else {})
     print(json.dumps({"at": row}), flush=True)
     try:
         start = time.perf_counter()
-        population = populate(env, config, hypers, range(runs), jax.devices()[:1])
+        population = populate(env, agent, range(runs), jax.devices()[:1])
+        population.compile()
         _ = population.learner  # fetched, so what begins the runs is done
         row["compile_seconds"] = population.compile_seconds
         row["begin_seconds"] = time.perf_counter() - start - population.compile_seconds
         if slices:
-            row |= speed(population, runs * config.n_steps * config.n_envs, slices)
+            row |= speed(population, runs * agent.rollout.size, slices)
         population.close()
     except Exception as error:  # one size too large must not end the others
         row["error"] = f"{type(error).__name__}: {str(error)[:300]}"

@@ -83,6 +83,7 @@ def galton_runs(job):
     import jax
 
     import galton
+    from galton.agents import agent_of
     from galton.training.population import populate
 
     galton.use_all_cores()
@@ -91,8 +92,7 @@ def galton_runs(job):
     config = ppo.config(loss="gaussian", normalize_observation=True, normalize_reward=True, **settings)
     numbers = {name: value for name, value in SETTINGS.items() if name in galton.Hypers._fields}
     hypers = ppo.hypers(learning_rate=LEARNING_RATE, decay_steps=STEPS, **numbers)
-    arrays = galton.Hypers._make(np.full(len(seeds), value, np.float32) for value in hypers)
-    population = populate(task, config, arrays, seeds, jax.devices()[:1])
+    population = populate(task, agent_of(config, hypers), seeds, jax.devices()[:1])
     n_updates = -(-STEPS // SETTINGS["n_steps"])
     population.advance(round(0.9 * n_updates))
     population.log()

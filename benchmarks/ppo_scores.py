@@ -48,6 +48,7 @@ def score(job):
     import jax
 
     import galton
+    from galton.agents import agent_of
     from galton.training.population import populate
 
     galton.use_all_cores()
@@ -55,9 +56,8 @@ def score(job):
     settings = SHARED | LOSSES[loss] | TUNED.get(task, {}).get(loss, {}) | change
     numbers = {name: value for name, value in settings.items() if name in galton.Hypers._fields}
     config = ppo.config(loss=loss, **{name: value for name, value in settings.items() if name not in numbers})
-    arrays = galton.Hypers._make(np.full(len(seeds), value, np.float32) for value in ppo.hypers(**numbers))
-    population = populate(task, config, arrays, seeds, jax.devices()[:1])
-    population.advance(-(-STEPS // (config.n_steps * config.n_envs)))
+    population = populate(task, agent_of(config, ppo.hypers(**numbers)), seeds, jax.devices()[:1])
+    population.advance(-(-STEPS // config.rollout_size))
     returns = population.evaluate(20).mean(1)
     population.close()
     line = {"task": task, "loss": loss, "settings": settings, "seeds": list(seeds), "returns": returns.tolist()}

@@ -15,7 +15,6 @@ import statistics
 from pathlib import Path
 
 import gymnasium
-import numpy as np
 from rich.console import Console
 from rich.table import Table
 from sides import Discretised, Side, write
@@ -53,12 +52,12 @@ class Ours:
         import jax
 
         import galton
+        from galton.agents import agent_of
         from galton.training.population import populate
 
         ppo = galton.ALGORITHMS["ppo"]
-        hypers = galton.Hypers._make(np.full(runs, value, np.float32) for value in ppo.hypers(eta=2.0))
-        config = ppo.config(loss=loss, n_bins=K)
-        self.population = populate(task, config, hypers, range(runs), jax.devices()[:1])
+        agent = agent_of(ppo.config(loss=loss, n_bins=K), ppo.hypers(eta=2.0))
+        self.population = populate(task, agent, range(runs), jax.devices()[:1])
         self.runs, self.updates = runs, updates
         self.advance()
 

@@ -9,7 +9,6 @@ merges parts or keeps them apart. Nothing else should be running.
 """
 
 import argparse
-import functools
 import os
 import statistics
 import time
@@ -17,20 +16,18 @@ from pathlib import Path
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jax import lax
 from rich.console import Console
 from rich.table import Table
 from sides import write
 
 import galton
-from galton.algorithms import actor_critic, resolve
-from galton.networks import mlp
+from galton.agents import agent_of
+from galton.algorithms import actor_critic
 from galton.training.on_device import begin_on_device
-from galton.training.population import populate
+from galton.training.population import box_of, populate
 from galton.training.rollout import draw_noise, rollout
 from galton.training.run import learn
-from galton.types import without_unused
 
 RUNS, LOOPS, HIDDEN = 16, 200, 64
 
@@ -72,40 +69,40 @@ def main():
     galton.use_all_cores()
 
     env, config = galton.envs.MountainCar(), galton.Config(arguments.loss, n_bins=arguments.n_bins)
-    agent = resolve(config, env.action_low, env.action_high)
-    hypers = without_unused(jax.tree.map(lambda h: jnp.full(RUNS, h), galton.Hypers(learning_rate=1e-8)))
+    one = agent_of(config, galton.Hypers(learning_rate=1e-8))
+    agents = jax.tree.map(lambda number: jnp.full(RUNS, number), one.on(box_of(env)))
     seeds = jnp.arange(RUNS, dtype=jnp.uint32)
-    begin = jax.jit(lambda *runs: lax.map(lambda run: begin_on_device(env, agent, *run), runs))
-    state = begin(seeds, hypers)
-    draw = functools.partial(draw_noise, env=env, agent=agent)
-    noise = jax.jit(jax.vmap(draw))(state.run.key)
+    begin = jax.jit(lambda *runs: lax.map(lambda run: begin_on_device(env, *run), runs))
+    state = begin(agents, seeds)
 
-    def act(episodes, run, noise, hypers):
-        return rollout(env, agent, run.learner, episodes, noise, hypers)
+    def draw(key, agent):
+        return draw_noise(key, env, agent)
 
-    episodes, _, batch, finished = jax.jit(jax.vmap(act))(state.episodes, state.run, noise, hypers)
+    noise = jax.jit(jax.vmap(draw))(state.run.key, agents)
 
-    def differentiate(params, batch):
+    def act(episodes, run, noise, agent):
+        return rollout(env, agent, run.learner, episodes, noise)
+
+    episodes, _, batch, finished = jax.jit(jax.vmap(act))(state.episodes, state.run, noise, agents)
+
+    def differentiate(params, batch, agent):
         """Networks forwards and backwards, with a gradient of ones in place of the losses'."""
 
         def outputs(params):
             observation, following = map(actor_critic.flatten, (batch.observation, batch.next_observation))
-            values, next_values = (actor_critic.value(agent, params, rows, hypers) for rows in (observation, following))
-            logits = mlp(params["actor"], observation)
+            values, next_values = (actor_critic.value(agent, params, rows) for rows in (observation, following))
+            logits = agent.network(params["actor"], observation)
             return logits.sum() + values.sum() + lax.stop_gradient(next_values).sum()
 
         gradient = jax.grad(outputs)(params)
         return jax.tree.map(lambda p, g: p + 1e-12 * g, params, gradient)
 
-    def adam(learner, hypers):
+    def adam(learner, agent):
         """On the parameters themselves as the gradient."""
-        norm = jnp.sqrt(sum(jnp.vdot(x, x) for x in jax.tree.leaves(learner.params)))
-        gradient = jax.tree.map(lambda p: p * jnp.minimum(1.0, hypers.max_grad_norm / norm), learner.params)
-        step, optimizer = actor_critic._ADAM.update(gradient, learner.optimizer)
-        params = jax.tree.map(lambda p, s: p - hypers.learning_rate * s, learner.params, step)
+        params, optimizer, _ = agent.optimizer.step(learner.params, learner.optimizer, learner.params)
         return learner._replace(params=params, optimizer=optimizer)
 
-    whole = populate(env, config, jax.tree.map(np.asarray, hypers), range(RUNS), jax.devices()[:1])
+    whole = populate(env, one, range(RUNS), jax.devices()[:1])
     times = []
     for _ in range(6):  # the first one is not counted
         start = time.perf_counter()
@@ -117,16 +114,21 @@ def main():
     update, log = (statistics.median(column) * 1e6 / RUNS for column in zip(*times[1:], strict=True))
     parts = {"one update, whole": update / LOOPS, "one log point": log}
     parts["noise"] = microseconds(
-        lambda total, key: jax.tree.map(jnp.add, total, draw(jax.random.fold_in(key, total.action[0, 0, 0] * 1e6))),
+        lambda total, key, agent: jax.tree.map(
+            jnp.add, total, draw(jax.random.fold_in(key, total.action[0, 0, 0] * 1e6), agent)
+        ),
         noise,
         state.run.key,
+        agents,
     )
     parts["rollout of 20 steps"] = microseconds(
-        lambda episodes, *rest: act(episodes, *rest)[0], episodes, state.run, noise, hypers
+        lambda episodes, *rest: act(episodes, *rest)[0], episodes, state.run, noise, agents
     )
-    parts["learning"] = microseconds(lambda run, *rest: learn(agent, run, *rest), state.run, batch, finished, hypers)
-    parts["· networks forwards and backwards"] = microseconds(differentiate, state.run.learner.params, batch)
-    parts["· Adam and the gradient's norm"] = microseconds(adam, state.run.learner, hypers)
+    parts["learning"] = microseconds(
+        lambda run, agent, *rest: learn(agent, run, *rest), state.run, agents, batch, finished
+    )
+    parts["· networks forwards and backwards"] = microseconds(differentiate, state.run.learner.params, batch, agents)
+    parts["· Adam and the gradient's norm"] = microseconds(adam, state.run.learner, agents)
     products_alone, operations = 0.0, 0
     n_outputs = 1 if arguments.loss == "gaussian" else arguments.n_bins
     for left, right in products(20, n_outputs):

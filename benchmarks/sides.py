@@ -10,6 +10,7 @@ import numpy as np
 from gymnasium.spaces import MultiDiscrete
 
 import galton
+from galton.agents import agent_of
 from galton.devices import n_cores
 from galton.saving import provenance
 from galton.sweep.executors import Processes
@@ -56,10 +57,9 @@ class Ours:
 
     def __init__(self, task, plain, loss, n_bins, runs, updates):
         env = (lambda: gymnasium.make(task)) if plain else task
-        hypers = galton.Hypers._make(np.full(runs, value, np.float32) for value in galton.Hypers())
-        config = galton.Config(loss=loss, n_bins=n_bins)
-        self.population = populate(env, config, hypers, range(runs))
-        self.runs, self.updates, self.batch = runs, updates, config.n_steps * config.n_envs
+        agent = agent_of(galton.Config(loss=loss, n_bins=n_bins), galton.Hypers())
+        self.population = populate(env, agent, range(runs))
+        self.runs, self.updates, self.batch = runs, updates, agent.rollout.size
         self.advance()
 
     def advance(self):

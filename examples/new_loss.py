@@ -1,32 +1,32 @@
-"""A loss of your own: HL-1-Hot with label smoothing. A function of (distribution, action, hypers), a line in LOSSES."""
+"""A loss of your own: HL-1-Hot with label smoothing. A class whose fields are its settings, and a line in LOSSES."""
 
 import galton
 from galton.losses import cross_entropy
+from galton.types import Share
 
 
-def target(distribution, action, hypers):
-    """A share `hypers.eta` of the target's mass goes to all bins alike."""
-    one_hot = galton.targets.one_hot(distribution.bins, action)
-    return (1 - hypers.eta) * one_hot + hypers.eta / distribution.bins.n_bins
+class Smoothed(galton.Loss):
+    """Cross-entropy with a one-hot target that is smoothed."""
+
+    family = "histogram"
+    policy = "histogram"
+    label = "smoothed 1-Hot"
+
+    smoothing: Share = 0.1
+    """The share of the target's mass that goes to all bins alike."""
+
+    def target(self, distribution, action):
+        one_hot = galton.targets.one_hot(distribution.bins, action)
+        return (1 - self.smoothing) * one_hot + self.smoothing / distribution.bins.n_bins
+
+    def __call__(self, distribution, action):
+        return cross_entropy(distribution, self.target(distribution, action))
 
 
-def smoothed(distribution, action, hypers):
-    """Cross-entropy with that target; as for any loss of this family the policy is the usual softmax."""
-    return cross_entropy(distribution, target(distribution, action, hypers))
-
-
-galton.LOSSES["smoothed"] = galton.Loss(
-    smoothed,
-    family="histogram",
-    policy="histogram",
-    label="smoothed 1-Hot",
-    in_paper=False,
-    uses=("eta",),
-    target=target,
-)
+galton.LOSSES["smoothed"] = Smoothed
 
 if __name__ == "__main__":
     galton.use_all_cores()
     config = galton.Config(loss="smoothed", n_steps=5, net_arch=())
-    result = galton.train(galton.envs.Bandit(), config, galton.Hypers(0.05, eta=0.1), range(20), total_timesteps=2_000)
+    result = galton.train(galton.envs.Bandit(), config, galton.Hypers(0.05), range(20), total_timesteps=2_000)
     print(f"final training return {result.final('training_return').mean():.2f} of 25")

@@ -1,12 +1,12 @@
 """A policy of your own: Laplace noise around the mean. A class and a line in POLICIES; losses of any density fit it."""
 
 import dataclasses
-from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
 
 import galton
+from galton.types import Finite
 
 
 @dataclasses.dataclass(frozen=True)
@@ -37,31 +37,25 @@ class Laplace:
         return (action < self.low) | (action > self.high)
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class LaplacePolicy:
+class LaplacePolicy(galton.Policy):
     """The network gives the mean; log b is a parameter of its own."""
 
-    low: jax.Array
-    high: jax.Array
+    label = "Laplace"
 
-    family: ClassVar[str] = "density"
-    label: ClassVar[str] = "Laplace"
-
-    @classmethod
-    def create(cls, _, low, high):
-        return cls(low, high)
+    log_b_init: Finite = 0.0
+    """The first log b."""
 
     @property
     def n_outputs(self):
         return len(self.low)
 
-    def init(self, hypers):
-        return jnp.zeros(self.n_outputs), {"log_b": jnp.zeros(self.n_outputs) + hypers.log_std_init}
+    def init(self):
+        return jnp.zeros(self.n_outputs), {"log_b": jnp.zeros(self.n_outputs) + self.log_b_init}
 
     def noise(self, key, shape):
         return jax.random.laplace(key, (*shape, self.n_outputs))
 
-    def distribution(self, outputs, params, hypers):
+    def distribution(self, outputs, params):
         return Laplace(outputs, jnp.exp(params["log_b"]), self.low, self.high)
 
 

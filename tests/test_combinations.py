@@ -9,10 +9,11 @@ import pytest
 
 import galton
 from galton import ALGORITHMS, LOSSES, POLICIES, Config, Hypers, Model, UsageError
-from galton.algorithms import resolve
 from galton.envs import Bandit
 from galton.sweep.grid import expand
 from galton.sweep.study import Setting
+
+from .agents import agent
 
 SETTINGS = {"n_bins": 7, "net_arch": (6,), "n_steps": 8, "n_envs": 2, "learning_rate": 1e-2}
 OWN = {"ppo": {"batch_size": 4, "n_epochs": 2}}
@@ -23,8 +24,7 @@ ON_THE_HOST = ("ordinal", "hl-gauss-centred", "ppo"), ("gaussian", "gaussian", "
 
 
 def resolved(policy, loss, algorithm):
-    config = Config(policy=policy, loss=loss, algorithm=algorithm, n_steps=8, **OWN.get(algorithm, {}))
-    return resolve(config, np.array([-1.0]), np.array([1.0]))
+    return agent(Config(policy=policy, loss=loss, algorithm=algorithm, n_steps=8, **OWN.get(algorithm, {})))
 
 
 def fits(policy, loss, algorithm):
@@ -77,8 +77,8 @@ def check_training(env, policy, loss, algorithm):
     model = Model(env, loss, algorithm=algorithm, policy=policy, **SETTINGS, **own, seed=1)
     try:
         assert type(model.agent.policy) is POLICIES[policy]
-        assert model.agent.loss is LOSSES[loss]
-        assert model.agent.algorithm is ALGORITHMS[algorithm]
+        assert type(model.agent.loss) is LOSSES[loss]
+        assert type(model.agent.algorithm) is ALGORITHMS[algorithm]
         before = jax.device_get(model.learner.params)
         model.learn(48, lambda _, log: logs.append(log), progress_bar=False, log_interval=1)
         after = jax.device_get(model.learner.params)
@@ -115,7 +115,8 @@ def test_what_fits_trains_on_the_host(names):
 @pytest.mark.parametrize("loss", LOSSES)
 def test_the_policy_is_by_default_the_losss_usual_one(loss):
     agents = [resolved(policy, loss, "a2c") for policy in ("auto", LOSSES[loss].policy)]
-    assert agents[0].make_policy == agents[1].make_policy == POLICIES[LOSSES[loss].policy].create
+    assert agents[0] == agents[1]
+    assert type(agents[0].policy) is POLICIES[LOSSES[loss].policy]
 
 
 def test_unknown_names_are_refused_with_the_known_ones():
@@ -132,17 +133,26 @@ def test_unknown_names_are_refused_with_the_known_ones():
 
 
 IDLE = [
-    ({"loss": "gaussian", "bin_centers": "bounds"}, "bin_centers is 'bounds'; it goes with a policy over bins"),
-    ({"loss": "gaussian", "target_tails": "edges"}, "target_tails is 'edges'; it goes with targets of width η"),
-    ({"loss": "hl-one-hot", "target_tails": "edges"}, "target_tails is 'edges'; it goes with targets of width η"),
+    (
+        {"loss": "gaussian", "bin_centers": "bounds"},
+        "bin_centers is 'bounds'; it goes with policy 'histogram', 'ordinal', 'smoothed', not 'gaus",
+    ),
+    (
+        {"loss": "gaussian", "target_tails": "edges"},
+        "target_tails is 'edges'; it goes with .*loss 'hl-gauss', 'hl-gauss-centr",
+    ),
+    (
+        {"loss": "hl-one-hot", "target_tails": "edges"},
+        "target_tails is 'edges'; it goes with .*, not .*loss 'hl-one-hot'",
+    ),
     (
         {"loss": "gaussian", "policy": "beta", "initial_policy": "clipped-gaussian"},
-        "initial_policy is 'clipped-gaussian'; it goes with a policy over bins, not with the policy 'beta'",
+        "initial_policy is 'clipped-gaussian'; it goes with policy 'histogram', 'ordinal', 'smoothed', not 'beta'",
     ),
-    ({"loss": "gaussian", "rpo_alpha": 0.1}, "rpo_alpha is 0.1; it goes with the policy 'rpo', not with .*'gaussian'"),
-    ({"loss": "hl-gauss", "rpo_alpha": 0.25}, "rpo_alpha is 0.25; it goes with the policy 'rpo'"),
-    ({"loss": "gaussian", "policy": "beta", "log_std_init": -1.0}, "log_std_init is -1.0; it goes with a policy that"),
-    ({"loss": "gaussian", "policy": "beta", "log_std_min": -3.0}, "log_std_min is -3.0; it goes with a policy that"),
+    ({"loss": "gaussian", "rpo_alpha": 0.1}, "rpo_alpha is 0.1; it goes with policy 'rpo', not 'gaussian'"),
+    ({"loss": "hl-gauss", "rpo_alpha": 0.25}, "rpo_alpha is 0.25; it goes with policy 'rpo', not 'histogram'"),
+    ({"loss": "gaussian", "policy": "beta", "log_std_init": -1.0}, "log_std_init is -1.0; it goes with .*, not 'beta'"),
+    ({"loss": "gaussian", "policy": "beta", "log_std_min": -3.0}, "log_std_min is -3.0; it goes with .*, not 'beta'"),
 ]
 
 
@@ -169,8 +179,7 @@ USED = [
 def test_a_setting_that_has_one_is_taken(given):
     setting = Setting.of_record(given)
     assert all(setting.record()[name] == value for name, value in given.items())
-    config = dataclasses.replace(setting.config, n_steps=8)
-    resolve(config, np.array([-1.0]), np.array([1.0]))
+    agent(dataclasses.replace(setting.config, n_steps=8), setting.hypers)
 
 
 def test_results_of_a_policy_that_is_not_registered_here_can_be_read():

@@ -1,7 +1,5 @@
 """Critics that classify: targets and values against torch and closed forms, gradients, and what is refused."""
 
-import functools
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -12,29 +10,27 @@ from hypothesis import strategies as st
 from scipy.stats import norm
 
 from galton import A2C, PPO, Config, Hypers, UsageError
-from galton.algorithms import check_together, resolve
+from galton.agents import agent_of
 from galton.critics import CRITICS, find_critic
 from galton.sweep import Setting
 
 K = 21
-HYPERS = Hypers(value_min=-3.0, value_max=7.0)
 CENTERS = -3 + 10 * (np.arange(K) + 0.5) / K
 CLASSIFIERS = ("hl-gauss", "two-hot")
 
 
-@functools.cache
-def critic(name, n_value_bins=K):
-    return find_critic(name).create(Config(critic=name, n_value_bins=n_value_bins, normalize_reward=True))
+def critic(name, **settings):
+    return find_critic(name)(**{"n_value_bins": K, "value_min": -3.0, "value_max": 7.0} | settings)
 
 
-@functools.partial(jax.jit, static_argnums=0)
-def slope(critic, outputs, returned, hypers):
-    return jax.value_and_grad(critic.loss)(outputs, returned, hypers)
+@jax.jit
+def slope(critic, outputs, returned):
+    return jax.value_and_grad(critic.loss)(outputs, returned)
 
 
-def target(name, returns, hypers=HYPERS):
+def target(name, returns, **settings):
     """The weights that the gradient in the logits tells of, π − target, at uniform logits."""
-    gradient = jax.grad(lambda outputs: critic(name).loss(outputs, jnp.asarray(returns), hypers).sum())
+    gradient = jax.grad(lambda outputs: critic(name, **settings).loss(outputs, jnp.asarray(returns)).sum())
     return 1 / K - np.asarray(gradient(jnp.zeros((len(returns), K))), np.float64)
 
 
@@ -43,12 +39,12 @@ def test_values_and_losses_equal_torchs(name):
     rng = np.random.default_rng(0)
     logits, returns = rng.normal(size=(50, K)), rng.uniform(-2.5, 6.5, 50)
     value = torch.softmax(torch.tensor(logits), -1) @ torch.tensor(CENTERS)
-    np.testing.assert_allclose(critic(name).value(jnp.asarray(logits), HYPERS), value, rtol=1e-5, atol=1e-5)
+    np.testing.assert_allclose(critic(name).value(jnp.asarray(logits)), value, rtol=1e-5, atol=1e-5)
     weights = torch.tensor(target(name, returns))
     entropy = torch.special.entr(weights.clamp_min(0)).sum(-1)
     given = torch.tensor(logits, requires_grad=True)
     expected = torch.nn.functional.cross_entropy(given, weights, reduction="none") - entropy
-    loss, gradient = jax.vmap(lambda *row: slope(critic(name), *row, HYPERS))(jnp.asarray(logits), jnp.asarray(returns))
+    loss, gradient = jax.vmap(lambda *row: slope(critic(name), *row))(jnp.asarray(logits), jnp.asarray(returns))
     np.testing.assert_allclose(loss, expected.detach().numpy(), rtol=1e-5, atol=1e-5)
     np.testing.assert_allclose(gradient, torch.autograd.grad(expected.sum(), given)[0].numpy(), atol=1e-5)
 
@@ -68,7 +64,7 @@ def test_hl_gauss_targets_are_the_gaussians_masses(eta):
     returns, edges = np.append(inside, [-2.9, 6.9, -50.0, 50.0]), np.linspace(-3, 7, K + 1)
     cdf = norm.cdf((edges - returns.clip(CENTERS[0], CENTERS[-1])[:, None]) / (eta * 10 / K))
     masses = np.diff(cdf) / (cdf[:, -1:] - cdf[:, :1])
-    np.testing.assert_allclose(target("hl-gauss", returns, HYPERS._replace(value_eta=eta)), masses, atol=1e-6)
+    np.testing.assert_allclose(target("hl-gauss", returns, value_eta=eta), masses, atol=1e-6)
     np.testing.assert_allclose((masses @ CENTERS)[:4], inside, atol=5e-3 if eta < 2 else 0.1)
 
 
@@ -78,14 +74,14 @@ def test_over_any_support(name, low, width, n, place):
     low, high = np.float32(low), np.float32(low + width)
     if not (high - low) > 1e-3 * max(abs(low), abs(high)):
         return
-    hypers = Hypers(value_min=low, value_max=high)
-    one, centers = critic(name, n), low + (high - low) * (np.arange(n) + 0.5) / n
+    one = critic(name, n_value_bins=n, value_min=low, value_max=high)
+    centers = low + (high - low) * (np.arange(n) + 0.5) / n
     outputs, returned = jnp.zeros(n), jnp.float32(low + (high - low) * place)
-    loss, gradient = slope(one, outputs, returned, hypers)
+    loss, gradient = slope(one, outputs, returned)
     assert loss >= -1e-5
     assert np.isfinite(gradient).all()
-    np.testing.assert_allclose(one.value(outputs, hypers), (low + high) / 2, rtol=1e-3, atol=1e-4 * (high - low))
-    _, far = slope(one, outputs, jnp.float32(centers[0] if place < 0 else centers[-1]), hypers)
+    np.testing.assert_allclose(one.value(outputs), (low + high) / 2, rtol=1e-3, atol=1e-4 * (high - low))
+    _, far = slope(one, outputs, jnp.float32(centers[0] if place < 0 else centers[-1]))
     if not 0 <= place <= 1:
         np.testing.assert_allclose(gradient, far, atol=1e-3)
 
@@ -111,9 +107,6 @@ def test_saved_and_loaded(name, algorithm, tmp_path):
     assert len(last) == (1 if name == "squared-error" else 101)
 
 
-BOX = np.array([-1.0]), np.array([1.0])
-
-
 @pytest.mark.parametrize(
     ("fields", "numbers", "words"),
     [
@@ -127,7 +120,7 @@ BOX = np.array([-1.0]), np.array([1.0])
 )
 def test_what_does_not_fit_is_refused(fields, numbers, words):
     for attempt in (
-        lambda: check_together(resolve(Config(**fields), *BOX).config, Hypers(**numbers)),
+        lambda: agent_of(Config(**fields), Hypers(**numbers)),
         lambda: A2C("lqr", preset="paper", **fields, **numbers),
         lambda: Setting.of_record(fields | numbers),
     ):

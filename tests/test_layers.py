@@ -18,11 +18,13 @@ RANKS = """
     fields
     types
     records
-    bins networks returns normalization
+    parts
+    bins networks optimizers returns normalization
     targets theory
     policies envs
     losses critics
     tasks presets algorithms
+    agents
     saving
     training
     callbacks sb3
@@ -35,7 +37,10 @@ RANKS = """
 """
 
 # The core computes: beside the standard library it needs no more than these.
-CORE = "fields types records bins networks returns normalization targets theory policies losses critics algorithms"
+CORE = """
+    fields types records parts bins networks optimizers returns normalization targets theory policies losses critics
+    algorithms agents
+"""
 CORE_LIBRARIES = "jax numpy optax jaxtyping"
 
 # Libraries of the command line and of many runs, and the folders and files outside it that may import them too.

@@ -6,9 +6,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import multivariate_normal
 
-from galton import LOSSES, Bins, Hypers, UsageError, losses, targets
+from galton import LOSSES, Bins, Config, Hypers, UsageError, losses, targets
 from galton.policies import Gaussian, Histogram
 from galton.policies.histogram import Choices
+
+from .agents import agent
 
 HISTOGRAM = [name for name, loss in LOSSES.items() if loss.family == "histogram"]
 BINS = Bins([-1.0, 0.0], [1.0, 5.0], 30)
@@ -27,7 +29,7 @@ def gradient(name, logits, action, advantage, eta):
 
     def total(logits):
         distribution = Histogram(Bins([-1.0, 0.0], [1.0, 5.0], K), logits)
-        loss = LOSSES[name].function(distribution, action, Hypers(eta=eta))
+        loss = agent(Config(name), Hypers(eta=eta)).loss(distribution, action)
         return losses.surrogate(advantage, loss) * len(advantage)
 
     return jax.grad(total)(logits)
@@ -65,7 +67,7 @@ def test_mean_gradient_over_actions_under_a_shifted_advantage(name, indifferent)
 
             def expected_loss(logits):
                 distribution = Histogram(bins, jnp.tile(logits, (K, 1, 1)))
-                loss = LOSSES[name].function(distribution, actions[:, 0], Hypers(eta=0.75))
+                loss = agent(Config(name), Hypers(eta=0.75)).loss(distribution, actions[:, 0])
                 return jnp.sum(pi * advantage * loss)
 
             return jax.grad(expected_loss)(logits)
@@ -106,7 +108,7 @@ def test_target_and_policy_differ_by_at_most_two(seed, eta):
 def test_the_gaussian_loss_is_the_negative_log_likelihood():
     with jax.enable_x64(True):
         mean, log_std, action = jnp.array([[0.3, -2.0]]), jnp.array([0.5, -1.0]), jnp.array([[1.0, -1.5]])
-        loss = losses.gaussian(Gaussian(mean, log_std, BINS.low, BINS.high), action, Hypers())
+        loss = losses.NegativeLogLikelihood()(Gaussian(mean, log_std, BINS.low, BINS.high), action)
         expected = -multivariate_normal(mean[0], np.diag(np.exp(2 * np.asarray(log_std)))).logpdf(action[0])
         np.testing.assert_allclose(loss, [expected], rtol=1e-12)
 
@@ -116,7 +118,7 @@ def test_off_center_actions_get_the_target_around_themselves(choice):
     logits, action, _ = batch()
     action = action + 0.3 * BINS.width
     distribution = Histogram(BINS, logits, Choices(**choice))
-    loss = losses.hl_gauss(distribution, action, Hypers(eta=0.75))
+    loss = losses.HLGauss(eta=0.75)(distribution, action)
     expected = -(targets.hl_gauss(BINS, action, 0.75) * jax.nn.log_softmax(logits)).sum((-1, -2))
     np.testing.assert_allclose(loss, expected, rtol=1e-5)
 

@@ -11,10 +11,10 @@ from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 
 import galton
 from galton import Config, Hypers, normalization
-from galton.algorithms import resolve
+from galton.agents import agent_of
 from galton.envs import find
 from galton.training.on_host import HostPopulation
-from galton.training.population import action_box
+from galton.training.population import box_of
 
 N = 3
 receive = jax.jit(normalization.receive)
@@ -50,8 +50,7 @@ def test_statistics_and_numbers_are_vec_normalizes():
     theirs = VecNormalize(DummyVecEnv([Drift] * N), gamma=0.9)
     theirs.seed(0)
     seen = theirs.reset()
-    config = Config(n_envs=N, normalize_observation=True, normalize_reward=True)
-    normalizer = normalization.observe(normalization.init(config, 2), jnp.asarray(theirs.get_original_obs()))
+    normalizer = normalization.observe(normalization.init(2, N, True, True), jnp.asarray(theirs.get_original_obs()))
     np.testing.assert_allclose(standardise(normalizer, theirs.get_original_obs()), seen, rtol=1e-3, atol=2e-5)
     for _ in range(300):
         seen, scaled, done, infos = theirs.step(np.zeros((N, 1), np.float32))
@@ -59,7 +58,7 @@ def test_statistics_and_numbers_are_vec_normalizes():
         final = raw.copy()
         for i in np.flatnonzero(done):
             final[i] = theirs.unnormalize_obs(infos[i]["terminal_observation"])
-        normalizer, reward, end = receive(normalizer, raw_reward, done, final, raw, Hypers(gamma=0.9))
+        normalizer, reward, end = receive(normalizer, raw_reward, done, final, raw, 0.9)
         np.testing.assert_allclose(standardise(normalizer, raw), seen, rtol=1e-3, atol=2e-3)
         np.testing.assert_allclose(reward, scaled, rtol=1e-3, atol=1e-3)
         for i in np.flatnonzero(done):
@@ -88,9 +87,7 @@ def seen_by_a_run(samples):
         return normalization.observe(normalizer, normalization.from_origin(normalizer, x))
 
     def count(samples):
-        normalizer = normalization.begin(
-            normalization.init(Config(normalize_observation=True), samples.shape[-1]), samples[0]
-        )
+        normalizer = normalization.begin(normalization.init(samples.shape[-1], 1, True, False), samples[0])
         return jax.lax.scan(lambda n, x: (count_one(n, x), None), normalizer, samples[1:])[0]
 
     return jax.jit(count)(jnp.asarray(samples))
@@ -173,10 +170,9 @@ def test_an_entry_that_never_moved_is_divided_by_its_size():
 
 @pytest.mark.parametrize("flags", [(False, False), (True, False), (False, True)])
 def test_what_is_off_costs_and_changes_nothing(flags):
-    config = Config(n_envs=N, normalize_observation=flags[0], normalize_reward=flags[1])
-    normalizer = normalization.init(config, 2)
+    normalizer = normalization.init(2, N, *flags)
     raw, reward = np.full((N, 2), 7.0, np.float32), np.full(N, 3.0, np.float32)
-    after, scaled, final = receive(normalizer, reward, np.zeros(N, bool), raw, raw, Hypers())
+    after, scaled, final = receive(normalizer, reward, np.zeros(N, bool), raw, raw, 0.99)
     assert bool(after.observation) == flags[0]
     assert bool(after.discounted_return) == flags[1]
     assert flags[0] or (np.asarray(final) == raw).all()
@@ -187,8 +183,8 @@ def test_the_host_loop_records_standardised_observations():
     config = Config(loss="gaussian", n_envs=2, n_steps=50, net_arch=(4,), normalize_observation=True)
     hypers = Hypers._make(np.full(1, value, np.float32) for value in Hypers())
     task = find(lambda: gymnasium.wrappers.TimeLimit(Drift(), 100))
-    agent = resolve(config, *action_box(task))
-    population = HostPopulation(task, agent, hypers, [0], jax.devices())
+    agent = agent_of(config, hypers).on(box_of(task))
+    population = HostPopulation(task, agent, [0], jax.devices())
     population.advance(20)
     moments = population.learner.normalizer.observation
     np.testing.assert_allclose(population.learner.normalizer.origin[0] + moments.mean[0], [5, -200], rtol=0.2)

@@ -64,11 +64,12 @@ def undocumented(thing):
 
 
 def bare_fields(record):
-    """The fields that are annotated in the body of a class and have no string below them."""
+    """The fields that are annotated in the body of a class and have no string below them, there or in a base."""
+    above = {name for base in record.__mro__[1:] for name in inspect.get_annotations(base)}
     body = ast.parse(textwrap.dedent(inspect.getsource(record))).body[0].body
     for node, following in zip(body, [*body[1:], None], strict=True):
         is_described = isinstance(following, ast.Expr) and isinstance(following.value, ast.Constant)
-        if isinstance(node, ast.AnnAssign) and not is_described:
+        if isinstance(node, ast.AnnAssign) and not is_described and node.target.id not in above:
             yield node.target.id
 
 

@@ -3,6 +3,7 @@
 Napoleon alone would take what stands before a colon in the docstring of a field for the field's type.
 """
 
+import inspect
 import re
 import typing
 from collections.abc import Mapping
@@ -14,6 +15,7 @@ from sphinx.ext.napoleon import Config, GoogleDocstring
 
 from galton import sweep, types
 from galton.fields import annotations
+from galton.parts import Part
 
 STYLE = Config(napoleon_use_rtype=False)
 FIELDS = ("attribute", "data", "property")
@@ -25,13 +27,20 @@ def process(app: Sphinx, what: str, name: str, thing: object, options: Mapping[s
     lines[:] = GoogleDocstring(lines, STYLE, app, what, name, thing, options).lines()
 
 
-def drop_bounds(record: type) -> None:
-    """Let the fields of a record show their types without the bounds that are checked, which the tables tell."""
-    annotations(record)  # which checking goes on to use
-    plain = typing.get_type_hints(record)
-    record.__annotations__ = plain
-    constructor = record.__init__ if "__init__" in vars(record) else record.__new__
-    constructor.__annotations__ = plain
+def drop_bounds(records: list[type]) -> None:
+    """Let the fields of records show their types without the bounds that are checked, which the tables tell."""
+    for record in records:
+        annotations(record)  # which checking goes on to use
+    for record in records:
+        plain = typing.get_type_hints(record)
+        record.__annotations__ = {name: plain[name] for name in inspect.get_annotations(record)}
+        constructor = record.__init__ if "__init__" in vars(record) else record.__new__
+        constructor.__annotations__ = plain
+
+
+def kinds(part: type) -> list[type]:
+    """All that inherit from a class, as far as they have been imported."""
+    return [kind for own in part.__subclasses__() for kind in (own, *kinds(own))]
 
 
 def shorten(app: Sphinx, doctree: nodes.document) -> None:
@@ -49,6 +58,5 @@ def setup(app: Sphinx) -> dict[str, bool]:
     app.setup_extension("sphinx.ext.autodoc")
     app.connect("autodoc-process-docstring", process)
     app.connect("doctree-read", shorten)
-    for record in (types.Config, types.Hypers, sweep.Study):
-        drop_bounds(record)
+    drop_bounds([types.Config, types.Hypers, sweep.Study, *kinds(Part)])
     return {"parallel_read_safe": True, "parallel_write_safe": True}

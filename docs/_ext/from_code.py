@@ -7,6 +7,7 @@ or environments; `{paper-returns}` has the final training returns of some losses
 import functools
 import inspect
 import typing
+from collections.abc import Iterable
 from pathlib import Path
 
 from docutils import nodes
@@ -15,7 +16,7 @@ from sphinx.application import Sphinx
 from sphinx.pycode import ModuleAnalyzer
 from sphinx.util.docutils import SphinxDirective
 
-from galton.algorithms import ALGORITHMS
+from galton.algorithms import ALGORITHMS, Algorithm
 from galton.critics import CRITICS
 from galton.envs.registry import ENVS, make
 from galton.fields import AtLeast, annotations
@@ -23,6 +24,7 @@ from galton.losses import LOSSES
 from galton.models.settings import usual
 from galton.paper import reproduce, standings, tables
 from galton.paper.trained import Trained
+from galton.parts import settings
 from galton.policies import POLICIES
 from galton.records import defaults
 from galton.types import Config, Hypers
@@ -69,10 +71,15 @@ def said(thing: object) -> str:
     return " ".join(text.split("\n\n")[0].split()).replace("|", "\\|")
 
 
+def listed(names: Iterable[str]) -> str:
+    """Names for a cell."""
+    return ", ".join(f"`{name}`" for name in names) or "none"
+
+
 def losses() -> Rows:
     """LOSSES, each with its page."""
     rows = [
-        [f"[`{name}`](/losses/{name.replace('-', '_')}.md)", loss.label, f"`{loss.policy}`", said(loss.function)]
+        [f"[`{name}`](/losses/{name.replace('-', '_')}.md)", loss.label, f"`{loss.policy}`", said(loss)]
         for name, loss in LOSSES.items()
     ]
     return [["loss", "in figures", "usual policy", "what it is"], *rows]
@@ -90,18 +97,16 @@ def policies() -> Rows:
 
 
 def critics() -> Rows:
-    """CRITICS, with the settings that only it has."""
-    rows = [
-        [f"`{name}`", critic.label, ", ".join(f"`{field}`" for field in critic.uses) or "none", said(critic)]
-        for name, critic in CRITICS.items()
-    ]
+    """CRITICS, each with its settings."""
+    rows = [[f"`{name}`", critic.label, listed(settings(critic)), said(critic)] for name, critic in CRITICS.items()]
     return [["critic", "in figures", "settings of its own", "what it is"], *rows]
 
 
 def algorithms() -> Rows:
-    """ALGORITHMS, each with its page and the settings that only it has."""
+    """ALGORITHMS, each with its page and the settings that not every algorithm has."""
+    shared = settings(Algorithm)
     rows = [
-        [f"[`{name}`](/{name}.md)", entry.label, ", ".join(f"`{field}`" for field in entry.own) or "none"]
+        [f"[`{name}`](/{name}.md)", entry.label, listed(name for name in settings(entry) if name not in shared)]
         for name, entry in ALGORITHMS.items()
     ]
     return [["algorithm", "in figures", "settings of its own"], *rows]

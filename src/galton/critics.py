@@ -4,8 +4,7 @@ A new one is a class in a file and a line in CRITICS.
 """
 
 import abc
-import dataclasses
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -16,29 +15,20 @@ from jaxtyping import Array, Float
 from galton import targets
 from galton.bins import Bins
 from galton.errors import UsageError, require, unknown
-from galton.records import defaults
-from galton.types import Config, Hypers
+from galton.fields import AtLeast
+from galton.parts import Part
+from galton.types import Finite, Positive
 
 
-class Critic(abc.ABC):
+class Critic(Part, abc.ABC):
     """How the critic network's outputs become values. An entry of CRITICS is a class of this kind."""
 
-    label: ClassVar[str]
-    """Its name in figures and tables."""
-    init_scale: ClassVar[float]
+    init_scale: ClassVar[float] = 1.0
     """The scale of the orthogonal kernel that the network's last layer starts with."""
-    uses: ClassVar[tuple[str, ...]] = ()
-    """The fields of Config and Hypers that it takes, and that the others have no use for."""
 
-    @classmethod
-    @abc.abstractmethod
-    def create(cls, config: Config) -> "Critic":
-        """The critic of a configuration."""
-
-    @classmethod
-    def check(cls, config: Config, hypers: Hypers) -> None:
-        """Raise UsageError for settings that it can't use."""
-        del config, hypers
+    def check(self, normalize_reward: bool) -> None:
+        """Raise UsageError where it doesn't fit the rewards that it sees."""
+        del normalize_reward
 
     @property
     @abc.abstractmethod
@@ -46,12 +36,12 @@ class Critic(abc.ABC):
         """Outputs that the critic network must have."""
 
     @abc.abstractmethod
-    def value(self, outputs: Float[Array, "*batch n_outputs"], hypers: Hypers) -> Float[Array, "*batch"]:
+    def value(self, outputs: Float[Array, "*batch n_outputs"]) -> Float[Array, "*batch"]:
         """What each state is taken to be worth, v(s)."""
 
     @abc.abstractmethod
     def loss(
-        self, outputs: Float[Array, "*batch n_outputs"], returns: Float[Array, "*batch"], hypers: Hypers
+        self, outputs: Float[Array, "*batch n_outputs"], returns: Float[Array, "*batch"]
     ) -> Float[Array, "*batch"]:
         """What is minimised on each sample, times vf_coef."""
 
@@ -59,113 +49,104 @@ class Critic(abc.ABC):
 class SquaredErrorCritic(Critic):
     """One output, the value, trained by (return − value)², as SB3's."""
 
-    label = "squared error"
-    init_scale = 1.0
-
-    @classmethod
-    def create(cls, config: Config) -> Critic:
-        """The usual critic; the configuration has no part in it."""
-        del config
-        return cls()
+    label: ClassVar[str] = "squared error"
 
     @property
     def n_outputs(self) -> int:
         """One output, the value of the state."""
         return 1
 
-    def value(self, outputs: Float[Array, "*batch 1"], hypers: Hypers) -> Float[Array, "*batch"]:
+    def value(self, outputs: Float[Array, "*batch 1"]) -> Float[Array, "*batch"]:
         """The network's one output, as it is."""
-        del hypers
         return outputs[..., 0]
 
-    def loss(
-        self, outputs: Float[Array, "*batch 1"], returns: Float[Array, "*batch"], hypers: Hypers
-    ) -> Float[Array, "*batch"]:
+    def loss(self, outputs: Float[Array, "*batch 1"], returns: Float[Array, "*batch"]) -> Float[Array, "*batch"]:
         """The squared error, (return − value)², of each sample."""
-        return (returns - self.value(outputs, hypers)) ** 2
+        return (returns - self.value(outputs)) ** 2
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class _Classifier(Critic):
+class Classifier(Critic):
     """n logits over bins of equal width between value_min and value_max, trained by a cross-entropy.
 
     The value is the mean of the bin centers under the softmax. A return outside of the support is trained as the
     nearest center's.
     """
 
-    bins: Bins
-    """Of the support's unit interval: 0 is value_min, 1 value_max."""
+    init_scale: ClassVar[float] = 0.01
 
-    init_scale = 0.01
+    n_value_bins: Annotated[int, AtLeast(2)] = 101
+    """Its number of bins."""
+    value_min: Finite = -10.0
+    """The least return that there is a bin for, in the units of the rewards that it sees; with normalize_reward that is
+    about one standard deviation of the discounted return."""
+    value_max: Finite = 10.0
+    """The greatest, in the same units."""
 
-    @classmethod
-    def create(cls, config: Config) -> Critic:
-        """The critic with the configuration's number of bins."""
-        return cls(Bins(0.0, 1.0, config.n_value_bins))
-
-    @classmethod
-    def check(cls, config: Config, hypers: Hypers) -> None:
+    def check(self, normalize_reward: bool) -> None:
         """Raise UsageError for a support that is none, or that nobody chose for rewards in units of their own."""
-        low, high = np.broadcast_arrays(hypers.value_min, hypers.value_max)
+        low, high = np.broadcast_arrays(self.value_min, self.value_max)
         for least, most in zip(low[low >= high][:1], high[low >= high][:1], strict=True):
             raise UsageError(f"value_min is {least} and value_max {most}; value_min must be the smaller one")
-        usual = defaults(Hypers)
-        fits = config.normalize_reward or np.all((low != usual["value_min"]) | (high != usual["value_max"]))
+        usual = type(self)()
+        fits = normalize_reward or np.all((low != usual.value_min) | (high != usual.value_max))
         require(
             fits,
-            f"critic is {config.critic!r}, whose bins go from value_min = {usual['value_min']:g} to value_max = "
-            f"{usual['value_max']:g}, which fits normalised rewards; set normalize_reward, or value_min and "
-            "value_max to the least and greatest discounted return of your task, one of them another number",
+            f"critic is {self.label!r}, whose bins go from value_min = {usual.value_min:g} to value_max = "
+            f"{usual.value_max:g}, which fits normalised rewards; set normalize_reward, or value_min and value_max to "
+            "the least and greatest discounted return of your task, one of them another number",
         )
+
+    @property
+    def bins(self) -> Bins:
+        """Those of the support's unit interval: 0 is value_min, 1 value_max."""
+        return Bins(0.0, 1.0, self.n_value_bins)
 
     @property
     def n_outputs(self) -> int:
         """One logit per bin."""
-        return self.bins.n_bins
+        return self.n_value_bins
 
-    def value(self, outputs: Float[Array, "*batch k"], hypers: Hypers) -> Float[Array, "*batch"]:
+    def value(self, outputs: Float[Array, "*batch k"]) -> Float[Array, "*batch"]:
         """The mean of the bin centers under the softmax of the outputs."""
         share = (jax.nn.softmax(outputs) * self.bins.centers[0]).sum(-1)
-        return hypers.value_min + (hypers.value_max - hypers.value_min) * share
+        return self.value_min + (self.value_max - self.value_min) * share
 
-    def loss(
-        self, outputs: Float[Array, "*batch k"], returns: Float[Array, "*batch"], hypers: Hypers
-    ) -> Float[Array, "*batch"]:
+    def loss(self, outputs: Float[Array, "*batch k"], returns: Float[Array, "*batch"]) -> Float[Array, "*batch"]:
         """The cross-entropy of the outputs with the target of each return, less the target's own entropy.
 
         Without the entropy, a constant that no gradient sees, 0 is the least that can be.
         """
-        share = (returns - hypers.value_min) / (hypers.value_max - hypers.value_min)
+        share = (returns - self.value_min) / (self.value_max - self.value_min)
         centers = self.bins.centers[0]
-        target = self.target(jnp.clip(share, centers[0], centers[-1]), hypers)
+        target = self.target(jnp.clip(share, centers[0], centers[-1]))
         own = jnp.where(target > 0, target * jnp.log(jnp.where(target > 0, target, 1.0)), 0.0)
         return (own - target * log_softmax(outputs)).sum(-1)
 
     @abc.abstractmethod
-    def target(self, share: Float[Array, "*batch"], hypers: Hypers) -> Float[Array, "*batch k"]:
+    def target(self, share: Float[Array, "*batch"]) -> Float[Array, "*batch k"]:
         """The weights of the bins for returns at these places in the support, between the first and last center."""
 
 
-class HLGaussCritic(_Classifier):
+class HLGaussCritic(Classifier):
     """HL-Gauss (Farebrother et al., 2024, §3.1): the target is a Gaussian histogram of value_eta bin widths."""
 
-    label = "HL-Gauss"
-    uses = ("n_value_bins", "value_min", "value_max", "value_eta")
+    label: ClassVar[str] = "HL-Gauss"
 
-    def target(self, share: Float[Array, "*batch"], hypers: Hypers) -> Float[Array, "*batch k"]:
+    value_eta: Positive = 0.75
+    """The width of the target, in bin widths."""
+
+    def target(self, share: Float[Array, "*batch"]) -> Float[Array, "*batch k"]:
         """The Gaussian's mass in each bin, cut off at the support and rescaled."""
-        return targets.hl_gauss(self.bins, share[..., None], hypers.value_eta)[..., 0, :]
+        return targets.hl_gauss(self.bins, share[..., None], self.value_eta)[..., 0, :]
 
 
-class TwoHotCritic(_Classifier):
+class TwoHotCritic(Classifier):
     """Two-hot (Bellemare et al., 2017, eq. 7): the two centers around a return share the mass, so that they mean it."""
 
-    label = "two-hot"
-    uses = ("n_value_bins", "value_min", "value_max")
+    label: ClassVar[str] = "two-hot"
 
-    def target(self, share: Float[Array, "*batch"], hypers: Hypers) -> Float[Array, "*batch k"]:
+    def target(self, share: Float[Array, "*batch"]) -> Float[Array, "*batch k"]:
         """1 − distance in bin widths, of the centers that are nearer than a width."""
-        del hypers
         return targets.two_hot(self.bins, share[..., None])[..., 0, :]
 
 

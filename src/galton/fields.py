@@ -41,6 +41,8 @@ def checked(name: str, value: object, annotation: Any) -> Any:
     if kind is Annotated and isinstance(details[1], AtLeast):
         require_integer(name, value, details[1].least)
         return int(value)  # type: ignore[call-overload]
+    if kind is Annotated and value is None and type(None) in get_args(details[0]):
+        return None
     if kind is Annotated:
         _check_number(name, value, details[1])
         return value

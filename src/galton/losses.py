@@ -1,163 +1,215 @@
 """The losses on one sampled action, to be weighted by its advantage (eqs 4–6).
 
 The whole method is `surrogate`; everything else says which regression or classification it weights.
-A new one is a function and a line in LOSSES.
+A new one is a class of this kind, with the settings that it needs, and a line in LOSSES.
 """
 
-from collections.abc import Callable
-from typing import Any, NamedTuple
+import abc
+from typing import Any, ClassVar, Literal
 
 import jax.numpy as jnp
+import numpy as np
 from jax import lax
 from jax.nn import log_softmax
 from jaxtyping import Array, Float, Int
 
 from galton import targets
-from galton.errors import unknown
+from galton.errors import require, unknown
+from galton.parts import Part, refuse_other
 from galton.policies.base import Distribution, Family
 from galton.policies.histogram import Histogram
 from galton.targets import Eta
-from galton.types import Hypers
+from galton.types import Positive
+
+Losses = Float[Array, "*batch"]
+Weights = Float[Array, "*batch d k"]
+"""Of the bins' log π."""
 
 
-def surrogate(advantage: Float[Array, "*batch"], loss: Float[Array, "*batch"]) -> Float[Array, ""]:
+def surrogate(advantage: Float[Array, "*batch"], loss: Losses) -> Float[Array, ""]:
     """The policy gradient as weighted supervised learning (eqs 4–6): mean of advantage · loss, to be minimised."""
     return jnp.mean(lax.stop_gradient(advantage) * loss)
 
 
-def gaussian(distribution: Distribution, action: Float[Array, "*batch d"], hypers: Hypers) -> Float[Array, "*batch"]:
+def cross_entropy(distribution: Histogram, weights: Weights) -> Losses:
+    """−Σ_l Σ_i weights_l(i) log π_l(i); the gradient in the logits is π − weights where these sum to 1 (App. A)."""
+    return -(weights * log_softmax(distribution.logits)).sum((-2, -1))
+
+
+class Loss(Part, abc.ABC):
+    """What is weighted by the advantage. An entry of LOSSES is a class of this kind."""
+
+    family: ClassVar[Family] = "density"
+    """Of the policies that it fits: "density" is any, "histogram" those whose distributions are histograms."""
+    policy: ClassVar[str] = "gaussian"
+    """The key in POLICIES of the policy that it usually trains."""
+    in_paper: ClassVar[bool] = False
+    """Whether it is one of the paper's; figures and claims set the others apart."""
+
+    is_biased: ClassVar[bool] = False
+    """Whether an error of the baseline adds something to the mean logit gradient: `bias`."""
+
+    @abc.abstractmethod
+    def __call__(self, distribution: Any, action: Float[Array, "*batch d"]) -> Losses:
+        """The loss of each action."""
+
+    def target(self, distribution: Any, action: Float[Array, "*batch d"]) -> Weights | None:
+        """The weights of a cross-entropy, which PPO takes from the policy that sampled; None for other losses."""
+
+    def bias(self, distribution: Any) -> Weights | float:
+        """What an error of the baseline adds to the mean logit gradient, for each unit that it is off."""
+        del distribution
+        return 0.0
+
+    def of_negatives(self, distribution: Any, action: Float[Array, "*batch d"]) -> Losses | None:
+        """The losses of actions with a negative weight, where they are other ones; None where they are the same."""
+
+
+class NegativeLogLikelihood(Loss):
     """−log π(a): of a Gaussian policy least squares, hidden in the usual policy gradient (eq. 5).
 
-    It fits every policy that has a log-probability; of a histogram it is HL-1-Hot. No number has a part in it.
+    It fits every policy that has a log-probability; of a histogram it is HL-1-Hot.
     """
-    del hypers
-    return -distribution.log_prob(action)
+
+    label: ClassVar[str] = "Gaussian"
+    in_paper: ClassVar[bool] = True
+
+    def __call__(self, distribution: Distribution, action: Float[Array, "*batch d"]) -> Losses:
+        """The negative log-probability of each action, or its negative log-density."""
+        return -distribution.log_prob(action)
 
 
-def hl_one_hot(distribution: Histogram, action: Float[Array, "*batch d"], hypers: Hypers) -> Float[Array, "*batch"]:
-    """HL-1-Hot: cross-entropy with all mass on the sampled bin (eq. 6). No number has a part in it."""
-    return cross_entropy(distribution, one_hot_target(distribution, action, hypers))
+class HLOneHot(Loss):
+    """HL-1-Hot: cross-entropy with all mass on the sampled bin (eq. 6)."""
+
+    family: ClassVar[Family] = "histogram"
+    policy: ClassVar[str] = "histogram"
+    label: ClassVar[str] = "HL-1-Hot"
+    in_paper: ClassVar[bool] = True
+
+    def __call__(self, distribution: Histogram, action: Float[Array, "*batch d"]) -> Losses:
+        """The cross-entropy with the one-hot target."""
+        return cross_entropy(distribution, self.target(distribution, action))
+
+    def target(self, distribution: Histogram, action: Float[Array, "*batch d"]) -> Weights:
+        """The target with all mass on the sampled bin."""
+        return targets.one_hot(distribution.bins, action)
 
 
-def hl_gauss(distribution: Histogram, action: Float[Array, "*batch d"], hypers: Hypers) -> Float[Array, "*batch"]:
+class HLGauss(Loss):
     """HL-Gauss: cross-entropy with a Gaussian histogram around the sampled action (eq. 6)."""
-    return cross_entropy(distribution, gaussian_target(distribution, action, hypers))
+
+    family: ClassVar[Family] = "histogram"
+    policy: ClassVar[str] = "histogram"
+    label: ClassVar[str] = "HL-Gauss"
+    in_paper: ClassVar[bool] = True
+    is_biased: ClassVar[bool] = True
+
+    eta: Positive = 0.25
+    """The width η = σ / bin width (§4.2). Where it follows the policy (eta_rule) this is the factor of the policy's
+    standard deviation."""
+    target_tails: Literal["rescaled", "edges"] = "rescaled"
+    """What becomes of a target's mass beyond the box: the rest is rescaled to sum to 1 (eq. 6), or the first and last
+    bin get it."""
+    eta_rule: Literal["fixed", "policy"] = "fixed"
+    """The width: η = eta everywhere, or as the policy narrows, per state and dimension:
+    η = clip(eta · σ / bin width, eta_min, eta_max) with the policy's standard deviation σ."""
+    eta_min: Positive = 0.5
+    """The least η where the width follows the policy."""
+    eta_max: Positive = 16.0
+    """The greatest η where the width follows the policy."""
+    negative_target: Literal["same", "one-hot"] = "same"
+    """The target for an action with a negative weight: the same Gaussian, or all mass on its bin."""
+
+    def __call__(self, distribution: Histogram, action: Float[Array, "*batch d"]) -> Losses:
+        """The cross-entropy with the Gaussian target."""
+        return cross_entropy(distribution, self.gaussian_target(distribution, action))
+
+    def target(self, distribution: Histogram, action: Float[Array, "*batch d"]) -> Weights:
+        """The Gaussian histogram."""
+        return self.gaussian_target(distribution, action)
+
+    def check_own(self) -> None:
+        """Raise UsageError for bounds of the width that are none, or that nothing uses."""
+        for name in ("eta_min", "eta_max") if self.eta_rule == "fixed" else ():
+            refuse_other(name, getattr(self, name), getattr(HLGauss, name), "has no use with eta_rule at 'fixed'")
+        require(
+            bool(np.all(np.asarray(self.eta_min) <= np.asarray(self.eta_max))),
+            f"eta_min is {self.eta_min} and eta_max {self.eta_max}; eta_min must be the smaller",
+        )
+
+    def bias(self, distribution: Histogram) -> Weights | float:
+        """Kᵀπ − π, where a Gaussian target pulls the policy, whatever the action is worth."""
+        return self.expected_target(distribution) - distribution.probs
+
+    def of_negatives(self, distribution: Histogram, action: Float[Array, "*batch d"]) -> Losses | None:
+        """The losses of HL-1-Hot, where negative weights have its target."""
+        return None if self.negative_target == "same" else HLOneHot()(distribution, action)
+
+    def width(self, distribution: Histogram) -> Eta:
+        """The η that these distributions call for; `[*batch, d]` where it follows the policy.
+
+        No gradient flows through it.
+        """
+        if self.eta_rule == "fixed":
+            return self.eta
+        in_bins = lax.stop_gradient(distribution.std()) / distribution.bins.width
+        return jnp.clip(self.eta * in_bins, self.eta_min, self.eta_max)
+
+    def gaussian_target(self, distribution: Histogram, action: Float[Array, "*batch d"]) -> Weights:
+        """A Gaussian histogram of σ = η bin widths around the sampled action."""
+        eta, bins = self.width(distribution), distribution.bins
+        if distribution.samples_centers:
+            index: Int[Array, "*batch d"] = bins.encode(action)
+            return targets.hl_gauss_of_center(bins.n_bins, index, eta, self.target_tails, bins.bin_centers)
+        return targets.hl_gauss(bins, action, eta, self.target_tails)
+
+    def expected_target(self, distribution: Histogram) -> Weights:
+        """Kᵀπ, the mean of the targets over the policy's own actions; row j of K is the target of bin j's center."""
+        eta, centers = self.width(distribution), distribution.bins.bin_centers
+        return targets.mean_of_centers(distribution.probs, eta, self.target_tails, centers)
 
 
-def hl_gauss_centred(
-    distribution: Histogram, action: Float[Array, "*batch d"], hypers: Hypers
-) -> Float[Array, "*batch"]:
+class HLGaussCentred(HLGauss):
     """Centred HL-Gauss, ours and not the paper's: the target less the target that the policy itself expects.
 
     HL-Gauss pulls towards its own smoothing Kᵀπ whenever the baseline is off, because the targets' mean Kᵀπ is
     not π. With q − Kᵀπ as the weights (K: row j is the target of bin j's center) that pull is gone: a constant
     added to the advantage changes nothing on average, and K = I gives HL-1-Hot.
     """
-    expected = lax.stop_gradient(expected_target(distribution, hypers.eta))
-    return cross_entropy(distribution, gaussian_target(distribution, action, hypers) - expected)
+
+    label: ClassVar[str] = "Centred HL-Gauss (ours)"
+    in_paper: ClassVar[bool] = False
+    is_biased: ClassVar[bool] = False
+
+    def __call__(self, distribution: Histogram, action: Float[Array, "*batch d"]) -> Losses:
+        """The cross-entropy with the centred weights."""
+        expected = lax.stop_gradient(self.expected_target(distribution))
+        return cross_entropy(distribution, self.gaussian_target(distribution, action) - expected)
+
+    def target(self, distribution: Histogram, action: Float[Array, "*batch d"]) -> Weights:
+        """The Gaussian histogram less HL-Gauss's bias, q − (Kᵀπ − π), which sums to 1.
+
+        At the policy that it was taken from its gradient is that of q − Kᵀπ: π itself adds nothing there. PPO goes on
+        from there, where K = I must stay HL-1-Hot; the weights q − Kᵀπ of an earlier policy would not.
+        """
+        return self.gaussian_target(distribution, action) - super().bias(distribution)
+
+    def bias(self, distribution: Histogram) -> Weights | float:
+        """Nothing: centring takes it away."""
+        del distribution
+        return 0.0
 
 
-def cross_entropy(distribution: Histogram, weights: Float[Array, "*batch d k"]) -> Float[Array, "*batch"]:
-    """−Σ_l Σ_i weights_l(i) log π_l(i); the gradient in the logits is π − weights where these sum to 1 (App. A)."""
-    return -(weights * log_softmax(distribution.logits)).sum((-2, -1))
-
-
-def one_hot_target(
-    distribution: Histogram, action: Float[Array, "*batch d"], hypers: Hypers
-) -> Float[Array, "*batch d k"]:
-    """The target with all mass on the sampled bin."""
-    del hypers
-    return targets.one_hot(distribution.bins, action)
-
-
-def gaussian_target(
-    distribution: Histogram, action: Float[Array, "*batch d"], hypers: Hypers
-) -> Float[Array, "*batch d k"]:
-    """A Gaussian histogram of σ = η bin widths around the sampled action."""
-    if distribution.samples_centers:
-        return _target_of_center(distribution, distribution.bins.encode(action), hypers.eta)
-    return targets.hl_gauss(distribution.bins, action, hypers.eta, distribution.choices.target_tails)
-
-
-def centred_target(
-    distribution: Histogram, action: Float[Array, "*batch d"], hypers: Hypers
-) -> Float[Array, "*batch d k"]:
-    """The Gaussian histogram less HL-Gauss's bias, q − (Kᵀπ − π), which sums to 1.
-
-    At the policy that it was taken from its gradient is that of q − Kᵀπ: π itself adds nothing there. PPO goes on from
-    there, where K = I must stay HL-1-Hot; the weights q − Kᵀπ of an earlier policy would not.
-    """
-    return gaussian_target(distribution, action, hypers) - hl_gauss_bias(distribution, hypers)
-
-
-def expected_target(distribution: Histogram, eta: Eta) -> Float[Array, "*batch d k"]:
-    """Kᵀπ, the mean of HL-Gauss's targets over the policy's own actions; row j of K is the target of bin j's center."""
-    bins, tails = distribution.bins, distribution.choices.target_tails
-    return targets.mean_of_centers(distribution.probs, eta, tails, bins.bin_centers)
-
-
-def hl_gauss_bias(distribution: Histogram, hypers: Hypers) -> Float[Array, "*batch d k"]:
-    """Kᵀπ − π: what HL-Gauss adds to the mean logit gradient for each unit that the baseline is off."""
-    return expected_target(distribution, hypers.eta) - distribution.probs
-
-
-def _target_of_center(distribution: Histogram, index: Int[Array, "*batch"], eta: Eta) -> Float[Array, "*batch k"]:
-    bins = distribution.bins
-    return targets.hl_gauss_of_center(bins.n_bins, index, eta, distribution.choices.target_tails, bins.bin_centers)
-
-
-class Loss(NamedTuple):
-    """An entry of LOSSES: what is weighted by the advantage, and which policies it fits."""
-
-    function: Callable[[Any, Array, Hypers], Array]
-    """(distribution, action `[*batch, d]`, hypers) → loss `[*batch]`."""
-    family: Family
-    """Of the policies that it fits: "density" is any, "histogram" those whose distributions are histograms."""
-    policy: str
-    """The key in POLICIES of the policy that it usually trains."""
-    label: str
-    """Its name in figures and tables."""
-    in_paper: bool = True
-    """Whether it is one of the paper's; figures and claims set the others apart."""
-    uses: tuple[str, ...] = ()
-    """The fields of Hypers that it takes."""
-    target: Callable[[Any, Array, Hypers], Array] | None = None
-    """Of a cross-entropy: (distribution, action, hypers) → the weights of the bins' log π `[*batch, d, k]`, which PPO
-    takes from the policy that sampled; None for other losses."""
-    bias: Callable[[Any, Hypers], Array] | None = None
-    """(distribution, hypers) → what an error of the baseline adds to the mean logit gradient `[*batch, d, k]`; None:
-    nothing."""
-    is_wide: bool = False
-    """Whether its targets have a width `hypers.eta`, in bins, which may be one number or an array `[*batch, d]`."""
-
-
-LOSSES = {
-    "gaussian": Loss(gaussian, "density", "gaussian", "Gaussian"),
-    "hl-one-hot": Loss(hl_one_hot, "histogram", "histogram", "HL-1-Hot", target=one_hot_target),
-    "hl-gauss": Loss(
-        hl_gauss,
-        "histogram",
-        "histogram",
-        "HL-Gauss",
-        uses=("eta",),
-        target=gaussian_target,
-        bias=hl_gauss_bias,
-        is_wide=True,
-    ),
-    "hl-gauss-centred": Loss(
-        hl_gauss_centred,
-        "histogram",
-        "histogram",
-        "Centred HL-Gauss (ours)",
-        in_paper=False,
-        uses=("eta",),
-        target=centred_target,
-        is_wide=True,
-    ),
+LOSSES: dict[str, type[Loss]] = {
+    "gaussian": NegativeLogLikelihood,
+    "hl-one-hot": HLOneHot,
+    "hl-gauss": HLGauss,
+    "hl-gauss-centred": HLGaussCentred,
 }
 
 
-def find_loss(name: str) -> Loss:
+def find_loss(name: str) -> type[Loss]:
     """The entry of that name; UsageError lists the names if there is none."""
     if name not in LOSSES:
         raise unknown("loss", name, LOSSES)

@@ -1,6 +1,7 @@
 """Multi-layer perceptrons as plain lists of {"kernel", "bias"}."""
 
 from collections.abc import Sequence
+from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -8,7 +9,25 @@ from jax import lax
 from jax.nn.initializers import orthogonal
 from jaxtyping import Array, Float, Key
 
-from galton.types import Params
+from galton.parts import Part
+from galton.types import Count, Params
+
+
+class MLP(Part):
+    """A multi-layer perceptron for the actor and another for the critic: hidden tanh layers, then a linear one."""
+
+    label: ClassVar[str] = "MLP"
+
+    net_arch: tuple[Count, ...] = (64, 64)
+    """Units of the hidden layers, the same for actor and critic; () is linear."""
+
+    def init(self, key: Key[Array, ""], n_in: int, n_out: int, last_scale: float) -> list[Params]:
+        """New layers (see `init_mlp`)."""
+        return init_mlp(key, (n_in, *self.net_arch, n_out), last_scale)
+
+    def __call__(self, params: list[Params], x: Float[Array, "*batch n_in"]) -> Float[Array, "*batch n_out"]:
+        """The network's outputs."""
+        return mlp(params, x)
 
 
 def init_mlp(key: Key[Array, ""], sizes: Sequence[int], last_scale: float) -> list[Params]:

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from galton.types import Config, Hypers
+from galton.types import Number
 
 CLIP = 10.0
 EPSILON = 1e-8
@@ -43,17 +43,17 @@ class Normalizer(NamedTuple):
     """What is taken away from observations first, `[o]`; 0 in files of before it."""
 
 
-def init(config: Config, observation_size: int) -> Normalizer:
-    """Mean 0 and variance 1, counted for PRIOR samples."""
+def init(observation_size: int, n_envs: int, observations: bool, rewards: bool) -> Normalizer:
+    """Mean 0 and variance 1, counted for PRIOR samples, of what is to be normalised."""
 
     def moments(*shape: int) -> Moments:
         return Moments(jnp.zeros(shape), jnp.ones(shape), jnp.full((), PRIOR))
 
     return Normalizer(
-        moments(observation_size) if config.normalize_observation else (),
-        moments() if config.normalize_reward else (),
-        jnp.zeros(config.n_envs) if config.normalize_reward else (),
-        jnp.zeros(observation_size) if config.normalize_observation else (),
+        moments(observation_size) if observations else (),
+        moments() if rewards else (),
+        jnp.zeros(n_envs) if rewards else (),
+        jnp.zeros(observation_size) if observations else (),
     )
 
 
@@ -114,12 +114,12 @@ def deviation(normalizer: Normalizer) -> Float[Array, " o"]:
 
 
 def reward(
-    normalizer: Normalizer, raw: Float[Array, " N"], done: Bool[Array, " N"], hypers: Hypers
+    normalizer: Normalizer, raw: Float[Array, " N"], done: Bool[Array, " N"], gamma: Number
 ) -> tuple[Normalizer, Float[Array, " N"]]:
     """Count the rewards of one step and divide them by the standard deviation of the discounted return, within ±10."""
     if not normalizer.discounted_return:
         return normalizer, raw
-    running = normalizer.running_return * hypers.gamma + raw
+    running = normalizer.running_return * gamma + raw
     moments = update_moments(normalizer.discounted_return, running)
     scaled = jnp.clip(raw / jnp.sqrt(moments.variance + EPSILON), -CLIP, CLIP)
     return normalizer._replace(discounted_return=moments, running_return=jnp.where(done, 0.0, running)), scaled
@@ -131,7 +131,7 @@ def receive(
     done: Bool[Array, " N"],
     final: Float[Array, "N o"],
     following: Float[Array, "N o"],
-    hypers: Hypers,
+    gamma: Number,
 ) -> tuple[Normalizer, Float[Array, " N"], Float[Array, "N o"]]:
     """Take in one step: its rewards, the observations that end it and those, after any reset, that follow.
 
@@ -139,5 +139,5 @@ def receive(
 
     The new statistics, the normalised rewards and the normalised ends.
     """
-    normalizer, scaled = reward(observe(normalizer, following), raw, done, hypers)
+    normalizer, scaled = reward(observe(normalizer, following), raw, done, gamma)
     return normalizer, scaled, observation(normalizer, final)

@@ -105,6 +105,7 @@ def make_config(fields: dict[str, Any]) -> Config:
 Number = float | Float[Array, "*runs"]
 """One number, or one for each run."""
 NotNegative = Annotated[Number, Within(lambda x: np.isfinite(x) & (x >= 0), "finite, and 0 or more")]
+Finite = Annotated[Number, Within(np.isfinite, "finite")]
 Positive = Annotated[Number, Within(lambda x: np.isfinite(x) & (x > 0), "finite, and greater than 0")]
 Share = Annotated[Number, Within(lambda x: (x >= 0) & (x <= 1), "between 0 and 1")]
 
@@ -171,18 +172,6 @@ class Hypers(NamedTuple):
     entropy_alpha_min: Annotated[Number, Within(lambda x: np.isfinite(x) & (x <= 0), "finite, and 0 or less")] = -1.0
     """The least α of a held entropy. Below 0 a policy that is wider than its target is narrowed; with 0 the target is a
     floor, above which the policy is left alone."""
-
-
-_UNUSED_AT_0 = ("box_units", "noise_correlation")
-
-
-def without_unused(hypers: Hypers) -> Hypers:
-    """Hypers `[R]` with None for box_units and for noise_correlation where they are 0 in every run.
-
-    Their program then has no trace of them, and rounds as that of 0.1.0, which had neither.
-    """
-    unused: dict[str, Any] = {name: None for name in _UNUSED_AT_0 if not np.any(getattr(hypers, name))}
-    return hypers._replace(**unused)
 
 
 def check_config(config: Config) -> None:

@@ -5,23 +5,24 @@ import jax.numpy as jnp
 import numpy as np
 
 from galton import Config, Hypers
-from galton.algorithms import actor_critic, resolve
+from galton.algorithms import actor_critic
 from galton.types import Transition
+
+from ..agents import agent as agent_on
 
 LOW, HIGH = np.array([-1.0, -2.0]), np.array([1.0, 2.0])
 T, N, SIZE = 4, 3, 5
 
 
-def setup(loss, **settings):
+def setup(loss, hypers=Hypers(), **settings):  # noqa: B008
     """An agent, its learner and a rollout that it sampled, without ends of episodes."""
-    config = Config(loss=loss, n_bins=10, n_steps=T, n_envs=N, **settings)
-    agent = resolve(config, LOW, HIGH)
-    learner = actor_critic.init(jax.random.key(0), agent, Hypers(), SIZE)
+    agent = agent_on(Config(loss=loss, n_bins=10, n_steps=T, n_envs=N, **settings), hypers, LOW, HIGH)
+    learner = actor_critic.init(jax.random.key(0), agent, SIZE)
     keys = jax.random.split(jax.random.key(1), 4)
     observation = jax.random.normal(keys[0], (T, N, SIZE))
     batch = Transition(
         observation,
-        actor_critic.act(agent, learner.params, observation, agent.policy.noise(keys[1], (T, N)), Hypers()),
+        actor_critic.act(agent, learner.params, observation, agent.policy.noise(keys[1], (T, N))),
         jax.random.normal(keys[2], (T, N)),
         jax.random.normal(keys[3], (T, N, SIZE)),
         jnp.zeros((T, N), bool),

@@ -1,12 +1,9 @@
-import functools
-
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from galton import LOSSES, Hypers
-from galton.algorithms import a2c
 
 from .rollouts import setup
 
@@ -19,7 +16,7 @@ KEY = jax.random.key(2)
 )
 def test_an_update_keeps_structure_shapes_and_dtypes(loss):
     agent, learner, batch = setup(loss)
-    after, told = a2c.update(agent, learner, batch, Hypers(), KEY)
+    after, told = agent.algorithm.update(agent, learner, batch, KEY)
     assert jax.tree.map(lambda x: (x.shape, x.dtype), after) == jax.tree.map(lambda x: (x.shape, x.dtype), learner)
     assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves((after, told)))
     assert all(
@@ -27,16 +24,16 @@ def test_an_update_keeps_structure_shapes_and_dtypes(loss):
     )
 
 
-def test_an_update_tells_the_scalars_that_its_record_names():
+def test_an_update_tells_the_scalars_that_its_class_names():
     agent, learner, batch = setup("gaussian")
-    _, told = a2c.update(agent, learner, batch, Hypers(), KEY)
+    _, told = agent.algorithm.update(agent, learner, batch, KEY)
     assert set(told) == set(agent.algorithm.scalars)
 
 
 def test_the_step_is_bounded_by_max_grad_norm():
-    agent, learner, batch = setup("gaussian")
+    agent, learner, batch = setup("gaussian", Hypers(max_grad_norm=0.5))
     huge = batch._replace(reward=1e6 * batch.reward)
-    after, told = a2c.update(agent, learner, huge, Hypers(max_grad_norm=0.5), KEY)
+    after, told = agent.algorithm.update(agent, learner, huge, KEY)
     assert float(told["grad_norm"]) > 1e3
     clipped = jax.tree.map(lambda moment: moment / 0.1, after.optimizer.mu)  # the first moment after one step is 0.1 g
     norm = float(jnp.sqrt(sum(jnp.sum(leaf**2) for leaf in jax.tree.leaves(clipped))))
@@ -45,13 +42,12 @@ def test_the_step_is_bounded_by_max_grad_norm():
 
 @pytest.mark.parametrize("loss", ["gaussian", "hl-gauss"])
 def test_the_entropy_bonus_raises_entropy(loss):
-    agent, learner, batch = setup(loss)
-    update = jax.jit(functools.partial(a2c.update, agent))
-    still = batch._replace(reward=jnp.zeros_like(batch.reward))
+    update = jax.jit(lambda agent, learner, batch: agent.algorithm.update(agent, learner, batch, KEY))
     entropies = []
     for ent_coef in (0.0, 1.0):
-        after = learner
+        agent, learner, batch = setup(loss, Hypers(ent_coef=ent_coef, learning_rate=1e-2))
+        still = batch._replace(reward=jnp.zeros_like(batch.reward))
         for _ in range(20):
-            after, told = update(after, still, Hypers(ent_coef=ent_coef, learning_rate=1e-2), KEY)
+            learner, told = update(agent, learner, still)
         entropies.append(float(told["entropy"]))
     assert entropies[1] > entropies[0]

@@ -8,8 +8,9 @@ import stable_baselines3
 import torch
 
 from galton import Config, Hypers
-from galton.algorithms import a2c, actor_critic, resolve
+from galton.algorithms import actor_critic
 
+from ..agents import agent as agent_on
 from .sb3_side import HIGH, LOW, K, Recorder, params_of, record_batch, relative_error, vector_of
 
 T, N = 10, 2
@@ -50,10 +51,10 @@ def test_updates_equal_sb3s(loss, normalize_advantage, trust):
     discrete = loss == "hl-one-hot"
     model, envs = sb3_model(discrete, normalize_advantage)
     config = Config(loss=loss, n_bins=K, n_steps=T, n_envs=N, normalize_advantage=normalize_advantage)
-    agent = resolve(config, LOW, HIGH)
+    agent = agent_on(config, HYPERS, LOW, HIGH)
     start = jax.tree.map(jnp.asarray, params_of(model))
-    learner = actor_critic.init(jax.random.key(0), agent, HYPERS, 3)._replace(params=start)
-    update = jax.jit(lambda learner, batch: a2c.update(agent, learner, batch, HYPERS, jax.random.key(1))[0])
+    learner = actor_critic.init(jax.random.key(0), agent, 3)._replace(params=start)
+    update = jax.jit(lambda learner, batch: agent.algorithm.update(agent, learner, batch, jax.random.key(1))[0])
 
     for i in range(20):
         batch = record_batch(model, envs, discrete)
@@ -78,15 +79,15 @@ def test_values_entropy_and_log_prob_equal_sb3s(loss):
     discrete = loss == "hl-one-hot"
     model, envs = sb3_model(discrete, False)
     config = Config(loss=loss, n_bins=K, n_steps=T, n_envs=N)
-    agent, params = resolve(config, LOW, HIGH), jax.tree.map(jnp.asarray, params_of(model))
+    agent, params = agent_on(config, HYPERS, LOW, HIGH), jax.tree.map(jnp.asarray, params_of(model))
     batch = record_batch(model, envs, discrete)
     buffer = model.rollout_buffer
-    values = actor_critic.value(agent, params, batch.observation, HYPERS)
+    values = actor_critic.value(agent, params, batch.observation)
     np.testing.assert_allclose(values, buffer.values, rtol=1e-4, atol=1e-6)
-    distribution = actor_critic.distribution(agent, params, batch.observation, HYPERS)
+    distribution = actor_critic.distribution(agent, params, batch.observation)
     flat = torch.as_tensor(np.array(batch.observation).reshape(T * N, 3))
     _, log_prob, entropy = model.policy.evaluate_actions(flat, torch.as_tensor(buffer.actions.reshape(T * N, 2)))
     np.testing.assert_allclose(np.ravel(distribution.entropy()), entropy.detach(), rtol=1e-5)
     np.testing.assert_allclose(np.ravel(distribution.log_prob(batch.action)), log_prob.detach(), rtol=1e-5)
-    loss_value = agent.loss.function(distribution, batch.action, HYPERS)
+    loss_value = agent.loss(distribution, batch.action)
     np.testing.assert_allclose(np.ravel(loss_value), -log_prob.detach(), rtol=1e-5)

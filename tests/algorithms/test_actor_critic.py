@@ -7,6 +7,9 @@ from galton.algorithms import actor_critic
 
 from .rollouts import setup
 
+PARTS = actor_critic.Objective(*jnp.zeros(4))
+"""Of the objective whose gradient is stepped along, which moves nothing by itself."""
+
 
 def test_the_networks_start_orthogonal_with_sb3s_scales():
     _, learner, _ = setup("hl-one-hot")
@@ -25,7 +28,7 @@ def test_actor_and_critic_start_apart():
 
 def test_init_gaussian_enters_as_the_last_bias():
     agent, learner, _ = setup("hl-gauss", initial_policy="gaussian")
-    bias, _ = agent.policy.init(Hypers())
+    bias, _ = agent.policy.init()
     np.testing.assert_array_equal(learner.params["actor"][-1]["bias"], bias)
     assert float(jnp.abs(bias).max()) > 0
 
@@ -33,10 +36,10 @@ def test_init_gaussian_enters_as_the_last_bias():
 def test_a_step_along_a_gradient_that_is_not_finite_moves_no_parameter_and_the_norm_tells():
     agent, learner, _ = setup("gaussian")
     gradient = jax.tree.map(jnp.ones_like, learner.params)
-    learner, _ = actor_critic.step(agent, learner, gradient, Hypers())  # Adam has some momentum
+    learner, _ = actor_critic.step(agent, learner, gradient, PARTS)  # Adam has some momentum
     gradient["critic"][0]["bias"] = gradient["critic"][0]["bias"].at[0].set(jnp.inf)
-    after, norm = actor_critic.step(agent, learner, gradient, Hypers())
-    assert not np.isfinite(norm)
+    after, told = actor_critic.step(agent, learner, gradient, PARTS)
+    assert not np.isfinite(told["grad_norm"])
     jax.tree.map(np.testing.assert_array_equal, after.params, learner.params)
     assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(after.optimizer))
 
@@ -45,37 +48,37 @@ def test_where_training_is_left_off_a_step_changes_nothing_at_all():
     agent, learner, _ = setup("gaussian")
     gradient = jax.tree.map(jnp.ones_like, learner.params)
     for going in (False, True):
-        after, _ = actor_critic.step(agent, learner, gradient, Hypers(), jnp.array(going))
+        after, _ = actor_critic.step(agent, learner, gradient, PARTS, jnp.array(going))
         same = jax.tree.map(lambda a, b: bool((a == b).all()), after, learner)
         assert all(jax.tree.leaves(same)) == (not going)
 
 
 def test_the_gaussians_sigma_is_clipped_with_the_actor():
-    agent, learner, _ = setup("gaussian", clip_separately=True)
+    agent, learner, _ = setup("gaussian", Hypers(max_grad_norm=0.5), clip_separately=True)
     gradient = jax.tree.map(jnp.zeros_like, learner.params) | {"log_std": jnp.array([3.0, 4.0])}
-    after, _ = actor_critic.step(agent, learner, gradient, Hypers(max_grad_norm=0.5))
+    after, _ = actor_critic.step(agent, learner, gradient, PARTS)
     np.testing.assert_allclose(after.optimizer.mu["log_std"], [0.03, 0.04], rtol=1e-4)
 
 
 def test_a_short_gradient_is_taken_as_it_is():
-    agent, learner, _ = setup("gaussian")
+    agent, learner, _ = setup("gaussian", Hypers(max_grad_norm=0.5))
     gradient = jax.tree.map(lambda leaf: jnp.full_like(leaf, 1e-4), learner.params)
-    after, _ = actor_critic.step(agent, learner, gradient, Hypers(max_grad_norm=0.5))
+    after, _ = actor_critic.step(agent, learner, gradient, PARTS)
     jax.tree.map(lambda moment: np.testing.assert_allclose(moment, 1e-5, rtol=1e-5), after.optimizer.mu)
 
 
 def test_actor_and_critic_are_clipped_apart_or_joined():
     """After one step Adam's first moment is a tenth of the gradient that it was given."""
     for separately, norms in ((False, {"actor": 5.0, "critic": 5.0}), (True, {"actor": 3.0, "critic": 4.0})):
-        agent, learner, _ = setup("hl-gauss", clip_separately=separately)
+        agent, learner, _ = setup("hl-gauss", Hypers(max_grad_norm=0.5), clip_separately=separately)
         size = {name: sum(leaf.size for leaf in jax.tree.leaves(learner.params[name])) for name in norms}
         long = {"actor": 3.0, "critic": 4.0}
         gradient = {
             name: jax.tree.map(lambda leaf, x=long[name] / size[name] ** 0.5: jnp.full_like(leaf, x), part)
             for name, part in learner.params.items()
         }
-        after, norm = actor_critic.step(agent, learner, gradient, Hypers(max_grad_norm=0.5))
-        np.testing.assert_allclose(norm, 5.0, rtol=1e-5)
+        after, told = actor_critic.step(agent, learner, gradient, PARTS)
+        np.testing.assert_allclose(told["grad_norm"], 5.0, rtol=1e-5)
         for name, of in norms.items():
             moment = np.concatenate([np.ravel(leaf) for leaf in jax.tree.leaves(after.optimizer.mu[name])])
             np.testing.assert_allclose(np.linalg.norm(moment), 0.1 * 0.5 * long[name] / of, rtol=1e-4)

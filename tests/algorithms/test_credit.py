@@ -1,7 +1,5 @@
 """What weighs a loss, how wide its target is and what negative weights aim at: against dense formulas in float64."""
 
-import dataclasses
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -9,17 +7,20 @@ import pytest
 from scipy.stats import norm
 
 from galton import A2C, LOSSES, PPO, Bins, Config, Hypers, UsageError, train
-from galton.algorithms import ALGORITHMS, credit, resolve
+from galton.algorithms import ALGORITHMS, a2c, actor_critic
 from galton.losses import surrogate
+from galton.parts import settings
 from galton.policies import Histogram
+
+from ..agents import agent as agent_on
 
 LOW, HIGH, K = np.array([-1.0, 0.0]), np.array([1.0, 5.0]), 12
 WIDE = {"eta_rule": "policy"}
 SPLIT = {"negative_target": "one-hot"}
 
 
-def agent_of(loss, **fields):
-    return resolve(Config(loss=loss, n_bins=K, n_steps=8, **fields), LOW, HIGH)
+def agent_of(loss, hypers, **fields):
+    return agent_on(Config(loss=loss, n_bins=K, n_steps=8, **fields), hypers, LOW, HIGH)
 
 
 def batch(n=40, sharp=12.0):
@@ -44,16 +45,16 @@ def widths(pi, factor, least, most):
     return np.clip(factor * np.sqrt((pi * (number - mean) ** 2).sum(-1)), least, most)
 
 
-def gradient(agent, logits, index, weight, hypers):
+def gradient(loss, logits, index, weight):
     """Of Σ_j w_j loss_j in the logits, uphill."""
     bins = Bins(LOW, HIGH, K)
     action = bins.decode(index)
 
     def total(logits):
         distribution = Histogram(bins, logits)
-        negatives = credit.of_negatives(agent.config, distribution, action, hypers)
-        loss = credit.by_sign(weight, credit.loss(agent, distribution, action, hypers), negatives)
-        return -surrogate(weight, loss) * len(weight)
+        of_negatives = loss.of_negatives(distribution, action)
+        losses = actor_critic.by_sign(weight, loss(distribution, action), of_negatives)
+        return -surrogate(weight, losses) * len(weight)
 
     return jax.grad(total)(logits)
 
@@ -64,7 +65,7 @@ def test_the_gradient_in_the_logits_is_the_dense_formulas(loss, fields):
     with jax.enable_x64(True):
         logits, index, weight = batch()
         hypers = Hypers(eta=0.8, **{"eta_min": 0.7, "eta_max": 2.0} if "eta_rule" in fields else {})
-        found = gradient(agent_of(loss, **fields), logits, index, weight, hypers)
+        found = gradient(agent_of(loss, hypers, **fields).loss, logits, index, weight)
         pi = np.asarray(jax.nn.softmax(logits))
         eta = widths(pi, 0.8, 0.7, 2.0) if "eta_rule" in fields else np.full(pi.shape[:2], 0.8)
         assert "eta_rule" not in fields or ({0.7, 2.0} < set(eta.ravel().tolist()))
@@ -81,16 +82,15 @@ def test_the_gradient_in_the_logits_is_the_dense_formulas(loss, fields):
 @pytest.mark.parametrize(("loss", "indifferent"), [("hl-gauss-centred", True), ("hl-gauss", False)])
 def test_with_a_width_of_its_own_in_each_state_the_centred_loss_stays_indifferent_to_a_shift(loss, indifferent):
     with jax.enable_x64(True):
-        agent, hypers = agent_of(loss, **WIDE), Hypers(eta=1.0)
+        wide = agent_of(loss, Hypers(eta=1.0), **WIDE).loss
         logits = jnp.tile(batch(n=3)[0][:, :1, None], (1, 1, K, 1)).reshape(3 * K, 1, K)
-        agent = dataclasses.replace(agent, low=agent.low[:1], high=agent.high[:1])
         bins, index = Bins(LOW[:1], HIGH[:1], K), jnp.tile(jnp.arange(K), 3)[:, None]
         chance = jnp.take_along_axis(jax.nn.softmax(logits), index[..., None], -1).ravel()
 
         def mean_gradient(shift):
             def total(logits):
-                loss = credit.loss(agent, Histogram(bins, logits), bins.decode(index), hypers)
-                return ((jnp.sin(jnp.arange(3.0 * K)) + shift) * chance * loss).sum()
+                losses = wide(Histogram(bins, logits), bins.decode(index))
+                return ((jnp.sin(jnp.arange(3.0 * K)) + shift) * chance * losses).sum()
 
             return jax.grad(total)(logits).reshape(3, K, K).sum(1)
 
@@ -100,20 +100,20 @@ def test_with_a_width_of_its_own_in_each_state_the_centred_loss_stays_indifferen
 
 def test_off_center_actions_have_the_width_too():
     with jax.enable_x64(True):
-        agent, (logits, index, weight) = agent_of("hl-gauss", **WIDE, bin_sample="uniform"), batch()
-        hypers, distribution = Hypers(eta=0.8), agent.policy.distribution(logits.reshape(40, -1), {}, Hypers())
+        agent, (logits, index, weight) = agent_of("hl-gauss", Hypers(eta=0.8), **WIDE, bin_sample="uniform"), batch()
+        distribution = agent.policy.distribution(logits.reshape(40, -1), {})
         action = distribution.bins.decode(index) + 0.3 * distribution.bins.width
         eta = widths(np.asarray(distribution.probs), 0.8, 0.5, 16.0)
         q = np.diff(norm.cdf((np.arange(K + 1) - (np.asarray(index) + 0.8)[..., None]) / eta[..., None]))
         expected = -((q / q.sum(-1, keepdims=True)) * jax.nn.log_softmax(logits)).sum((-1, -2))
-        np.testing.assert_allclose(credit.loss(agent, distribution, action, hypers), expected, rtol=1e-6)
+        np.testing.assert_allclose(agent.loss(distribution, action), expected, rtol=1e-6)
         assert len(weight) == 40
 
 
 def weights(advantage, temperature=1.0, **fields):
     with jax.enable_x64(True):
-        config = Config(n_steps=8, **fields)
-        return np.asarray(credit.weights(config, jnp.asarray(advantage, float), Hypers(temperature=temperature)))
+        credit = agent_on(Config(n_steps=8, **fields), Hypers(temperature=temperature)).credit
+        return np.asarray(credit.weights(jnp.asarray(advantage, float)))
 
 
 def test_weights_are_the_advantages_or_the_standardised_ones():
@@ -152,32 +152,38 @@ def test_v_mpos_weights_are_a_softmax_over_the_better_half(advantage, better):
 
 def test_at_a_high_temperature_awrs_gradient_is_the_usual_one_over_the_temperature():
     with jax.enable_x64(True):
-        agent, hypers = agent_of("hl-gauss-centred"), Hypers(eta=0.8)
+        loss = agent_of("hl-gauss-centred", Hypers(eta=0.8)).loss
         logits, index = batch(n=1)[0][:, :1], jnp.arange(K)[:, None]
         bins, logits = Bins(LOW[:1], HIGH[:1], K), jnp.tile(logits, (K, 1, 1))
         chance, advantage = jax.nn.softmax(logits[0, 0]), jnp.cos(jnp.arange(float(K)))
 
         def mean_gradient(weight):
             def total(logits):
-                return (weight * chance * credit.loss(agent, Histogram(bins, logits), bins.decode(index), hypers)).sum()
+                return (weight * chance * loss(Histogram(bins, logits), bins.decode(index))).sum()
 
             return jax.grad(total)(logits).sum(0)
 
-        hot = credit.weights(Config(n_steps=8, weighting="awr"), advantage, Hypers(temperature=1e5))
+        hot = agent_of("hl-gauss-centred", Hypers(temperature=1e5), weighting="awr").credit.weights(advantage)
         np.testing.assert_allclose(1e5 * mean_gradient(hot), mean_gradient(advantage), atol=1e-5)
 
 
 REFUSED = [
-    ({"loss": "hl-one-hot", "eta_rule": "policy"}, "eta_rule is 'policy', but the targets of loss 'hl-one-hot'"),
-    ({"loss": "gaussian", "negative_target": "one-hot"}, "negative_target is 'one-hot', but the targets of loss 'gau"),
+    (
+        {"loss": "hl-one-hot", "eta_rule": "policy"},
+        "eta_rule is 'policy'; it goes with loss 'hl-gauss'.*, not 'hl-one-hot'",
+    ),
+    (
+        {"loss": "gaussian", "negative_target": "one-hot"},
+        "negative_target is 'one-hot'; it goes with loss 'hl-gauss'.*, not 'gau",
+    ),
     (
         {"loss": "hl-gauss", "negative_target": "one-hot", "weighting": "awr"},
         "negative_target is 'one-hot', but with weighting 'awr' no weight is negative",
     ),
     ({"loss": "hl-gauss", "entropy_target": True, "n_steps": 1}, "entropy_target needs more than one step"),
-    ({"temperature": 2.0}, "temperature is 2.0, which has no use with weighting at 'advantage'"),
-    ({"eta_max": 4.0}, "eta_max is 4.0, which has no use with eta_rule at 'fixed'"),
-    ({"entropy_end": 0.1}, "entropy_end is 0.1.*, which has no use with entropy_target at False"),
+    ({"temperature": 2.0}, "temperature is 2.0; it goes with weighting 'awr', 'v-mpo', not 'advantage'"),
+    ({"eta_max": 4.0}, "eta_max is 4.0; it has no use with eta_rule at 'fixed'"),
+    ({"entropy_end": 0.1}, "entropy_end is 0.1.*; it goes with entropy_target True, not False"),
     ({"loss": "hl-gauss", "eta_rule": "policy", "eta_min": 3.0, "eta_max": 2.0}, "eta_min is .*3.* and eta_max .*2"),
     ({"weighting": "awr", "temperature": 0.0}, "temperature is 0.0; it must be finite, and greater than 0"),
 ]
@@ -194,11 +200,15 @@ def test_ppo_needs_more_than_one_row_in_a_minibatch_to_hold_an_entropy():
         PPO("bandit", n_steps=4, batch_size=1, normalize_advantage=False, entropy_target=True)
 
 
-@pytest.mark.parametrize("choice", [WIDE, SPLIT, {"weighting": "awr"}, {"entropy_target": True}], ids=list)
+@pytest.mark.parametrize("choice", [SPLIT, {"weighting": "awr"}, {"entropy_target": True}], ids=list)
 def test_an_algorithm_that_does_not_carry_out_a_choice_refuses_it(choice, monkeypatch):
     ((name, value),) = choice.items()
-    plain = dataclasses.replace(ALGORITHMS["a2c"], name="plain", choices=())
-    monkeypatch.setitem(ALGORITHMS, "plain", plain)
+
+    class Plain(a2c.A2C):
+        name = "plain"
+        choices = ()
+
+    monkeypatch.setitem(ALGORITHMS, "plain", Plain)
     config = Config(loss="hl-gauss", algorithm="plain", n_steps=8, **choice)
     with pytest.raises(UsageError, match=f"{name} is {value!r}, which algorithm 'plain' does not carry out"):
         train("bandit", config, Hypers(), [0], 8)
@@ -206,4 +216,4 @@ def test_an_algorithm_that_does_not_carry_out_a_choice_refuses_it(choice, monkey
 
 
 def test_the_losses_with_a_width_are_those_of_hl_gauss():
-    assert {name for name, loss in LOSSES.items() if loss.is_wide} == {"hl-gauss", "hl-gauss-centred"}
+    assert {name for name, loss in LOSSES.items() if "eta_rule" in settings(loss)} == {"hl-gauss", "hl-gauss-centred"}

@@ -1,7 +1,6 @@
 """An entropy that is held: what it is told as, what decides α, and that targets are reached in any unit of reward."""
 
 import dataclasses
-import functools
 import math
 
 import jax
@@ -11,16 +10,18 @@ import pytest
 from scipy import stats
 
 from galton import A2C, POLICIES, PPO, Config, Hypers, train
-from galton.algorithms import a2c, actor_critic, entropy, ppo, resolve
+from galton.algorithms import actor_critic, ppo
+from galton.algorithms.entropy import Entropy, HeldEntropy, log_share
 from galton.envs.find import find
 from galton.envs.rescaled import Rescaled
 from galton.records import defaults
 from galton.training.run import begin, learn
 from galton.types import Learner
 
+from ..agents import agent as agent_on
 from ..training.test_run import FINISHED, bits
 from ..training.test_run import batch as small_batch
-from .minibatches import HYPERS, agent_of, moved, rollout_of
+from .minibatches import agent_of, moved, rollout_of
 from .rollouts import setup
 
 HELD = {"entropy_target": True}
@@ -31,18 +32,20 @@ KEY = jax.random.key(2)
 
 def test_the_share_of_the_box_means_the_same_for_every_policy():
     low, high = np.array([-1.0, 2.0]), np.array([1.0, 12.0])
-    classes, density = (resolve(Config(loss=loss, n_bins=20), low, high) for loss in ("hl-one-hot", "gaussian"))
-    uniform = classes.policy.distribution(jnp.zeros(40), {}, Hypers()).entropy()
-    assert float(jnp.exp(entropy.log_share(classes, uniform))) == pytest.approx(1, rel=1e-5)
+    classes, density = (
+        agent_on(Config(loss=loss, n_bins=20), low=low, high=high).policy for loss in ("hl-one-hot", "gaussian")
+    )
+    uniform = classes.distribution(jnp.zeros(40), {}).entropy()
+    assert float(jnp.exp(log_share(classes, uniform))) == pytest.approx(1, rel=1e-5)
     half = jnp.tile(jnp.r_[jnp.zeros(10), jnp.full(10, -1e9)], 2)
-    told = entropy.log_share(classes, classes.policy.distribution(half, {}, Hypers()).entropy())
+    told = log_share(classes, classes.distribution(half, {}).entropy())
     assert float(jnp.exp(told)) == pytest.approx(0.5, rel=1e-5)
     log_std = np.array([-1.5, 0.3])
-    gaussian = density.policy.distribution(jnp.zeros(2), {"log_std": jnp.asarray(log_std)}, Hypers()).entropy()
+    gaussian = density.distribution(jnp.zeros(2), {"log_std": jnp.asarray(log_std)}).entropy()
     filled = [math.exp(stats.norm(scale=math.exp(s)).entropy()) / w for s, w in zip(log_std, high - low, strict=True)]
-    assert float(jnp.exp(entropy.log_share(density, gaussian))) == pytest.approx(math.prod(filled) ** 0.5, rel=1e-5)
+    assert float(jnp.exp(log_share(density, gaussian))) == pytest.approx(math.prod(filled) ** 0.5, rel=1e-5)
     uniform_on_box = np.log(high - low).sum()
-    assert float(entropy.log_share(density, jnp.asarray(uniform_on_box))) == pytest.approx(0, abs=1e-6)
+    assert float(log_share(density, jnp.asarray(uniform_on_box))) == pytest.approx(0, abs=1e-6)
 
 
 @pytest.mark.parametrize("least", [-1.0, -0.25, 0.0])
@@ -50,17 +53,15 @@ def test_the_share_of_the_box_means_the_same_for_every_policy():
     ("dual", "share"), [(0.0, 0.1), (1.0, 0.1), (-2.0, 0.12), (0.5, 0.08), (0.0, 1.0), (3.0, 1e-9)]
 )
 def test_alpha_and_its_step_are_the_documented_ones(dual, share, least):
-    agent, learner, _ = setup("hl-one-hot", **HELD)
-    hypers = Hypers(entropy_start=0.1, entropy_rate=0.5, entropy_alpha_min=least)
-    learner = learner._replace(dual=jnp.float32(dual))
+    agent, _, _ = setup("hl-one-hot", Hypers(entropy_start=0.1, entropy_rate=0.5, entropy_alpha_min=least), **HELD)
+    policy, held, before = agent.policy, agent.entropy, jnp.float32(dual)
     nats, missing = jnp.float32(2 * math.log(10 * share)), math.log(0.1 / share)
     expected = np.clip(0.2 * math.sinh(np.clip(dual + 10 * missing, -20, 20)), least, 100)
-    assert float(entropy.alpha(agent, learner, nats, hypers)) == pytest.approx(expected, rel=1e-4, abs=1e-5)
-    after = entropy.follow(agent, learner, nats, hypers, jnp.array(True))
+    assert float(held.alpha(policy, before, nats)) == pytest.approx(expected, rel=1e-4, abs=1e-5)
+    after = held.follow(policy, before, nats, jnp.array(True))
     at_bound = expected == (100 if missing > 0 else least)
-    assert float(after.dual) == pytest.approx(dual + 0.5 * missing * (not at_bound), abs=1e-5)
-    assert entropy.follow(agent, learner, nats, hypers, jnp.array(False)).dual == learner.dual
-    assert jax.tree.leaves(after.params) == jax.tree.leaves(learner.params)
+    assert float(after) == pytest.approx(dual + 0.5 * missing * (not at_bound), abs=1e-5)
+    assert held.follow(policy, before, nats, jnp.array(False)) == before
 
 
 @pytest.mark.parametrize(
@@ -68,15 +69,18 @@ def test_alpha_and_its_step_are_the_documented_ones(dual, share, least):
     [(1000.0, 0, 0.4), (1000.0, 500, 0.2), (1000.0, 1000, 0.1), (1000.0, 10**6, 0.1), (0.0, 0, 0.4), (0.0, 900, 0.4)],
 )
 def test_the_target_goes_from_start_to_end_linearly_in_its_logarithm(steps, step, share):
-    hypers = Hypers(entropy_start=0.4, entropy_end=0.1, entropy_steps=steps)
-    now = entropy.at_step(Config(**HELD), hypers, jnp.int32(step), jnp.array(False))
+    held, free = HeldEntropy(entropy_start=0.4, entropy_end=0.1, entropy_steps=steps), Entropy()
+    now = held.at(jnp.int32(step), jnp.array(False))
     assert float(now.entropy_start) == pytest.approx(share, rel=1e-6)
-    assert entropy.at_step(Config(), hypers, jnp.int32(step), jnp.array(True)) is hypers
+    assert free.at(jnp.int32(step), jnp.array(True)) is free
 
 
-def actors_gradient(agent, learner, batch, hypers):
+update = jax.jit(lambda agent, learner, batch: agent.algorithm.update(agent, learner, batch, KEY))
+
+
+def actors_gradient(agent, learner, batch):
     """What Adam was given for the actor, and the learner after the step."""
-    after, told = jax.jit(functools.partial(a2c.update, agent))(learner, batch, hypers, KEY)
+    after, told = update(agent, learner, batch)
     given = {name: part for name, part in after.optimizer.mu.items() if name != "critic"}
     return given, after, told
 
@@ -87,13 +91,12 @@ def actors_gradient(agent, learner, batch, hypers):
     ids=["raw", "normalised"],
 )
 def test_in_other_units_of_reward_the_bonus_weighs_the_same(loss, fields):
-    agent, learner, batch = setup(loss, **HELD, **fields)
-    hypers = NEAR[loss]._replace(max_grad_norm=1e30)
+    agent, learner, batch = setup(loss, NEAR[loss]._replace(max_grad_norm=1e30), **HELD, **fields)
     larger = batch._replace(reward=1024 * batch.reward)
     last = jax.tree.map(lambda x: 1024 * x, learner.params["critic"][-1])
     values_too = learner.params | {"critic": [*learner.params["critic"][:-1], last]}
-    ours, after, told = actors_gradient(agent, learner, batch, hypers)
-    theirs, other, _ = actors_gradient(agent, learner._replace(params=values_too), larger, hypers)
+    ours, after, told = actors_gradient(agent, learner, batch)
+    theirs, other, _ = actors_gradient(agent, learner._replace(params=values_too), larger)
     factor = 1 if fields else 1024
     jax.tree.map(lambda a, b: np.testing.assert_allclose(b, factor * a, rtol=1e-4, atol=factor * 1e-8), ours, theirs)
     assert float(other.dual) == float(after.dual) != 0
@@ -102,40 +105,38 @@ def test_in_other_units_of_reward_the_bonus_weighs_the_same(loss, fields):
 
 def _unheld(agent, learner):
     """The same agent and learner without a held entropy."""
-    config = dataclasses.replace(agent.config, entropy_target=False)
-    return dataclasses.replace(agent, config=config), learner._replace(dual=())
+    return agent.replace(entropy=Entropy()), learner._replace(dual=())
 
 
 def test_the_bonus_is_alpha_standard_deviations_of_the_weights():
-    agent, learner, batch = setup("gaussian", **HELD)
-    hypers = Hypers(entropy_start=1.5, ent_coef=0.25, max_grad_norm=1e30)
-    held, _, told = actors_gradient(agent, learner, batch, hypers)
+    agent, learner, batch = setup("gaussian", Hypers(entropy_start=1.5, ent_coef=0.25, max_grad_norm=1e30), **HELD)
+    held, _, told = actors_gradient(agent, learner, batch)
     plain, bare = _unheld(agent, learner)
-    flat = a2c.flatten(batch.observation)
-    values = actor_critic.value(agent, learner.params, flat, hypers)
-    following = actor_critic.value(agent, learner.params, a2c.flatten(batch.next_observation), hypers)
-    std = float(np.std(actor_critic.advantages(values, following, batch, hypers)))
-    fixed = Hypers(ent_coef=0.25 + float(told["entropy_alpha"]) * std, max_grad_norm=1e30)
-    expected, _, _ = actors_gradient(plain, bare, batch, fixed)
+    flat = actor_critic.flatten(batch.observation)
+    values = actor_critic.value(agent, learner.params, flat)
+    following = actor_critic.value(agent, learner.params, actor_critic.flatten(batch.next_observation))
+    std = float(np.std(actor_critic.advantages(agent, values, following, batch)))
+    fixed = plain.algorithm.replace(ent_coef=0.25 + float(told["entropy_alpha"]) * std)
+    expected, _, _ = actors_gradient(plain.replace(algorithm=fixed), bare, batch)
     jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-4, atol=1e-6), held, expected)
 
 
 def test_a_floor_leaves_a_policy_alone_that_is_wider():
-    agent, learner, batch = setup("hl-gauss-centred", **HELD)
-    hypers = Hypers(entropy_start=0.1, entropy_alpha_min=0.0)
-    ours, after, told = actors_gradient(agent, learner, batch, hypers)
+    agent, learner, batch = setup("hl-gauss-centred", Hypers(entropy_start=0.1, entropy_alpha_min=0.0), **HELD)
+    ours, after, told = actors_gradient(agent, learner, batch)
     plain, bare = _unheld(agent, learner)
-    theirs, _, _ = actors_gradient(plain, bare, batch, hypers)
+    theirs, _, _ = actors_gradient(plain, bare, batch)
     jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-5, atol=1e-9), ours, theirs)
     assert float(told["entropy_alpha"]) == 0 == float(after.dual)
-    _, _, held = actors_gradient(agent, learner, batch, hypers._replace(entropy_alpha_min=-1.0))
+    signed = agent.replace(entropy=agent.entropy.replace(entropy_alpha_min=-1.0))
+    _, _, held = actors_gradient(signed, learner, batch)
     assert float(held["entropy_alpha"]) == -1
 
 
 def test_the_dual_variable_is_no_parameter():
-    agent, learner, batch = setup("hl-gauss-centred", **HELD)
+    agent, learner, batch = setup("hl-gauss-centred", NEAR["hl-gauss-centred"]._replace(learning_rate=0.0), **HELD)
     assert jax.tree.structure(learner.optimizer.mu) == jax.tree.structure(learner.params)
-    _, after, _ = actors_gradient(agent, learner, batch, NEAR["hl-gauss-centred"]._replace(learning_rate=0.0))
+    _, after, _ = actors_gradient(agent, learner, batch)
     jax.tree.map(np.testing.assert_array_equal, after.params, learner.params)
     assert float(after.dual) != float(learner.dual)
     _, unheld, _ = setup("hl-gauss-centred")
@@ -144,36 +145,36 @@ def test_the_dual_variable_is_no_parameter():
 
 
 def test_where_nothing_is_learnt_the_dual_variable_stays():
-    agent, learner, batch = setup("hl-gauss-centred", **HELD)
+    agent, learner, batch = setup("hl-gauss-centred", NEAR["hl-gauss-centred"], **HELD)
     broken = batch._replace(reward=batch.reward.at[0, 0].set(jnp.nan))
-    _, after, told = actors_gradient(agent, learner, broken, NEAR["hl-gauss-centred"])
+    _, after, told = actors_gradient(agent, learner, broken)
     assert not np.isfinite(told["grad_norm"])
     assert float(after.dual) == float(learner.dual)
 
-    held = resolve(
-        Config(loss="gaussian", n_steps=4, n_envs=2, net_arch=(4,), **HELD), np.array([-1.0] * 2), np.ones(2)
-    )
-    run, _ = begin(held, 2, jnp.uint32(0), Hypers())
-    hypers = Hypers(entropy_start=2.1, entropy_end=2.1)  # this policy's share is 2.07
+    config = Config(loss="gaussian", n_steps=4, n_envs=2, net_arch=(4,), **HELD)
+    near = Hypers(entropy_start=2.1, entropy_end=2.1)  # this policy's share is 2.07
+    held = agent_on(config, near, np.array([-1.0] * 2), np.ones(2))
+    run, _ = begin(held, 2, jnp.uint32(0))
     frozen = run._replace(diverged_at=jnp.int32(8))
-    update = jax.jit(lambda run: learn(held, run, small_batch(), FINISHED, hypers).learner)
-    assert bits(update(frozen).dual) == bits(run.learner.dual) != bits(update(run).dual)
+    learnt = jax.jit(lambda run: learn(held, run, small_batch(), FINISHED).learner)
+    assert bits(learnt(frozen).dual) == bits(run.learner.dual) != bits(learnt(run).dual)
 
 
 def test_ppo_moves_it_in_every_minibatch_until_target_kl_leaves_off():
     agent = agent_of("histogram", "hl-one-hot", **HELD)
     learner = moved(agent)
-    rows = ppo.prepare(agent, learner, rollout_of(agent, learner), HYPERS)
+    rows = ppo.prepare(agent, learner, rollout_of(agent, learner))
     orders = jnp.stack([jax.random.permutation(jax.random.key(i), len(rows.advantage)) for i in range(3)])
-    whole = actor_critic.distribution(agent, learner.params, rows.observation, HYPERS).entropy().mean()
-    near = HYPERS._replace(entropy_start=1.02 * jnp.exp(entropy.log_share(agent, whole)), entropy_rate=0.01)
-    fit = jax.jit(lambda learner, orders, hypers: ppo.fit(agent, learner, rows, orders, hypers))
-    after, told = fit(learner, orders, near._replace(learning_rate=0.0))
+    whole = actor_critic.distribution(agent, learner.params, rows.observation).entropy().mean()
+    start = 1.02 * jnp.exp(log_share(agent.policy, whole))
+    near = agent.replace(entropy=agent.entropy.replace(entropy_start=start, entropy_rate=0.01))
+    fit = jax.jit(lambda agent, learner, orders: ppo.fit(agent, learner, rows, orders))
+    after, told = fit(near.replace(optimizer=near.optimizer.replace(learning_rate=0.0)), learner, orders)
     assert float(told["entropy"]) == pytest.approx(float(whole), rel=1e-5)
-    n_minibatches = orders.size // agent.config.batch_size
+    n_minibatches = orders.size // agent.algorithm.batch_size
     assert float(after.dual) == pytest.approx(n_minibatches * 0.01 * math.log(1.02), rel=1e-2)
-    stopped, _ = fit(learner, orders, near._replace(target_kl=jnp.float32(1e-12)))
-    one, _ = fit(learner, orders[:1, : agent.config.batch_size], near)
+    stopped, _ = fit(near.replace(algorithm=near.algorithm.replace(target_kl=1e-12)), learner, orders)
+    one, _ = fit(near, learner, orders[:1, : agent.algorithm.batch_size])
     assert float(stopped.dual) == pytest.approx(float(one.dual), rel=1e-5)
     assert float(one.dual) != 0
 

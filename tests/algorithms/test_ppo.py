@@ -9,11 +9,12 @@ import pytest
 from safetensors.numpy import load_file
 
 from galton import A2C, PPO, Config, Hypers, UsageError, train
-from galton.algorithms import ppo, resolve
+from galton.algorithms import ppo
 from galton.records import defaults
 
+from ..agents import agent as agent_on
 from ..swing import stateful_swing
-from .minibatches import HYPERS, SIZE, N, T, agent_of, moved, rollout_of
+from .minibatches import SIZE, N, T, agent_of, moved, rollout_of
 
 ROLLOUT = 16
 SETTINGS = {
@@ -32,17 +33,21 @@ SETTINGS = {
 QUIET = {"progress_bar": False, "log_interval": 3}
 
 
+def with_target_kl(agent, target_kl):
+    return agent.replace(algorithm=agent.algorithm.replace(target_kl=target_kl))
+
+
 @pytest.mark.parametrize("loss", [pytest.param("gaussian", marks=pytest.mark.slow), "hl-gauss-centred"])
 def test_target_kl_leaves_everything_as_it_was_from_the_first_minibatch_over_it_on(loss):
     agent = agent_of("auto", loss)
     learner = moved(agent)
-    rows = ppo.prepare(agent, learner, rollout_of(agent, learner), HYPERS)
+    rows = ppo.prepare(agent, learner, rollout_of(agent, learner))
     orders = jnp.stack([jax.random.permutation(jax.random.key(i), T * N) for i in range(5)])
-    fit = jax.jit(lambda learner, orders, hypers: ppo.fit(agent, learner, rows, orders, hypers))
+    fit = jax.jit(lambda agent, learner, orders: ppo.fit(agent, learner, rows, orders))
 
-    hypers, one_by_one, steps = HYPERS._replace(target_kl=jnp.float32(0.004)), learner, 0
+    strict, one_by_one, steps = with_target_kl(agent, 0.004), learner, 0
     for minibatch in orders.reshape(-1, 1, SIZE):
-        following, told = fit(one_by_one, minibatch, hypers)
+        following, told = fit(strict, one_by_one, minibatch)
         if told["approx_kl"] > 1.5 * 0.004:
             break
         one_by_one, steps = following, steps + 1
@@ -50,26 +55,26 @@ def test_target_kl_leaves_everything_as_it_was_from_the_first_minibatch_over_it_
 
     # What was over it moved nothing, and nothing that comes after it has a part in the result.
     jax.tree.map(np.testing.assert_array_equal, following, one_by_one)
-    whole, _ = fit(learner, orders, hypers)
+    whole, _ = fit(strict, learner, orders)
     assert int(whole.optimizer.count) == steps
     jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-5, atol=1e-7), whole, one_by_one)
-    fewer, _ = fit(learner, orders.at[-1].set(orders[0]), hypers)
+    fewer, _ = fit(strict, learner, orders.at[-1].set(orders[0]))
     jax.tree.map(np.testing.assert_array_equal, fewer, whole)
-    without, _ = fit(learner, orders, hypers._replace(target_kl=jnp.float32(np.inf)))
+    without, _ = fit(with_target_kl(agent, np.inf), learner, orders)
     assert int(without.optimizer.count) == orders.size // SIZE
 
 
 def test_every_epoch_has_an_order_of_its_own(monkeypatch):
     seen = []
 
-    def fit(agent, learner, rows, orders, hypers, key):
+    def fit(agent, learner, rows, orders, key):
         seen.append(orders)
         return learner, {}
 
     monkeypatch.setattr(ppo, "fit", fit)
     agent = agent_of("auto", "gaussian", n_epochs=5)
     learner = moved(agent)
-    ppo.update(agent, learner, rollout_of(agent, learner), HYPERS, jax.random.key(3))
+    agent.algorithm.update(agent, learner, rollout_of(agent, learner), jax.random.key(3))
     orders = np.asarray(seen[0])
     assert len({tuple(order) for order in orders.tolist()}) == 5
     np.testing.assert_array_equal(np.sort(orders), np.tile(np.arange(T * N), (5, 1)))
@@ -101,7 +106,7 @@ def test_ppos_options_are_refused_where_a2c_trains(option):
 
 def test_an_unknown_algorithm_is_refused():
     with pytest.raises(UsageError, match="algorithm is 'trpo'; choose from a2c, ppo"):
-        resolve(Config(algorithm="trpo"), np.zeros(1), np.ones(1))
+        agent_on(Config(algorithm="trpo"))
 
 
 def tell(logs):
@@ -171,9 +176,9 @@ def test_the_usual_ratio_is_smoothed_for_a_loss_with_a_bias_alone(loss, usual):
     def told(ratio):
         agent = agent_of("auto", loss, ratio=ratio)
         learner = moved(agent)
-        rows = ppo.prepare(agent, learner, rollout_of(agent, learner), HYPERS)
+        rows = ppo.prepare(agent, learner, rollout_of(agent, learner))
         orders = jnp.stack([jax.random.permutation(jax.random.key(i), T * N) for i in range(3)])
-        return jax.jit(lambda learner: ppo.fit(agent, learner, rows, orders, HYPERS))(learner)[1]
+        return jax.jit(lambda learner: ppo.fit(agent, learner, rows, orders))(learner)[1]
 
     found = {
         ratio: {name: float(value) for name, value in told(ratio).items()} for ratio in ("auto", "smoothed", "true")

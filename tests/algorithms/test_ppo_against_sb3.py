@@ -1,7 +1,5 @@
 """Our PPO against Stable-Baselines3's (torch), from equal weights, on recorded rollouts, in the same minibatches."""
 
-import dataclasses
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -9,10 +7,11 @@ import pytest
 import stable_baselines3
 
 from galton import Hypers
-from galton.algorithms import ppo, resolve
+from galton.algorithms import ppo
 from galton.training.log import Finished, nothing
 from galton.training.run import begin, learn
 
+from ..agents import agent as agent_on
 from .sb3_side import HIGH, LOW, K, Recorder, params_of, record_batch, relative_error, vector_of
 
 T, N, SIZE, EPOCHS = 32, 2, 16, 10
@@ -31,7 +30,6 @@ class Sides:
 
     def __init__(self, monkeypatch, loss, *, normalize_advantage=True, target_kl=None, total=None):
         self.discrete, self.total = loss == "hl-one-hot", total
-        self.hypers = HYPERS._replace(target_kl=target_kl or np.inf, decay_steps=total or 0)
         self.envs = [Recorder(self.discrete) for _ in range(N)]
         self.model = stable_baselines3.PPO(
             "MlpPolicy",
@@ -54,7 +52,7 @@ class Sides:
         self.model._setup_learn(total or 10_000, None)
         self._record(monkeypatch)
 
-        config = ppo.ALGORITHM.config(
+        config = ppo.PPO.config(
             loss=loss,
             n_bins=K,
             n_steps=T,
@@ -63,8 +61,9 @@ class Sides:
             n_epochs=EPOCHS,
             normalize_advantage=normalize_advantage,
         )
-        self.agent = resolve(config, LOW, HIGH)
-        self.run, _ = begin(self.agent, 3, jnp.uint32(0), self.hypers)
+        hypers = HYPERS._replace(target_kl=target_kl or np.inf, decay_steps=total or 0)
+        self.agent = agent_on(config, hypers, LOW, HIGH)
+        self.run, _ = begin(self.agent, 3, jnp.uint32(0))
         self.run = self.run._replace(
             learner=self.run.learner._replace(params=jax.tree.map(jnp.asarray, params_of(self.model)))
         )
@@ -89,12 +88,13 @@ class Sides:
     def _in_these_orders(self, run, batch, orders):
         """What training does with a rollout, but for where the orders come from."""
 
-        def update(agent, learner, batch, hypers, key):
-            return ppo.fit(agent, learner, ppo.prepare(agent, learner, batch, hypers), orders, hypers)
+        class InTheseOrders(ppo.PPO):
+            def update(self, agent, learner, batch, key):
+                return ppo.fit(agent, learner, ppo.prepare(agent, learner, batch), orders)
 
-        agent = dataclasses.replace(self.agent, algorithm=dataclasses.replace(ppo.ALGORITHM, update=update))
+        agent = self.agent.replace(algorithm=InTheseOrders(**vars(self.agent.algorithm)))
         none = jnp.zeros((T, N), int)
-        return learn(agent, run, batch, Finished(none > 0, none.astype(float), none), self.hypers)
+        return learn(agent, run, batch, Finished(none > 0, none.astype(float), none))
 
     def rollout(self):
         """A rollout, and SB3's training on it."""
@@ -110,7 +110,7 @@ class Sides:
 
     def learn(self, batch, orders):
         """Ours on the same rollout: the run after it, and what the update told."""
-        run = self._learn(self.run._replace(tally=nothing(ppo.ALGORITHM.scalars)), batch, orders)
+        run = self._learn(self.run._replace(tally=nothing(ppo.PPO.scalars)), batch, orders)
         return run, {name: float(value) for name, value in run.tally.diagnostics.items()}
 
     def orders(self):

@@ -17,8 +17,9 @@ from .minibatches import HIGH, HYPERS, LOW, SIZE, K, N, T, agent_of, fresh, move
 HEADS = {"beta": "gaussian", "squashed-gaussian": "gaussian", "ordinal": "hl-one-hot", "rpo": "gaussian"}
 """Each with the loss that is −log π of it."""
 N_VALUES = 15
-H = HYPERS._replace(max_grad_norm=0.5, learning_rate=1e-2, value_min=-0.5, value_max=1.0)
-"""A support that some of the rollout's returns lie outside of."""
+H = HYPERS._replace(max_grad_norm=0.5, learning_rate=1e-2)
+OF_VALUES = H._replace(value_min=-0.5, value_max=1.0)
+"""With a support that some of the rollout's returns lie outside of."""
 LOWS, HIGHS = torch.tensor(LOW), torch.tensor(HIGH)
 NODES, WEIGHTS = (torch.tensor(x) for x in np.polynomial.hermite_e.hermegauss(120))
 
@@ -67,8 +68,8 @@ def rpo(outputs, params):
 THEIRS = {"beta": beta, "squashed-gaussian": squashed, "ordinal": ordinal, "rpo": rpo}
 
 
-EDGES = torch.linspace(H.value_min, H.value_max, N_VALUES + 1, dtype=float)
-CENTERS, BIN = (EDGES[1:] + EDGES[:-1]) / 2, (H.value_max - H.value_min) / N_VALUES
+EDGES = torch.linspace(OF_VALUES.value_min, OF_VALUES.value_max, N_VALUES + 1, dtype=float)
+CENTERS, BIN = (EDGES[1:] + EDGES[:-1]) / 2, (OF_VALUES.value_max - OF_VALUES.value_min) / N_VALUES
 
 
 def histogram(returns):
@@ -156,14 +157,14 @@ FAST = ("beta", "hl-gauss")
     ("name", "critic"), [pytest.param(*case, marks=[] if case == FAST else pytest.mark.slow) for case in CASES]
 )
 def test_an_update_is_torchs(name, critic):
-    given = {"critic": critic, "n_value_bins": N_VALUES}
-    agent = agent_of(name, HEADS[name], normalize_advantage=True, **given if critic in TARGETS else {})
+    given = {"critic": critic, "n_value_bins": N_VALUES, "hypers": OF_VALUES} if critic in TARGETS else {"hypers": H}
+    agent = agent_of(name, HEADS[name], normalize_advantage=True, **given)
     learner = moved(agent)
     batch = rollout_of(agent, learner)
     orders = jnp.stack([jax.random.permutation(jax.random.key(i), T * N) for i in range(2)])
 
     def ours(learner, batch):
-        return ppo.fit(agent, learner, ppo.prepare(agent, learner, batch, H), orders, H, jax.random.key(5))
+        return ppo.fit(agent, learner, ppo.prepare(agent, learner, batch), orders, jax.random.key(5))
 
     after, told = jax.jit(ours)(fresh(agent, learner.params), batch)
     assert 0 < told["clip_fraction"] < 1

@@ -1,6 +1,5 @@
 """PPO with each choice beside the loss: in its first minibatch A2C, later its own clipped surrogate. In float64."""
 
-import dataclasses
 import itertools
 
 import jax
@@ -8,12 +7,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from galton.algorithms import a2c, credit, ppo
-from galton.losses import cross_entropy, hl_one_hot
+from galton.algorithms import ppo
+from galton.losses import HLOneHot, cross_entropy
 from galton.networks import mlp
 from galton.types import Transition
 
-from .minibatches import HYPERS, SIZE, N, T, agent_of, moved, rollout_of
+from .minibatches import HYPERS, SIZE, N, T, agent_of, moved, rollout_of, with_a2c
 from .test_ppo_gradients import check_equal, deep, first_moments, fit, gradient
 
 CHOICES = {
@@ -25,7 +24,13 @@ CHOICES = {
     "width, split, held": {"eta_rule": "policy", "negative_target": "one-hot", "entropy_target": True},
     "held, v-mpo": {"entropy_target": True, "weighting": "v-mpo"},
 }
-USED = HYPERS._replace(eta=1.0, temperature=0.7)
+USED = HYPERS._replace(eta=1.0)
+
+
+def chosen(loss, ratio, name):
+    """The agent with one of CHOICES."""
+    hypers = USED._replace(temperature=0.7) if "weighting" in CHOICES[name] else USED
+    return agent_of("histogram", loss, hypers=hypers, ratio=ratio, **CHOICES[name])
 
 
 @pytest.fixture(autouse=True)
@@ -46,17 +51,18 @@ ALL += list(itertools.product(CHOICES, [("hl-gauss", "true"), ("hl-gauss-centred
 @pytest.mark.parametrize(("name", "kind"), some(ALL, ALL[: 2 * len(CHOICES) : 5]))
 def test_the_first_minibatch_of_the_first_epoch_is_a2cs(name, kind):
     loss, ratio = kind
-    agent = agent_of("histogram", loss, ratio=ratio, **CHOICES[name])
+    agent = chosen(loss, ratio, name)
     learner = moved(agent)
-    rows = ppo.prepare(agent, learner, rollout_of(agent, learner), USED)
+    rows = ppo.prepare(agent, learner, rollout_of(agent, learner))
     drawn = jax.random.permutation(jax.random.key(5), T * N)[:SIZE]
-    after, _ = fit(agent, learner, rows, drawn[None], USED)
+    after, _ = fit(agent, learner, rows, drawn[None])
 
     ends = jnp.ones((SIZE, 1), bool)
     column = jax.tree.map(lambda x: x[drawn][:, None], rows)
     batch = Transition(column.observation, column.action, column.returns, column.observation, ends, ~ends)
-    actor_critics = dataclasses.replace(agent, algorithm=a2c.ALGORITHM)
-    a2cs, _ = jax.jit(lambda learner: a2c.update(actor_critics, learner, batch, USED, jax.random.key(0)))(learner)
+    actor_critics = with_a2c(agent)
+    update = actor_critics.algorithm.update
+    a2cs, _ = jax.jit(lambda learner: update(actor_critics, learner, batch, jax.random.key(0)))(learner)
     check_equal(first_moments(learner, after), first_moments(learner, a2cs), 1e-9)
     assert after.dual == a2cs.dual
 
@@ -66,19 +72,19 @@ CLIPPED = list(itertools.product(["awr", "split", "split, normalised"], ["smooth
 
 @pytest.mark.parametrize(("name", "ratio"), some(CLIPPED, CLIPPED[-1:]))
 def test_the_gradient_is_that_of_the_clipped_surrogate_of_these_weights_and_targets(name, ratio):
-    agent = agent_of("histogram", "hl-gauss", ratio=ratio, **CHOICES[name])
+    agent = chosen("hl-gauss", ratio, name)
     batch, sampling, params = deep(agent)
-    rows = ppo.prepare(agent, sampling, batch, USED)
-    weight = credit.weights(agent.config, rows.advantage, USED)
+    rows = ppo.prepare(agent, sampling, batch)
+    weight = agent.credit.weights(rows.advantage)
     splits = "negative_target" in CHOICES[name]
     assert bool((weight < 0).any()) == splits
 
     def clipped_surrogate(params):
         def measured(params):
-            distribution = agent.policy.distribution(mlp(params["actor"], rows.observation), params, USED)
-            target = rows.target if ratio == "smoothed" else agent.loss.target(distribution, rows.action, USED)
+            distribution = agent.policy.distribution(mlp(params["actor"], rows.observation), params)
+            target = rows.target if ratio == "smoothed" else agent.loss.target(distribution, rows.action)
             loss = cross_entropy(distribution, jax.lax.stop_gradient(target))
-            split = jnp.where(weight < 0, hl_one_hot(distribution, rows.action, USED), loss) if splits else loss
+            split = jnp.where(weight < 0, HLOneHot()(distribution, rows.action), loss) if splits else loss
             return split, distribution.log_prob(rows.action), distribution.entropy().mean()
 
         (ours, log_prob, entropy), (sampled, sampled_log_prob, _) = measured(params), measured(sampling.params)
@@ -93,7 +99,7 @@ def test_the_gradient_is_that_of_the_clipped_surrogate_of_these_weights_and_targ
         value_loss = ((mlp(params["critic"], rows.observation)[:, 0] - rows.returns) ** 2).mean()
         return policy_loss + USED.vf_coef * value_loss - USED.ent_coef * entropy
 
-    found, told = gradient(agent, params, rows, USED)
+    found, told = gradient(agent, params, rows)
     assert 0 < told["clip_fraction"] < 1
     check_equal(found, jax.grad(clipped_surrogate)(params), 1e-9)
 

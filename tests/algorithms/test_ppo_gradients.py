@@ -1,19 +1,18 @@
 """What PPO's weight makes of each loss: at K = I PPO itself, in the first minibatch A2C. In float64."""
 
-import dataclasses
-
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from galton import LOSSES, POLICIES, Bins
-from galton.algorithms import a2c, actor_critic, ppo
+from galton.algorithms import actor_critic, ppo
 from galton.losses import cross_entropy
 from galton.networks import mlp
+from galton.policies import TruncatedGaussianPolicy
 from galton.types import Transition
 
-from .minibatches import HIGH, HYPERS, LOW, SIZE, WIDTH, K, N, T, agent_of, fresh, moved, normal, rollout_of
+from .minibatches import HIGH, HYPERS, LOW, SIZE, WIDTH, K, N, T, agent_of, fresh, moved, normal, rollout_of, with_a2c
 
 FITTING = [
     (policy, loss)
@@ -42,8 +41,8 @@ def double():
         yield
 
 
-def fit(agent, learner, rows, orders, hypers=HYPERS):
-    return jax.jit(lambda learner, rows: ppo.fit(agent, learner, rows, orders, hypers))(learner, rows)
+def fit(agent, learner, rows, orders):
+    return jax.jit(lambda learner, rows: ppo.fit(agent, learner, rows, orders))(learner, rows)
 
 
 def deep(agent):
@@ -53,9 +52,9 @@ def deep(agent):
     """
     learner = moved(agent)
     batch = rollout_of(agent, learner)
-    n_epochs = 5 if agent.config.policy == "truncated-gaussian" else 3
+    n_epochs = 5 if isinstance(agent.policy, TruncatedGaussianPolicy) else 3
     orders = jnp.stack([jax.random.permutation(jax.random.key(i), T * N) for i in range(n_epochs)])
-    after, told = fit(agent, learner, ppo.prepare(agent, learner, batch, HYPERS), orders)
+    after, told = fit(agent, learner, ppo.prepare(agent, learner, batch), orders)
     assert 0.1 < told["clip_fraction"] < 0.9
     return batch, learner, after.params
 
@@ -67,12 +66,12 @@ def first_moments(before, after):
     return jax.tree.map(lambda moment: moment / 0.1, after.optimizer.mu)
 
 
-def gradient(agent, params, rows, hypers=HYPERS):
+def gradient(agent, params, rows):
     """PPO's at these parameters, on all rows as one minibatch; and what it tells of them."""
     size = len(rows.advantage)
-    agent = dataclasses.replace(agent, config=dataclasses.replace(agent.config, batch_size=size))
+    agent = agent.replace(algorithm=agent.algorithm.replace(batch_size=size))
     learner = fresh(agent, params)
-    after, told = fit(agent, learner, rows, jnp.arange(size)[None], hypers)
+    after, told = fit(agent, learner, rows, jnp.arange(size)[None])
     return first_moments(learner, after), told
 
 
@@ -93,14 +92,16 @@ def test_with_narrow_targets_every_histogram_loss_is_ppo_on_hl_one_hot(ratio, po
     one_hot = agent_of(policy, "hl-one-hot", normalize_advantage=True, ratio=ratio)
     batch, sampling, params = deep(one_hot)
 
-    def at(agent, hypers):
-        return gradient(agent, params, ppo.prepare(agent, sampling, batch, hypers), hypers)
+    def at(agent):
+        return gradient(agent, params, ppo.prepare(agent, sampling, batch))
 
-    expected, told = at(one_hot, HYPERS)
+    def of_width(eta):
+        return agent_of(policy, loss, hypers=HYPERS._replace(eta=eta), normalize_advantage=True, ratio=ratio)
+
+    expected, told = at(one_hot)
     assert 0 < told["clip_fraction"] < 1
-    agent = agent_of(policy, loss, normalize_advantage=True, ratio=ratio)
-    check_equal(at(agent, HYPERS._replace(eta=eta))[0], expected, 1e-6)
-    wide, _ = at(agent, HYPERS._replace(eta=1.0))
+    check_equal(at(of_width(eta))[0], expected, 1e-6)
+    wide, _ = at(of_width(1.0))
     with pytest.raises(AssertionError):
         check_equal(wide, expected, 1e-2)
 
@@ -123,10 +124,10 @@ def test_the_gate_is_the_slope_of_the_clipped_surrogate_on_each_side_of_its_boun
 def test_the_gated_weights_gradient_is_that_of_ppos_clipped_surrogate(policy, loss, ratio):
     agent = agent_of(policy, loss, ratio=ratio)
     batch, sampling, params = deep(agent)
-    rows = ppo.prepare(agent, sampling, batch, HYPERS)
+    rows = ppo.prepare(agent, sampling, batch)
 
     def clipped_surrogate(params):
-        distribution = agent.policy.distribution(mlp(params["actor"], rows.observation), params, HYPERS)
+        distribution = agent.policy.distribution(mlp(params["actor"], rows.observation), params)
         ratio = jnp.exp(distribution.log_prob(rows.action) - rows.log_prob)
         clipped = jnp.clip(ratio, 1 - HYPERS.clip_range, 1 + HYPERS.clip_range)
         policy_loss = -jnp.minimum(ratio * rows.advantage, clipped * rows.advantage).mean()
@@ -140,11 +141,11 @@ def test_the_gated_weights_gradient_is_that_of_ppos_clipped_surrogate(policy, lo
 def test_the_smoothed_ratios_gradient_is_that_of_its_clipped_surrogate(loss):
     agent = agent_of("histogram", loss, ratio="smoothed")
     batch, sampling, params = deep(agent)
-    rows = ppo.prepare(agent, sampling, batch, HYPERS)
+    rows = ppo.prepare(agent, sampling, batch)
 
     def clipped_surrogate(params):
         def measured(params):
-            distribution = agent.policy.distribution(mlp(params["actor"], rows.observation), params, HYPERS)
+            distribution = agent.policy.distribution(mlp(params["actor"], rows.observation), params)
             return cross_entropy(distribution, rows.target), distribution.entropy().mean()
 
         (ours, entropy), (sampled, _) = measured(params), measured(sampling.params)
@@ -170,7 +171,7 @@ def test_the_smoothed_ratios_gradient_is_that_of_its_clipped_surrogate(loss):
 def test_the_first_minibatch_of_the_first_epoch_is_a2cs(policy, loss, ratio, normalize_advantage):
     agent = agent_of(policy, loss, normalize_advantage=normalize_advantage, ratio=ratio)
     learner = moved(agent)
-    rows = ppo.prepare(agent, learner, rollout_of(agent, learner), HYPERS)
+    rows = ppo.prepare(agent, learner, rollout_of(agent, learner))
     some = jax.random.permutation(jax.random.key(5), T * N)[:SIZE]
     after, _ = fit(agent, learner, rows, some[None])
 
@@ -178,8 +179,9 @@ def test_the_first_minibatch_of_the_first_epoch_is_a2cs(policy, loss, ratio, nor
     ends = jnp.ones((SIZE, 1), bool)
     column = jax.tree.map(lambda x: x[some][:, None], rows)
     batch = Transition(column.observation, column.action, column.returns, column.observation, ends, ~ends)
-    actor_critics = dataclasses.replace(agent, algorithm=a2c.ALGORITHM)
-    a2cs, _ = jax.jit(lambda learner: a2c.update(actor_critics, learner, batch, HYPERS, jax.random.key(0)))(learner)
+    actor_critics = with_a2c(agent)
+    update = actor_critics.algorithm.update
+    a2cs, _ = jax.jit(lambda learner: update(actor_critics, learner, batch, jax.random.key(0)))(learner)
     check_equal(first_moments(learner, after), first_moments(learner, a2cs), 1e-9)
 
 
@@ -189,16 +191,17 @@ def expected_gradient(policy, loss, shift):
     There is a row for each bin in each of three states. The mean over rows is the expectation since each advantage
     holds the action's probability, which changes no sign.
     """
-    agent = agent_of(policy, loss, d=1, ratio="true")
+    hypers, one_minibatch = HYPERS._replace(eta=1.0, ent_coef=0.0), {"n_steps": 3 * K, "n_envs": 1, "batch_size": 3 * K}
+    agent = agent_of(policy, loss, hypers=hypers, d=1, ratio="true", **one_minibatch)
     learner = moved(agent)
     observation = jnp.repeat(normal(7, 3, WIDTH), K, 0)
     action = jnp.tile(jnp.asarray(Bins(LOW[:1], HIGH[:1], K).centers[0]), 3)[:, None]
-    log_prob = actor_critic.distribution(agent, learner.params, observation, HYPERS).log_prob(action)
+    log_prob = actor_critic.distribution(agent, learner.params, observation).log_prob(action)
     np.testing.assert_allclose(jnp.exp(log_prob).sum(), 3)
     advantage = K * jnp.exp(log_prob) * (normal(8, 3 * K) + shift)
-    rows = ppo.Rows(observation, action, advantage, jnp.zeros(3 * K), log_prob, jnp.zeros(3 * K), ())
+    rows = ppo.Rows(observation, action, advantage, jnp.zeros(3 * K), log_prob, jnp.zeros(3 * K), None)
     params = jax.tree.map(lambda x: x + 0.01 * normal(9, *x.shape), learner.params)
-    found, told = gradient(agent, params, rows, HYPERS._replace(eta=1.0, ent_coef=0.0))
+    found, told = gradient(agent, params, rows)
     assert told["clip_fraction"] == 0
     assert told["approx_kl"] > 1e-6
     return found["actor"]

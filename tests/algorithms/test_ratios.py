@@ -9,26 +9,26 @@ from scipy.special import log_softmax
 from galton.algorithms import ppo
 from galton.networks import mlp
 
-from .minibatches import HYPERS, N, T, agent_of, moved, rollout_of
+from .minibatches import N, T, agent_of, moved, rollout_of
 
 
 @pytest.mark.parametrize("ratio", ["smoothed", "true"])
 def test_a_ratio_is_numpys(ratio):
     agent = agent_of("auto", "hl-gauss", ratio=ratio, batch_size=T * N)
     before = moved(agent)
-    rows = ppo.prepare(agent, before, rollout_of(agent, before), HYPERS)
+    rows = ppo.prepare(agent, before, rollout_of(agent, before))
     params = before.params | {"actor": jax.tree.map(lambda x: 1.1 * x, before.params["actor"])}
-    _, told = jax.jit(lambda learner: ppo.fit(agent, learner, rows, jnp.arange(T * N)[None], HYPERS))(
+    _, told = jax.jit(lambda learner: ppo.fit(agent, learner, rows, jnp.arange(T * N)[None]))(
         before._replace(params=params)
     )
     logits = [np.asarray(mlp(one["actor"], rows.observation), np.float64) for one in (before.params, params)]
-    shape = (T * N, rows.action.shape[-1], agent.config.n_bins)
+    shape = (T * N, rows.action.shape[-1], agent.policy.n_bins)
     change = np.subtract(*(log_softmax(x.reshape(shape), -1) for x in logits[::-1]))
-    distribution = agent.policy.distribution(mlp(before.params["actor"], rows.observation), before.params, HYPERS)
-    targets = agent.loss.target(distribution, rows.action, HYPERS) if ratio == "smoothed" else None
+    distribution = agent.policy.distribution(mlp(before.params["actor"], rows.observation), before.params)
+    targets = agent.loss.target(distribution, rows.action) if ratio == "smoothed" else None
     if targets is None:  # all of it in the bin of the action
-        place = (np.asarray(rows.action) - agent.low) / (np.asarray(agent.high) - agent.low) * agent.config.n_bins
-        targets = np.eye(agent.config.n_bins)[place.astype(int)]
+        place = (np.asarray(rows.action) - agent.low) / (np.asarray(agent.high) - agent.low) * agent.policy.n_bins
+        targets = np.eye(agent.policy.n_bins)[place.astype(int)]
     expected = np.exp((np.asarray(targets, np.float64) * change).sum((-1, -2)))
     assert expected.max() > 1.05
     np.testing.assert_allclose([told["ratio_mean"], told["ratio_max"]], [expected.mean(), expected.max()], rtol=1e-5)

@@ -1,7 +1,5 @@
 """What a benchmark's file may say, and what is said of one that can't be done."""
 
-import dataclasses
-
 import pytest
 
 from galton import UsageError
@@ -161,7 +159,7 @@ def test_a_file_may_extend_another(tmp_path):
 def test_an_algorithm_of_a_module_that_the_file_names_is_known(monkeypatch):
     def importing(modules):
         assert modules == ("mine",)
-        monkeypatch.setitem(ALGORITHMS, "mine", dataclasses.replace(ALGORITHMS["a2c"], name="mine"))
+        monkeypatch.setitem(ALGORITHMS, "mine", type("Mine", (ALGORITHMS["a2c"],), {"name": "mine"}))
 
     record = changed(imports=["mine"], methods__bins__fixed__algorithm="mine")
     with pytest.raises(UsageError, match="algorithm is 'mine'; choose from a2c, ppo"):

@@ -15,8 +15,8 @@ from stable_baselines3.common.vec_env import DummyVecEnv
 from galton import A2C, ALGORITHMS, PPO, Config, Hypers, UsageError
 from galton.cli._options import Training
 from galton.models import Model
+from galton.optimizers import Adam
 from galton.presets import CLASSIFICATION, GAUSSIAN, PAPER, PRESETS, RECOMMENDED, Preset, find_preset
-from galton.training.run import falling, remaining
 
 from .tall import Tall
 
@@ -169,8 +169,8 @@ def test_an_unknown_preset_is_refused():
 def test_a_decay_over_all_that_is_trained_reaches_0_after_the_last_update():
     """SB3's linear schedule, but that the rate of an update is that of its first step: a single update learns."""
     for decay_steps, expected in ((jnp.inf, [0.3, 0.2, 0.1]), (80, [0.075, 0, 0])):
-        hypers = falling(Hypers(0.3, decay_steps=decay_steps), begin=40, end=100, rollout=20)
-        at = [hypers.learning_rate * remaining(jnp.int32(step), hypers) for step in (60, 80, 100)]
+        adam = Adam(learning_rate=0.3, decay_steps=decay_steps).falling(begin=40, end=100, rollout=20)
+        at = [adam.learning_rate * adam.remaining(jnp.int32(step)) for step in (60, 80, 100)]
         np.testing.assert_allclose(at, expected, rtol=1e-5)
 
 

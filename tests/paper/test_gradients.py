@@ -10,7 +10,7 @@ import pytest
 from scipy.stats import norm
 
 from galton import LOSSES, Config, Hypers, targets
-from galton.algorithms import actor_critic, resolve
+from galton.algorithms import actor_critic
 from galton.losses import surrogate
 from galton.networks import features, mlp
 from galton.paper import bounds, gradients, propositions
@@ -21,6 +21,7 @@ from galton.paper.trained import Trained
 from galton.theory import output_lipschitz
 from galton.types import Learner, Transition
 
+from ..agents import agent
 from .samples import SERIES
 
 T, N, K = 4, 2, 6
@@ -43,7 +44,7 @@ def network(rng, scale, *sizes):
 def setup(loss, seed=0, scale=1.0):
     """A learner, and a batch of any actions."""
     rng = np.random.default_rng(seed)
-    policy, _ = program(loss)
+    policy = program(loss)[0].policy
     params = {"actor": network(rng, scale, 3, 5, 4, policy.n_outputs), "critic": network(rng, scale, 3, 5, 4, 1)}
     if loss == "gaussian":
         params["log_std"] = jnp.array([-0.7, 0.4])
@@ -58,15 +59,14 @@ def setup(loss, seed=0, scale=1.0):
 
 @functools.cache
 def program(loss):
-    """The policy; (learner, batch) → samples by reading."""
-    config = Config(loss=loss, n_bins=K, n_steps=T, n_envs=N, net_arch=(5, 4))
-    agent = resolve(config, LOW, HIGH)
+    """The agent; (learner, batch) → samples by reading."""
+    own = agent(Config(loss=loss, n_bins=K, n_steps=T, n_envs=N, net_arch=(5, 4)), HYPERS, LOW, HIGH)
 
     def look(learner, batch):
         readings = [reading for name, reading in SERIES if name == loss]
-        return {reading: measure(agent, learner, batch, HYPERS, reading) for reading in readings}
+        return {reading: measure(own, learner, batch, reading) for reading in readings}
 
-    return agent.policy, jax.jit(look)
+    return own, jax.jit(look)
 
 
 def loss_by_hand(name, reading, theta, bias, log_std, s, a):
@@ -126,7 +126,7 @@ def test_the_norm_is_that_of_finite_differences(loss, reading):
 
 @pytest.mark.parametrize("loss", LOSSES)
 def test_the_samples_gradients_average_to_the_surrogates(loss):
-    policy, look = program(loss)
+    own, look = program(loss)
     learner, batch = setup(loss)
     reading = "sigma^2" if loss == "gaussian" else ""
     advantage = look(learner, batch)[reading].advantage
@@ -134,7 +134,7 @@ def test_the_samples_gradients_average_to_the_surrogates(loss):
     params, actor = learner.params, learner.params["actor"]
 
     def loss_of(outputs, action):
-        return LOSSES[loss].function(policy.distribution(outputs, params, HYPERS), action, HYPERS)
+        return own.loss(own.policy.distribution(outputs, params), action)
 
     @jax.jit
     def both():
@@ -173,13 +173,14 @@ def test_the_bound_is_never_crossed_and_its_factors_are_those_of_the_paper(loss,
 
 @pytest.mark.parametrize("loss", ["hl-one-hot", "hl-gauss"])
 def test_a_softmaxs_bound_is_proposition_1_summed_over_dimensions(loss):
-    policy, look = program(loss)
+    own, look = program(loss)
+    policy = own.policy
     learner, batch = setup(loss)
     samples = look(learner, batch)[""]
     actor = learner.params["actor"]
 
     def eq_7(s, a, advantage):
-        probs, index = policy.distribution(mlp(actor, s), {}, HYPERS).probs, policy.bins.encode(a)
+        probs, index = policy.distribution(mlp(actor, s), {}).probs, policy.bins.encode(a)
         q = jax.nn.one_hot(index, K) if loss == "hl-one-hot" else targets.hl_gauss_of_center(K, index, HYPERS.eta)
         shared = jnp.abs(advantage) * (output_lipschitz(actor, s) + jnp.linalg.norm(features(actor, s)))
         return sum(shared * jnp.abs(q[j] - probs[j]).sum() for j in range(2))

@@ -6,7 +6,9 @@ import torch
 from torch import distributions
 from torch.special import log_ndtr
 
-from galton import POLICIES, Config, Hypers
+from galton import Config, Hypers
+
+from ..agents import agent
 
 NAMES = ("clipped-gaussian", "truncated-gaussian", "squashed-gaussian", "beta")
 
@@ -17,9 +19,9 @@ def make(name, low, high, outputs, log_std=0.0, **numbers):
     Under `jax.enable_x64` it computes in float64.
     """
     low, high = (np.atleast_1d(np.asarray(bound, np.float32)) for bound in (low, high))
-    policy = POLICIES[name].create(Config(loss="gaussian", policy=name), low, high)
+    policy = agent(Config(loss="gaussian", policy=name), Hypers(box_units=1.0, **numbers), low, high).policy
     params = {"log_std": jnp.zeros(len(low)) + jnp.asarray(log_std, float)}
-    return policy, policy.distribution(jnp.asarray(outputs, float), params, Hypers(box_units=1.0, **numbers))
+    return policy, policy.distribution(jnp.asarray(outputs, float), params)
 
 
 def outputs_of(name, mean):

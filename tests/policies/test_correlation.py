@@ -1,7 +1,7 @@
 """Correlated noise: each step's distribution as without it, the correlation that was asked for, and no other."""
 
-import dataclasses
 import functools
+import math
 
 import jax
 import jax.numpy as jnp
@@ -10,24 +10,25 @@ import pytest
 from scipy import stats
 
 import galton
-from galton import POLICIES, Config, Hypers, UsageError
-from galton.policies import Correlatable, GaussianPolicy, HistogramPolicy
+from galton import POLICIES, UsageError
+from galton.parts import Box, settings
+from galton.policies import Correlatable, GaussianPolicy, HistogramPolicy, Policy
 from galton.policies.correlation import check_correlation, continued, nothing_before
-from galton.types import without_unused
+from galton.policies.gaussian import Floor, Units
+from galton.types import Finite
 
-LOW, HIGH = np.array([-1.0, 0.0], np.float32), np.array([1.0, 5.0], np.float32)
+BOX = Box.of(np.array([-1.0, 0.0]), np.array([1.0, 5.0]))
 N, T = 4_000, 12
-CONFIGS = {
-    "normal": (GaussianPolicy, Config()),
-    "uniform": (HistogramPolicy, Config(n_bins=7)),
-    "uniform, two a dimension": (HistogramPolicy, Config(n_bins=7, bin_sample="uniform")),
-    "where a Gaussian explores": (HistogramPolicy, Config(n_bins=7, exploration="gaussian")),
+KINDS = {
+    "normal": GaussianPolicy(),
+    "uniform": HistogramPolicy(n_bins=7),
+    "uniform, two a dimension": HistogramPolicy(n_bins=7, bin_sample="uniform"),
+    "where a Gaussian explores": HistogramPolicy(n_bins=7, exploration="gaussian"),
 }
 
 
 def policy_of(kind):
-    make, config = CONFIGS[kind]
-    return make.create(config, LOW, HIGH)
+    return KINDS[kind].on(BOX)
 
 
 def noises(policy, rho, begins, seed=0):
@@ -60,7 +61,7 @@ def normal_numbers(kind, noise):
     return noise if distribution_of(kind) == "norm" else stats.norm.ppf(noise)
 
 
-@pytest.mark.parametrize("kind", CONFIGS)
+@pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("rho", [0.5, 0.97])
 def test_in_each_step_noise_is_distributed_as_without_correlation(kind, rho):
     noise = episodes(kind, rho)
@@ -69,7 +70,7 @@ def test_in_each_step_noise_is_distributed_as_without_correlation(kind, rho):
             assert stats.kstest(entries, distribution_of(kind)).pvalue > 1e-3
 
 
-@pytest.mark.parametrize("kind", CONFIGS)
+@pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("rho", [0.5, 0.97])
 def test_steps_k_apart_have_the_correlation_rho_to_the_k_and_entries_have_none(kind, rho):
     z = normal_numbers(kind, episodes(kind, rho))
@@ -81,7 +82,7 @@ def test_steps_k_apart_have_the_correlation_rho_to_the_k_and_entries_have_none(k
     assert abs(across - np.eye(len(across))).max() < 4 / np.sqrt(N)
 
 
-@pytest.mark.parametrize("kind", CONFIGS)
+@pytest.mark.parametrize("kind", KINDS)
 def test_an_episode_begins_with_noise_that_knows_nothing_of_the_one_before(kind):
     begins = np.zeros((4, N), bool)
     begins[0] = begins[2] = True
@@ -93,7 +94,7 @@ def test_an_episode_begins_with_noise_that_knows_nothing_of_the_one_before(kind)
     np.testing.assert_allclose(noise[2], drawn[2], atol=1e-6)
 
 
-@pytest.mark.parametrize("kind", CONFIGS)
+@pytest.mark.parametrize("kind", KINDS)
 def test_a_run_without_correlation_beside_one_with_it_has_what_was_drawn_to_the_bit(kind):
     begins = np.zeros((T, 5), bool)
     begins[0] = True
@@ -123,23 +124,21 @@ def test_without_correlation_there_is_no_state_and_nothing_is_touched():
     assert after == ()
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class Silent:
+class Silent(Policy):
     """The Gaussian policy without a word on its noise."""
 
-    low: np.ndarray
-    high: np.ndarray
+    log_std_init: Finite = 0.0
+    log_std_min: Floor = -math.inf
+    box_units: Units = 0.0
 
-    family, label = "density", "silent"
-    create = classmethod(lambda cls, config, low, high: cls(low, high))
-    n_outputs, init = GaussianPolicy.n_outputs, GaussianPolicy.init
-    noise, distribution = GaussianPolicy.noise, GaussianPolicy.distribution
+    n_outputs, init, noise = GaussianPolicy.n_outputs, GaussianPolicy.init, GaussianPolicy.noise
+    gaussian, distribution = GaussianPolicy.gaussian, GaussianPolicy.distribution
 
 
 def test_a_policy_that_does_not_say_how_its_noise_is_distributed_is_refused_by_name(monkeypatch):
     monkeypatch.setitem(POLICIES, "silent", Silent)
-    check_correlation("silent", Silent(LOW, HIGH), without_unused(Hypers()))
-    with pytest.raises(UsageError, match=r"^noise_correlation is 0\.5, but the policy 'silent' doesn't say how"):
+    check_correlation(Silent(), None)
+    with pytest.raises(UsageError, match=r"^noise_correlation is 0\.5, but Silent doesn't say how"):
         galton.A2C("bandit", "gaussian", policy="silent", noise_correlation=0.5)
 
 
@@ -154,7 +153,7 @@ class Proposing(Silent):
 
 
 def test_each_leaf_of_a_nest_of_noise_is_correlated_by_its_kind():
-    policy = Proposing(LOW, HIGH)
+    policy = Proposing(box=BOX)
     first, second = (policy.noise(jax.random.key(seed), (N,)) for seed in (0, 1))
     before = nothing_before(policy, (N,), 0.9)
     noise, z = continued(policy, first, before, jnp.ones(N, bool), jnp.float32(0.9))
@@ -169,7 +168,7 @@ def test_each_leaf_of_a_nest_of_noise_is_correlated_by_its_kind():
 
 @pytest.mark.parametrize("name", POLICIES)
 def test_each_policy_of_ours_says_how_each_leaf_of_its_noise_is_distributed(name):
-    policy = POLICIES[name].create(Config(n_bins=7), LOW, HIGH)
+    policy = POLICIES[name](**{"n_bins": 7} if "n_bins" in settings(POLICIES[name]) else {}).on(BOX)
     assert isinstance(policy, Correlatable)
     noise = policy.noise(jax.random.key(1), (20_000,))
     marginals = policy.noise_marginals

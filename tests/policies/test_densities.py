@@ -11,7 +11,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from galton import Hypers
 from galton.policies import Beta
 
 from .densities import NAMES, Reference, make, outputs_of, reference
@@ -281,14 +280,14 @@ def test_the_deterministic_action_and_the_edge_are_what_docstrings_say(name):
 def test_they_start_where_the_gaussians_numbers_say():
     for name in NAMES[:3]:
         policy, _ = make(name, -3.0, 1.0, [0.0])
-        bias, params = policy.init(Hypers(log_std_init=-1.5))
+        bias, params = policy.replace(log_std_init=-1.5).init()
         assert (np.asarray(bias) == 0).all()
         np.testing.assert_allclose(params["log_std"], -1.5)
         floored, there = (make(name, -3.0, 1.0, [0.2], s, log_std_min=-2.0)[1] for s in (-9.0, -2.0))
         np.testing.assert_allclose(floored.entropy(), there.entropy(), rtol=1e-6)
     policy, _ = make("beta", -1.0, 1.0, [0.0, 0.0])
-    outputs, params = policy.init(Hypers(log_std_init=-1.5))
-    start = policy.distribution(jnp.asarray(outputs), params, Hypers())
+    outputs, params = policy.init()
+    start = policy.distribution(jnp.asarray(outputs), params)
     np.testing.assert_allclose([start.alpha, start.beta], 1 + np.log(2), rtol=1e-6)
     assert float(start.std()[0]) == pytest.approx(0.478, abs=1e-3)
 

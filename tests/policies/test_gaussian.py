@@ -3,13 +3,13 @@ import jax.numpy as jnp
 import numpy as np
 from scipy import stats
 
-from galton import Config, Hypers
+from galton.parts import Box
 from galton.policies import GaussianPolicy
 
 
 def policy_and_distribution():
-    policy = GaussianPolicy.create(Config(loss="gaussian"), np.array([-1.0, -1.0]), np.array([1.0, 2.0]))
-    return policy, policy.distribution(jnp.array([[0.5, 5.0]]), {"log_std": jnp.array([0.2, -0.7])}, Hypers())
+    policy = GaussianPolicy(box=Box.of(np.array([-1.0, -1.0]), np.array([1.0, 2.0])))
+    return policy, policy.distribution(jnp.array([[0.5, 5.0]]), {"log_std": jnp.array([0.2, -0.7])})
 
 
 def test_samples_entropy_and_log_prob_are_scipys():
@@ -30,6 +30,6 @@ def test_the_deterministic_action_is_the_mean_clipped_into_the_box():
 
 
 def test_it_starts_at_mean_zero_and_sigma_one():
-    bias, extra = policy_and_distribution()[0].init(Hypers())
+    bias, extra = policy_and_distribution()[0].init()
     assert (np.asarray(bias) == 0).all()
     assert (np.asarray(extra["log_std"]) == 0).all()

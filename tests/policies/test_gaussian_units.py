@@ -8,6 +8,7 @@ import pytest
 import galton
 from galton import Config, Hypers
 from galton.envs import Bandit
+from galton.parts import Box
 from galton.policies import GaussianPolicy
 
 LOW, HIGH = np.array([-3.0, 2.0]), np.array([1.0, 2.5])
@@ -16,49 +17,49 @@ OUTPUTS = jnp.array([[0.3, -0.8], [1.7, 0.1], [0.0, 0.0]])
 LOG_STD = jnp.array([-0.4, 0.2])
 
 
-def policy(low=LOW, high=HIGH):
-    return GaussianPolicy.create(Config(loss="gaussian"), low, high)
+def policy(low=LOW, high=HIGH, **numbers):
+    return GaussianPolicy(box=Box.of(low, high), **numbers)
 
 
 def in_box(**numbers):
-    return policy().distribution(OUTPUTS, {"log_std": LOG_STD}, Hypers(box_units=1.0, **numbers))
+    return policy(box_units=1.0, **numbers).distribution(OUTPUTS, {"log_std": LOG_STD})
 
 
 def in_unit_box(**numbers):
-    unit = policy(np.full(2, -1.0), np.ones(2))
-    return unit.distribution(OUTPUTS, {"log_std": LOG_STD}, Hypers(**numbers))
+    unit = policy(np.full(2, -1.0), np.ones(2), **numbers)
+    return unit.distribution(OUTPUTS, {"log_std": LOG_STD})
 
 
 @pytest.mark.parametrize("box_units", [0.0, 1.0])
 @pytest.mark.parametrize("log_std_init", [-2.0, 0.0, 0.7])
 def test_it_starts_at_the_sigma_that_log_std_init_says(log_std_init, box_units):
-    hypers = Hypers(log_std_init=log_std_init, box_units=box_units)
-    bias, params = policy().init(hypers)
-    distribution = policy().distribution(jnp.asarray(bias), params, hypers)
+    ours = policy(log_std_init=log_std_init, box_units=box_units)
+    bias, params = ours.init()
+    distribution = ours.distribution(jnp.asarray(bias), params)
     np.testing.assert_allclose(distribution.mean, CENTER * box_units, atol=1e-6)
     np.testing.assert_allclose(distribution.std(), np.exp(log_std_init) * np.where(box_units, HALF, 1), rtol=1e-6)
 
 
 def test_sigma_is_never_below_the_floor_and_has_no_gradient_there():
-    hypers, action = Hypers(log_std_min=-1.0), jnp.array([0.2, 2.2])
+    floored, action = policy(log_std_min=-1.0), jnp.array([0.2, 2.2])
 
     def log_prob(log_std):
-        return policy().distribution(jnp.zeros(2), {"log_std": log_std}, hypers).log_prob(action)
+        return floored.distribution(jnp.zeros(2), {"log_std": log_std}).log_prob(action)
 
     for below in (-1.5, -40.0):
         params = {"log_std": jnp.array([below, -0.5])}
-        std = policy().distribution(jnp.zeros(2), params, hypers).std()
+        std = floored.distribution(jnp.zeros(2), params).std()
         np.testing.assert_allclose(std, np.exp([-1.0, -0.5]), rtol=1e-6)
         gradient = jax.grad(log_prob)(params["log_std"])
         assert gradient[0] == 0
         assert gradient[1] != 0
     above = jnp.array([-0.9, 0.3])
-    free = jax.grad(lambda x: policy().distribution(jnp.zeros(2), {"log_std": x}, Hypers()).log_prob(action))(above)
+    free = jax.grad(lambda x: policy().distribution(jnp.zeros(2), {"log_std": x}).log_prob(action))(above)
     np.testing.assert_array_equal(jax.grad(log_prob)(above), free)
 
 
 def test_without_a_floor_sigma_falls_as_far_as_it_likes():
-    std = policy().distribution(jnp.zeros(2), {"log_std": jnp.array([-30.0, -60.0])}, Hypers()).std()
+    std = policy().distribution(jnp.zeros(2), {"log_std": jnp.array([-30.0, -60.0])}).std()
     np.testing.assert_allclose(std, np.exp([-30.0, -60.0]), rtol=1e-5)
 
 
@@ -86,7 +87,7 @@ def test_log_prob_and_entropy_follow_the_change_of_variables():
 
 def test_the_environments_units_do_not_depend_on_the_box():
     for other in (policy(), policy(np.full(2, -1.0), np.ones(2))):
-        distribution = other.distribution(OUTPUTS, {"log_std": LOG_STD}, Hypers())
+        distribution = other.distribution(OUTPUTS, {"log_std": LOG_STD})
         np.testing.assert_array_equal(distribution.mean, OUTPUTS)
         np.testing.assert_allclose(distribution.std(), np.tile(np.exp(LOG_STD), (3, 1)), rtol=1e-6)
 

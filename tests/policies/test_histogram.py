@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from scipy.stats import chisquare, norm
 
-from galton import Bins, Config, Hypers
+from galton import Bins
+from galton.parts import Box
 from galton.policies import Histogram, HistogramPolicy
 from galton.policies.histogram import Choices, sample_bin
 
@@ -30,11 +31,10 @@ def test_sample_bin_never_leaves_the_bins_or_takes_an_impossible_one(k):
 
 
 def test_samples_follow_the_softmax():
-    config = Config(n_bins=20)
-    policy = HistogramPolicy.create(config, np.array([-1.0, 0.0]), np.array([1.0, 4.0]))
+    policy = HistogramPolicy(n_bins=20).on(Box.of(np.array([-1.0, 0.0]), np.array([1.0, 4.0])))
     logits = jax.random.normal(jax.random.key(0), (40,))
     n = 100_000
-    distribution = policy.distribution(jnp.broadcast_to(logits, (n, 40)), {}, Hypers())
+    distribution = policy.distribution(jnp.broadcast_to(logits, (n, 40)), {})
     index = np.asarray(policy.bins.encode(distribution.sample(policy.noise(jax.random.key(1), (n,)))))
     for dimension in range(2):
         counts = np.bincount(index[:, dimension], minlength=20)
@@ -43,18 +43,17 @@ def test_samples_follow_the_softmax():
 
 
 def test_uniform_in_bin_samples_fill_the_bin():
-    config = Config(n_bins=10, bin_sample="uniform")
-    policy = HistogramPolicy.create(config, np.array([0.0]), np.array([10.0]))
+    policy = HistogramPolicy(n_bins=10, bin_sample="uniform").on(Box.of(np.array([0.0]), np.array([10.0])))
     logits = jnp.broadcast_to(jnp.where(jnp.arange(10) == 3, 50.0, 0.0), (20_000, 10))
-    action = np.asarray(policy.distribution(logits, {}, Hypers()).sample(policy.noise(jax.random.key(0), (20_000,))))
+    action = np.asarray(policy.distribution(logits, {}).sample(policy.noise(jax.random.key(0), (20_000,))))
     assert action.min() >= 3
     assert action.max() <= 4
     assert chisquare(np.histogram(action, 20, (3, 4))[0]).pvalue > 1e-3
 
 
 def test_the_place_in_the_bin_does_not_depend_on_the_bin():
-    policy = HistogramPolicy.create(Config(n_bins=4, bin_sample="uniform"), np.array([0.0]), np.array([4.0]))
-    distribution = policy.distribution(jnp.zeros((40_000, 4)), {}, Hypers())
+    policy = HistogramPolicy(n_bins=4, bin_sample="uniform").on(Box.of(np.array([0.0]), np.array([4.0])))
+    distribution = policy.distribution(jnp.zeros((40_000, 4)), {})
     action = np.asarray(distribution.sample(policy.noise(jax.random.key(0), (40_000,))))[:, 0]
     for i in range(4):
         inside = action[(action > i) & (action < i + 1)]
@@ -85,12 +84,11 @@ def test_entropy_is_the_sum_over_dimensions():
 
 
 def test_gaussian_exploration_has_the_policys_moments_and_leaves_the_box():
-    config = Config(n_bins=40, exploration="gaussian")
-    policy = HistogramPolicy.create(config, np.array([3.0]), np.array([5.0]))
+    policy = HistogramPolicy(n_bins=40, exploration="gaussian").on(Box.of(np.array([3.0]), np.array([5.0])))
     logits = jax.random.normal(jax.random.key(2), (40,))
     probs, centers = np.asarray(jax.nn.softmax(logits), np.float64), policy.bins.centers[0]
     n = 200_000
-    distribution = policy.distribution(jnp.broadcast_to(logits, (n, 40)), {}, Hypers())
+    distribution = policy.distribution(jnp.broadcast_to(logits, (n, 40)), {})
     action = np.asarray(distribution.sample(policy.noise(jax.random.key(3), (n,))), np.float64)
     mean = (probs * centers).sum()
     std = np.sqrt((probs * (centers - mean) ** 2).sum())
@@ -116,8 +114,8 @@ def test_a_certain_policy_that_explores_by_a_gaussian_has_a_finite_log_density()
 
 
 def test_init_gaussian_starts_like_the_gaussian_policy():
-    policy = HistogramPolicy.create(Config(n_bins=400, initial_policy="gaussian"), np.array([-4.0]), np.array([4.0]))
-    probs = jax.nn.softmax(policy.init(Hypers())[0])
+    policy = HistogramPolicy(n_bins=400, initial_policy="gaussian").on(Box.of(np.array([-4.0]), np.array([4.0])))
+    probs = jax.nn.softmax(policy.init()[0])
     edges = np.linspace(-4, 4, 401)
     expected = np.diff(norm.cdf(edges))
     np.testing.assert_allclose(probs, expected / expected.sum(), atol=2e-6)
@@ -129,12 +127,10 @@ BOXES = [(-1.0, 1.0), (-3.0, 1.0), (2.0, 2.5), (-400.0, 1.0)]
 @pytest.mark.parametrize(("centers", "box_units"), [("inside", 0.0), ("bounds", 1.0)])
 def test_it_starts_as_the_gaussians_clipped_actions_do(centers, box_units):
     low, high = np.array(BOXES).T
-    config = Config(n_bins=30, initial_policy="clipped-gaussian", bin_centers=centers)
-    policy = HistogramPolicy.create(config, low, high)
+    start = HistogramPolicy(n_bins=30, initial_policy="clipped-gaussian", bin_centers=centers, box_units=box_units)
     for log_std in (0.0, -1.0, 2.0):
-        probs = policy.distribution(
-            policy.init(Hypers(log_std_init=log_std, box_units=box_units))[0], {}, Hypers()
-        ).probs
+        policy = start.replace(log_std_init=log_std).on(Box.of(low, high))
+        probs = policy.distribution(policy.init()[0], {}).probs
         mean, std = np.zeros(4), np.exp(log_std) * np.ones(4)
         if box_units:
             mean, std = (low + high) / 2, std * (high - low) / 2
@@ -147,32 +143,31 @@ def test_it_starts_as_the_gaussians_clipped_actions_do(centers, box_units):
 
 def test_the_first_gaussian_is_the_one_that_the_numbers_say():
     low, high = np.array([0.0]), np.array([8.0])
-    policy = HistogramPolicy.create(Config(n_bins=400, initial_policy="gaussian"), low, high)
+    policy = HistogramPolicy(n_bins=400, initial_policy="gaussian").on(Box.of(low, high))
     centers = policy.bins.centers[0]
     for numbers, mean, std in (({}, 0, 1), ({"log_std_init": -1.0, "box_units": 1.0}, 4, 4 / np.e)):
         density = norm.pdf(centers, mean, std)
-        found = jax.nn.softmax(policy.init(Hypers(**numbers))[0])
+        found = jax.nn.softmax(policy.replace(**numbers).init()[0])
         np.testing.assert_allclose(found, density / density.sum(), atol=2e-6)
-    floored = policy.init(Hypers(log_std_init=-9.0, log_std_min=-1.0, box_units=1.0))[0]
-    np.testing.assert_array_equal(floored, policy.init(Hypers(log_std_init=-1.0, box_units=1.0))[0])
+    floored, there = policy.replace(log_std_init=-9.0, log_std_min=-1.0, box_units=1.0), policy.replace(**numbers)
+    np.testing.assert_array_equal(floored.init()[0], there.init()[0])
 
 
 @pytest.mark.parametrize("log_std", [-12.0, 8.0])
 @pytest.mark.parametrize("start", ["gaussian", "clipped-gaussian"])
 def test_a_start_of_any_width_is_finite(start, log_std):
     low, high = np.array(BOXES).T
-    policy = HistogramPolicy.create(Config(n_bins=100, initial_policy=start), low, high)
+    policy = HistogramPolicy(n_bins=100, initial_policy=start, log_std_init=log_std).on(Box.of(low, high))
     for box_units in (0.0, 1.0):
-        hypers = Hypers(log_std_init=log_std, box_units=box_units)
-        assert np.isfinite(policy.init(hypers)[0]).all()
+        assert np.isfinite(policy.replace(box_units=box_units).init()[0]).all()
 
 
 def test_with_centers_on_the_bounds_a_place_is_drawn_in_the_bins_own_width():
-    config = Config(n_bins=5, bin_sample="uniform", bin_centers="bounds")
-    policy = HistogramPolicy.create(config, np.array([0.0]), np.array([8.0]))
+    box = Box.of(np.array([0.0]), np.array([8.0]))
+    policy = HistogramPolicy(n_bins=5, bin_sample="uniform", bin_centers="bounds").on(box)
     for bin_, (low, high) in {0: (0, 1), 2: (3, 5), 4: (7, 8)}.items():
         logits = jnp.broadcast_to(jnp.where(jnp.arange(5) == bin_, 50.0, 0.0), (5_000, 5))
-        distribution = policy.distribution(logits, {}, Hypers())
+        distribution = policy.distribution(logits, {})
         action = distribution.sample(policy.noise(jax.random.key(0), (5_000,)))
         assert action.min() >= low
         assert action.max() <= high
@@ -181,7 +176,7 @@ def test_with_centers_on_the_bounds_a_place_is_drawn_in_the_bins_own_width():
 
 
 def test_centers_on_the_bounds_are_the_actions():
-    policy = HistogramPolicy.create(Config(n_bins=5, bin_centers="bounds"), np.array([-1.0]), np.array([3.0]))
-    certain = policy.distribution(50.0 * jnp.eye(5), {}, Hypers())
+    policy = HistogramPolicy(n_bins=5, bin_centers="bounds").on(Box.of(np.array([-1.0]), np.array([3.0])))
+    certain = policy.distribution(50.0 * jnp.eye(5), {})
     np.testing.assert_allclose(certain.deterministic_action()[:, 0], [-1, 0, 1, 2, 3])
     np.testing.assert_allclose(certain.sample(jnp.full((5, 1), 0.5))[:, 0], [-1, 0, 1, 2, 3])

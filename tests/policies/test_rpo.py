@@ -1,8 +1,5 @@
 """RPO moves the Gaussian's mean in updates, and nowhere else."""
 
-import dataclasses
-import functools
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -10,34 +7,30 @@ import pytest
 import torch
 from scipy.stats import kstest, uniform
 
-from galton import Config, Hypers
-from galton.algorithms import a2c, actor_critic, ppo
+from galton.algorithms import actor_critic, ppo
 from galton.networks import mlp
+from galton.parts import Box
 from galton.policies import GaussianPolicy, RpoPolicy
 
-from ..algorithms.minibatches import HIGH, HYPERS, LOW, N, T, agent_of, fresh, moved, rollout_of
+from ..algorithms.minibatches import HIGH, HYPERS, LOW, N, T, agent_of, fresh, moved, rollout_of, with_a2c
 
 ALPHA = HYPERS._replace(rpo_alpha=0.8, ent_coef=0.0)
 KEY = jax.random.key(11)
 
 
-def policy():
-    return RpoPolicy.create(Config(loss="gaussian", policy="rpo"), LOW, HIGH)
-
-
 def test_it_acts_as_the_gaussian():
-    plain = GaussianPolicy.create(Config(loss="gaussian"), LOW, HIGH)
-    outputs, params, hypers = jnp.array([[0.3, -1.0]]), {"log_std": jnp.array([-0.5, 0.1])}, Hypers(box_units=1.0)
+    ours, plain = (kind(box=Box.of(LOW, HIGH), box_units=1.0) for kind in (RpoPolicy, GaussianPolicy))
+    outputs, params = jnp.array([[0.3, -1.0]]), {"log_std": jnp.array([-0.5, 0.1])}
     noise = plain.noise(KEY, (1,))
-    np.testing.assert_array_equal(policy().noise(KEY, (1,)), noise)
-    found, expected = (one.distribution(outputs, params, hypers) for one in (policy(), plain))
+    np.testing.assert_array_equal(ours.noise(KEY, (1,)), noise)
+    found, expected = (one.distribution(outputs, params) for one in (ours, plain))
     np.testing.assert_array_equal(found.sample(noise), expected.sample(noise))
-    np.testing.assert_array_equal(policy().init(hypers)[1]["log_std"], plain.init(hypers)[1]["log_std"])
+    np.testing.assert_array_equal(ours.init()[1]["log_std"], plain.init()[1]["log_std"])
 
 
 def test_moves_are_uniform_and_new_for_each_output_and_key():
     outputs = jnp.full((5000, 2), 3.0)
-    first, second = (policy().moved(outputs, key, ALPHA) for key in jax.random.split(KEY))
+    first, second = (RpoPolicy(rpo_alpha=ALPHA.rpo_alpha).moved(outputs, key) for key in jax.random.split(KEY))
     assert kstest(np.ravel(first), uniform(3 - 0.8, 1.6).cdf).pvalue > 1e-3
     assert len(np.unique(np.concatenate([first, second]))) > 0.99 * 2 * first.size
 
@@ -78,14 +71,14 @@ def check(found, expected):
 
 @pytest.mark.parametrize("count", [0, 7])
 def test_ppos_gradient_is_that_of_means_moved_by_the_minibatchs_own_key(count):
-    agent = agent_of("rpo", "gaussian", batch_size=T * N)
+    agent = agent_of("rpo", "gaussian", hypers=ALPHA, batch_size=T * N)
     learner = moved(agent)
-    rows = ppo.prepare(agent, learner, rollout_of(agent, learner), ALPHA)
+    rows = ppo.prepare(agent, learner, rollout_of(agent, learner))
     params = jax.tree.map(lambda x: x + 0.01, learner.params)
     start = fresh(agent, params)
     counted = start._replace(optimizer=start.optimizer._replace(count=jnp.int32(count)))
     order = jnp.arange(T * N)[None]
-    found = gradient_of(lambda learner: ppo.fit(agent, learner, rows, order, ALPHA, KEY), counted)
+    found = gradient_of(lambda learner: ppo.fit(agent, learner, rows, order, KEY), counted)
 
     def clipped(log_prob, advantage):
         ratio = (log_prob - tensor(rows.log_prob)).exp()
@@ -97,31 +90,35 @@ def test_ppos_gradient_is_that_of_means_moved_by_the_minibatchs_own_key(count):
 
 
 def test_a2cs_gradient_is_that_of_means_moved_by_the_updates_key():
-    agent = dataclasses.replace(agent_of("rpo", "gaussian"), algorithm=a2c.ALGORITHM)
+    agent = agent_of("rpo", "gaussian", hypers=ALPHA)
     learner = moved(agent)
     batch = rollout_of(agent, learner)
-    rows = ppo.prepare(agent, learner, batch, ALPHA)
-    found = gradient_of(lambda learner: a2c.update(agent, learner, batch, ALPHA, KEY), fresh(agent, learner.params))
+    rows = ppo.prepare(agent, learner, batch)
+    agent = with_a2c(agent)
+    found = gradient_of(
+        lambda learner: agent.algorithm.update(agent, learner, batch, KEY), fresh(agent, learner.params)
+    )
     check(found, torchs(learner.params, rows, KEY, lambda log_prob, advantage: log_prob * advantage))
 
 
-@pytest.mark.parametrize("algorithm", [a2c, ppo])
+@pytest.mark.parametrize("algorithm", ["a2c", "ppo"])
 def test_with_alpha_0_it_learns_what_the_gaussian_learns(algorithm):
     learners = []
     for name in ("rpo", "gaussian"):
-        agent = dataclasses.replace(agent_of(name, "gaussian"), algorithm=algorithm.ALGORITHM)
-        learner, hypers = moved(agent), HYPERS._replace(rpo_alpha=0.0)
-        update = jax.jit(functools.partial(algorithm.update, agent))
-        learners.append(update(learner, rollout_of(agent, learner), hypers, KEY)[0])
+        agent = agent_of(name, "gaussian", hypers=HYPERS._replace(rpo_alpha=0.0) if name == "rpo" else HYPERS)
+        agent = with_a2c(agent) if algorithm == "a2c" else agent
+        learner = moved(agent)
+        update = jax.jit(lambda learner, batch, agent=agent: agent.algorithm.update(agent, learner, batch, KEY))
+        learners.append(update(learner, rollout_of(agent, learner))[0])
     for ours, theirs in zip(*map(jax.tree.leaves, learners), strict=True):
         np.testing.assert_allclose(ours, theirs, rtol=1e-4, atol=1e-6)
 
 
 def test_every_rollouts_update_has_moves_of_its_own():
-    agent = agent_of("rpo", "gaussian")
+    agent = agent_of("rpo", "gaussian", hypers=ALPHA)
     learner = moved(agent)
     outputs = mlp(learner.params["actor"], rollout_of(agent, learner).observation.reshape(T * N, -1))
-    seen = [actor_critic.as_update_sees(agent, outputs, key, ALPHA) for key in jax.random.split(KEY)]
+    seen = [actor_critic.as_update_sees(agent, outputs, learner.params, key).mean for key in jax.random.split(KEY)]
     assert (seen[0] != seen[1]).mean() > 0.99
     plain = agent_of("gaussian", "gaussian")
-    np.testing.assert_array_equal(actor_critic.as_update_sees(plain, outputs, KEY, ALPHA), outputs)
+    np.testing.assert_array_equal(actor_critic.as_update_sees(plain, outputs, learner.params, KEY).mean, outputs)

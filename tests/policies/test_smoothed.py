@@ -5,60 +5,58 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from galton import LOSSES, Config, Hypers, targets
+from galton import targets
+from galton.losses import HLGaussCentred, HLOneHot
+from galton.parts import Box
 from galton.policies import HistogramPolicy, SmoothedPolicy
 
 LOW, HIGH, K = np.array([-1.0, 0.0]), np.array([1.0, 5.0]), 9
 STARTS = [("uniform", "bounds"), ("gaussian", "inside"), ("clipped-gaussian", "bounds")]
 
 
-def policies(**fields):
-    """The smoothed and the plain one of the same configuration."""
-    config = Config(n_bins=K, loss="hl-one-hot", **fields)
-    return [kind.create(config, LOW, HIGH) for kind in (SmoothedPolicy, HistogramPolicy)]
+def policies(eta=0.25, tails="rescaled", **fields):
+    """The smoothed and the plain one with the same settings otherwise."""
+    smoothed = SmoothedPolicy(n_bins=K, eta=eta, target_tails=tails, **fields)
+    return [policy.on(Box.of(LOW, HIGH)) for policy in (smoothed, HistogramPolicy(n_bins=K, **fields))]
 
 
 @pytest.mark.parametrize(("eta", "tails"), [(0.3, "rescaled"), (4.0, "edges")])
 def test_logits_are_moving_averages_of_the_outputs(eta, tails):
-    smoothed, plain = policies(target_tails=tails)
+    smoothed, plain = policies(eta, tails)
     outputs = jax.random.normal(jax.random.key(0), (4, 2 * K))
     kernel = np.stack([targets.hl_gauss(plain.bins, jnp.asarray(c), eta, tails)[0] for c in plain.bins.centers.T])
     np.testing.assert_allclose(kernel.sum(1), 1, rtol=1e-5)
     expected = np.einsum("ij,bdj->bdi", kernel, outputs.reshape(4, 2, K))
-    found = smoothed.distribution(outputs, {}, Hypers(eta=eta))
+    found = smoothed.distribution(outputs, {})
     np.testing.assert_allclose(found.logits, expected, atol=1e-5)
-    raised = smoothed.distribution(outputs + 3.0, {}, Hypers(eta=eta))
+    raised = smoothed.distribution(outputs + 3.0, {})
     np.testing.assert_allclose(raised.probs, found.probs, rtol=1e-4, atol=1e-6)
 
 
 def test_hl_one_hots_gradient_in_the_outputs_is_centred_hl_gausss_in_the_logits():
     with jax.enable_x64(True):
-        smoothed, plain = policies()
+        smoothed, plain = policies(eta=2.0)
         outputs = jax.random.normal(jax.random.key(1), (5, 2 * K))
-        hypers = Hypers(eta=2.0)
-        ours = smoothed.distribution(outputs, {}, hypers)
+        ours = smoothed.distribution(outputs, {})
         action = ours.sample(smoothed.noise(jax.random.key(2), (5,)))
 
-        def loss(name, policy, outputs):
-            return LOSSES[name].function(policy.distribution(outputs, {}, hypers), action, hypers).sum()
+        def total(loss, policy, outputs):
+            return loss(policy.distribution(outputs, {}), action).sum()
 
-        found = jax.jit(jax.grad(lambda z: loss("hl-one-hot", smoothed, z)))(outputs)
-        expected = jax.jit(jax.grad(lambda x: loss("hl-gauss-centred", plain, x)))(ours.logits.reshape(5, -1))
+        found = jax.jit(jax.grad(lambda z: total(HLOneHot(), smoothed, z)))(outputs)
+        expected = jax.jit(jax.grad(lambda x: total(HLGaussCentred(eta=2.0), plain, x)))(ours.logits.reshape(5, -1))
         np.testing.assert_allclose(found, expected, atol=1e-10)
         assert float(jnp.abs(found).max()) > 1e-2
 
 
 @pytest.mark.parametrize(("initial_policy", "bin_centers"), STARTS)
 def test_it_starts_exactly_as_the_softmax_policy(initial_policy, bin_centers):
-    hypers = Hypers(eta=2.0, log_std_init=-0.5)
-    starts = [
-        policy.distribution(jnp.asarray(policy.init(hypers)[0]), {}, hypers)
-        for policy in policies(initial_policy=initial_policy, bin_centers=bin_centers)
-    ]
+    both = policies(2.0, initial_policy=initial_policy, bin_centers=bin_centers, log_std_init=-0.5)
+    starts = [policy.distribution(jnp.asarray(policy.init()[0]), {}) for policy in both]
     np.testing.assert_allclose(starts[0].probs, starts[1].probs, rtol=1e-5, atol=1e-8)
 
 
 def test_with_a_narrow_kernel_it_is_the_softmax_policy():
     outputs = jax.random.normal(jax.random.key(3), (4, 2 * K))
-    found, expected = (policy.distribution(outputs, {}, Hypers(eta=0.05)).logits for policy in policies())
+    found, expected = (policy.distribution(outputs, {}).logits for policy in policies(eta=0.05))
     np.testing.assert_allclose(found, expected, atol=1e-5)

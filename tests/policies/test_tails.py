@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import integrate, stats
 
-from galton import Config, Hypers
+from galton.parts import Box
 from galton.policies.tails import FAR, inside, log_tail, piece, quantile
 from galton.policies.truncated_gaussian import TruncatedGaussianPolicy
 
@@ -72,8 +72,8 @@ def test_the_mass_inside_an_interval_is_scipys(mean, std):
 @pytest.mark.parametrize("mean", [-5.0, 0.0, 4.9])
 @pytest.mark.parametrize("u", [0.0, 1e-8, 2.0**-24, 1 - 2.0**-24])
 def test_what_a_box_of_many_sigmas_leaves_of_the_tails_can_be_drawn(mean, u):
-    policy = TruncatedGaussianPolicy.create(Config(), np.float32([-10]), np.float32([10]))
-    distribution = policy.distribution(jnp.array([mean]), {"log_std": jnp.array([-0.03])}, Hypers())
+    policy = TruncatedGaussianPolicy(box=Box.of(np.float32([-10]), np.float32([10])))
+    distribution = policy.distribution(jnp.array([mean]), {"log_std": jnp.array([-0.03])})
     action = distribution.sample(jnp.array([u], jnp.float32))
     assert 4 < abs(float(action[0]) - mean) < 6.5
     assert np.isfinite(distribution.log_prob(action))

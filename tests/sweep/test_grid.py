@@ -54,9 +54,9 @@ def test_what_some_of_a_grid_have_a_use_for_is_left_out_for_the_others():
     )
     of_old = {"initial_policy": "gaussian"}
     assert [setting.config.initial_policy for setting in expand([{"loss": losses}], of_old)] == ["gaussian"] * 3
-    with pytest.raises(UsageError, match="target_tails is 'edges'; it goes with targets of width η"):
+    with pytest.raises(UsageError, match="target_tails is 'edges'; it goes with policy 'smoothed' or loss 'hl-gauss'"):
         expand([{"loss": losses[:2]}], base)
-    with pytest.raises(UsageError, match="bin_centers is 'bounds'; it goes with a policy over bins"):
+    with pytest.raises(UsageError, match="bin_centers is 'bounds'; it goes with policy 'histogram'"):
         expand([{"loss": losses, "bin_centers": "bounds"}], {})
 
 

@@ -196,12 +196,16 @@ def test_a_width_may_be_an_integer_of_numpy_s(tmp_path):
 
 
 UNTRAINABLE = [
-    ({"loss": "gaussian", "eta_rule": "policy"}, {}, "eta_rule is 'policy', but the targets of loss 'gaussian' have"),
+    (
+        {"loss": "gaussian", "eta_rule": "policy"},
+        {},
+        "eta_rule is 'policy'; it goes with loss 'hl-gauss', 'hl-gauss-centred', not",
+    ),
     ({"loss": "hl-gauss", "policy": "gaussian"}, {}, "policy is 'gaussian', but the loss 'hl-gauss' needs a histogram"),
-    ({"loss": "hl-one-hot", "negative_target": "one-hot"}, {}, "negative_target is 'one-hot', but the targets"),
+    ({"loss": "hl-one-hot", "negative_target": "one-hot"}, {}, "negative_target is 'one-hot'; it goes with loss"),
     ({"algorithm": "ppo", "n_steps": 100, "batch_size": 64}, {}, "batch_size is 64, but a rollout has"),
     ({"entropy_target": True, "n_steps": 1}, {}, "entropy_target needs more than one step"),
-    ({}, {"temperature": 2.0}, "temperature is 2.0, which has no use"),
+    ({}, {"temperature": 2.0}, "temperature is 2.0; it goes with weighting 'awr'"),
 ]
 
 

@@ -4,7 +4,7 @@ import itertools
 
 import numpy as np
 
-from galton import LOSSES
+from galton import LOSSES, parts
 from galton.sweep.grid import task_defaults
 from galton.sweep.search import search
 
@@ -41,7 +41,7 @@ def test_settings_stay_in_the_space_and_vary_only_what_matters():
     for setting in run(8, 8)[-1]:
         assert 7e-5 <= setting.hypers.learning_rate <= 7e-3
         assert setting.config.n_bins in (50, 100, 200)
-        if "eta" in LOSSES[setting.config.loss].uses:
+        if "eta" in parts.settings(LOSSES[setting.config.loss]):
             assert 0.1 <= setting.hypers.eta <= 4
         else:
             assert setting.hypers.eta == 0.25

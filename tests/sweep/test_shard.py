@@ -147,7 +147,8 @@ def test_a_module_that_is_not_there_is_told(tmp_path):
 
 def test_modules_named_in_the_study_are_imported_first(tmp_path, monkeypatch):
     (tmp_path / "my_losses_for_sweeps.py").write_text(
-        "from galton.losses import LOSSES\nLOSSES['mine'] = LOSSES['gaussian']._replace(label='Mine')\n"
+        "from galton import losses\n\n\nclass Mine(losses.NegativeLogLikelihood):\n    label = 'Mine'\n\n\n"
+        "losses.LOSSES['mine'] = Mine\n"
     )
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.setattr("galton.losses.LOSSES", galton.LOSSES)

@@ -6,6 +6,7 @@ import pytest
 
 import galton
 from galton import A2C, Hypers
+from galton.agents import agent_of
 from galton.algorithms import actor_critic
 from galton.envs import LQR
 from galton.saving import checkpoint
@@ -18,24 +19,24 @@ RHO, LENGTH, T, N = 0.75, 5, 3, 2
 SETTINGS = {"preset": "paper", "n_bins": 9, "net_arch": (8,), "n_steps": 4, "n_envs": 2, "learning_rate": 1e-2}
 
 
-def noise_of(agent, learner, batch, hypers):
+def noise_of(agent, learner, batch):
     """The normal numbers of a Gaussian's actions in a rollout."""
-    distribution = actor_critic.distribution(agent, learner.params, batch.observation, hypers)
+    distribution = actor_critic.distribution(agent, learner.params, batch.observation)
     return np.asarray((batch.action - distribution.mean) / distribution.std(), np.float64)
 
 
 def test_noise_goes_on_over_rollouts_and_begins_anew_with_an_episode():
     env, config = LQR(max_episode_steps=LENGTH), galton.Config(loss="gaussian", n_steps=T, n_envs=N, net_arch=(4,))
     hypers = Hypers(learning_rate=1e-2, noise_correlation=RHO)
-    population = populate(env, config, Hypers._make(np.float32([value]) for value in hypers), [7])
+    population = populate(env, agent_of(config, Hypers._make(np.float32([value]) for value in hypers)), [7])
     assert isinstance(population, DevicePopulation)
     z, steps = np.zeros((N, 2)), 0
     for _ in range(4):
-        run = jax.tree.map(lambda x: x[0], population._state.run)
-        drawn = np.asarray(draw_noise(rollout_key(run), env, population._agent).action, np.float64)
+        run, agent = jax.tree.map(lambda x: x[0], (population._state.run, population._agent))
+        drawn = np.asarray(draw_noise(rollout_key(run), env, agent).action, np.float64)
         population.advance(1)
         batch = jax.tree.map(lambda x: x[0], population._batch)
-        found = noise_of(population._agent, run.learner, batch, hypers)
+        found = noise_of(agent, run.learner, batch)
         for t in range(T):
             z = drawn[t] if steps % LENGTH == 0 else RHO * z + np.sqrt(1 - RHO**2) * drawn[t]
             steps += 1

@@ -12,23 +12,27 @@ from scipy.stats import norm
 from stable_baselines3.common.utils import explained_variance
 
 from galton import LOSSES, Config, Hypers
-from galton.algorithms import a2c, actor_critic, resolve
+from galton.algorithms import actor_critic
 from galton.critics import CRITICS
+from galton.losses import HLGauss, HLGaussCentred
 from galton.networks import mlp
 from galton.training.diagnosis import diagnose
 from galton.types import Transition
 
+from ..agents import agent as agent_in
+
 T, N, K = 6, 3, 8
 LOW, HIGH = np.array([-1.0, 0.0], np.float32), np.array([1.0, 3.0], np.float32)
 HYPERS = Hypers(gamma=0.9, gae_lambda=0.8, eta=0.7)
+update = jax.jit(lambda agent, *rest: agent.algorithm.update(agent, *rest))
 
 
 @functools.cache
 def program(loss, critic):
     """(seed, scale) → a learner, a batch and its diagnosis."""
-    own = {} if critic == "squared-error" else {"n_value_bins": K}
+    own = {} if critic == "squared-error" else {"n_value_bins": K, "normalize_reward": True}
     config = Config(loss=loss, n_bins=K, n_steps=T, n_envs=N, net_arch=(7, 5), critic=critic, **own)
-    agent = resolve(config, LOW, HIGH)
+    agent = agent_in(config, HYPERS, LOW, HIGH)
     return agent, jax.jit(functools.partial(_setup, agent))
 
 
@@ -40,11 +44,11 @@ def setup(loss, seed=0, scale=3.0, critic="squared-error"):
 
 def _setup(agent, seed, scale):
     keys = jax.random.split(jax.random.key(seed), 8)
-    learner = actor_critic.init(keys[0], agent, HYPERS, 4)
+    learner = actor_critic.init(keys[0], agent, 4)
     learner = learner._replace(params=jax.tree.map(lambda x: x * scale, learner.params))
     learner.params["actor"][-1]["kernel"] *= 30
     observation = jax.random.normal(keys[1], (T, N, 4))
-    action = actor_critic.act(agent, learner.params, observation, agent.policy.noise(keys[2], (T, N)), HYPERS)
+    action = actor_critic.act(agent, learner.params, observation, agent.policy.noise(keys[2], (T, N)))
     ends = jax.random.uniform(keys[3], (2, T, N)) < 0.2
     batch = Transition(
         observation,
@@ -54,7 +58,7 @@ def _setup(agent, seed, scale):
         ends[0],
         ends[1] & ~ends[0],
     )
-    return learner, batch, diagnose(agent, learner, batch, HYPERS)
+    return learner, batch, diagnose(agent, learner, batch)
 
 
 @pytest.mark.parametrize("loss", LOSSES)
@@ -70,8 +74,11 @@ def test_the_gradient_never_crosses_its_bound_and_the_bound_is_not_idle(loss):
 def test_the_gradient_is_that_of_the_update(loss):
     """The norm of the update's gradient over the same parameters, with the critic's and the entropy's part at zero."""
     agent, learner, batch, diagnosis = setup(loss)
-    hypers = HYPERS._replace(vf_coef=0.0, max_grad_norm=1e9, learning_rate=0.0)
-    after, _ = jax.jit(functools.partial(a2c.update, agent))(learner, batch, hypers, jax.random.key(0))
+    agent = agent.replace(
+        algorithm=agent.algorithm.replace(vf_coef=0.0),
+        optimizer=agent.optimizer.replace(max_grad_norm=1e9, learning_rate=0.0),
+    )
+    after, _ = update(agent, learner, batch, jax.random.key(0))
     first_moment = after.optimizer.mu["actor"]
     gradient = [np.ravel(leaf) / 0.1 for layer in first_moment[:-1] for leaf in layer.values()]
     gradient.append(np.ravel(first_moment[-1]["kernel"]) / 0.1)
@@ -80,14 +87,14 @@ def test_the_gradient_is_that_of_the_update(loss):
 
 @pytest.mark.parametrize("critic", CRITICS)
 def test_explained_variance_is_sb3s_of_the_decoded_value(critic):
-    _, learner, batch, diagnosis = setup("gaussian", critic=critic)
+    agent, learner, batch, diagnosis = setup("gaussian", critic=critic)
     estimates = [np.asarray(mlp(learner.params["critic"], o)) for o in (batch.observation, batch.next_observation)]
     if critic == "squared-error":
         values, following = (each[..., 0] for each in estimates)
     else:
         centers = HYPERS.value_min + (HYPERS.value_max - HYPERS.value_min) * (np.arange(K) + 0.5) / K
         values, following = (softmax(each, -1) @ centers for each in estimates)
-    advantage = np.asarray(actor_critic.advantages(jnp.ravel(values), jnp.ravel(following), batch, HYPERS))
+    advantage = np.asarray(actor_critic.advantages(agent, jnp.ravel(values), jnp.ravel(following), batch))
     expected = explained_variance(values.ravel(), advantage + values.ravel())
     np.testing.assert_allclose(diagnosis["explained_variance"], expected, rtol=1e-3)
 
@@ -96,7 +103,7 @@ def test_sigma_is_the_gaussians_own_and_the_softmaxs_effective_one():
     _, learner, _, diagnosis = setup("gaussian")
     np.testing.assert_allclose(diagnosis["sigma"], np.exp(learner.params["log_std"]).mean(), rtol=1e-6)
     agent, learner, batch, diagnosis = setup("hl-gauss")
-    probs = np.asarray(actor_critic.distribution(agent, learner.params, batch.observation, HYPERS).probs, np.float64)
+    probs = np.asarray(actor_critic.distribution(agent, learner.params, batch.observation).probs, np.float64)
     centers = np.asarray(agent.policy.bins.centers, np.float64)
     variance = (probs * centers**2).sum(-1) - (probs * centers).sum(-1) ** 2
     np.testing.assert_allclose(diagnosis["sigma"], np.sqrt(variance).mean(), rtol=1e-4)
@@ -122,12 +129,12 @@ def test_the_bias_is_hl_gausss_alone_and_its_closed_form(loss):
     edges = np.arange(K + 1)
     cdf = norm.cdf((edges - (np.arange(K)[:, None] + 0.5)) / HYPERS.eta)
     table = np.diff(cdf) / (cdf[:, -1:] - cdf[:, :1])
-    probs = np.asarray(actor_critic.distribution(agent, learner.params, batch.observation, HYPERS).probs, np.float64)
+    probs = np.asarray(actor_critic.distribution(agent, learner.params, batch.observation).probs, np.float64)
     values = (
-        actor_critic.value(agent, learner.params, actor_critic.flatten(o), HYPERS)
+        actor_critic.value(agent, learner.params, actor_critic.flatten(o))
         for o in (batch.observation, batch.next_observation)
     )
-    advantage = np.asarray(actor_critic.advantages(*values, batch, HYPERS))
+    advantage = np.asarray(actor_critic.advantages(agent, *values, batch))
     expected = abs(advantage.mean()) * np.linalg.norm(probs @ table - probs, axis=-1).mean()
     np.testing.assert_allclose(diagnosis["hl_gauss_bias"], expected, rtol=1e-4)
 
@@ -135,14 +142,13 @@ def test_the_bias_is_hl_gausss_alone_and_its_closed_form(loss):
 def test_centring_takes_the_bias_away():
     """The mean logit gradient over actions of the policy itself, with the advantage off by one."""
     agent, learner, batch, _ = setup("hl-gauss")
-    distribution = actor_critic.distribution(agent, learner.params, batch.observation[0, :1], HYPERS)
+    distribution = actor_critic.distribution(agent, learner.params, batch.observation[0, :1])
     centers = jnp.asarray(agent.policy.bins.centers.T)[:, None]
-    for loss, biased in (("hl-gauss", True), ("hl-gauss-centred", False)):
+    for loss, biased in ((HLGauss(eta=HYPERS.eta), True), (HLGaussCentred(eta=HYPERS.eta), False)):
 
         def mean_loss(logits, loss=loss):
             whole = dataclasses.replace(distribution, logits=jnp.broadcast_to(logits, (K, *logits.shape)))
-            losses = LOSSES[loss].function(whole, jnp.broadcast_to(centers, (K, 1, 2)), HYPERS)
-            return losses
+            return loss(whole, jnp.broadcast_to(centers, (K, 1, 2)))
 
         # Rows of actions take the same bin in both dimensions; one dimension is enough.
         jacobian = jax.jacrev(mean_loss)(distribution.logits)[:, 0, 0, 0]

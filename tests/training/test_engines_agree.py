@@ -12,14 +12,14 @@ import numpy as np
 import pytest
 
 from galton import ALGORITHMS, Hypers
-from galton.algorithms import resolve
+from galton.agents import agent_of
 from galton.envs import find
 from galton.training.on_device import DevicePopulation, begin_on_device, iteration
 from galton.training.population import populate
 from galton.training.rollout import draw_noise
 from galton.training.run import read_log, rollout_key
-from galton.types import without_unused
 
+from ..agents import agent as agent_in
 from .slide import HIGH, LOW, Slide, slide
 
 SEEDS, UPDATES = (3, 4), 5
@@ -46,23 +46,21 @@ def settings(algorithm, loss, more):
     return config, entry.hypers(gamma=0.9, gae_lambda=0.8, ent_coef=0.01, eta=0.6, **numbers)
 
 
-def each(hypers):
-    return Hypers._make(np.full(len(SEEDS), value, np.float32) for value in hypers)
+def each(config, hypers):
+    return agent_of(config, Hypers._make(np.full(len(SEEDS), value, np.float32) for value in hypers))
 
 
-def by_hand(agent, hypers, seed, draw):
+def by_hand(agent, seed, draw):
     """The state after each update of one run on the device, with its rollout; noise as `draw` has it."""
-    begin, step = programs(agent)
-    numbers = without_unused(Hypers(*map(jnp.float32, hypers)))
-    state = begin(jnp.uint32(seed), numbers)
+    begin, step = PROGRAMS
+    agent = jax.tree.map(jnp.float32, agent)
+    state = begin(agent, jnp.uint32(seed))
     for _ in range(UPDATES):
-        state, batch = step(state, draw(agent, state.run), numbers)
+        state, batch = step(agent, state, draw(agent, state.run))
         yield state, batch
 
 
-@functools.cache
-def programs(agent):
-    return tuple(jax.jit(functools.partial(f, Slide(), agent)) for f in (begin_on_device, iteration))
+PROGRAMS = [jax.jit(functools.partial(f, Slide())) for f in (begin_on_device, iteration)]
 
 
 def of_the_device(agent, run):
@@ -71,7 +69,7 @@ def of_the_device(agent, run):
 
 def of_the_host(agent, run):
     """Noise for actions straight from the rollout's key; the environment has none."""
-    shape = (agent.config.n_steps, agent.config.n_envs)
+    shape = (agent.rollout.n_steps, agent.rollout.n_envs)
     return of_the_device(agent, run)._replace(action=agent.policy.noise(rollout_key(run), shape))
 
 
@@ -84,10 +82,10 @@ def check_close(ours, theirs):
 @pytest.mark.parametrize(("algorithm", "loss", "more"), CASES)
 def test_the_same_dynamics_on_the_host_give_the_same_rollouts_updates_and_logs(algorithm, loss, more):
     config, hypers = settings(algorithm, loss, more)
-    population = populate(slide, config, each(hypers), SEEDS, jax.devices()[:1])
+    population = populate(slide, each(config, hypers), SEEDS, jax.devices()[:1])
     (group,) = population._groups
-    agent = resolve(config, LOW, HIGH)
-    runs = [by_hand(agent, hypers, seed, of_the_host) for seed in SEEDS]
+    agent = agent_in(config, hypers, LOW, HIGH)
+    runs = [by_hand(agent, seed, of_the_host) for seed in SEEDS]
     ends = np.zeros(2)
     for _ in range(UPDATES):
         population.advance(1)
@@ -99,7 +97,7 @@ def test_the_same_dynamics_on_the_host_give_the_same_rollouts_updates_and_logs(a
     assert (ends > 0).all()
     assert population.step == UPDATES * 16
     log = population.log()
-    _, expected = read_log(agent, state.run, batch, hypers)
+    _, expected = read_log(agent, state.run, batch)
     check_close(jax.tree.map(lambda x: x[-1], log), expected)
     population.close()
 
@@ -107,18 +105,18 @@ def test_the_same_dynamics_on_the_host_give_the_same_rollouts_updates_and_logs(a
 @pytest.mark.parametrize(("algorithm", "loss", "more"), [*CASES[1:3], CASES[-1]])
 def test_a_population_on_the_device_is_one_iteration_after_the_other(algorithm, loss, more):
     config, hypers = settings(algorithm, loss, more)
-    population = populate(Slide(), config, each(hypers), SEEDS)
+    population = populate(Slide(), each(config, hypers), SEEDS)
     assert isinstance(population, DevicePopulation)
     population.advance(UPDATES)
     for i, seed in enumerate(SEEDS):
-        *_, (state, batch) = by_hand(resolve(config, LOW, HIGH), hypers, seed, of_the_device)
+        *_, (state, batch) = by_hand(agent_in(config, hypers, LOW, HIGH), seed, of_the_device)
         check_close(jax.tree.map(lambda x, i=i: x[i], population.learner), state.run.learner)
         check_close(jax.tree.map(lambda x, i=i: np.asarray(x)[i], population._batch), batch)
 
 
 def test_both_engines_evaluate_the_same_policy_alike():
     config, hypers = settings("a2c", "hl-gauss", NORMALIZE)
-    device, host = (populate(env, config, each(hypers), SEEDS) for env in (Slide(), slide))
+    device, host = (populate(env, each(config, hypers), SEEDS) for env in (Slide(), slide))
     check_close(device.learner, host.learner)
     np.testing.assert_allclose(device.evaluate(2), host.evaluate(2), rtol=1e-5)
     host.close()

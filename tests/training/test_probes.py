@@ -5,9 +5,10 @@ import numpy as np
 import pytest
 
 from galton import LOSSES, Config, Hypers, train
-from galton.algorithms import actor_critic, resolve
+from galton.algorithms import actor_critic
 from galton.critics import CRITICS
 
+from ..agents import agent
 from .probes import Probe
 
 SOME = [pytest.param(loss, marks=[pytest.mark.slow] * (loss != "hl-gauss")) for loss in LOSSES]
@@ -25,10 +26,10 @@ OF_PPO = {"algorithm": "ppo", "n_steps": 32, "batch_size": 32, "n_epochs": 4}
 def values_after(env, critic, steps=40_000, gamma=0.9, own=(), **hypers):
     config = Config(**{"loss": "gaussian", "n_steps": 8, "n_envs": 2, "net_arch": (32,), "critic": critic} | dict(own))
     hypers |= {} if critic == "squared-error" else {"value_min": -8.0, "value_max": 7.0}
-    result = train(env, config, Hypers(3e-3, gamma=gamma, **hypers), [0], steps, n_logs=5, n_eval_episodes=2)
+    numbers = Hypers(3e-3, gamma=gamma, **hypers)
+    result = train(env, config, numbers, [0], steps, n_logs=5, n_eval_episodes=2)
     params = {"critic": [{name: x[0] for name, x in layer.items()} for layer in result.learner.params["critic"]]}
-    agent = resolve(config, np.array([-1.0]), np.array([1.0]))
-    return np.asarray(actor_critic.value(agent, params, jnp.array([[-1.0], [1.0]]), Hypers(**hypers)))
+    return np.asarray(actor_critic.value(agent(config, numbers), params, jnp.array([[-1.0], [1.0]])))
 
 
 def test_the_critic_learns_a_constant(critic):

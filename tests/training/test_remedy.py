@@ -7,17 +7,18 @@ from gymnasium.spaces import Box
 
 import galton
 from galton import DivergenceError
-from galton.algorithms import resolve
 from galton.normalization import Moments, Normalizer
 from galton.training.remedy import remedy
 from galton.types import Config, Learner
+
+from ..agents import agent
 
 FINE = Moments(np.zeros(2), np.ones(2), np.float32(9))
 
 
 def told(low=-1.0, observation=(), reward=(), **config):
-    agent = resolve(Config(loss="gaussian", **config), np.array([low, -1], np.float32), np.ones(2, np.float32))
-    return remedy(agent, Learner({}, (), Normalizer(observation, reward, ())))
+    made = agent(Config(loss="gaussian", **config), low=[low, -1.0], high=[1.0, 1.0])
+    return remedy(made, Learner({}, (), Normalizer(observation, reward, ())))
 
 
 @pytest.mark.parametrize(

@@ -8,11 +8,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from galton import Config, Hypers
-from galton.algorithms import actor_critic, resolve
+from galton import Config
+from galton.algorithms import actor_critic
 from galton.envs import Bandit
 from galton.training.rollout import EpisodeState, draw_noise, rollout, start_episodes
 
+from ..agents import agent as agent_in
 from .slide import HIGH, LIMIT, LOW, START, Slide, slide
 
 T, N = 20, 3
@@ -21,13 +22,13 @@ T, N = 20, 3
 @pytest.fixture(scope="module")
 def played():
     """An agent, who acted, and what came of it in episodes that are two steps old."""
-    agent = resolve(Config(loss="gaussian", n_steps=T, n_envs=N, net_arch=(8,)), LOW, HIGH)
-    learner = actor_critic.init(jax.random.key(0), agent, Hypers(), 3)
+    agent = agent_in(Config(loss="gaussian", n_steps=T, n_envs=N, net_arch=(8,)), low=LOW, high=HIGH)
+    learner = actor_critic.init(jax.random.key(0), agent, 3)
     noise = draw_noise(jax.random.key(1), Slide(), agent)
     fresh = start_episodes(jax.random.key(2), Slide(), N)
     old = EpisodeState(fresh.env.at[:, 2].set(0.25), fresh.length + 2, fresh.undiscounted_return + 5)
-    program = jax.jit(functools.partial(rollout, Slide(), agent))
-    return agent, learner, noise, program(learner, old, noise, Hypers())
+    program = jax.jit(functools.partial(rollout, Slide()))
+    return agent, learner, noise, program(agent, learner, old, noise)
 
 
 def test_each_step_acts_on_what_it_sees_and_an_end_begins_anew(played):
@@ -40,7 +41,7 @@ def test_each_step_acts_on_what_it_sees_and_an_end_begins_anew(played):
         env._elapsed_steps, length, collected = 2, 2, 5.0
         observation = env.unwrapped.state
         for t in range(T):
-            action = np.asarray(act(learner.params, jnp.asarray(observation), noise.action[t, n], Hypers()))
+            action = np.asarray(act(learner.params, jnp.asarray(observation), noise.action[t, n]))
             np.testing.assert_allclose(batch.observation[t, n], observation, rtol=1e-4, atol=1e-5)
             np.testing.assert_allclose(batch.action[t, n], action, rtol=1e-4, atol=1e-5)
             following, reward, terminated, truncated, _ = env.step(np.clip(action, LOW, HIGH))
@@ -76,10 +77,10 @@ def test_a_step_that_ends_by_itself_at_the_time_limit_is_no_time_limit():
             following, reward, _ = super().step(state, action, noise)
             return following, reward, following[2] > 0.125 * LIMIT - 0.01
 
-    agent = resolve(Config(loss="gaussian", n_steps=LIMIT, n_envs=2, net_arch=()), LOW, HIGH)
-    learner = actor_critic.init(jax.random.key(0), agent, Hypers(), 3)
+    agent = agent_in(Config(loss="gaussian", n_steps=LIMIT, n_envs=2, net_arch=()), low=LOW, high=HIGH)
+    learner = actor_critic.init(jax.random.key(0), agent, 3)
     noise, begun = draw_noise(jax.random.key(1), Ending(), agent), start_episodes(jax.random.key(2), Ending(), 2)
-    *_, batch, finished = rollout(Ending(), agent, learner, begun, noise, Hypers())
+    *_, batch, finished = rollout(Ending(), agent, learner, begun, noise)
     np.testing.assert_array_equal(batch.terminated.sum(0), [1, 1])
     np.testing.assert_array_equal(finished.length[-1], [LIMIT, LIMIT])
     assert not batch.truncated.any()
@@ -87,13 +88,13 @@ def test_a_step_that_ends_by_itself_at_the_time_limit_is_no_time_limit():
 
 def test_an_episode_begins_where_the_noise_says():
     env = Slide(max_episode_steps=1)
-    agent = resolve(Config(loss="gaussian", n_steps=4, n_envs=2, net_arch=()), LOW, HIGH)
+    agent = agent_in(Config(loss="gaussian", n_steps=4, n_envs=2, net_arch=()), low=LOW, high=HIGH)
     noise = draw_noise(jax.random.key(0), env, agent)
     starts = jnp.arange(24.0).reshape(4, 2, 3)
     noise = noise._replace(fresh_states=starts)
-    learner = actor_critic.init(jax.random.key(1), agent, Hypers(), 3)
+    learner = actor_critic.init(jax.random.key(1), agent, 3)
     begun = start_episodes(jax.random.key(2), env, 2)
-    episodes, _, batch, _ = rollout(env, agent, learner, begun, noise, Hypers())
+    episodes, _, batch, _ = rollout(env, agent, learner, begun, noise)
     np.testing.assert_array_equal(batch.observation[1:], starts[:-1])
     np.testing.assert_array_equal(episodes.env, starts[-1])
 
@@ -109,7 +110,7 @@ def test_actions_steps_and_starts_are_drawn_apart():
         def noise(self, key):
             return jax.random.normal(key, (3,))
 
-    agent = resolve(Config(loss="gaussian", n_steps=6, n_envs=4, net_arch=()), LOW, HIGH)
+    agent = agent_in(Config(loss="gaussian", n_steps=6, n_envs=4, net_arch=()), low=LOW, high=HIGH)
     drawn = [np.ravel(leaf) for leaf in draw_noise(jax.random.key(0), Drawn(), agent)]
     together = np.concatenate(drawn)
     assert len(np.unique(together)) == together.size
@@ -117,7 +118,9 @@ def test_actions_steps_and_starts_are_drawn_apart():
 
 def test_noise_has_a_key_of_its_own_for_each_step_and_copy():
     env = Bandit()
-    agent = resolve(Config(loss="hl-gauss", n_steps=6, n_envs=4, net_arch=()), env.action_low, env.action_high)
+    agent = agent_in(
+        Config(loss="hl-gauss", n_steps=6, n_envs=4, net_arch=()), low=env.action_low, high=env.action_high
+    )
     noise = draw_noise(jax.random.key(0), env, agent)
     assert noise.action.shape == (6, 4, 2)
     for leaf in (noise.action, *jax.tree.leaves(noise.step)):

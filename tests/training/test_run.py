@@ -1,27 +1,31 @@
-import dataclasses
-import functools
-
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from galton import Config, Hypers
-from galton.algorithms import resolve
+from galton.algorithms import A2C
 from galton.envs import LQR
 from galton.training.log import Finished
-from galton.training.run import begin, learn, read_log, remaining, rollout_key, with_keys, without_keys
+from galton.training.run import begin, learn, read_log, rollout_key, with_keys, without_keys
 from galton.types import Transition
+
+from ..agents import agent
 
 ENV = LQR()
 CONFIG = Config(loss="gaussian", n_steps=4, n_envs=2, net_arch=(4,))
-AGENT = resolve(CONFIG, ENV.action_low, ENV.action_high)
+BOX = {"low": ENV.action_low, "high": ENV.action_high}
+AGENT = agent(CONFIG, **BOX)
 FINISHED = Finished(jnp.zeros((4, 2), bool), jnp.zeros((4, 2)), jnp.zeros((4, 2), jnp.int32))
-update = jax.jit(functools.partial(learn, AGENT))
+learnt = jax.jit(learn)
 
 
 def new(seed=0):
-    return begin(AGENT, 2, jnp.uint32(seed), Hypers())[0]
+    return begin(AGENT, 2, jnp.uint32(seed))[0]
+
+
+def update(run, batch, **numbers):
+    return learnt(agent(CONFIG, Hypers(**numbers), **BOX), run, batch, FINISHED)
 
 
 def batch(scale=1.0):
@@ -46,7 +50,7 @@ def test_a_seed_is_a_run():
 
 
 def test_training_evaluation_and_first_episodes_have_keys_apart():
-    run, episodes_key = begin(AGENT, 2, jnp.uint32(0), Hypers())
+    run, episodes_key = begin(AGENT, 2, jnp.uint32(0))
     assert len({*map(numbers, (run.key, run.evaluation_key, episodes_key))}) == 3
 
 
@@ -60,47 +64,48 @@ def test_a_rollouts_key_does_not_depend_on_when_it_is_asked_for():
 def test_an_update_has_a_key_of_its_own():
     seen, rollouts, run = [], [], new()
 
-    def spy(agent, learner, rows, hypers, key):
-        seen.append(numbers(key))
-        return learner, dict.fromkeys(AGENT.algorithm.scalars, jnp.zeros(()))
+    class Spy(A2C):
+        def update(self, agent, learner, batch, key):
+            seen.append(numbers(key))
+            return learner, dict.fromkeys(self.scalars, jnp.zeros(()))
 
-    agent = dataclasses.replace(AGENT, algorithm=dataclasses.replace(AGENT.algorithm, update=spy))
+    agent = AGENT.replace(algorithm=Spy())
     for _ in range(3):
         rollouts.append(numbers(rollout_key(run)))
-        run = learn(agent, run, batch(), FINISHED, Hypers())
+        run = learn(agent, run, batch(), FINISHED)
     assert len({*seen, *rollouts}) == 6
 
 
 def test_the_learning_rate_falls_to_zero_with_the_last_update_and_stays_there():
-    decaying = Hypers(decay_steps=40.0)
-    shares = [float(remaining(jnp.int32(step), decaying)) for step in (8, 16, 32, 40, 48)]
+    decaying = AGENT.optimizer.replace(decay_steps=40.0)
+    shares = [float(decaying.remaining(jnp.int32(step))) for step in (8, 16, 32, 40, 48)]
     np.testing.assert_allclose(shares, [0.8, 0.6, 0.2, 0.0, 0.0], atol=1e-6)
-    assert float(remaining(jnp.int32(10**6), Hypers())) == 1
+    assert float(AGENT.optimizer.remaining(jnp.int32(10**6))) == 1
 
 
 def test_a_decayed_update_is_one_with_that_learning_rate():
-    decayed = update(new(), batch(), FINISHED, Hypers(1e-2, decay_steps=32.0))
-    plain = update(new(), batch(), FINISHED, Hypers(1e-2 * 24 / 32))
+    decayed = update(new(), batch(), learning_rate=1e-2, decay_steps=32.0)
+    plain = update(new(), batch(), learning_rate=1e-2 * 24 / 32)
     for a, b in zip(jax.tree.leaves(decayed.learner), jax.tree.leaves(plain.learner), strict=True):
         np.testing.assert_allclose(a, b, rtol=1e-5, atol=1e-7)
 
 
 def test_a_gradient_that_is_not_finite_is_flagged_once_and_nothing_is_learnt_from_there_on():
-    run = update(new(), batch(), FINISHED, Hypers())
+    run = update(new(), batch())
     assert (int(run.step), int(run.diverged_at)) == (8, -1)
-    sick = update(run, batch(jnp.inf), FINISHED, Hypers())
+    sick = update(run, batch(jnp.inf))
     assert (int(sick.step), int(sick.diverged_at)) == (16, 16)
-    after = update(sick, batch(), FINISHED, Hypers())
-    again = update(after, batch(jnp.nan), FINISHED, Hypers())
+    after = update(sick, batch())
+    again = update(after, batch(jnp.nan))
     assert (int(again.step), int(again.diverged_at)) == (32, 16)
     assert bits(again.learner.params) == bits(run.learner.params)
-    assert bits(update(run, batch(), FINISHED, Hypers()).learner.params) != bits(run.learner.params)
+    assert bits(update(run, batch()).learner.params) != bits(run.learner.params)
 
 
 @pytest.mark.parametrize("scale", [1.0, jnp.inf])
 def test_a_log_empties_the_books_and_knows_nothing_of_a_diverged_run(scale):
-    run = update(new(), batch(scale), FINISHED, Hypers())
-    run, log = jax.jit(functools.partial(read_log, AGENT))(run, batch(), Hypers())
+    run = update(new(), batch(scale))
+    run, log = jax.jit(read_log)(AGENT, run, batch())
     assert all(float(leaf) == 0 for leaf in jax.tree.leaves(run.tally))
     assert [*log.scalars][: len(AGENT.algorithm.scalars)] == list(AGENT.algorithm.scalars)
     values = np.array([*log.scalars.values(), log.n_episodes])

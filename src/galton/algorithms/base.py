@@ -1,101 +1,160 @@
-"""What an algorithm has to offer, and the record in which every static choice of a run is resolved."""
+"""What an algorithm has to offer, and the agent: all parts of a run."""
 
-import dataclasses
-import functools
-from collections.abc import Callable, Mapping
-from typing import Any
+import abc
+from collections.abc import Mapping
+from typing import Annotated, Any, ClassVar, TypeVar
 
-import numpy as np
 from jaxtyping import Array, Float, Key
 
+from galton.algorithms.credit import Credit
+from galton.algorithms.entropy import Entropy
 from galton.critics import Critic
+from galton.errors import require
+from galton.fields import Within
 from galton.losses import Loss
+from galton.networks import MLP
+from galton.optimizers import Optimizer
+from galton.parts import Box, Part, trimmed
 from galton.policies import Policy
-from galton.types import Config, Hypers, Learner, Rule, Transition
+from galton.policies.correlation import check_correlation
+from galton.types import Config, Count, Hypers, Learner, NotNegative, Number, Rule, Share, Transition
 
-Box = Float[np.ndarray, " d"]
+AgentT = TypeVar("AgentT", bound="Agent")
 Scalars = dict[str, Float[Array, ""]]
 """What an update tells of itself, by name."""
+Correlation = Annotated[Number | None, Within(lambda x: (x >= 0) & (x < 1), "0 or more, and less than 1")]
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class Algorithm:
-    """An entry of ALGORITHMS: what is done with a rollout. Everything else is any actor-critic's."""
+class Rollout(Part):
+    """How experience is collected, and in what units the learner sees it."""
 
-    name: str
+    n_steps: Count = 20
+    """Steps per environment and update."""
+    n_envs: Count = 1
+    """Copies of the environment that one run steps side by side."""
+    normalize_observation: bool = False
+    """Standardise observations by running statistics, clipped to ±10."""
+    normalize_reward: bool = False
+    """Divide rewards by the running standard deviation of the discounted return, clipped to ±10."""
+    noise_correlation: Correlation = 0.0
+    """How the noise of an action is correlated with that of the step before, ρ, while an episode lasts; 0: not at all.
+    The noise of each step by itself is distributed as without it."""
+
+    @property
+    def size(self) -> int:
+        """The steps of one update, those of all environments together."""
+        return self.n_steps * self.n_envs
+
+
+class Algorithm(Part, abc.ABC):
+    """What is done with a rollout; everything else is any actor-critic's. An entry of ALGORITHMS is such a class."""
+
+    name: ClassVar[str]
     """Its key in ALGORITHMS."""
-    label: str
-    """Its name in figures and tables."""
-    update: Callable[["Agent", Learner, Transition, Hypers, Key[Array, ""]], tuple[Learner, Scalars]]
-    """(agent, learner, rollout `[T, N]`, hypers, key of this update alone) → what was learnt, and `scalars`."""
-    scalars: tuple[str, ...]
+    scalars: ClassVar[tuple[str, ...]]
     """The names of what an update tells, means over its minibatches, in the order of the log. One is grad_norm: where
     it is not finite the run has diverged."""
-    own: tuple[str, ...] = ()
-    """The fields of Config and Hypers that other algorithms have no use for."""
-    defaults: Mapping[str, Any] = dataclasses.field(default_factory=dict)
-    """Fields of Config and Hypers whose usual value is not that of the records."""
-    log_interval: int = 100
+    defaults: ClassVar[Mapping[str, Any]] = {}
+    """Settings, its own and other parts', whose usual value is another than their part's."""
+    log_interval: ClassVar[int] = 100
     """Updates between two log points of `learn`, unless the caller says otherwise."""
-    side_by_side: bool = True
+    side_by_side: ClassVar[bool] = True
     """Whether a processor core updates many runs at once. Where a single update has large matrix products of its own,
     one run after the other is faster. Other devices always take all at once."""
-    choices: tuple[str, ...] = ()
-    """The fields of Config that not every algorithm carries out (`credit.CHOICES`), and this one does."""
-    check: Callable[[Config], None] = lambda _: None
-    """Raise UsageError for a configuration that it can't run."""
+    choices: ClassVar[tuple[str, ...]] = ()
+    """Which of CHOICES it carries out."""
 
-    def config(self, **fields: Any) -> Config:
+    gamma: Share = 0.99
+    """The discount of later rewards, γ."""
+    gae_lambda: Share = 1.0
+    """λ of GAE; 1 gives n-step returns."""
+    vf_coef: NotNegative = 0.5
+    """Weight of the critic's loss."""
+    ent_coef: NotNegative = 0.0
+    """Weight of the entropy bonus."""
+
+    @abc.abstractmethod
+    def update(
+        self, agent: "Agent", learner: Learner, batch: Transition, key: Key[Array, ""]
+    ) -> tuple[Learner, Scalars]:
+        """What was learnt of a rollout `[T, N]`, and `scalars`; the key is that of this update alone."""
+
+    def check(self, agent: "Agent") -> None:
+        """Raise UsageError for an agent that it can't train."""
+
+    @classmethod
+    def config(cls, **fields: Any) -> Config:
         """A Config with this algorithm's defaults.
 
         Raises:
             UsageError: a value out of range.
         """
-        usual = {name: value for name, value in self.defaults.items() if name not in Hypers._fields}
-        return Config(**{**usual, **fields, "algorithm": self.name})
+        usual = {name: value for name, value in cls.defaults.items() if name not in Hypers._fields}
+        return Config(**{**usual, **fields, "algorithm": cls.name})
 
-    def hypers(self, **numbers: Any) -> Hypers:
+    @classmethod
+    def hypers(cls, **numbers: Any) -> Hypers:
         """Hypers with this algorithm's defaults."""
-        usual = {name: value for name, value in self.defaults.items() if name in Hypers._fields}
+        usual = {name: value for name, value in cls.defaults.items() if name in Hypers._fields}
         return Hypers(**{**usual, **numbers})
 
 
-@dataclasses.dataclass(frozen=True)
-class Agent:
-    """The static half of a run: its configuration, with every name in it looked up.
+CHOICES = ("negative_target", "weighting", "entropy_target")
+"""The settings that an algorithm carries out, and not a loss or a policy alone."""
 
-    It is hashable: programs are compiled once for each agent.
-    """
 
-    config: Config
+class Agent(Part):
+    """All parts of a run. Its numbers may be `[R]`, for R runs; programs are compiled once for each structure."""
+
+    policy: Policy
     loss: Loss
-    make_policy: Callable[[Config, Box, Box], Policy]
-    """`create` of the policy's class."""
-    make_critic: Callable[[Config], Critic]
-    """`create` of the critic's class."""
+    critic: Critic
     algorithm: Algorithm
-    low: tuple[float, ...]
-    """The action box, in float32."""
-    high: tuple[float, ...]
+    credit: Credit
+    entropy: Entropy
+    network: MLP
+    optimizer: Optimizer
+    rollout: Rollout
 
-    @functools.cached_property
-    def policy(self) -> Policy:
-        """The policy for actions in this box."""
-        return self.make_policy(self.config, np.array(self.low, np.float32), np.array(self.high, np.float32))
+    def check_own(self) -> None:
+        """Raise UsageError for parts that don't fit together."""
+        require(
+            not self.credit.normalize_advantage or self.rollout.size > 1,
+            "normalize_advantage needs more than one step per update: raise n_steps or n_envs",
+        )
+        self.critic.check(self.rollout.normalize_reward)
+        self.algorithm.check(self)
+        check_correlation(self.policy, self.rollout.noise_correlation)
 
-    @functools.cached_property
-    def critic(self) -> Critic:
-        """How values are read off the critic network, and trained."""
-        return self.make_critic(self.config)
+    def on(self: AgentT, box: Box) -> AgentT:
+        """The agent for actions in a box, as programs take it: without a trace of what is off in every run.
+
+        Raises:
+            UsageError: a box that the policy can't act in.
+        """
+        return trimmed(self.replace(policy=self.policy.on(box)))
 
     @property
     def scalars(self) -> tuple[str, ...]:
         """The names of what an update tells of itself, in the order of the log."""
-        held = ("entropy_share", "entropy_alpha") if self.config.entropy_target else ()
-        return (*self.algorithm.scalars, *held)
+        return (*self.algorithm.scalars, *self.entropy.scalars)
 
-    def acting_by(self, rule: Rule | None) -> "Agent":
+    @property
+    def box(self) -> Box:
+        """Where its actions lie."""
+        assert self.policy.box is not None, "an agent has no box before `on`"
+        return self.policy.box
+
+    @property
+    def low(self) -> tuple[float, ...]:
+        """The lower bounds of its actions, in float32."""
+        return self.box.low
+
+    @property
+    def high(self) -> tuple[float, ...]:
+        """The upper bounds of its actions, in float32."""
+        return self.box.high
+
+    def acting_by(self: AgentT, rule: Rule | None) -> AgentT:
         """The same agent with another deterministic action; None is its own."""
-        if rule is None:
-            return self
-        return dataclasses.replace(self, config=dataclasses.replace(self.config, deterministic_action=rule))
+        return self if rule is None else self.replace(policy=self.policy.acting_by(rule))

@@ -20,15 +20,18 @@ may be anything above its target, the constraint of soft actor-critic. Neither A
 of the dual variable.
 """
 
+from typing import Annotated, Any, ClassVar
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from galton.algorithms.base import Agent, Scalars
 from galton.errors import require
-from galton.policies import Distribution
-from galton.types import Config, Hypers, Learner
+from galton.fields import Within
+from galton.parts import Part
+from galton.policies import Distribution, Policy
+from galton.types import NotNegative, Number, Positive
 
 SCALE, GAIN = 0.2, 10.0
 """α with nothing in the sinh but 1, nearly, and how much a nat that is missing adds there."""
@@ -37,78 +40,119 @@ MOST = 100.0
 REACH = float(np.arcsinh(MOST / SCALE))
 """How far the dual variable may go either way, as far as α itself would."""
 
+Scalar = Float[Array, ""]
+Dual = Any
+"""The dual variable; () where no entropy is held."""
 
-def init(config: Config) -> Float[Array, ""] | tuple[()]:
-    """The first dual variable, 0; () where no entropy is held."""
-    return jnp.zeros(()) if config.entropy_target else ()
 
-
-def log_share(agent: Agent, entropy: Float[Array, "*batch"]) -> Float[Array, "*batch"]:
+def log_share(policy: Policy, entropy: Float[Array, "*batch"]) -> Float[Array, "*batch"]:
     """The logarithm of the share of the box that a uniform policy with this entropy fills in each dimension."""
-    sizes = np.subtract(agent.high, agent.low, dtype=np.float64)
-    if agent.policy.family == "histogram":
-        sizes = np.full(len(sizes), float(agent.config.n_bins))
-    return entropy / len(sizes) - float(np.log(sizes).mean())
+    return entropy / len(policy.low) - policy.uniform_entropy
 
 
-def at_step(config: Config, hypers: Hypers, step: Int[Array, ""], frozen: Bool[Array, ""]) -> Hypers:
-    """The numbers of the update at this step: entropy_start is its target. A frozen run's dual variable stays."""
-    if not config.entropy_target:
-        return hypers
-    start, steps = jnp.asarray(hypers.entropy_start), jnp.asarray(hypers.entropy_steps)
-    done = jnp.where(steps > 0, jnp.minimum(step / jnp.where(steps > 0, steps, 1.0), 1.0), 0.0)
-    target = start * (hypers.entropy_end / start) ** done
-    return hypers._replace(entropy_start=target, entropy_rate=jnp.where(frozen, 0.0, hypers.entropy_rate))
+class Entropy(Part):
+    """No entropy is held: the bonus has the weight ent_coef alone."""
 
+    label: ClassVar[str] = "free"
+    scalars: ClassVar[tuple[str, ...]] = ()
+    """The names of what is told of a step."""
 
-def missing(agent: Agent, entropy: Float[Array, ""], hypers: Hypers) -> Float[Array, ""]:
-    """How many nats the entropy of a dimension is short of its target; negative above it."""
-    return jnp.log(hypers.entropy_start) - log_share(agent, entropy)
+    def check(self, rows: int, remedy: str) -> None:
+        """Raise UsageError unless a gradient step has rows enough."""
+        del rows, remedy
 
+    def init(self) -> Dual:
+        """The first dual variable."""
+        return ()
 
-def alpha(agent: Agent, learner: Learner, entropy: Float[Array, ""], hypers: Hypers) -> Float[Array, ""]:
-    """The multiplier of a gradient step, at the entropy before it."""
-    assert not isinstance(learner.dual, tuple)
-    inside = jnp.clip(learner.dual + GAIN * missing(agent, entropy, hypers), -20.0, 20.0)
-    return jnp.clip(SCALE * jnp.sinh(inside), hypers.entropy_alpha_min, MOST)
+    def at(self, step: Int[Array, ""], frozen: Bool[Array, ""]) -> "Entropy":
+        """What holds at the update at this step; a frozen run's dual variable stays."""
+        del step, frozen
+        return self
 
+    def coefficient(
+        self, ent_coef: Number, policy: Policy, dual: Dual, distribution: Distribution, weight: Float[Array, " B"]
+    ) -> Number:
+        """The weight of the entropy in a gradient step."""
+        del policy, dual, distribution, weight
+        return ent_coef
 
-def with_bonus(
-    agent: Agent, learner: Learner, distribution: Distribution, weight: Float[Array, " B"], hypers: Hypers
-) -> Hypers:
-    """The numbers with α · std(weight) added to ent_coef, where an entropy is held. No gradient flows through it."""
-    if isinstance(learner.dual, tuple):
-        return hypers
-    entropy = jax.lax.stop_gradient(distribution.entropy().mean())
-    return hypers._replace(ent_coef=hypers.ent_coef + alpha(agent, learner, entropy, hypers) * weight.std())
+    def follow(self, policy: Policy, dual: Dual, entropy: Scalar, going: Bool[Array, ""]) -> Dual:
+        """The dual variable after a step at this entropy."""
+        del policy, entropy, going
+        return dual
 
-
-def follow(
-    agent: Agent, learner: Learner, entropy: Float[Array, ""], hypers: Hypers, going: Bool[Array, ""]
-) -> Learner:
-    """The learner after a step of dual ascent on the policy's mean entropy.
-
-    The dual variable stays where `going` is False, and where α is at the bound to which it would go on.
-    """
-    if isinstance(learner.dual, tuple):
-        return learner
-    short, now = missing(agent, entropy, hypers), alpha(agent, learner, entropy, hypers)
-    spent = jnp.where(short > 0, now >= MOST, now <= hypers.entropy_alpha_min)
-    moved = jnp.clip(learner.dual + hypers.entropy_rate * short, -REACH, REACH)
-    return learner._replace(dual=jnp.where(going & ~spent, moved, learner.dual))
-
-
-def scalars(agent: Agent, learner: Learner, entropy: Float[Array, ""], hypers: Hypers) -> Scalars:
-    """What is told of an entropy that is held, under the names of `Agent.scalars`: its share of the box, and α."""
-    if isinstance(learner.dual, tuple):
+    def told(self, policy: Policy, dual: Dual, entropy: Scalar) -> dict[str, Scalar]:
+        """What is told of a step, under the names of `scalars`."""
+        del policy, dual, entropy
         return {}
-    share = jnp.exp(log_share(agent, entropy))
-    return {"entropy_share": share, "entropy_alpha": alpha(agent, learner, entropy, hypers)}
 
 
-def check(config: Config, rows: int, remedy: str) -> None:
-    """Raise UsageError unless a gradient step has rows enough for a standard deviation of advantages."""
-    require(
-        not config.entropy_target or rows > 1,
-        f"entropy_target needs more than one step in each gradient step: raise {remedy}",
-    )
+class HeldEntropy(Entropy):
+    """The policy's entropy is held: a bonus of weight α · std(weight) joins the fixed one, and α follows a target."""
+
+    label: ClassVar[str] = "held"
+    scalars: ClassVar[tuple[str, ...]] = ("entropy_share", "entropy_alpha")
+
+    entropy_start: Positive = 0.5
+    """The target at the start, as the share of the box that a uniform policy of that entropy would fill in each
+    dimension: e^(H/d) / k for a histogram, e^(h/d) / (high − low) for a density."""
+    entropy_end: Positive = 0.05
+    """The target in the end, as such a share."""
+    entropy_steps: NotNegative = 500_000.0
+    """Environment steps in which the target goes from start to end, linearly in its logarithm; 0: it stays."""
+    entropy_rate: Positive = 0.02
+    """The step size of what decides α, per gradient step and nat that the entropy of a dimension is off its target."""
+    entropy_alpha_min: Annotated[Number, Within(lambda x: np.isfinite(x) & (x <= 0), "finite, and 0 or less")] = -1.0
+    """The least α. Below 0 a policy that is wider than its target is narrowed; with 0 the target is a floor, above
+    which the policy is left alone."""
+
+    def check(self, rows: int, remedy: str) -> None:
+        """Raise UsageError unless a gradient step has rows enough for a standard deviation of advantages."""
+        require(rows > 1, f"entropy_target needs more than one step in each gradient step: raise {remedy}")
+
+    def init(self) -> Dual:
+        """The first dual variable, 0."""
+        return jnp.zeros(())
+
+    def at(self, step: Int[Array, ""], frozen: Bool[Array, ""]) -> "HeldEntropy":
+        """The hold whose target at the start is that of this step."""
+        start, steps = jnp.asarray(self.entropy_start), jnp.asarray(self.entropy_steps)
+        done = jnp.where(steps > 0, jnp.minimum(step / jnp.where(steps > 0, steps, 1.0), 1.0), 0.0)
+        target = start * (self.entropy_end / start) ** done
+        return self.replace(entropy_start=target, entropy_rate=jnp.where(frozen, 0.0, self.entropy_rate))
+
+    def missing(self, policy: Policy, entropy: Scalar) -> Scalar:
+        """How many nats the entropy of a dimension is short of its target; negative above it."""
+        return jnp.log(self.entropy_start) - log_share(policy, entropy)
+
+    def alpha(self, policy: Policy, dual: Dual, entropy: Scalar) -> Scalar:
+        """The multiplier of a gradient step, at the entropy before it."""
+        inside = jnp.clip(dual + GAIN * self.missing(policy, entropy), -20.0, 20.0)
+        return jnp.clip(SCALE * jnp.sinh(inside), self.entropy_alpha_min, MOST)
+
+    def coefficient(
+        self, ent_coef: Number, policy: Policy, dual: Dual, distribution: Distribution, weight: Float[Array, " B"]
+    ) -> Number:
+        """The fixed weight plus α · std(weight). No gradient flows through it."""
+        entropy = jax.lax.stop_gradient(distribution.entropy().mean())
+        return ent_coef + self.alpha(policy, dual, entropy) * weight.std()
+
+    def follow(self, policy: Policy, dual: Dual, entropy: Scalar, going: Bool[Array, ""]) -> Dual:
+        """The dual variable after a step of dual ascent on the policy's mean entropy.
+
+        It stays where `going` is False, and where α is at the bound to which it would go on.
+        """
+        short, now = self.missing(policy, entropy), self.alpha(policy, dual, entropy)
+        spent = jnp.where(short > 0, now >= MOST, now <= self.entropy_alpha_min)
+        moved = jnp.clip(dual + self.entropy_rate * short, -REACH, REACH)
+        return jnp.where(going & ~spent, moved, dual)
+
+    def told(self, policy: Policy, dual: Dual, entropy: Scalar) -> dict[str, Scalar]:
+        """The entropy's share of the box, and α."""
+        share = jnp.exp(log_share(policy, entropy))
+        return {"entropy_share": share, "entropy_alpha": self.alpha(policy, dual, entropy)}
+
+
+ENTROPIES: dict[bool, type[Entropy]] = {False: Entropy, True: HeldEntropy}
+"""By `entropy_target`."""

@@ -5,7 +5,7 @@ sampled; its surrogate min(r A, clip(r) A) with r = π / π_old has the gradient
 
 Galton puts the loss in the place of −log π(a), and so PPO is A2C's line again, with another weight:
 mean(stop_gradient(A · r · [not clipped]) · loss). For a negative log-likelihood (the Gaussian's, HL-1-Hot) this is PPO
-to the letter. For a histogram target there are two ratios, `Config.ratio`:
+to the letter. For a histogram target there are two ratios, `PPO.ratio`:
 
 - "smoothed": r = exp(loss_old − loss), the ratio of what the loss measures, with targets from the policy that sampled.
   Clipping then holds what the loss moves, neighbouring bins included. A loss with a bias, plain HL-Gauss, runs away
@@ -15,18 +15,21 @@ to the letter. For a histogram target there are two ratios, `Config.ratio`:
 """
 
 import math
-from typing import Any, NamedTuple
+from collections.abc import Mapping
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, Key
 
-from galton.algorithms import actor_critic, credit, entropy
-from galton.algorithms.actor_critic import Objective, flatten
-from galton.algorithms.base import Agent, Algorithm, Scalars
+from galton.algorithms import actor_critic
+from galton.algorithms.actor_critic import Objective, by_sign, flatten
+from galton.algorithms.base import CHOICES, Agent, Algorithm, Scalars
 from galton.errors import require
+from galton.fields import Within
 from galton.losses import cross_entropy
-from galton.types import Config, Hypers, Learner, Params, Transition
+from galton.optimizers import count
+from galton.types import Count, Learner, Number, Params, Transition
 
 _OF_MOVES = 2**31 - 1
 """Folded into an update's key it gives that of what its minibatches draw; the epochs' orders have 0 … n_epochs − 1."""
@@ -46,20 +49,63 @@ class Rows(NamedTuple):
     """Each action's log-probability under the policy that sampled it."""
     loss: Float[Array, " B"]
     """The loss of each action under the policy that sampled it."""
-    target: Float[Array, "B d k"] | tuple[()]
-    """The weights of a cross-entropy under that policy; () where the ratio does not need them."""
-    of_negatives: Float[Array, " B"] | tuple[()] = ()
-    """The loss under that policy of an action that is weighted negatively; () where it is the same."""
+    target: Float[Array, "B d k"] | None
+    """The weights of a cross-entropy under that policy; None where the ratio does not need them."""
+    of_negatives: Float[Array, " B"] | None = None
+    """The loss under that policy of an action that is weighted negatively; None where it is the same."""
 
 
-def update(
-    agent: Agent, learner: Learner, batch: Transition, hypers: Hypers, key: Key[Array, ""]
-) -> tuple[Learner, Scalars]:
+class PPO(Algorithm):
     """n_epochs passes over a rollout `[T, N]`, each in minibatches of batch_size in an order drawn from the key."""
-    rows = prepare(agent, learner, batch, hypers)
-    size = len(rows.advantage)
-    orders = jax.vmap(lambda key: permutation(key, size))(jax.random.split(key, agent.config.n_epochs))
-    return fit(agent, learner, rows, orders, hypers, jax.random.fold_in(key, _OF_MOVES))
+
+    name: ClassVar[str] = "ppo"
+    label: ClassVar[str] = "PPO"
+    scalars: ClassVar[tuple[str, ...]] = (
+        *actor_critic.SCALARS,
+        *("approx_kl", "clip_fraction", "ratio_mean", "ratio_max", "n_minibatches"),
+    )
+    defaults: ClassVar[Mapping[str, Any]] = {
+        "learning_rate": 3e-4,
+        "n_steps": 2048,
+        "gae_lambda": 0.95,
+        "normalize_advantage": True,
+    }
+    log_interval: ClassVar[int] = 1
+    side_by_side: ClassVar[bool] = False
+    choices: ClassVar[tuple[str, ...]] = CHOICES
+
+    n_epochs: Count = 10
+    """How often it goes through a rollout."""
+    batch_size: Count = 64
+    """Steps in each minibatch; it divides n_steps · n_envs."""
+    ratio: Literal["auto", "smoothed", "true"] = "auto"
+    """What is clipped: the ratio of what the loss measures, or the actions' own likelihood ratio; auto is smoothed for
+    a loss with a bias, plain HL-Gauss, and true for all others."""
+    clip_range: Annotated[Number, Within(lambda x: x > 0, "greater than 0")] = 0.2
+    """The ratio is clipped this far from 1."""
+    target_kl: Annotated[Number, Within(lambda x: x > 0, "greater than 0, or inf for none")] = math.inf
+    """A rollout is left off once its approximate KL divergence from the sampling policy exceeds 1.5 of this."""
+
+    def update(self, agent: Agent, learner: Learner, batch: Transition, key: Key[Array, ""]) -> tuple[Learner, Scalars]:
+        """The learner after all minibatches, and what they tell."""
+        rows = prepare(agent, learner, batch)
+        size = len(rows.advantage)
+        orders = jax.vmap(lambda key: permutation(key, size))(jax.random.split(key, self.n_epochs))
+        return fit(agent, learner, rows, orders, jax.random.fold_in(key, _OF_MOVES))
+
+    def check(self, agent: Agent) -> None:
+        """Raise UsageError unless the minibatches divide a rollout."""
+        n_steps, n_envs, size = agent.rollout.n_steps, agent.rollout.n_envs, agent.rollout.size
+        require(
+            size % self.batch_size == 0,
+            f"batch_size is {self.batch_size}, but a rollout has n_steps · n_envs = {n_steps} · {n_envs} = {size} "
+            "steps; choose numbers so that it has a whole number of minibatches",
+        )
+        require(
+            not agent.credit.normalize_advantage or self.batch_size > 1,
+            "normalize_advantage needs more than one step in a minibatch: raise batch_size",
+        )
+        agent.entropy.check(self.batch_size, "batch_size")
 
 
 def permutation(key: Key[Array, ""], size: int) -> Int[Array, " {size}"]:
@@ -79,103 +125,91 @@ def permutation(key: Key[Array, ""], size: int) -> Int[Array, " {size}"]:
     return order
 
 
-def prepare(agent: Agent, learner: Learner, batch: Transition, hypers: Hypers) -> Rows:
+def prepare(agent: Agent, learner: Learner, batch: Transition) -> Rows:
     """Advantages, returns, log-probabilities and targets under the parameters that sampled the rollout."""
     observation, next_observation, action = map(flatten, (batch.observation, batch.next_observation, batch.action))
-    outputs, estimates = actor_critic.outputs(learner.params, observation)
-    values = agent.critic.value(estimates, hypers)
-    next_values = actor_critic.value(agent, learner.params, next_observation, hypers)
-    advantage = actor_critic.advantages(values, next_values, batch, hypers)
-    distribution = agent.policy.distribution(outputs, learner.params, hypers)
-    target: Array | tuple[()] = ()
-    if _is_smoothed(agent) and agent.loss.target:
-        target = agent.loss.target(distribution, action, credit.with_width(agent.config, distribution, hypers))
-    loss = _loss(agent, distribution, action, target, hypers)
-    negatives = credit.of_negatives(agent.config, distribution, action, hypers)
+    outputs, estimates = actor_critic.outputs(agent, learner.params, observation)
+    values = agent.critic.value(estimates)
+    next_values = actor_critic.value(agent, learner.params, next_observation)
+    advantage = actor_critic.advantages(agent, values, next_values, batch)
+    distribution = agent.policy.distribution(outputs, learner.params)
+    target = agent.loss.target(distribution, action) if _is_smoothed(agent) else None
+    loss, of_negatives = _loss(agent, distribution, action, target), agent.loss.of_negatives(distribution, action)
     log_prob = distribution.log_prob(action)
-    return Rows(observation, action, advantage, advantage + values, log_prob, loss, target, negatives)
+    return Rows(observation, action, advantage, advantage + values, log_prob, loss, target, of_negatives)
 
 
 def _is_smoothed(agent: Agent) -> bool:
-    usual = "smoothed" if agent.loss.bias else "true"
-    return (usual if agent.config.ratio == "auto" else agent.config.ratio) == "smoothed"
+    ratio = _of(agent).ratio
+    return ratio == "smoothed" or (ratio == "auto" and agent.loss.is_biased)
+
+
+def _of(agent: Agent) -> PPO:
+    assert isinstance(agent.algorithm, PPO)
+    return agent.algorithm
 
 
 def _loss(
-    agent: Agent,
-    distribution: Any,
-    action: Float[Array, "B d"],
-    target: Float[Array, "B d k"] | tuple[()],
-    hypers: Hypers,
+    agent: Agent, distribution: Any, action: Float[Array, "B d"], target: Float[Array, "B d k"] | None
 ) -> Float[Array, " B"]:
     """The agent's loss, with a target that is there already or the loss's own."""
-    if isinstance(target, tuple):
-        return credit.loss(agent, distribution, action, hypers)
-    return cross_entropy(distribution, target)
+    return agent.loss(distribution, action) if target is None else cross_entropy(distribution, target)
 
 
 def fit(
-    agent: Agent,
-    learner: Learner,
-    rows: Rows,
-    orders: Int[Array, "epochs B"],
-    hypers: Hypers,
-    key: Key[Array, ""] | None = None,
+    agent: Agent, learner: Learner, rows: Rows, orders: Int[Array, "epochs B"], key: Key[Array, ""] | None = None
 ) -> tuple[Learner, Scalars]:
     """A step on each minibatch of each epoch, until one's KL divergence is over 1.5 · target_kl.
 
-    The key is for policies that move their outputs; each minibatch has its own, by Adam's count of steps. By default it
-    is that of seed 0.
+    The key is for policies that move their outputs; each minibatch has its own, by the optimizer's count of steps. By
+    default it is that of seed 0.
     """
     key = jax.random.key(0) if key is None else key
-    size = agent.config.batch_size
+    size = _of(agent).batch_size
 
     def epoch(carry: tuple[Learner, Array], order: Array) -> tuple[tuple[Learner, Array], tuple[Array, Told]]:
         batches = jax.tree.map(lambda x: x[order].reshape(-1, size, *x.shape[1:]), rows)
-        return jax.lax.scan(lambda carry, rows: _minibatch(agent, carry, rows, hypers, key), carry, batches)
+        return jax.lax.scan(lambda carry, rows: _minibatch(agent, carry, rows, key), carry, batches)
 
     (learner, _), (taken, told) = jax.lax.scan(epoch, (learner, jnp.array(True)), orders)
     return learner, _summarise(taken, told)
 
 
 def _minibatch(
-    agent: Agent, carry: tuple[Learner, Array], rows: Rows, hypers: Hypers, key: Key[Array, ""]
+    agent: Agent, carry: tuple[Learner, Array], rows: Rows, key: Key[Array, ""]
 ) -> tuple[tuple[Learner, Array], tuple[Array, Scalars]]:
     """One step, unless training on this rollout has been left off: (learner, going) → the same, and what it tells."""
-    learner, looking = carry
-    advantage = credit.weights(agent.config, rows.advantage, hypers)
+    (learner, looking), algorithm = carry, _of(agent)
+    advantage = agent.credit.weights(rows.advantage)
 
     def objective(params: Params) -> tuple[Array, tuple[Objective, Array, Array]]:
-        outputs, estimates = actor_critic.outputs(params, rows.observation)
-        seen = actor_critic.as_update_sees(agent, outputs, jax.random.fold_in(key, learner.optimizer.count), hypers)
-        distribution = agent.policy.distribution(seen, params, hypers)
-        negatives = credit.of_negatives(agent.config, distribution, rows.action, hypers)
-        loss = credit.by_sign(advantage, _loss(agent, distribution, rows.action, rows.target, hypers), negatives)
-        sampled_loss = credit.by_sign(advantage, rows.loss, rows.of_negatives)
+        outputs, estimates = actor_critic.outputs(agent, params, rows.observation)
+        own_key = jax.random.fold_in(key, count(learner.optimizer))
+        distribution = actor_critic.as_update_sees(agent, outputs, params, own_key)
+        of_negatives = agent.loss.of_negatives(distribution, rows.action)
+        loss = by_sign(advantage, _loss(agent, distribution, rows.action, rows.target), of_negatives)
+        sampled_loss = by_sign(advantage, rows.loss, rows.of_negatives)
         log_ratio = jax.lax.stop_gradient(distribution.log_prob(rows.action) - rows.log_prob)
         ratio = jnp.exp(jax.lax.stop_gradient(sampled_loss - loss) if _is_smoothed(agent) else log_ratio)
-        weight = advantage * gated(ratio, advantage, hypers.clip_range)
-        critic_loss = agent.critic.loss(estimates, rows.returns, hypers)
-        numbers = entropy.with_bonus(agent, learner, distribution, advantage, hypers)
-        parts = actor_critic.objective(distribution, loss, weight, critic_loss, numbers)
+        weight = advantage * gated(ratio, advantage, algorithm.clip_range)
+        critic_loss = agent.critic.loss(estimates, rows.returns)
+        parts = actor_critic.objective(agent, learner, distribution, loss, weight, critic_loss, credit=advantage)
         return parts.total, (parts, ratio, log_ratio)
 
     gradient, (parts, ratio, log_ratio) = jax.grad(objective, has_aux=True)(learner.params)
     approximate_kl = jnp.mean(jnp.exp(log_ratio) - 1 - log_ratio)
-    going = looking & ~(approximate_kl > 1.5 * hypers.target_kl)  # one that is not a number shows in the gradient
-    held = entropy.scalars(agent, learner, parts.entropy, hypers)
-    learner, grad_norm = actor_critic.step(agent, learner, gradient, hypers, going)
-    learner = entropy.follow(agent, learner, parts.entropy, hypers, going & jnp.isfinite(grad_norm))
-    clipped = jnp.clip(ratio, 1 - hypers.clip_range, 1 + hypers.clip_range)
-    told = actor_critic.scalars(parts, jnp.where(going, grad_norm, 0.0)) | {
+    going = looking & ~(approximate_kl > 1.5 * algorithm.target_kl)  # one that is not a number shows in the gradient
+    learner, told = actor_critic.step(agent, learner, gradient, parts, going)
+    clipped = jnp.clip(ratio, 1 - algorithm.clip_range, 1 + algorithm.clip_range)
+    told |= {
+        "grad_norm": jnp.where(going, told["grad_norm"], 0.0),
         "policy_loss": -jnp.mean(jnp.minimum(advantage * ratio, advantage * clipped)),
         "approx_kl": approximate_kl,
-        "clip_fraction": jnp.mean(jnp.abs(ratio - 1) > hypers.clip_range),
+        "clip_fraction": jnp.mean(jnp.abs(ratio - 1) > algorithm.clip_range),
         "ratio_mean": ratio.mean(),
         "ratio_max": ratio.max(),
         "n_minibatches": going.astype(jnp.float32),
     }
-    told |= held
     return (learner, going), (looking, told)
 
 
@@ -203,32 +237,3 @@ def _summarise(looked_at: Bool[Array, "epochs batches"], told: Told) -> Scalars:
 
 def _mean(values: Float[Array, "epochs batches"], where: Bool[Array, "epochs batches"]) -> Float[Array, ""]:
     return jnp.where(where, values, 0.0).sum() / where.sum()
-
-
-def check(config: Config) -> None:
-    """Raise UsageError unless the minibatches divide a rollout."""
-    size = config.rollout_size
-    require(
-        size % config.batch_size == 0,
-        f"batch_size is {config.batch_size}, but a rollout has n_steps · n_envs = {config.n_steps} · {config.n_envs} = "
-        f"{size} steps; choose numbers so that it has a whole number of minibatches",
-    )
-    require(
-        not config.normalize_advantage or config.batch_size > 1,
-        "normalize_advantage needs more than one step in a minibatch: raise batch_size",
-    )
-    entropy.check(config, config.batch_size, "batch_size")
-
-
-ALGORITHM = Algorithm(
-    "ppo",
-    "PPO",
-    update,
-    (*actor_critic.SCALARS, "approx_kl", "clip_fraction", "ratio_mean", "ratio_max", "n_minibatches"),
-    own=("n_epochs", "batch_size", "ratio", "clip_range", "target_kl"),
-    defaults={"learning_rate": 3e-4, "n_steps": 2048, "gae_lambda": 0.95, "normalize_advantage": True},
-    log_interval=1,
-    side_by_side=False,
-    choices=credit.CHOICES,
-    check=check,
-)

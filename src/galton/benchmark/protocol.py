@@ -7,7 +7,7 @@ import json
 from collections.abc import Collection, Mapping
 from typing import Annotated, Any, Literal
 
-from galton.algorithms import ALGORITHMS, find_algorithm, idle
+from galton.agents import idle
 from galton.benchmark.priors import Prior, Priors, Record
 from galton.errors import UsageError, require
 from galton.fields import Within
@@ -15,7 +15,7 @@ from galton.losses import LOSSES
 from galton.policies import POLICIES
 from galton.sweep.grid import MOST_SETTINGS
 from galton.sweep.study import DEFAULTS, Natural
-from galton.types import Config, Count
+from galton.types import Count
 
 MOST_STEPS = 2_000_000_000
 """How many environment steps a run may have; it counts them in 32 bits."""
@@ -137,9 +137,7 @@ class Protocol:
 
     def searched(self, method: Method) -> dict[str, Prior]:
         """What a method draws: the common fields that it has a use for and doesn't fix, and its own."""
-        own = find_algorithm(self.algorithm(method)).own
-        others = {field for other in ALGORITHMS.values() for field in other.own if field not in own}
-        others |= {*method.fixed, *self.idle(method)}
+        others = {*method.fixed, *self.idle(method), *idle({"algorithm": self.algorithm(method)}, ["algorithm"])}
         return {name: prior for name, prior in self.prior.items() if name not in others} | dict(method.search)
 
     def idle(self, method: Method) -> Collection[str]:
@@ -148,7 +146,7 @@ class Protocol:
             return ()
         fixed = {**self.fixed, **method.fixed}
         named: dict[str, Any] = {name: fixed[name].values[0] for name in ("loss", "policy") if name in fixed}
-        return idle(Config(**named)) if {*named.values()} <= {*LOSSES, *POLICIES, "auto"} else ()
+        return idle(named, ["loss", "policy"]) if {*named.values()} <= {*LOSSES, *POLICIES, "auto"} else ()
 
 
 def check(protocol: Protocol) -> None:

@@ -4,7 +4,6 @@ import dataclasses
 import json
 from typing import Literal, NamedTuple
 
-from galton.algorithms import resolve
 from galton.benchmark.draws import Draws, setting
 from galton.benchmark.protocol import Protocol, Task
 from galton.benchmark.selection import Selected
@@ -13,7 +12,7 @@ from galton.envs.registry import is_known, read_constants
 from galton.errors import UsageError
 from galton.sweep.study import Setting, Study
 from galton.training.log import MEAN_ACTION_RETURN
-from galton.training.population import action_box
+from galton.training.population import box_of
 from galton.training.train import log_points
 
 Stage = Literal["tuning", "fresh", "held-out"]
@@ -112,12 +111,12 @@ def check(protocol: Protocol, drawn: Draws) -> None:
     for part in [*tuning(protocol, drawn), *afterwards(protocol, drawn, selected)]:
         where = f"tasks.{part.task.name}"
         try:
-            box = action_box(find(part.task.env, **read_constants(part.studies[0].env_kwargs)))
+            box = box_of(find(part.task.env, **read_constants(part.studies[0].env_kwargs)))
         except UsageError as error:
             raise UsageError(f"{where}: {error}") from None
         for entry in {entry.setting.config: entry for entry in part.entries}.values():
             try:
-                resolve(entry.setting.config, *box)
+                entry.setting.agent.on(box)
             except UsageError as error:
                 raise UsageError(f"methods.{entry.method} on {where}: {error}") from None
 

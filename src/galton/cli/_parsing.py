@@ -8,12 +8,13 @@ from typing import Annotated, Any, TypeVar
 import tyro
 from tyro.constructors import ConstructorRegistry, StructConstructorSpec, StructFieldSpec, StructTypeInfo
 
-from galton.algorithms import ALGORITHMS
+from galton.algorithms import ALGORITHMS, Algorithm
 from galton.cli._options import Training
 from galton.cli._reading import read_options
 from galton.cli._registry import REGISTRY
 from galton.cli._words import Without
 from galton.errors import UsageError
+from galton.parts import settings
 from galton.policies import POLICIES
 from galton.presets import PAPER, Preset, find_preset
 from galton.types import Config, Hypers
@@ -33,7 +34,7 @@ GROUPS: dict[str, tuple[str, ...]] = {
         *("normalize_observation", "normalize_reward", "normalize_advantage", "weighting", "temperature"),
         *("entropy_target", "entropy_start", "entropy_end", "entropy_steps", "entropy_rate", "entropy_alpha_min"),
     ),
-    **{name: algorithm.own for name, algorithm in ALGORITHMS.items() if algorithm.own},
+    **{name: tuple(own) for name, kind in ALGORITHMS.items() if (own := [*settings(kind)][len(settings(Algorithm)) :])},
     "policy": ("net_arch", "n_bins", "eta", "eta_rule", "eta_min", "eta_max", "negative_target"),
 }
 """In which order help shows the options of Training. Those that no group has are the last of the policy's."""

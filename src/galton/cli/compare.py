@@ -23,7 +23,7 @@ from galton.saving.result_folder import CURVES, FIGURE, SUMMARY, result_folder, 
 from galton.sweep.grid import bases
 from galton.sweep.study import Setting
 from galton.tasks import task_of
-from galton.training.population import resolved
+from galton.training.population import box_of
 from galton.training.size import check_size
 from galton.training.train import Result
 
@@ -65,11 +65,10 @@ def main(arguments: Sequence[str]) -> None:
     known = env if isinstance(env, Environment) else None
     out = options.out or Path("runs", f"compare-{folder_name(options.env, options.algorithm)}")
     settings = _settings(compared)
-    for setting in settings.values():  # before so many seeds are counted
-        check_size(env, setting.config, len(seeds), training.eval_episodes)
+    agents = [setting.agent.on(box_of(env)) for setting in settings.values()]
+    for agent in agents:  # before so many seeds are counted
+        check_size(env, agent, len(seeds), training.eval_episodes)
     training.check(seeds)
-    for setting in settings.values():  # before the first is trained
-        resolved(env, *setting)
     console = plain_console()
     results: dict[str, Result] = {}
     rows: list[Row] = []

@@ -9,6 +9,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from galton import callbacks
+from galton.agents import agent_of
 from galton.cli._console import plain_console
 from galton.cli._kept_model import KeptModel
 from galton.cli._metrics import forget_after, known
@@ -50,6 +51,7 @@ from galton.saving.result_folder import (
 )
 from galton.training.size import check_size
 from galton.training.yardsticks import N_EPISODES, logged
+from galton.types import Config
 
 
 @dataclasses.dataclass(frozen=True)
@@ -94,7 +96,7 @@ def main(arguments: Sequence[str]) -> None:
     require(not (options.resume and options.overwrite), "resume and overwrite are both given; give one of them")
     use_all_cores()  # before the environment's module computes something
     env = options.training.find(options.env)
-    check_size(env, options.training.config, 1, options.training.eval_episodes)
+    check_size(env, agent_of(_config(options), options.training.hypers), 1, options.training.eval_episodes)
     _check_folder(options)
     record = _Record(options)
     with claimed(out), live_progress(plain_console(), record.model.save_taken) as follow:
@@ -127,8 +129,12 @@ def _check_folder(options: Options) -> None:
         check_free(options.folder, options.overwrite, "--overwrite or --resume")
 
 
+def _config(options: Options) -> Config:
+    return dataclasses.replace(options.training.config, loss=options.loss)
+
+
 def _new(options: Options, env: Environment | HostTask) -> Model:
-    config = dataclasses.replace(options.training.config, loss=options.loss)
+    config = _config(options)
     return Model.of(env, config, options.training.hypers, options.seed)
 
 
@@ -138,7 +144,7 @@ def _resumed(options: Options, env: Environment | HostTask) -> Model:
         warnings.simplefilter("always", InexactResume)
         model = Model.load(out / MODEL, env)
     there, wanted = _environments(options, env)
-    config = dataclasses.replace(options.training.config, loss=options.loss)
+    config = _config(options)
     own = {"env": there, "seed": model.seed, "algorithm": model.config.algorithm}
     own |= vars(model.config) | model.hypers._asdict()
     asked = {"env": wanted, "seed": options.seed, "algorithm": options.algorithm}

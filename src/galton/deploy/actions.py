@@ -19,7 +19,6 @@ from galton.policies import (
     SquashedGaussianPolicy,
     TruncatedGaussianPolicy,
 )
-from galton.types import Hypers, Params
 
 
 class Chosen(NamedTuple):
@@ -42,44 +41,35 @@ MEANINGS = {
 """What a softmax policy's rules mean."""
 
 
-def gaussian(graph: Graph, outputs: str, policy: GaussianHead, params: Params, hypers: Hypers) -> Chosen:
+def gaussian(graph: Graph, outputs: str, policy: GaussianHead) -> Chosen:
     """The mean: the outputs, or, in units of the box, its center plus the outputs times its half-width."""
-    del params
-    if hypers.box_units:
+    if policy.box_units:
         scaled = graph.add("Mul", outputs, (policy.high - policy.low) / 2)
         outputs = graph.add("Add", scaled, (policy.high + policy.low) / 2)
     return Chosen(outputs, "mean", "The mean of the Gaussian, moved to the nearest point of the action box.")
 
 
-def clipped_gaussian(
-    graph: Graph, outputs: str, policy: ClippedGaussianPolicy, params: Params, hypers: Hypers
-) -> Chosen:
+def clipped_gaussian(graph: Graph, outputs: str, policy: ClippedGaussianPolicy) -> Chosen:
     """The median: the Gaussian's mean."""
-    chosen = gaussian(graph, outputs, policy, params, hypers)
+    chosen = gaussian(graph, outputs, policy)
     return chosen._replace(rule="median", meaning="The median: the mean of the Gaussian, clipped into the action box.")
 
 
-def truncated_gaussian(
-    graph: Graph, outputs: str, policy: TruncatedGaussianPolicy, params: Params, hypers: Hypers
-) -> Chosen:
+def truncated_gaussian(graph: Graph, outputs: str, policy: TruncatedGaussianPolicy) -> Chosen:
     """The mode: the Gaussian's mean."""
-    chosen = gaussian(graph, outputs, policy, params, hypers)
+    chosen = gaussian(graph, outputs, policy)
     return chosen._replace(rule="mode", meaning="The mode: the point of the action box nearest to the Gaussian's mean.")
 
 
-def squashed_gaussian(
-    graph: Graph, outputs: str, policy: SquashedGaussianPolicy, params: Params, hypers: Hypers
-) -> Chosen:
+def squashed_gaussian(graph: Graph, outputs: str, policy: SquashedGaussianPolicy) -> Chosen:
     """The median: the Gaussian's mean through tanh, in the box."""
-    del params, hypers
     scaled = graph.add("Mul", graph.add("Tanh", outputs), (policy.high - policy.low) / 2)
     action = graph.add("Add", scaled, (policy.high + policy.low) / 2)
     return Chosen(action, "median", "The median: the Gaussian's mean through tanh, which maps it into the action box.")
 
 
-def beta(graph: Graph, outputs: str, policy: BetaPolicy, params: Params, hypers: Hypers) -> Chosen:
+def beta(graph: Graph, outputs: str, policy: BetaPolicy) -> Chosen:
     """The mean: α / (α + β) of the box, where α and β are 1 + softplus of the outputs."""
-    del params, hypers
     low, size = policy.low, policy.high - policy.low
     pairs = graph.add("Softplus", graph.add("Reshape", outputs, np.array([0, len(low), 2])))
     shapes = graph.add("Add", pairs, 1.0)
@@ -89,9 +79,8 @@ def beta(graph: Graph, outputs: str, policy: BetaPolicy, params: Params, hypers:
     return Chosen(action, "mean", "The mean of the Beta distribution on the action box.")
 
 
-def histogram(graph: Graph, outputs: str, policy: HistogramPolicy, params: Params, hypers: Hypers) -> Chosen:
+def histogram(graph: Graph, outputs: str, policy: HistogramPolicy) -> Chosen:
     """The mode, the mean or the median of the bins, whose logits are the outputs."""
-    del params, hypers
     centers, rule = policy.bins.centers, policy.choices.deterministic_action
     logits = graph.add("Reshape", outputs, np.array([0, *centers.shape]), name="logits")
     if rule == "mean":
@@ -104,19 +93,19 @@ def histogram(graph: Graph, outputs: str, policy: HistogramPolicy, params: Param
     return Chosen(action, rule, MEANINGS[rule])
 
 
-def ordinal(graph: Graph, outputs: str, policy: OrdinalPolicy, params: Params, hypers: Hypers) -> Chosen:
+def ordinal(graph: Graph, outputs: str, policy: OrdinalPolicy) -> Chosen:
     """As the softmax policy chooses, from the cumulative sums of the outputs of each dimension."""
     steps = graph.add("Reshape", outputs, np.array([0, *policy.bins.centers.shape]))
-    return histogram(graph, graph.add("CumSum", steps, np.array(-1)), policy, params, hypers)
+    return histogram(graph, graph.add("CumSum", steps, np.array(-1)), policy)
 
 
-def smoothed(graph: Graph, outputs: str, policy: SmoothedPolicy, params: Params, hypers: Hypers) -> Chosen:
+def smoothed(graph: Graph, outputs: str, policy: SmoothedPolicy) -> Chosen:
     """As the softmax policy chooses, from moving averages of the outputs of each dimension."""
     shape = policy.bins.centers.shape
     z = graph.add("Reshape", outputs, np.array([0, *shape]))
-    logits = graph.add("MatMul", z, np.asarray(policy.kernel(hypers)).T)
-    first = np.broadcast_to(np.asarray(policy.first_logits(hypers)), policy.n_outputs).reshape(shape)
-    return histogram(graph, graph.add("Add", logits, first), policy, params, hypers)
+    logits = graph.add("MatMul", z, np.asarray(policy.kernel()).T)
+    first = np.broadcast_to(np.asarray(policy.first_logits()), policy.n_outputs).reshape(shape)
+    return histogram(graph, graph.add("Add", logits, first), policy)
 
 
 def _median(graph: Graph, logits: str) -> str:
@@ -128,7 +117,7 @@ def _median(graph: Graph, logits: str) -> str:
     return graph.add("ArgMax", graph.add("Cast", passed, to=1), axis=-1, keepdims=0)  # the first that is true
 
 
-ACTIONS: dict[str, Callable[[Graph, str, Any, Params, Hypers], Chosen]] = {
+ACTIONS: dict[str, Callable[[Graph, str, Any], Chosen]] = {
     "gaussian": gaussian,
     "histogram": histogram,
     "ordinal": ordinal,
@@ -139,4 +128,4 @@ ACTIONS: dict[str, Callable[[Graph, str, Any, Params, Hypers], Chosen]] = {
     "beta": beta,
     "rpo": gaussian,
 }
-"""By the names in POLICIES: (graph, the outputs' name in it `[batch, n_outputs]`, policy, parameters, numbers)."""
+"""By the names in POLICIES: (graph, the outputs' name in it `[batch, n_outputs]`, policy)."""

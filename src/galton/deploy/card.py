@@ -11,7 +11,7 @@ from typing import Any
 
 from scipy import stats
 
-from galton.algorithms import policy_of
+from galton.agents import policy_of
 from galton.models import Model
 from galton.models.settings import usual
 
@@ -126,7 +126,7 @@ def _curve(points: Sequence[Point]) -> list[str]:
 
 
 def _training(model: Model, settings: Mapping[str, Any]) -> list[str]:
-    config, algorithm = model.config, model.agent.algorithm
+    config, algorithm = model.config, type(model.agent.algorithm)
     own = {name: getattr(config, name, None) for name in usual(algorithm)} | model.hypers._asdict()
     changed = {name: own[name] for name, value in usual(algorithm).items() if own[name] != value}
     rows = {"loss": config.loss, "seed": model.seed, "n_envs": config.n_envs} | changed

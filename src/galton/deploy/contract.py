@@ -9,7 +9,7 @@ from gymnasium.spaces import Box, Dict, Discrete, MultiDiscrete, Tuple
 from gymnasium.spaces.utils import flatdim
 
 from galton import normalization
-from galton.algorithms import policy_of
+from galton.agents import policy_of
 from galton.deploy.decision import ACTION, OBSERVATION, Decision
 from galton.deploy.encoding import BATCH, IR_VERSION, OPSET
 from galton.envs.host.base import Space

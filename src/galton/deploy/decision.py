@@ -7,7 +7,7 @@ from gymnasium.spaces import Box
 from jaxtyping import Float
 
 from galton import normalization
-from galton.algorithms import policy_of
+from galton.agents import policy_of
 from galton.deploy.actions import ACTIONS, Chosen
 from galton.deploy.graph import Graph
 from galton.envs.host.action_box import ActionBox
@@ -52,7 +52,7 @@ def decide(model: Model) -> Decision:
     shape = observation_shape(observations)
     rows = OBSERVATION if len(shape) == 1 else graph.add("Reshape", OBSERVATION, np.array([-1, observations.size]))
     outputs = _network(graph, params["actor"], _normalised(graph, rows, model.learner.normalizer))
-    chosen = ACTIONS[name](graph, outputs, model.agent.policy, params, model.hypers)
+    chosen = ACTIONS[name](graph, outputs, model.agent.policy)
     low, high = bounds(model.actions)
     shaped = graph.add("Reshape", chosen.action, np.array([0, *low.shape]))
     graph.add("Min", graph.add("Max", shaped, low), high, name=ACTION)

@@ -13,29 +13,28 @@ from galton.envs.host.base import HostEnvironments, HostTask
 from galton.envs.host.carried import take_statistics
 from galton.normalization import from_origin_on_host
 from galton.training.evaluate import Kept, copies, deterministic_action, evaluate, play
-from galton.types import Hypers, Learner
+from galton.types import Learner
 
 Rows = Float[np.ndarray, "n o"]
 
 
-def exploit(agent: Agent, learner: Learner, hypers: Hypers, rows: Rows) -> Float[np.ndarray, "n d"]:
+def exploit(agent: Agent, learner: Learner, rows: Rows) -> Float[np.ndarray, "n d"]:
     """The deterministic action for each observation."""
-    return np.asarray(_deterministic(agent, learner, from_origin_on_host(learner.normalizer, rows), hypers))
+    return np.asarray(_deterministic(agent, learner, from_origin_on_host(learner.normalizer, rows)))
 
 
-def explore(agent: Agent, learner: Learner, hypers: Hypers, rows: Rows, seed: int, n: int) -> Float[np.ndarray, "n d"]:
+def explore(agent: Agent, learner: Learner, rows: Rows, seed: int, n: int) -> Float[np.ndarray, "n d"]:
     """A sampled action for each observation of the n-th batch that a model of this seed is asked about."""
     if not len(rows):  # JAX has no noise of no size
         return np.zeros((0, len(agent.low)), np.float32)
     key = jax.random.fold_in(jax.random.key(seed), n)
-    return np.asarray(_sampled(agent, learner, from_origin_on_host(learner.normalizer, rows), key, hypers))
+    return np.asarray(_sampled(agent, learner, from_origin_on_host(learner.normalizer, rows), key))
 
 
 def returns_on(
     task: Environment | HostTask,
     agent: Agent,
     learner: Learner,
-    hypers: Hypers,
     n_episodes: int,
     seed: int,
     step: int,
@@ -48,7 +47,7 @@ def returns_on(
     """
     if isinstance(task, Environment):
         key = jax.random.fold_in(jax.random.key(seed), step)
-        return np.asarray(_evaluated(key, task, agent, learner, hypers, n_episodes))
+        return np.asarray(_evaluated(key, task, agent, learner, n_episodes))
     n_copies = task.given or n_episodes
     envs = copies(task, n_copies)
     try:
@@ -56,17 +55,17 @@ def returns_on(
         for i, layers in enumerate(envs.layers):
             take_statistics(task.name, layers, theirs[i % len(theirs)] if theirs else None)
         seeds = np.random.SeedSequence((seed, 1, step)).generate_state(n_copies)
-        return play(task.name, envs, seeds, functools.partial(exploit, agent, learner, hypers), n_episodes)
+        return play(task.name, envs, seeds, functools.partial(exploit, agent, learner), n_episodes)
     finally:
         if not isinstance(task, Kept):
             envs.close()
 
 
-_deterministic = jax.jit(deterministic_action, static_argnums=0)
-_evaluated = jax.jit(evaluate, static_argnames=("env", "agent", "n_episodes"))
+_deterministic = jax.jit(deterministic_action)
+_evaluated = jax.jit(evaluate, static_argnames=("env", "n_episodes"))
 
 
-@functools.partial(jax.jit, static_argnums=0)
-def _sampled(agent: Agent, learner: Learner, rows: Array, key: Array, hypers: Hypers) -> Array:
+@jax.jit
+def _sampled(agent: Agent, learner: Learner, rows: Array, key: Array) -> Array:
     normalised = normalization.observation(learner.normalizer, rows)
-    return actor_critic.act(agent, learner.params, normalised, agent.policy.noise(key, rows.shape[:1]), hypers)
+    return actor_critic.act(agent, learner.params, normalised, agent.policy.noise(key, rows.shape[:1]))

@@ -7,11 +7,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from galton.algorithms import ALGORITHMS, Agent, actor_critic, find_algorithm, resolve
+from galton.agents import agent_of
+from galton.algorithms import ALGORITHMS, Agent, actor_critic, find_algorithm
 from galton.envs.host.action_box import ActionBox
 from galton.envs.host.observations import Observations
 from galton.envs.host.space_json import from_json, to_json
 from galton.errors import CheckpointError, UsageError, require
+from galton.parts import Box
 from galton.records import written
 from galton.saving import checkpoint
 from galton.saving import model_file as saved
@@ -64,6 +66,7 @@ class ModelFile(NamedTuple):
     n_predictions: int
     actions: ActionBox
     observations: Observations
+    agent: Agent
 
     @property
     def label(self) -> str:
@@ -123,21 +126,23 @@ def read(path: Path, opener: type) -> tuple[ModelFile, dict[str, np.ndarray]]:
     settings, arrays = checkpoint.read(path)
     settings = saved.checked(path, settings, arrays)
     try:
+        config, hypers, seed = saved.config_of(settings), saved.hypers_of(settings), settings["seed"]
+        check_one_run(hypers)
+        check_seed(seed)
+        actions = ActionBox("the checkpoint", from_json(settings["action_space"]))
         model = ModelFile(
             path,
             settings["env"],
-            saved.config_of(settings),
-            saved.hypers_of(settings),
-            settings["seed"],
+            config,
+            hypers,
+            seed,
             settings["step"],
             settings["log_interval"],
             settings["n_predictions"],
-            ActionBox("the checkpoint", from_json(settings["action_space"])),
+            actions,
             Observations("the checkpoint", from_json(settings["observation_space"])),
+            agent_of(config, hypers).on(Box.of(actions.low, actions.high)),
         )
-        check_one_run(model.hypers)
-        check_seed(model.seed)
-        resolve(model.config, model.actions.low, model.actions.high)
     except saved.MALFORMED as error:
         raise saved.unusable(path, error) from None
     bound = {cls.__name__ for cls in opener.__mro__} & {algorithm.label for algorithm in ALGORITHMS.values()}
@@ -146,13 +151,12 @@ def read(path: Path, opener: type) -> tuple[ModelFile, dict[str, np.ndarray]]:
     return model, arrays
 
 
-def learner_of(model: ModelFile, agent: Agent, arrays: dict[str, np.ndarray]) -> Learner:
+def learner_of(model: ModelFile, arrays: dict[str, np.ndarray]) -> Learner:
     """What the model had learnt; CheckpointError if the arrays are not those of its settings, or not finite."""
     try:
         checkpoint.check_numbers(arrays, "run/learner/", never_negative=("count", "nu", "variance", "n"))
-        one = jax.eval_shape(
-            lambda key: actor_critic.init(key, agent, model.hypers, model.observations.size), jax.random.key(0)
-        )
+        agent, size = model.agent, model.observations.size
+        one = jax.eval_shape(lambda key: actor_critic.init(key, agent, size), jax.random.key(0))
         like = {"run": {"learner": jax.tree.map(lambda x: jax.ShapeDtypeStruct((1, *x.shape), x.dtype), one)}}
         # NamedTuples and dictionaries have the same names in a checkpoint.
         learner = checkpoint.unflatten(_with_origin(arrays), like)["run"]["learner"]

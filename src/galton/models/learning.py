@@ -15,11 +15,11 @@ from galton.algorithms import Agent
 from galton.callbacks import Print
 from galton.errors import DivergenceError, WideGaussian, require, require_integer
 from galton.models.calls import Calls, next_call
+from galton.optimizers import Optimizer
 from galton.training.log import Log
 from galton.training.pieces import Pieces
 from galton.training.population import Population
 from galton.training.remedy import outgrown, remedy
-from galton.training.run import falling, remaining
 from galton.types import Config, Hypers, Learner
 
 
@@ -87,8 +87,8 @@ def learn(
     first, size, start = model.num_timesteps, model.config.rollout_size, time.perf_counter()
     last, log_interval = first + n_updates * size, model.log_interval
     begin = first if decay_from is None else decay_from
-    hypers = falling(model.hypers, begin, last, size)
-    _tell_of_no_rate(hypers, last, size)
+    optimizer = model.agent.optimizer.falling(begin, last, size)
+    _tell_of_no_rate(optimizer, last, size)
     theirs, ours = _sorted_out(model, callback, printed, first, last)
     model.population.decay_over(begin, last)
     with compiling(printed):
@@ -106,10 +106,10 @@ def learn(
                 is_log_point = step % log_interval == 0
                 is_told = is_log_point or step == last or not going
                 log = named(model.population.log(begin_next=is_log_point), step, seconds, first)
-                log["train/learning_rate"] = _rate(hypers, step)
+                log["train/learning_rate"] = _rate(optimizer, step)
                 log = theirs.recorded(is_told) | log
                 most_clipped = log["train/edge_share"] > 0.5
-                if most_clipped and not told and (message := outgrown(model.agent, model.learner, model.hypers)):
+                if most_clipped and not told and (message := outgrown(model.agent, model.learner)):
                     warnings.warn(f"at step {step:,} {message}", WideGaussian, stacklevel=3)
                     told = True
                 going = ours.after(step, size, log, is_told) and going
@@ -142,17 +142,17 @@ def named(log: Log, step: int, seconds: float, first: int) -> dict[str, float]:
     } | {f"train/{name}": value for name, value in columns.items() if name != "evaluation_return"}
 
 
-def _rate(hypers: Hypers, step: int) -> float:
+def _rate(optimizer: Optimizer, step: int) -> float:
     """The learning rate of the update that ends at this step, as it is in float32."""
-    return float(np.float32(hypers.learning_rate) * remaining(step, hypers))
+    return float(np.float32(optimizer.learning_rate) * optimizer.remaining(step))
 
 
-def _tell_of_no_rate(hypers: Hypers, last: int, size: int) -> None:
+def _tell_of_no_rate(optimizer: Optimizer, last: int, size: int) -> None:
     """Warn where updates up to the last step learn nothing, but for the last of a decay, as in SB3."""
-    given, decay_steps = hypers.learning_rate, hypers.decay_steps
+    given, decay_steps = optimizer.learning_rate, optimizer.decay_steps
     if np.float32(given) == 0:
         told = f"learning_rate is {given}, 0 in float32, so nothing is learnt; make the model with a greater one"
-    elif _rate(hypers, last - size) == 0 or _rate(hypers, size) == 0:
+    elif _rate(optimizer, last - size) == 0 or _rate(optimizer, size) == 0:
         told = (
             f"decay_steps is {decay_steps:,.0f}, and the learning rate is 0 from there on, so nothing more is "
             f"learnt up to step {last:,}; make the model with decay_steps of all the steps that you train for"

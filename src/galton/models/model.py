@@ -11,7 +11,8 @@ import numpy as np
 from jaxtyping import Float
 
 from galton import sb3
-from galton.algorithms import Agent, check_together, find_algorithm, resolve
+from galton.agents import agent_of
+from galton.algorithms import Agent, find_algorithm
 from galton.envs.base import Environment
 from galton.envs.find import find
 from galton.envs.fitting import check_copies, check_same_spaces, given, spaces_of
@@ -25,6 +26,7 @@ from galton.models.hints import refuse_policy, unexpected
 from galton.models.learning import check_divergence, learn, updates_for
 from galton.models.settings import Settings, split, unusual
 from galton.models.state import Arrays, Loaded, Run, parameters_of
+from galton.parts import Box
 from galton.presets import find_preset
 from galton.training.population import Population
 from galton.training.programs import check_process
@@ -100,23 +102,23 @@ class Model:
     def _begin(self, task: Environment | HostTask, config: Config, hypers: Hypers, seed: int) -> None:
         check_config(config)
         check_copies(task, config.n_envs)
-        self._describe(config, hypers, seed, *spaces_of(task))
-        self._run: Run | Loaded = Run(task, config, hypers, seed)
-
-    def _describe(
-        self, config: Config, hypers: Hypers, seed: int, actions: ActionBox, observations: Observations
-    ) -> None:
-        """Become the model of these settings, without a run yet."""
         check_seed(seed)
         check_one_run(hypers)
-        self.config, self.hypers, self.seed = config, hypers, seed
-        self.agent: Agent = resolve(config, actions.low, actions.high)
-        check_together(config, hypers)
+        actions, observations = spaces_of(task)
+        agent = agent_of(config, hypers).on(Box.of(actions.low, actions.high))
+        self._describe(config, hypers, seed, actions, observations, agent)
+        self._run: Run | Loaded = Run(task, self.agent, seed)
+
+    def _describe(
+        self, config: Config, hypers: Hypers, seed: int, actions: ActionBox, observations: Observations, agent: Agent
+    ) -> None:
+        """Become the model of these settings, without a run yet."""
+        self.config, self.hypers, self.seed, self.agent = config, hypers, seed, agent
         self.actions, self.observations, self.n_predictions = actions, observations, 0
         self._interval, self.verbose = self.agent.algorithm.log_interval, 0
 
     def __repr__(self) -> str:
-        what = f"{self.config.loss} on {self.env_name}, {unusual(self.agent.algorithm, self.config, self.hypers)}"
+        what = f"{self.config.loss} on {self.env_name}, {unusual(type(self.agent.algorithm), self.config, self.hypers)}"
         return f"<galton.{type(self).__name__}: {what}, seed={self.seed}, {self.num_timesteps:,} steps>"
 
     @property
@@ -231,9 +233,9 @@ class Model:
         del episode_start
         rows, single = self.observations.rows(observation)
         if deterministic:
-            action = exploit(self.agent, self.learner, self.hypers, rows)
+            action = exploit(self.agent, self.learner, rows)
         else:
-            action = explore(self.agent, self.learner, self.hypers, rows, self.seed, self.n_predictions)
+            action = explore(self.agent, self.learner, rows, self.seed, self.n_predictions)
             self.n_predictions += 1
         actions = self.actions.to_env(action)
         return (actions[0, ...] if single else actions), state
@@ -264,7 +266,7 @@ class Model:
             return self.population.evaluate(n_episodes)[0]
         task = find(env, **(env_kwargs or {}))
         check_same_spaces(task, self.actions, self.observations)
-        about = (self.agent, self.learner, self.hypers, n_episodes, self.seed, self.num_timesteps)
+        about = (self.agent, self.learner, n_episodes, self.seed, self.num_timesteps)
         return returns_on(task, *about, self._run.environments)
 
     def yardsticks(self, env: object = None, env_kwargs: Mapping[str, object] | None = None) -> Yardsticks:
@@ -314,9 +316,9 @@ class Model:
             raise unexpected("load", name)
         found, arrays = file.read(Path(path), cls)
         model = cls.__new__(cls)
-        model._describe(found.config, found.hypers, found.seed, found.actions, found.observations)
+        model._describe(found.config, found.hypers, found.seed, found.actions, found.observations, found.agent)
         model._interval, model.n_predictions = found.updates_per_log, found.n_predictions
-        model._run = Loaded(found.env_name, found.num_timesteps, file.learner_of(found, model.agent, arrays), arrays)
+        model._run = Loaded(found.env_name, found.num_timesteps, file.learner_of(found, arrays), arrays)
         if env is None:
             _refuse_alone(env_kwargs)
         elif cause := model._go_on(find(env, **(env_kwargs or {})), found.path, arrays):
@@ -328,7 +330,7 @@ class Model:
         """Go on with a run on this environment where the arrays of a file are; why not exactly, or nothing."""
         check_copies(task, self.config.n_envs)
         check_same_spaces(task, self.actions, self.observations)
-        run = Run(task, self.config, self.hypers, self.seed)
+        run = Run(task, self.agent, self.seed)
         cause = run.resume(path, arrays)
         self._run.close()
         self._run = run

@@ -5,7 +5,8 @@ import math
 from collections.abc import Iterable
 from typing import Any, Literal, TypedDict
 
-from galton.algorithms import ALGORITHMS, Algorithm
+from galton.agents import idle
+from galton.algorithms import Algorithm
 from galton.errors import did_you_mean, require_integer
 from galton.models.hints import refuse_schedules, unexpected
 from galton.presets import PAPER, Preset
@@ -68,18 +69,17 @@ class Settings(TypedDict, total=False):
     entropy_alpha_min: float
 
 
-def usual(algorithm: Algorithm, env: object = None, preset: Preset = Preset(PAPER)) -> Fields:  # noqa: B008
+def usual(algorithm: type[Algorithm], env: object = None, preset: Preset = Preset(PAPER)) -> Fields:  # noqa: B008
     """The settings that an algorithm knows, in the order of Settings, with the values that nobody has to name.
 
     A named task's go before the preset's, and the preset's before the algorithm's.
     """
     values = _usual(algorithm, env, preset)
-    others = {field for other in ALGORITHMS.values() if other is not algorithm for field in other.own}
-    known = [name for name in Settings.__annotations__ if name not in others or name in algorithm.own]
-    return {name: values[name] for name in known}
+    unknown = idle({"algorithm": algorithm.name}, ["algorithm"])
+    return {name: values[name] for name in Settings.__annotations__ if name not in unknown}
 
 
-def _usual(algorithm: Algorithm, env: object, preset: Preset) -> Fields:
+def _usual(algorithm: type[Algorithm], env: object, preset: Preset) -> Fields:
     """All fields of Config and Hypers."""
     plain = defaults(Config) | defaults(Hypers) | dict(algorithm.defaults)
     task = plain | settings_of(env) | dict(algorithm.defaults)
@@ -90,7 +90,7 @@ def _usual(algorithm: Algorithm, env: object, preset: Preset) -> Fields:
 
 
 def split(
-    algorithm: Algorithm,
+    algorithm: type[Algorithm],
     preset: Preset,
     n_envs: int | None,
     settings: Fields,
@@ -138,14 +138,14 @@ def _as_long(rollout: int, n_envs: Any, batch_size: Any) -> int:
     return unit * math.ceil(rollout / (n_envs * unit))
 
 
-def unusual(algorithm: Algorithm, config: Config, hypers: Hypers) -> str:
+def unusual(algorithm: type[Algorithm], config: Config, hypers: Hypers) -> str:
     """The copies of the environment, and the settings that are not the algorithm's usual ones, as keyword arguments."""
     own = {name: getattr(config, name, None) for name in usual(algorithm)} | hypers._asdict()
     changed = {name: own[name] for name, value in usual(algorithm).items() if own[name] != value}
     return ", ".join(f"{name}={value!r}" for name, value in {"n_envs": config.n_envs, **changed}.items())
 
 
-def signature(algorithm: Algorithm) -> inspect.Signature:
+def signature(algorithm: type[Algorithm]) -> inspect.Signature:
     """What help() and editors show of a model's constructor: every setting with its default."""
     parameter, keyword = inspect.Parameter, inspect.Parameter.KEYWORD_ONLY
     return inspect.Signature(

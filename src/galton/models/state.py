@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from galton.algorithms import Agent
 from galton.envs.base import Environment
 from galton.envs.host.base import HostEnvironments, HostTask
 from galton.errors import UsageError, require
@@ -16,7 +17,7 @@ from galton.normalization import Moments
 from galton.saving import checkpoint
 from galton.training.population import Population, populate
 from galton.training.programs import check_process
-from galton.types import Config, Hypers, Learner, Params
+from galton.types import Learner, Params
 
 Arrays = dict[str, np.ndarray]
 """What a file holds beside its settings, by path."""
@@ -71,10 +72,10 @@ class Run:
     It raises what `populate` does.
     """
 
-    def __init__(self, task: Environment | HostTask, config: Config, hypers: Hypers, seed: int) -> None:
+    def __init__(self, task: Environment | HostTask, agent: Agent, seed: int) -> None:
         self.task = task
-        numbers = Hypers._make(np.full(1, value, np.float32) for value in hypers)
-        self.population: Population = populate(task, config, numbers, [seed])
+        one = jax.tree.map(lambda number: np.full(1, number, np.float32), agent)
+        self.population: Population = populate(task, one, [seed])
         self._learner: Learner | None = None
 
     @property

@@ -10,7 +10,8 @@ import numpy as np
 import pyarrow as pa
 from jaxtyping import Array, Float, Key
 
-from galton.algorithms import Agent, actor_critic, resolve
+from galton.agents import agent_of
+from galton.algorithms import Agent, actor_critic
 from galton.envs.registry import make
 from galton.losses import LOSSES, surrogate
 from galton.networks import features, mlp
@@ -18,7 +19,7 @@ from galton.paper.sweeps import Budget
 from galton.policies import Distribution, Gaussian
 from galton.tasks import TASKS
 from galton.theory import gradient_bound, output_lipschitz, regression_bound
-from galton.training.population import populate
+from galton.training.population import box_of, populate
 from galton.training.rollout import EpisodeState, draw_noise, rollout
 from galton.types import Config, Hypers, Learner, Params, Transition
 
@@ -69,15 +70,13 @@ class Sample(NamedTuple):
     """The right side of eq. 7 or 8, summed over action dimensions."""
 
 
-def sample_loss(
-    agent: Agent, reading: str, distribution: Distribution, action: Float[Array, " d"], hypers: Hypers
-) -> Float[Array, ""]:
+def sample_loss(agent: Agent, reading: str, distribution: Distribution, action: Float[Array, " d"]) -> Float[Array, ""]:
     """What the advantage weights; with the reading "sigma" it is the loss that §4.3 prints, (a − μ)² / 2σ."""
     if reading == "sigma":
         assert isinstance(distribution, Gaussian)
         loss: Array = ((action - distribution.mean) ** 2 / (2 * distribution.std())).sum()
         return loss
-    return agent.loss.function(distribution, action, hypers)
+    return agent.loss(distribution, action)
 
 
 def sample_gradient(
@@ -93,23 +92,23 @@ def sample_gradient(
     return [*gradient[:-1], {"kernel": gradient[-1]["kernel"]}], outputs
 
 
-def measure(agent: Agent, learner: Learner, batch: Transition, hypers: Hypers, reading: str) -> Sample:
+def measure(agent: Agent, learner: Learner, batch: Transition, reading: str) -> Sample:
     """Both sides for each of the B = T · N actions of a rollout `[T, N]`."""
     params, actor = learner.params, learner.params["actor"]
     observation, next_observation, action = map(
         actor_critic.flatten, (batch.observation, batch.next_observation, batch.action)
     )
-    values, next_values = (actor_critic.value(agent, params, each, hypers) for each in (observation, next_observation))
-    advantage = actor_critic.advantages(values, next_values, batch, hypers)
+    values, next_values = (actor_critic.value(agent, params, each) for each in (observation, next_observation))
+    advantage = actor_critic.advantages(agent, values, next_values, batch)
 
     def one(observation: Array, action: Array, advantage: Array) -> Sample:
         def loss(outputs: Array) -> Array:
-            return sample_loss(agent, reading, agent.policy.distribution(outputs, params, hypers), action, hypers)
+            return sample_loss(agent, reading, agent.policy.distribution(outputs, params), action)
 
         gradient, outputs = sample_gradient(loss, actor, observation, advantage)
         norm = jnp.sqrt(sum(jnp.vdot(leaf, leaf) for leaf in jax.tree.leaves(gradient)))
         lipschitz, f = output_lipschitz(actor, observation), features(actor, observation)
-        distribution = agent.policy.distribution(outputs, params, hypers)
+        distribution = agent.policy.distribution(outputs, params)
         if isinstance(distribution, Gaussian):
             last_factor = jnp.abs(action - distribution.mean).sum()
             of_dimension = functools.partial(regression_bound, advantage, lipschitz, f)
@@ -144,13 +143,13 @@ def collect(budget: Budget) -> pa.Table:
 
 def _collect(task: str, loss: str, effort: Effort) -> pa.Table:
     env, config, hypers = make(TASKS[task].env), Config(loss=loss), Hypers(eta=ETAS.get(loss, Hypers().eta))
-    agent = resolve(config, env.action_low, env.action_high)
+    agent = agent_of(config, hypers).on(box_of(env))
     readings = list(READINGS) if loss == "gaussian" else [""]
 
     def look(run: tuple[Key[Array, ""], Learner, EpisodeState]) -> dict[str, Sample]:
         key, learner, episodes = run
-        *_, batch, _ = rollout(env, agent, learner, episodes, draw_noise(key, env, agent), hypers)
-        return {reading: measure(agent, learner, batch, hypers, reading) for reading in readings}
+        *_, batch, _ = rollout(env, agent, learner, episodes, draw_noise(key, env, agent))
+        return {reading: measure(agent, learner, batch, reading) for reading in readings}
 
     look_at_all = jax.jit(functools.partial(jax.lax.map, look))
     tables: list[pa.Table] = []
@@ -171,7 +170,7 @@ def _collect(task: str, loss: str, effort: Effort) -> pa.Table:
 
     growing = np.geomspace(effort.steps // config.n_steps, 1, effort.points - 1).round().astype(int)
     all_hypers = Hypers._make(np.full(effort.seeds, h, np.float32) for h in hypers)
-    population = populate(env, config, all_hypers, range(effort.seeds))
+    population = populate(env, agent_of(config, all_hypers), range(effort.seeds))
     try:
         for n_updates in np.diff(sorted({0, *growing.tolist()}), prepend=0):
             population.advance(int(n_updates))

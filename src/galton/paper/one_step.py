@@ -1,5 +1,7 @@
 """Figure 1: what each loss does to one policy when the same three actions are sampled (§4.2)."""
 
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -11,9 +13,10 @@ from galton.analysis.plots import finish, look_of, panels
 from galton.bins import Bins
 from galton.losses import LOSSES, find_loss, surrogate
 from galton.paper.figure import FigureStudy
+from galton.parts import settings
 from galton.policies import Distribution, Gaussian, Histogram
 from galton.policies.exploration import init_gaussian_logits
-from galton.types import Hypers, Params
+from galton.types import Params
 
 BINS = Bins(-3.0, 3.0, 30)
 ACTIONS = BINS.centers[0, [7, 17, 23]]
@@ -54,10 +57,11 @@ def policy(params: Params) -> Distribution:
 
 def step(loss: str) -> Params:
     """The parameters after one step of gradient descent on the surrogate."""
-    entry, params, hypers = find_loss(loss), start(loss), Hypers(eta=ETAS.get(loss, 1.0))
+    kind: Any = find_loss(loss)
+    entry, params = kind(**{"eta": ETAS.get(loss, 1.0)} if "eta" in settings(kind) else {}), start(loss)
 
     def objective(params: Params) -> Array:
-        losses = jax.vmap(lambda action: entry.function(policy(params), action, hypers))(ACTIONS[:, None])
+        losses = jax.vmap(lambda action: entry(policy(params), action))(ACTIONS[:, None])
         return surrogate(jnp.asarray(ADVANTAGES), losses)
 
     size = STEP_SIZES[entry.policy]

@@ -26,12 +26,8 @@ POLICIES: dict[str, type[Policy]] = {
     "rpo": RpoPolicy,
 }
 
-USES = {"smoothed": ("eta",), "rpo": ("rpo_alpha",)}
-"""The fields of Hypers that a policy has a use for beside those of the loss and of every Gaussian."""
-
 __all__ = [
     "POLICIES",
-    "USES",
     "Beta",
     "BetaPolicy",
     "ClippedGaussian",

@@ -1,12 +1,15 @@
 """What a policy has to offer. Distributions live inside a traced function; policies are static."""
 
-from typing import ClassVar, Literal, Protocol, runtime_checkable
+import abc
+from typing import ClassVar, Literal, Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 from jaxtyping import Array, Bool, Float, Key, PyTree
 
-from galton.types import Config, Hypers, Params
+from galton.parts import Box, Part
+from galton.types import Params, Rule
 
+PolicyT = TypeVar("PolicyT", bound="Policy")
 EDGE = 0.01
 """Nearer to a bound than this share of the box is at the edge, where a density has no mass on the bound itself."""
 
@@ -48,34 +51,64 @@ class Distribution(Protocol):
         """Which entries of an action are as far out as the policy's box lets them be."""
 
 
-@runtime_checkable
-class Policy(Protocol):
+class Policy(Part, abc.ABC):
     """How network outputs become a distribution over actions in a box. An entry of POLICIES is such a class."""
 
-    family: ClassVar[Family]
+    family: ClassVar[Family] = "density"
     """A "histogram" policy's distributions are of the class Histogram, which every loss can train; to a "density"
     policy only losses of that family fit."""
-    label: ClassVar[str]
-    """Its name in figures and tables."""
 
-    @classmethod
-    def create(cls, config: Config, low: Float[np.ndarray, " d"], high: Float[np.ndarray, " d"]) -> "Policy":
-        """The policy for actions in the box [low, high]."""
+    box: Box | None = None
+    """Where actions lie; a task sets it (`on`)."""
+
+    def on(self: PolicyT, box: Box) -> PolicyT:
+        """The policy for actions in this box."""
+        return self.replace(box=box)
 
     @property
+    def low(self) -> Float[np.ndarray, " d"]:
+        """The lower bounds of actions."""
+        return self._box.arrays()[0]
+
+    @property
+    def high(self) -> Float[np.ndarray, " d"]:
+        """The upper bounds of actions."""
+        return self._box.arrays()[1]
+
+    @property
+    def _box(self) -> Box:
+        assert self.box is not None, "a policy has no box before `on`"
+        return self.box
+
+    @property
+    def uniform_entropy(self) -> float:
+        """The entropy of the uniform policy, the mean over dimensions, in nats."""
+        low, high = self._box
+        return float(np.log(np.subtract(high, low, dtype=np.float64)).mean())
+
+    def acting_by(self: PolicyT, rule: Rule) -> PolicyT:
+        """The policy whose deterministic action is this one; a density has one alone."""
+        del rule
+        return self
+
+    @property
+    @abc.abstractmethod
     def n_outputs(self) -> int:
         """Outputs that the actor network must have."""
 
-    def init(self, hypers: Hypers) -> tuple[Float[Array, " n_outputs"], Params]:
+    @abc.abstractmethod
+    def init(self) -> tuple[Float[Array, " n_outputs"], Params]:
         """The initial bias of the actor's last layer, and parameters beside the network."""
 
+    @abc.abstractmethod
     def noise(self, key: Key[Array, ""], shape: tuple[int, ...]) -> PyTree[Array]:
         """What `Distribution.sample` needs for a batch of this shape, drawn ahead of the rollout.
 
         Each leaf begins with the axes of the shape.
         """
 
-    def distribution(self, outputs: Float[Array, "*batch n_outputs"], params: Params, hypers: Hypers) -> Distribution:
+    @abc.abstractmethod
+    def distribution(self, outputs: Float[Array, "*batch n_outputs"], params: Params) -> Distribution:
         """The distribution that the actor's outputs describe."""
 
 
@@ -83,9 +116,7 @@ class Policy(Protocol):
 class MovesOutputs(Protocol):
     """A policy whose outputs an update sees moved at random; acting, evaluation and the log see them as they are."""
 
-    def moved(
-        self, outputs: Float[Array, "*batch n_outputs"], key: Key[Array, ""], hypers: Hypers
-    ) -> Float[Array, "*batch n_outputs"]:
+    def moved(self, outputs: Float[Array, "*batch n_outputs"], key: Key[Array, ""]) -> Float[Array, "*batch n_outputs"]:
         """The outputs as an update is to see them this time."""
 
 

@@ -8,9 +8,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Key
 
-from galton.policies.base import Family, Marginal, near_edge
+from galton.policies.base import Marginal, Policy, near_edge
 from galton.policies.tails import LOG_SQRT_2PI
-from galton.types import Config, Hypers, Params
+from galton.types import Params
 
 _TRIES = 5
 _SHIFTS = 5
@@ -110,33 +110,21 @@ def digamma_excess(x: Float[Array, "*batch"]) -> Float[Array, "*batch"]:
     return excess - 1 / (2 * x) - 1 / (12 * x**2) + 1 / (120 * x**4) - 1 / (252 * x**6)
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class BetaPolicy:
+class BetaPolicy(Policy):
     """The network gives two outputs per dimension, and α and β are 1 + softplus of them.
 
-    It starts at α = β = 1 + log 2 with a σ of .48 half-widths of the box, whatever log_std_init and box_units are.
+    It starts at α = β = 1 + log 2 with a σ of .48 half-widths of the box.
     """
 
-    low: Float[np.ndarray, " d"]
-    high: Float[np.ndarray, " d"]
-
-    family: ClassVar[Family] = "density"
     label: ClassVar[str] = "Beta"
-
-    @classmethod
-    def create(cls, config: Config, low: Float[np.ndarray, " d"], high: Float[np.ndarray, " d"]) -> "BetaPolicy":
-        """The policy for actions in the box [low, high]; the configuration has no part in it."""
-        del config
-        return cls(low, high)
 
     @property
     def n_outputs(self) -> int:
         """Two per action dimension."""
-        return 2 * len(self.low)
+        return 2 * len(self._box.low)
 
-    def init(self, hypers: Hypers) -> tuple[Float[Array, " n_outputs"], Params]:
-        """Outputs 0; no number has a part in it."""
-        del hypers
+    def init(self) -> tuple[Float[Array, " n_outputs"], Params]:
+        """Outputs 0."""
         return jnp.zeros(self.n_outputs), {}
 
     @property
@@ -146,11 +134,11 @@ class BetaPolicy:
 
     def noise(self, key: Key[Array, ""], shape: tuple[int, ...]) -> Noise:
         """The proposals for two Gamma numbers per action dimension."""
-        keys, size = jax.random.split(key), (*shape, len(self.low), 2, _TRIES)
+        keys, size = jax.random.split(key), (*shape, len(self._box.low), 2, _TRIES)
         return jax.random.normal(keys[0], size), jax.random.uniform(keys[1], size)
 
-    def distribution(self, outputs: Float[Array, "*batch n_outputs"], params: Params, hypers: Hypers) -> Beta:
+    def distribution(self, outputs: Float[Array, "*batch n_outputs"], params: Params) -> Beta:
         """Beta distributions with α and β from the first and second output of each dimension."""
-        del params, hypers
-        shapes = 1 + jax.nn.softplus(outputs.reshape(*outputs.shape[:-1], len(self.low), 2))
+        del params
+        shapes = 1 + jax.nn.softplus(outputs.reshape(*outputs.shape[:-1], len(self._box.low), 2))
         return Beta(shapes[..., 0], shapes[..., 1], self.low, self.high)

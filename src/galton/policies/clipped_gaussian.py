@@ -8,7 +8,7 @@ from jaxtyping import Array, Bool, Float
 
 from galton.policies.gaussian import Gaussian, GaussianHead
 from galton.policies.tails import LEAST, LOG_SQRT_2PI, Inside, inside, log_tail
-from galton.types import Hypers, Params
+from galton.types import Params
 
 _NOTHING = -80.0
 """log p below which p log p is 0 in float32."""
@@ -88,7 +88,6 @@ class ClippedGaussian:
         return jnp.maximum(low, _NOTHING), jnp.maximum(high, _NOTHING)
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
 class ClippedGaussianPolicy(GaussianHead):
     """A Gaussian that is trained on the actions that reach the environment: on a bound only the tail's mass counts.
 
@@ -97,6 +96,6 @@ class ClippedGaussianPolicy(GaussianHead):
 
     label: ClassVar[str] = "clipped Gaussian"
 
-    def distribution(self, outputs: Float[Array, "*batch d"], params: Params, hypers: Hypers) -> ClippedGaussian:
+    def distribution(self, outputs: Float[Array, "*batch d"], params: Params) -> ClippedGaussian:
         """The Gaussian of these outputs, clipped into the box."""
-        return ClippedGaussian(self.gaussian(outputs, params, hypers))
+        return ClippedGaussian(self.gaussian(outputs, params))

@@ -17,29 +17,27 @@ from jaxtyping import Array, Bool, Float, PyTree
 
 from galton.errors import UsageError
 from galton.policies.base import Correlatable, Marginal, Policy
-from galton.types import Hypers, Number
+from galton.types import Number
 
 _HALF_A_STEP = 2.0**-24
 """Of jax.random.uniform in float32, whose numbers are multiples of 2⁻²³ from 0 on: Φ⁻¹ is taken in between."""
 
 
-def check_correlation(name: str, policy: Policy, hypers: Hypers) -> None:
-    """Raise UsageError where noise is to be correlated and the policy of that name doesn't say how it is distributed.
-
-    The hypers are `without_unused`.
-    """
-    correlation: Number | None = hypers.noise_correlation
-    if correlation is not None and not isinstance(policy, Correlatable):
+def check_correlation(policy: Policy, correlation: Number | Float[np.ndarray, " R"] | None) -> None:
+    """Raise UsageError where noise is to be correlated and the policy doesn't say how it is distributed."""
+    if correlation is not None and np.any(correlation) and not isinstance(policy, Correlatable):
         raise UsageError(
-            f"noise_correlation is {np.max(correlation):g}, but the policy {name!r} doesn't say how its noise is "
-            "distributed: give its class noise_marginals (galton.policies.Correlatable), or leave it at 0"
+            f"noise_correlation is {np.max(correlation):g}, but {type(policy).__name__} doesn't say how its noise is "
+            "distributed: give the class noise_marginals (galton.policies.Correlatable), or leave it at 0"
         )
 
 
-def nothing_before(policy: Policy, shape: tuple[int, ...], correlation: Number | None) -> PyTree[Array]:
+def nothing_before(
+    policy: Policy, shape: tuple[int, ...], correlation: Number | Float[np.ndarray, " R"] | None
+) -> PyTree[Array]:
     """What `continued` takes before a first step, in the place of z: zeros of this shape; () without correlation.
 
-    It is None where no run of the program has any (see `types.without_unused`).
+    It is None where no run of the program has any.
     """
     if correlation is None:
         return ()

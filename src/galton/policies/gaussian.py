@@ -2,29 +2,29 @@
 
 import dataclasses
 import math
-from typing import ClassVar, TypeVar
+from typing import Annotated, ClassVar
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Key
 
-from galton.policies.base import Family, Marginal
-from galton.types import Config, Hypers, Number, Params
+from galton.fields import Within
+from galton.policies.base import Marginal, Policy
+from galton.types import Finite, Number, Params
 
-Box = Float[np.ndarray, " d"]
-Head = TypeVar("Head", bound="GaussianHead")
+Floor = Annotated[Number, Within(lambda x: x < np.inf, "finite, or -inf for none")]
+Units = Annotated[Number | None, Within(lambda x: (x == 0) | (x == 1), "0 or 1")]
 
 
-def units_of(low: Box, high: Box, hypers: Hypers) -> tuple[Float[Array, " d"] | float, Float[Array, " d"] | float]:
+def units_of(policy: Policy, box_units: Number | None) -> tuple[Float[Array, " d"] | float, Float[Array, " d"] | float]:
     """Where 0 and what 1 is in the policy's units: 0 and 1 in the environment's, the box's center and half-width else.
 
-    They are plain numbers where no run of the program uses the box's (see `types.without_unused`).
+    They are plain numbers where no run of the program uses the box's (None).
     """
-    units: Number | None = hypers.box_units
-    if units is None:
+    if box_units is None:
         return 0.0, 1.0
-    in_box = jnp.asarray(units) > 0
+    low, high, in_box = policy.low, policy.high, jnp.asarray(box_units) > 0
     return jnp.where(in_box, (high + low) / 2, 0.0), jnp.where(in_box, (high - low) / 2, 1.0)
 
 
@@ -81,35 +81,30 @@ class Gaussian:
         return jnp.clip(self.mean, self.low, self.high)
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class GaussianHead:
+class GaussianHead(Policy):
     """What policies have in common that a Gaussian is behind, before each makes its own distribution of it.
 
     The network gives the mean; log σ is a parameter of its own, the same in every state. Mean and σ are in the
-    environment's units, or, where `hypers.box_units` is 1, in half-widths of the action box around its center: what the
-    same numbers then mean does not depend on the scale of the box.
+    environment's units, or, where box_units is 1, in half-widths of the action box around its center: what the same
+    numbers then mean does not depend on the scale of the box.
     """
 
-    low: Float[np.ndarray, " d"]
-    high: Float[np.ndarray, " d"]
-
-    family: ClassVar[Family] = "density"
-
-    @classmethod
-    def create(cls: type[Head], config: Config, low: Float[np.ndarray, " d"], high: Float[np.ndarray, " d"]) -> Head:
-        """The policy for actions in the box [low, high]; the configuration has no part in it."""
-        del config
-        return cls(low, high)
+    log_std_init: Finite = 0.0
+    """The first log σ."""
+    log_std_min: Floor = -math.inf
+    """A floor under log σ; −inf is none."""
+    box_units: Units = 0.0
+    """1: mean and σ are in half-widths of the action box around its center; 0: in the environment's own units."""
 
     @property
     def n_outputs(self) -> int:
         """One mean per action dimension."""
-        return len(self.low)
+        return len(self._box.low)
 
-    def init(self, hypers: Hypers) -> tuple[Float[Array, " d"], Params]:
+    def init(self) -> tuple[Float[Array, " d"], Params]:
         """Mean 0 and σ = exp(log_std_init), in the policy's units."""
         zeros = jnp.zeros(self.n_outputs)
-        return zeros, {"log_std": zeros + hypers.log_std_init}
+        return zeros, {"log_std": zeros + self.log_std_init}
 
     @property
     def noise_marginals(self) -> Marginal:
@@ -120,24 +115,23 @@ class GaussianHead:
         """Standard normal numbers, one per action dimension."""
         return jax.random.normal(key, (*shape, self.n_outputs))
 
-    def gaussian(self, outputs: Float[Array, "*batch d"], params: Params, hypers: Hypers) -> Gaussian:
+    def gaussian(self, outputs: Float[Array, "*batch d"], params: Params) -> Gaussian:
         """N(c + h · outputs, diag (h σ)²) with log σ = max(log_std, log_std_min).
 
         c and h are 0 and 1 in the environment's units, the box's center and half-width in the box's.
         """
-        log_std = jnp.maximum(params["log_std"], hypers.log_std_min)
-        shift, scale = units_of(self.low, self.high, hypers)
+        log_std = jnp.maximum(params["log_std"], self.log_std_min)
+        shift, scale = units_of(self, self.box_units)
         if isinstance(scale, float):
             return Gaussian(outputs, log_std, self.low, self.high)
         return Gaussian(shift + scale * outputs, log_std, self.low, self.high, scale)
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
 class GaussianPolicy(GaussianHead):
     """A Gaussian, whose actions the environment clips."""
 
     label: ClassVar[str] = "Gaussian"
 
-    def distribution(self, outputs: Float[Array, "*batch d"], params: Params, hypers: Hypers) -> Gaussian:
+    def distribution(self, outputs: Float[Array, "*batch d"], params: Params) -> Gaussian:
         """The Gaussian of these outputs, as wide as the parameters say."""
-        return self.gaussian(outputs, params, hypers)
+        return self.gaussian(outputs, params)

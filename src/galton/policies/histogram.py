@@ -1,8 +1,9 @@
 """The softmax policy over bins, one independent softmax per action dimension (§4.1)."""
 
 import dataclasses
+import functools
 import math
-from typing import ClassVar, Literal, NamedTuple
+from typing import Annotated, ClassVar, Literal, NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -10,19 +11,24 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int, Key
 
 from galton.bins import Bins
-from galton.policies.base import Family, Marginal
+from galton.fields import AtLeast
+from galton.parts import Box
+from galton.policies.base import Family, Marginal, Policy
 from galton.policies.exploration import gaussian_action, init_clipped_gaussian_logits, init_gaussian_logits
-from galton.policies.gaussian import units_of
-from galton.types import Config, Hypers, Params
+from galton.policies.gaussian import Floor, Units, units_of
+from galton.types import Finite, Params, Rule
+
+PolicyT = TypeVar("PolicyT", bound="HistogramPolicy")
+Exploration = Literal["softmax", "gaussian"]
+BinSample = Literal["center", "uniform"]
 
 
 class Choices(NamedTuple):
-    """What a histogram leaves open; the fields of Config with the same names."""
+    """What a histogram leaves open; the settings of HistogramPolicy with the same names."""
 
-    exploration: Literal["softmax", "gaussian"] = "softmax"
-    bin_sample: Literal["center", "uniform"] = "center"
-    deterministic_action: Literal["mode", "mean", "median"] = "mode"
-    target_tails: Literal["rescaled", "edges"] = "rescaled"
+    exploration: Exploration = "softmax"
+    bin_sample: BinSample = "center"
+    deterministic_action: Rule = "mode"
 
 
 USUAL = Choices()
@@ -122,55 +128,99 @@ def sample_bin(logits: Float[Array, "*batch k"], u: Float[Array, "*batch"]) -> I
     return jnp.minimum(block * size + offset, k - 1)
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class HistogramPolicy:
+class HistogramPolicy(Policy):
     """The network gives d · k logits."""
-
-    bins: Bins
-    choices: Choices = USUAL
-    initial_policy: Literal["uniform", "gaussian", "clipped-gaussian"] = "uniform"
-    """How it starts: uniform, like the Gaussian policy (Init Gaussian, §5.2.3), or like its clipped actions."""
 
     family: ClassVar[Family] = "histogram"
     label: ClassVar[str] = "softmax"
 
-    @classmethod
-    def create(cls, config: Config, low: Float[np.ndarray, " d"], high: Float[np.ndarray, " d"]) -> "HistogramPolicy":
-        """The policy for actions in the box [low, high], with the configuration's bins and choices."""
-        choices = Choices(config.exploration, config.bin_sample, config.deterministic_action, config.target_tails)
-        return cls(Bins(low, high, config.n_bins, config.bin_centers), choices, config.initial_policy)
+    n_bins: Annotated[int, AtLeast(2)] = 100
+    """Bins per action dimension, k (§4.1)."""
+    bin_centers: Literal["inside", "bounds"] = "inside"
+    """Whether all bins are of one width, so that their centers lie inside the box (§4.1), or the first and last center
+    are the box's bounds, so that the bins at the ends are half as wide."""
+    initial_policy: Literal["uniform", "gaussian", "clipped-gaussian"] = "uniform"
+    """How it starts: uniform, like the Gaussian policy inside its box ("Init Gaussian", §5.2.3), or like the actions
+    that the environment makes of the Gaussian policy's: clipped, with the tails in the first and last bin."""
+    exploration: Exploration = "softmax"
+    """What it samples from: itself, or the Gaussian with its moments (§5.2.3)."""
+    bin_sample: BinSample = "center"
+    """Which action of a sampled bin is taken: its center (§4.1) or any (footnote 3)."""
+    deterministic_action: Rule = "mode"
+    """The action without exploration."""
+    log_std_init: Finite = 0.0
+    """log σ of the Gaussian that it may start like."""
+    log_std_min: Floor = -math.inf
+    """A floor under it."""
+    box_units: Units = 0.0
+    """Whether that Gaussian is in units of the box (1), or of the environment (0)."""
+
+    def on(self: PolicyT, box: Box) -> PolicyT:
+        """The policy for actions in this box.
+
+        Raises:
+            UsageError: a box that can't be cut into so many bins.
+        """
+        policy = super().on(box)
+        _ = policy.bins
+        return policy
+
+    @property
+    def bins(self) -> Bins:
+        """The bins of the box."""
+        return _bins(self._box, self.n_bins, self.bin_centers, jax.dtypes.canonicalize_dtype(np.float64).name)
+
+    @property
+    def choices(self) -> Choices:
+        """What its distributions leave open."""
+        return Choices(self.exploration, self.bin_sample, self.deterministic_action)
+
+    @property
+    def uniform_entropy(self) -> float:
+        """The logarithm of the number of bins."""
+        return float(np.log(float(self.n_bins)))
+
+    def acting_by(self: PolicyT, rule: Rule) -> PolicyT:
+        """The policy whose deterministic action is this one."""
+        return self if rule == self.deterministic_action else self.replace(deterministic_action=rule)
 
     @property
     def n_outputs(self) -> int:
         """The k logits of each action dimension."""
-        return self.bins.centers.size
+        return len(self._box.low) * self.n_bins
 
-    def init(self, hypers: Hypers) -> tuple[Float[Array, " dk"], Params]:
+    def init(self) -> tuple[Float[Array, " dk"], Params]:
         """Uniform, or as the Gaussian policy starts with the same numbers."""
         if self.initial_policy == "uniform":
             return jnp.zeros(self.n_outputs), {}
-        shift, scale = (jnp.reshape(x, (-1, 1)) for x in units_of(self.bins.low, self.bins.high, hypers))
-        std = scale * jnp.exp(jnp.maximum(hypers.log_std_init, hypers.log_std_min))
+        shift, scale = (jnp.reshape(x, (-1, 1)) for x in units_of(self, self.box_units))
+        std = scale * jnp.exp(jnp.maximum(self.log_std_init, self.log_std_min))
         start = init_gaussian_logits if self.initial_policy == "gaussian" else init_clipped_gaussian_logits
         return start(self.bins, shift, std).ravel(), {}
 
     @property
     def noise_marginals(self) -> Marginal:
         """Normal where a Gaussian explores, else uniform."""
-        return "normal" if self.choices.exploration == "gaussian" else "uniform"
+        return "normal" if self.exploration == "gaussian" else "uniform"
 
     def noise(self, key: Key[Array, ""], shape: tuple[int, ...]) -> Float[Array, "*batch n"]:
         """Uniform, two per dimension where the place in the bin is drawn too; normal where a Gaussian explores."""
-        d = len(self.bins.low)
-        if self.choices.exploration == "gaussian":
+        d = len(self._box.low)
+        if self.exploration == "gaussian":
             return jax.random.normal(key, (*shape, d))
-        return jax.random.uniform(key, (*shape, d if self.choices.bin_sample == "center" else 2 * d))
+        return jax.random.uniform(key, (*shape, d if self.bin_sample == "center" else 2 * d))
 
-    def distribution(self, outputs: Float[Array, "*batch dk"], params: Params, hypers: Hypers) -> Histogram:
+    def distribution(self, outputs: Float[Array, "*batch dk"], params: Params) -> Histogram:
         """Softmax policies with these logits."""
-        del params, hypers
+        del params
         return Histogram(self.bins, self.by_dimension(outputs), self.choices)
 
     def by_dimension(self, outputs: Float[Array, "*batch dk"]) -> Float[Array, "*batch d k"]:
         """The network's outputs with an axis for the action dimensions and one for the bins."""
         return outputs.reshape(*outputs.shape[:-1], *self.bins.centers.shape)
+
+
+@functools.lru_cache(maxsize=256)
+def _bins(box: Box, n_bins: int, bin_centers: Literal["inside", "bounds"], precision: str) -> Bins:
+    del precision  # in which they are made
+    return Bins(*box.arrays(), n_bins, bin_centers)

@@ -1,16 +1,14 @@
 """The ordinal softmax policy: logits that know that bins are in order (Tang & Agrawal, 2020)."""
 
-import dataclasses
 from typing import ClassVar
 
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from galton.policies.histogram import Histogram, HistogramPolicy
-from galton.types import Hypers, Params
+from galton.types import Params
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
 class OrdinalPolicy(HistogramPolicy):
     """The network gives k outputs f per dimension; bin i has the logit Σ_{j≤i} log s_j + Σ_{j>i} log(1 − s_j).
 
@@ -20,12 +18,12 @@ class OrdinalPolicy(HistogramPolicy):
 
     label: ClassVar[str] = "ordinal softmax"
 
-    def init(self, hypers: Hypers) -> tuple[Float[Array, " dk"], Params]:
+    def init(self) -> tuple[Float[Array, " dk"], Params]:
         """Outputs whose cumulative sums are the softmax policy's first logits."""
-        logits, params = super().init(hypers)
+        logits, params = super().init()
         return jnp.diff(self.by_dimension(logits), axis=-1, prepend=0.0).ravel(), params
 
-    def distribution(self, outputs: Float[Array, "*batch dk"], params: Params, hypers: Hypers) -> Histogram:
+    def distribution(self, outputs: Float[Array, "*batch dk"], params: Params) -> Histogram:
         """Softmax policies whose logits are cumulative sums of the outputs."""
         logits = jnp.cumsum(self.by_dimension(outputs), -1)
-        return super().distribution(logits.reshape(outputs.shape), params, hypers)
+        return super().distribution(logits.reshape(outputs.shape), params)

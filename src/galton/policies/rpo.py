@@ -1,16 +1,14 @@
 """Robust policy optimisation (Rahman & Xue, 2022): a Gaussian whose mean an update sees moved at random."""
 
-import dataclasses
 from typing import ClassVar
 
 import jax
 from jaxtyping import Array, Float, Key
 
 from galton.policies.gaussian import GaussianPolicy
-from galton.types import Hypers
+from galton.types import NotNegative
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
 class RpoPolicy(GaussianPolicy):
     """The Gaussian policy, but that each look of an update adds U(−α, α) to every mean, with α = rpo_alpha.
 
@@ -20,6 +18,9 @@ class RpoPolicy(GaussianPolicy):
 
     label: ClassVar[str] = "RPO"
 
-    def moved(self, outputs: Float[Array, "*batch d"], key: Key[Array, ""], hypers: Hypers) -> Float[Array, "*batch d"]:
+    rpo_alpha: NotNegative = 0.5
+    """How far an update moves the mean up or down at most, in the mean's own units."""
+
+    def moved(self, outputs: Float[Array, "*batch d"], key: Key[Array, ""]) -> Float[Array, "*batch d"]:
         """The means plus a draw from U(−α, α) for each."""
-        return outputs + hypers.rpo_alpha * jax.random.uniform(key, outputs.shape, outputs.dtype, -1.0, 1.0)
+        return outputs + self.rpo_alpha * jax.random.uniform(key, outputs.shape, outputs.dtype, -1.0, 1.0)

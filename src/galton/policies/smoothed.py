@@ -1,17 +1,15 @@
 """The smoothed softmax policy: neighbouring bins share what the network says, in the policy and not in the target."""
 
-import dataclasses
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from galton import targets
 from galton.policies.histogram import Histogram, HistogramPolicy
-from galton.types import Hypers, Params
+from galton.types import Params, Positive
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
 class SmoothedPolicy(HistogramPolicy):
     """The network gives k outputs z per dimension; bin i has the logit Σ_j K_ij z_j plus its first logit.
 
@@ -23,21 +21,25 @@ class SmoothedPolicy(HistogramPolicy):
 
     label: ClassVar[str] = "smoothed softmax"
 
-    def init(self, hypers: Hypers) -> tuple[Float[Array, " dk"], Params]:
+    eta: Positive = 0.25
+    """The width of the moving average, in bins."""
+    target_tails: Literal["rescaled", "edges"] = "rescaled"
+    """What becomes of a row's mass beyond the box: the rest is rescaled to sum to 1, or the bin at that end gets it."""
+
+    def init(self) -> tuple[Float[Array, " dk"], Params]:
         """Outputs 0, which leave every bin its first logit."""
-        del hypers
         return jnp.zeros(self.n_outputs), {}
 
-    def distribution(self, outputs: Float[Array, "*batch dk"], params: Params, hypers: Hypers) -> Histogram:
+    def distribution(self, outputs: Float[Array, "*batch dk"], params: Params) -> Histogram:
         """Softmax policies whose logits are moving averages of the outputs."""
-        logits = (self.by_dimension(outputs) @ self.kernel(hypers).T).reshape(outputs.shape)
-        return super().distribution(logits + self.first_logits(hypers), params, hypers)
+        logits = (self.by_dimension(outputs) @ self.kernel().T).reshape(outputs.shape)
+        return super().distribution(logits + self.first_logits(), params)
 
-    def kernel(self, hypers: Hypers) -> Float[Array, "k k"]:
+    def kernel(self) -> Float[Array, "k k"]:
         """K, whose rows sum to 1."""
-        n_bins, tails = self.bins.n_bins, self.choices.target_tails
-        return targets.hl_gauss_of_center(n_bins, jnp.arange(n_bins), hypers.eta, tails, self.bins.bin_centers)
+        index = jnp.arange(self.n_bins)
+        return targets.hl_gauss_of_center(self.n_bins, index, self.eta, self.target_tails, self.bin_centers)
 
-    def first_logits(self, hypers: Hypers) -> Float[Array, " dk"] | float:
+    def first_logits(self) -> Float[Array, " dk"] | float:
         """The softmax policy's first logits, which stay what they are; 0 for a uniform start."""
-        return 0.0 if self.initial_policy == "uniform" else super().init(hypers)[0]
+        return 0.0 if self.initial_policy == "uniform" else super().init()[0]

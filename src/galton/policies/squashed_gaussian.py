@@ -12,7 +12,7 @@ from jaxtyping import Array, Bool, Float
 from galton.policies.base import near_edge
 from galton.policies.gaussian import GaussianHead
 from galton.policies.tails import LEAST, LOG_SQRT_2PI, log_tail
-from galton.types import Hypers, Params
+from galton.types import Params
 
 _Z = np.linspace(-6.0, 6.0, 33)
 _P = np.exp(-0.5 * _Z**2) / np.exp(-0.5 * _Z**2).sum()
@@ -99,7 +99,6 @@ def log_slope(u: Float[Array, "*batch"]) -> Float[Array, "*batch"]:
     return 2 * (math.log(2) - jnp.abs(u) - jax.nn.softplus(-2 * jnp.abs(u)))
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
 class SquashedGaussianPolicy(GaussianHead):
     """The network gives the mean of u, whose log σ is a parameter of its own; the action is tanh(u) in the box.
 
@@ -108,6 +107,6 @@ class SquashedGaussianPolicy(GaussianHead):
 
     label: ClassVar[str] = "squashed Gaussian"
 
-    def distribution(self, outputs: Float[Array, "*batch d"], params: Params, hypers: Hypers) -> SquashedGaussian:
+    def distribution(self, outputs: Float[Array, "*batch d"], params: Params) -> SquashedGaussian:
         """The tanh of N(outputs, diag σ²) with log σ = max(log_std, log_std_min)."""
-        return SquashedGaussian(outputs, jnp.maximum(params["log_std"], hypers.log_std_min), self.low, self.high)
+        return SquashedGaussian(outputs, jnp.maximum(params["log_std"], self.log_std_min), self.low, self.high)

@@ -10,7 +10,7 @@ from jaxtyping import Array, Bool, Float, Key
 from galton.policies.base import Marginal, near_edge
 from galton.policies.gaussian import Gaussian, GaussianHead
 from galton.policies.tails import LEAST, Inside, inside, quantile
-from galton.types import Hypers, Params
+from galton.types import Params
 
 
 @dataclasses.dataclass(frozen=True)
@@ -72,7 +72,6 @@ class TruncatedGaussian:
         return gaussian, std, inside(gaussian.mean, std, gaussian.low, gaussian.high)
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
 class TruncatedGaussianPolicy(GaussianHead):
     """A Gaussian given that the action is inside the box. Mean, σ and their units are the Gaussian policy's."""
 
@@ -87,6 +86,6 @@ class TruncatedGaussianPolicy(GaussianHead):
         """Uniform numbers, one per action dimension."""
         return jax.random.uniform(key, (*shape, self.n_outputs))
 
-    def distribution(self, outputs: Float[Array, "*batch d"], params: Params, hypers: Hypers) -> TruncatedGaussian:
+    def distribution(self, outputs: Float[Array, "*batch d"], params: Params) -> TruncatedGaussian:
         """The Gaussian, cut off."""
-        return TruncatedGaussian(self.gaussian(outputs, params, hypers))
+        return TruncatedGaussian(self.gaussian(outputs, params))

@@ -9,9 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from galton.algorithms import idle, may_idle
+from galton.agents import idle, may_idle
 from galton.errors import UsageError, did_you_mean, require, require_integer
 from galton.losses import LOSSES
+from galton.parts import settings
 from galton.records import Fields
 from galton.saving import files
 from galton.sweep.study import Setting
@@ -51,7 +52,7 @@ def bases(points: Sequence[Mapping[str, object]], given: Sequence[Mapping[str, o
     """
     whole = [{**base, **point} for base, point in zip(given, points, strict=True)]
     choices = [make_config({name: fields[name] for name in ("loss", "policy") if name in fields}) for fields in whole]
-    unused = {choice: {*idle(choice)} for choice in dict.fromkeys(choices)}
+    unused = {choice: idle({"loss": choice.loss, "policy": choice.policy}) for choice in dict.fromkeys(choices)}
     nobodys = set.intersection(*unused.values()) if unused else set()
     for base, choice in zip(given, choices, strict=True):
         own = unused[choice] - nobodys
@@ -103,7 +104,7 @@ def random_grid(base: Mapping[str, Any], n: int = 16, seed: int = 0) -> tuple[Se
             found.append({"loss": name, "learning_rate": float(f"{rate:.3g}")})
             if loss.family == "histogram":
                 found[-1]["n_bins"] = bins
-            if "eta" in loss.uses:
+            if "eta" in settings(loss):
                 found[-1]["eta"] = float(f"{eta:.3g}")
     return expand(found, base)
 

@@ -8,6 +8,7 @@ import numpy as np
 from galton.errors import require_integer
 from galton.extras import needed
 from galton.losses import LOSSES, find_loss
+from galton.parts import settings
 from galton.sweep.grid import MOST_SETTINGS, bases
 from galton.sweep.study import Setting
 
@@ -67,6 +68,6 @@ def _space(loss: str, rate: float) -> dict[str, optuna.distributions.BaseDistrib
     space: dict[str, optuna.distributions.BaseDistribution] = {"learning_rate": rates}
     if find_loss(loss).family == "histogram":
         space["n_bins"] = optuna.distributions.CategoricalDistribution([50, 100, 200])
-    if "eta" in find_loss(loss).uses:
+    if "eta" in settings(find_loss(loss)):
         space["eta"] = optuna.distributions.FloatDistribution(0.1, 4.0, log=True)
     return space

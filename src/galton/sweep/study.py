@@ -6,12 +6,13 @@ import json
 from collections.abc import Iterator, Mapping
 from typing import Annotated, Any, NamedTuple
 
-from galton.algorithms import check_together, find_algorithm, refuse_others
-from galton.critics import find_critic
+from galton.agents import agent_of, flat, parts_of
+from galton.algorithms import Agent
 from galton.errors import require
 from galton.fields import AtLeast, check_fields
 from galton.losses import find_loss
-from galton.policies import USES
+from galton.parts import settings
+from galton.policies import POLICIES
 from galton.records import FIRST_FIELDS, Fields, defaults, filled, refuse_unknown, written
 from galton.training.train import log_plan
 from galton.types import Config, Count, Hypers, check_hypers, check_one_run, make_config
@@ -24,6 +25,11 @@ class Setting(NamedTuple):
     """What changes shapes or code."""
     hypers: Hypers
     """The hyperparameters, as plain numbers."""
+
+    @property
+    def agent(self) -> Agent:
+        """The agent that it is; UsageError for parts that don't fit together."""
+        return agent_of(*self)
 
     def record(self) -> Fields:
         """The fields that it is known by: later ones that have their defaults are left out (see `galton.records`)."""
@@ -40,24 +46,22 @@ class Setting(NamedTuple):
             known = ", ".join(DEFAULTS)
             require(name in DEFAULTS, f"{name!r} is no setting; choose from {known}")
         config = make_config({name: value for name, value in record.items() if name not in Hypers._fields})
-        find_algorithm(config.algorithm)
         if config.policy == find_loss(config.loss).policy:
             config = dataclasses.replace(config, policy="auto")  # the same setting has one name
         given = Hypers(**{name: value for name, value in record.items() if name in Hypers._fields})
         check_one_run(given)
         setting = cls(config, Hypers._make(float(number) for number in given))
-        find_critic(config.critic)
-        refuse_others(config, config)
-        check_together(*setting)
+        if config.policy in ("auto", *POLICIES):  # of one that nobody has registered here nothing is known
+            parts_of(flat(*setting))["critic"].check(config.normalize_reward)
         return setting
 
     def brief(self) -> str:
         """What the grids vary of its loss, in a line."""
-        loss = find_loss(self.config.loss)
+        loss, policy = find_loss(self.config.loss), POLICIES.get(self.config.policy)
         parts = [f"learning rate {self.hypers.learning_rate:.3g}"]
         parts += [f"k {self.config.n_bins}"] if loss.family == "histogram" else []
-        used = (*loss.uses, *USES.get(self.config.policy, ()))
-        parts += [f"η {self.hypers.eta:.3g}"] if "eta" in used else []
+        own = {*settings(loss), *(settings(policy) if policy else ())}
+        parts += [f"η {self.hypers.eta:.3g}"] if "eta" in own else []
         later = [(name, value) for name, value in self.record().items() if name not in FIRST_FIELDS]
         parts += [f"{name} {value:.3g}" if isinstance(value, float) else f"{name} {value}" for name, value in later]
         return ", ".join(parts)

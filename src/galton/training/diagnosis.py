@@ -6,18 +6,18 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from galton.algorithms import Agent, Scalars, actor_critic, credit
-from galton.algorithms.actor_critic import flatten
+from galton.algorithms import Agent, Scalars, actor_critic
+from galton.algorithms.actor_critic import by_sign, flatten
 from galton.losses import surrogate
 from galton.networks import features, mlp
 from galton.theory import gradient_bound, output_lipschitz
-from galton.types import Hypers, Learner, Params, Transition
+from galton.types import Learner, Params, Transition
 
 _MOST = 256
 """Rows of a rollout that the gradient and its bound are computed on: they take each sample in turn."""
 
 
-def diagnose(agent: Agent, learner: Learner, batch: Transition, hypers: Hypers) -> Scalars:
+def diagnose(agent: Agent, learner: Learner, batch: Transition) -> Scalars:
     """What the log says of the learner's parameters, on the rollout `[T, N]` that they were just trained on.
 
     - actor_grad_norm: of the policy loss mean(w · loss), where w is the advantage or the positive weight made of it, in
@@ -33,20 +33,19 @@ def diagnose(agent: Agent, learner: Learner, batch: Transition, hypers: Hypers) 
     """
     params = learner.params
     observation, next_observation, action = map(flatten, (batch.observation, batch.next_observation, batch.action))
-    values = actor_critic.value(agent, params, observation, hypers)
-    next_values = actor_critic.value(agent, params, next_observation, hypers)
-    advantage = actor_critic.advantages(values, next_values, batch, hypers)
+    values = actor_critic.value(agent, params, observation)
+    next_values = actor_critic.value(agent, params, next_observation)
+    advantage = actor_critic.advantages(agent, values, next_values, batch)
     returns = advantage + values
-    distribution = actor_critic.distribution(agent, params, observation, hypers)
-    weight = advantage if agent.config.weighting == "advantage" else credit.weights(agent.config, advantage, hypers)
+    distribution = actor_critic.distribution(agent, params, observation)
+    weight = advantage if agent.credit.is_signed else agent.credit.weights(advantage)
     bias = jnp.zeros(())
-    if agent.loss.bias:
-        numbers = credit.with_width(agent.config, distribution, hypers)
-        pull = jnp.linalg.norm(agent.loss.bias(distribution, numbers), axis=-1)
-        of_wide = weight if agent.config.negative_target == "same" else jnp.maximum(weight, 0.0)
+    if agent.loss.is_biased:
+        pull = jnp.linalg.norm(agent.loss.bias(distribution), axis=-1)
+        of_wide = weight if agent.loss.of_negatives(distribution, action) is None else jnp.maximum(weight, 0.0)
         bias = jnp.abs(of_wide.mean()) * pull.mean()
     some = slice(None, None, -(-len(advantage) // _MOST))
-    return _propositions(agent, params, observation[some], action[some], weight[some], hypers) | {
+    return _propositions(agent, params, observation[some], action[some], weight[some]) | {
         "sigma": distribution.std().mean(),
         "edge_share": distribution.at_edge(action).mean(),
         "explained_variance": 1 - jnp.var(returns - values) / jnp.var(returns),
@@ -60,14 +59,12 @@ def _propositions(
     observation: Float[Array, "B o"],
     action: Float[Array, "B d"],
     weight: Float[Array, " B"],
-    hypers: Hypers,
 ) -> Scalars:
     """The norm of the policy loss's gradient, and the mean of the samples' bounds."""
 
     def loss_of(outputs: Array, action: Array, weight: Array) -> Array:
-        distribution = agent.policy.distribution(outputs, params, hypers)
-        negatives = credit.of_negatives(agent.config, distribution, action, hypers)
-        return credit.by_sign(weight, credit.loss(agent, distribution, action, hypers), negatives)
+        distribution = agent.policy.distribution(outputs, params)
+        return by_sign(weight, agent.loss(distribution, action), agent.loss.of_negatives(distribution, action))
 
     def policy_loss(theta: list[Params]) -> Array:
         return surrogate(weight, loss_of(mlp(theta, observation), action, weight))

@@ -15,7 +15,7 @@ from galton.envs.host.base import HostEnvironments, HostTask
 from galton.envs.host.carried import frozen, has_no_limit
 from galton.errors import BrokenEnvironmentError, require
 from galton.training.rollout import start_episodes
-from galton.types import Hypers, Learner
+from galton.types import Learner
 
 LONG = 10_000
 """Steps after which it is said of an episode that it may have no end, and after which evaluation cuts one that has no
@@ -31,11 +31,11 @@ Carry = tuple[PyTree[Array], Array, Array, Array]
 
 
 def deterministic_action(
-    agent: Agent, learner: Learner, observation: Float[Array, "*batch o"], hypers: Hypers
+    agent: Agent, learner: Learner, observation: Float[Array, "*batch o"]
 ) -> Float[Array, "*batch d"]:
     """The action taken without exploration, from observations that `normalization.from_origin` tells."""
     normalised = normalization.observation(learner.normalizer, observation)
-    return actor_critic.distribution(agent, learner.params, normalised, hypers).deterministic_action()
+    return actor_critic.distribution(agent, learner.params, normalised).deterministic_action()
 
 
 def copies(task: HostTask, n_copies: int, n_threads: int = 1) -> HostEnvironments:
@@ -126,7 +126,7 @@ def play(
 
 
 def evaluate(
-    key: Key[Array, ""], env: Environment, agent: Agent, learner: Learner, hypers: Hypers, n_episodes: int
+    key: Key[Array, ""], env: Environment, agent: Agent, learner: Learner, n_episodes: int
 ) -> Float[Array, " n_episodes"]:
     """Undiscounted returns of whole episodes under the deterministic action, stepped side by side."""
     reset_key, step_key = jax.random.split(key)
@@ -140,7 +140,7 @@ def evaluate(
     def step(carry: Carry) -> Carry:
         states, returns, active, t = carry
         moved = normalization.from_origin(learner.normalizer, jax.vmap(env.observe)(states))
-        action = deterministic_action(agent, learner, moved, hypers)
+        action = deterministic_action(agent, learner, moved)
         action = jnp.clip(action, env.action_low, env.action_high)
         states, reward, terminated = jax.vmap(env.step)(states, action, jax.tree.map(lambda x: x[t], noise))
         return states, returns + jnp.where(active, reward, 0.0), active & ~terminated, t + 1

@@ -19,9 +19,9 @@ from galton.policies.correlation import nothing_before
 from galton.training.evaluate import LIMIT_IT, LONG, copies, play
 from galton.training.host_programs import host_programs
 from galton.training.log import Finished, Log
-from galton.training.run import RunState, Snapshot, Tree, falling, reseeded, with_keys, without_keys
+from galton.training.run import RunState, Snapshot, Tree, reseeded, with_keys, without_keys
 from galton.training.yardsticks import N_EPISODES, Yardsticks, yardsticks
-from galton.types import Hypers, Learner, Params, Rule, Transition
+from galton.types import Learner, Params, Rule, Transition
 
 
 class Group:
@@ -29,8 +29,7 @@ class Group:
 
     Args:
         task: what to train on.
-        agent: what all runs have in common.
-        hypers: each field `[P]`.
+        agent: whose numbers are `[P]` each.
         seeds: one for each run.
         device: what to compute on.
         n_threads: how many threads the environments may be stepped on.
@@ -40,42 +39,41 @@ class Group:
         self,
         task: HostTask,
         agent: Agent,
-        hypers: Hypers,
         seeds: UInt[np.ndarray, " P"],
         device: jax.Device,
         n_threads: int,
     ) -> None:
-        self._task, self._agent, self._config = task, agent, agent.config
+        self._task, self._agent = task, agent
         self._device, self._seeds = device, seeds
-        self._shape, self._n_threads = (len(seeds), agent.config.n_envs), n_threads
+        self._shape, self._n_threads = (len(seeds), agent.rollout.n_envs), n_threads
         self._sizes = Observations(task.name, task.observation_space).size, len(agent.low)
-        self._programs = host_programs(agent)
+        self._programs = host_programs(jax.tree.structure(agent))
         self._evaluator: HostEnvironments | None = None
         self._evaluator_episodes = 0
         self._interrupted = False
         """Whether an exception left the environments in the middle of a rollout."""
         self._observation = np.zeros((*self._shape, self._sizes[0]), np.float32)
         self._length = np.zeros(self._shape, np.int32)
-        self._given, self._hypers = hypers, self._place(hypers)
+        self._numbers = self._place(jax.tree.leaves(agent))
         self._batch = self._empty_batch()
-        self.environments = task.make(len(seeds) * agent.config.n_envs, n_threads)
+        self.environments = task.make(len(seeds) * agent.rollout.n_envs, n_threads)
         self._watch = Watch(self.environments.moves)
 
     def begin(self) -> None:
         """Make the runs."""
         with jax.default_device(self._device):
             self.runs: RunState = self._place(
-                self._programs.begin(self._sizes[0], jnp.asarray(self._seeds), self._hypers)
+                self._programs.begin(self._numbers, self._sizes[0], jnp.asarray(self._seeds))
             )
-            self._times = [jnp.int32(t) for t in range(self._config.n_steps)]
-            correlation = self._hypers.noise_correlation
+            self._times = [jnp.int32(t) for t in range(self._agent.rollout.n_steps)]
+            correlation = self._agent.rollout.noise_correlation
             self._noise = self._place(nothing_before(self._agent.policy, self._shape, correlation))
 
     def reset(self) -> None:
         """Begin the first episodes of training, whose observations the statistics count."""
         self._start(self.environments.reset(self._environment_seeds(0)))
         self._at_first = [plain_data(layers) for layers in self.environments.layers]
-        if self._config.normalize_observation:
+        if self._agent.rollout.normalize_observation:
             origin = self._place(self._observation[:, 0].astype(np.float32))
             learner = self.runs.learner._replace(normalizer=self.runs.learner.normalizer._replace(origin=origin))
             self.runs = self.runs._replace(learner=learner)
@@ -83,21 +81,22 @@ class Group:
 
     def decay_over(self, begin: int, end: int) -> None:
         """Let learning rates that fall over all that is trained (decay_steps = inf) fall from one step to another."""
-        self._hypers = self._place(falling(self._given, begin, end, self._agent.config.rollout_size))
+        optimizer = self._agent.optimizer.falling(begin, end, self._agent.rollout.size)
+        self._numbers = self._place(jax.tree.leaves(self._agent.replace(optimizer=optimizer)))
 
     def warm_up(self) -> None:
         """Compile what training runs, by a first call of each program on numbers of no meaning."""
         p, n = self._shape
         runs = jax.tree.map(jnp.copy, self.runs)
         zeros = np.zeros((p, n, self._sizes[0]), np.float32)
-        noise = self._programs.prepare(runs)
+        noise = self._programs.prepare(self._numbers, runs)
         params = _acting(runs.learner.params)
         before = self._noise_before()
-        self._programs.act(params, runs.learner.normalizer, zeros, noise, self._times[0], self._hypers, *before)
+        self._programs.act(self._numbers, params, runs.learner.normalizer, zeros, noise, self._times[0], *before)
         reward = np.zeros(self._shape, np.float32)
         self._receive(runs.learner, Steps(zeros, zeros, reward, reward > 0, reward > 0), reward > 0)
-        runs = self._programs.learn(runs, self._batch, self._empty_finished(), self._hypers)
-        jax.block_until_ready(self._programs.log(runs, self._batch, self._hypers))
+        runs = self._programs.learn(self._numbers, runs, self._batch, self._empty_finished())
+        jax.block_until_ready(self._programs.log(self._numbers, runs, self._batch))
 
     def advance(self, n_updates: int) -> None:
         """The training loop: act for n_steps steps, then learn from them."""
@@ -115,7 +114,7 @@ class Group:
         self._interrupted, longest = True, self._length.max()
         for _ in range(n_updates):
             self._batch, finished = self._rollout()
-            self.runs = self._programs.learn(self.runs, self._batch, finished, self._hypers)
+            self.runs = self._programs.learn(self._numbers, self.runs, self._batch, finished)
         self._interrupted = False
         if longest < LONG <= self._length.max():
             warnings.warn(
@@ -127,12 +126,12 @@ class Group:
     def _rollout(self) -> tuple[Transition, Finished]:
         """T steps of the P · N environments; numpy arrays `[P, T, N, ...]`."""
         batch, finished = self._empty_batch(), self._empty_finished()
-        noise, learner = self._programs.prepare(self.runs), self.runs.learner
+        noise, learner = self._programs.prepare(self._numbers, self.runs), self.runs.learner
         params = _acting(learner.params)
         for t, device_t in enumerate(self._times):
             moved = self._from_origin(self._observation)
             sampled, normalised, self._noise = self._programs.act(
-                params, learner.normalizer, moved, noise, device_t, self._hypers, *self._noise_before()
+                self._numbers, params, learner.normalizer, moved, noise, device_t, *self._noise_before()
             )
             action = np.asarray(sampled)
             observation = moved if normalised is None else np.asarray(normalised)
@@ -148,7 +147,7 @@ class Group:
 
     def _noise_before(self) -> tuple[PyTree[Array], np.ndarray | tuple[()]]:
         """What correlated noise goes on from and where it begins anew; nothing where noise is not correlated."""
-        return self._noise, () if self._hypers.noise_correlation is None else self._length == 0
+        return self._noise, () if self._agent.rollout.noise_correlation is None else self._length == 0
 
     def _step(self, action: np.ndarray) -> Steps:
         """Act in the environments, if they are where the last step left them."""
@@ -174,15 +173,18 @@ class Group:
 
     def _receive(self, learner: Learner, steps: Steps, done: np.ndarray) -> tuple[Learner, np.ndarray, np.ndarray]:
         """The statistics after a step, and its rewards and final observations as the learner is to see them."""
-        if not (self._config.normalize_observation or self._config.normalize_reward):
+        rollout = self._agent.rollout
+        if not (rollout.normalize_observation or rollout.normalize_reward):
             return learner, steps.reward, steps.final_observation
         moved = map(self._from_origin, (steps.final_observation, steps.observation))
-        normalizer, reward, final = self._programs.receive(learner.normalizer, steps.reward, done, *moved, self._hypers)
+        normalizer, reward, final = self._programs.receive(
+            self._numbers, learner.normalizer, steps.reward, done, *moved
+        )
         return learner._replace(normalizer=normalizer), np.asarray(reward), np.asarray(final)
 
     def log(self, begin_next: bool = True) -> Log:
         """What is recorded of the updates since the last log, each number `[P]`."""
-        runs, log = self._programs.log(self.runs, self._batch, self._hypers)
+        runs, log = self._programs.log(self._numbers, self.runs, self._batch)
         if begin_next:
             self.runs = runs
         return log
@@ -206,10 +208,10 @@ class Group:
         for i, layers in enumerate(self._evaluator.layers):
             trained = i // n_episodes * n_envs + i % n_episodes % n_envs
             carry(self.environments.layers[trained], self._at_first[trained], layers)
-        learner, exploit = self.runs.learner, host_programs(self._agent.acting_by(rule)).exploit
+        learner, exploit = self.runs.learner, host_programs(jax.tree.structure(self._agent.acting_by(rule))).exploit
 
         def act(observation: np.ndarray) -> np.ndarray:
-            action = np.asarray(exploit(learner, self._from_origin(self._split(observation)), self._hypers))
+            action = np.asarray(exploit(self._numbers, learner, self._from_origin(self._split(observation))))
             return action.reshape(len(observation), -1)
 
         seeds = self._environment_seeds(1, int(self.runs.step[0]), n=n_episodes)
@@ -236,7 +238,7 @@ class Group:
     def snapshot(self) -> Snapshot:
         """What `restore` goes on from; `environments` is None where they can't tell their states."""
         own: dict[str, Any] = {"observation": self._observation, "length": self._length, "return": self._return}
-        if self._hypers.noise_correlation is not None:
+        if self._agent.rollout.noise_correlation is not None:
             own["noise"] = jax.tree.map(np.asarray, self._noise)
         state = None if self._interrupted or self._watch.others_moved() else self._state()
         environments = None if state is None else own | {key: self._split(value) for key, value in state.items()}
@@ -327,7 +329,7 @@ class Group:
         return Finished(self._empty(dtype=bool), self._empty(), self._empty(dtype=np.int32))
 
     def _empty(self, *entries: int, dtype: type = np.float32) -> Any:
-        return np.zeros((self._shape[0], self._config.n_steps, self._shape[1], *entries), dtype)
+        return np.zeros((self._shape[0], self._agent.rollout.n_steps, self._shape[1], *entries), dtype)
 
 
 def _acting(params: Params) -> Params:

@@ -1,8 +1,7 @@
 """The compiled programs with which a population trains on environments outside JAX."""
 
-import functools
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 from jaxtyping import Array, PyTree
@@ -12,73 +11,99 @@ from galton.algorithms import Agent, actor_critic
 from galton.normalization import Normalizer
 from galton.policies.correlation import continued
 from galton.training.evaluate import deterministic_action
-from galton.training.log import Log
+from galton.training.log import Finished, Log
 from galton.training.programs import kept
 from galton.training.run import RunState, begin, learn, over_runs, read_log, rollout_key
-from galton.types import Hypers, Params
+from galton.types import Learner, Params, Transition
 
 
 class HostPrograms(NamedTuple):
-    """A group's programs, compiled at their first call on each device; all but `begin` are mapped over its runs."""
+    """A group's programs, compiled at their first call on each device; all but `begin` are mapped over its runs.
+
+    The first argument of each but `observe` is the leaves of the agent: flat, for a call to be quick.
+    """
 
     begin: Callable[..., RunState]
-    """(observation size, seeds, hypers) → runs."""
+    """(agent, observation size, seeds) → runs."""
     observe: Callable[..., RunState]
     """(runs, first observations from the origin `[P, N, o]`) → runs."""
     prepare: Callable[..., PyTree[Array]]
-    """Runs → the noise of their next rollout, each leaf `[P, T, N, ...]`."""
+    """(agent, runs) → the noise of their next rollout, each leaf `[P, T, N, ...]`."""
     act: Callable[..., tuple[Array, Array | None, PyTree[Array]]]
-    """(params, normalizers, observations from the origin `[P, N, o]`, noise, t, hypers, what the noise goes on from,
+    """(agent, params, normalizers, observations from the origin `[P, N, o]`, noise, t, what the noise goes on from,
     which episodes begin `[P, N]`) → actions, if it is on normalised observations, and what the next noise goes on
     from. Where noise is not correlated the last two arguments and the last answer are ()."""
     receive: Callable[..., tuple[Normalizer, Array, Array]]
-    """(normalizers, rewards, dones, final and following observations, hypers) → as normalization.receive."""
+    """(agent, normalizers, rewards, dones, final and following observations) → as normalization.receive."""
     learn: Callable[..., RunState]
-    """(runs, batch `[P, T, N]`, finished, hypers) → runs."""
+    """(agent, runs, batch `[P, T, N]`, finished) → runs."""
     log: Callable[..., tuple[RunState, Log]]
-    """(runs, batch, hypers) → runs and logs."""
+    """(agent, runs, batch) → runs and logs."""
     exploit: Callable[..., Array]
-    """(learners, observations from the origin `[P, n, o]`, hypers) → deterministic actions."""
+    """(agent, learners, observations from the origin `[P, n, o]`) → deterministic actions."""
+
+
+Numbers = list[Array]
+"""The leaves of an agent."""
 
 
 @kept
-def host_programs(agent: Agent) -> HostPrograms:
-    """The programs that train this agent, made once for each agent."""
-    config = agent.config
+def host_programs(structure: Any) -> HostPrograms:
+    """The programs that train agents of this tree structure, made once for each."""
 
-    def begin_all(size: int, seeds: Array, hypers: Hypers) -> RunState:
-        return jax.lax.map(lambda run: begin(agent, size, *run)[0], (seeds, hypers))
+    def agent_of(numbers: Numbers) -> Agent:
+        return jax.tree.unflatten(structure, numbers)
+
+    def begin_all(numbers: Numbers, size: int, seeds: Array) -> RunState:
+        return jax.lax.map(lambda run: begin(agent_of(run[0]), size, run[1])[0], (numbers, seeds))
 
     def observe(run: RunState, observation: Array) -> RunState:
         learner = run.learner._replace(normalizer=normalization.observe(run.learner.normalizer, observation))
         return run._replace(learner=learner)
 
-    def prepare(run: RunState) -> PyTree[Array]:
-        return agent.policy.noise(rollout_key(run), (config.n_steps, config.n_envs))
+    def prepare(numbers: Numbers, run: RunState) -> PyTree[Array]:
+        agent = agent_of(numbers)
+        return agent.policy.noise(rollout_key(run), (agent.rollout.n_steps, agent.rollout.n_envs))
 
     def act(
+        numbers: Numbers,
         params: Params,
         normalizer: Normalizer,
         observation: Array,
         noise: PyTree[Array],
         t: Array,
-        hypers: Hypers,
         before: PyTree[Array],
         begins: Array | tuple[()],
     ) -> tuple[Array, Array | None, PyTree[Array]]:
+        agent = agent_of(numbers)
         normalised = normalization.observation(normalizer, observation)
         drawn = jax.tree.map(lambda x: jax.lax.dynamic_index_in_dim(x, t, keepdims=False), noise)
-        now, after = continued(agent.policy, drawn, before, begins, hypers.noise_correlation)
-        action = actor_critic.act(agent, params, normalised, now, hypers)
-        return action, normalised if config.normalize_observation else None, after
+        now, after = continued(agent.policy, drawn, before, begins, agent.rollout.noise_correlation)
+        action = actor_critic.act(agent, params, normalised, now)
+        return action, normalised if agent.rollout.normalize_observation else None, after
 
+    def receive(
+        numbers: Numbers, normalizer: Normalizer, reward: Array, done: Array, final: Array, following: Array
+    ) -> tuple[Normalizer, Array, Array]:
+        return normalization.receive(normalizer, reward, done, final, following, agent_of(numbers).algorithm.gamma)
+
+    def learn_of(numbers: Numbers, run: RunState, batch: Transition, finished: Finished) -> RunState:
+        return learn(agent_of(numbers), run, batch, finished)
+
+    def log(numbers: Numbers, run: RunState, batch: Transition) -> tuple[RunState, Log]:
+        return read_log(agent_of(numbers), run, batch)
+
+    def exploit(numbers: Numbers, learner: Learner, observation: Array) -> Array:
+        return deterministic_action(agent_of(numbers), learner, observation)
+
+    side_by_side = jax.tree.unflatten(structure, range(structure.num_leaves)).algorithm.side_by_side
     return HostPrograms(
-        jax.jit(begin_all, static_argnums=0),
+        jax.jit(begin_all, static_argnums=1),
         jax.jit(jax.vmap(observe)),
         jax.jit(jax.vmap(prepare)),
-        jax.jit(jax.vmap(act, (0, 0, 0, 0, None, 0, 0, 0))),
-        jax.jit(jax.vmap(normalization.receive)),
-        jax.jit(over_runs(agent, functools.partial(learn, agent), (0, 0, 0, 0))),
-        jax.jit(jax.vmap(functools.partial(read_log, agent))),
-        jax.jit(jax.vmap(functools.partial(deterministic_action, agent))),
+        jax.jit(jax.vmap(act, (0, 0, 0, 0, 0, None, 0, 0))),
+        jax.jit(jax.vmap(receive)),
+        jax.jit(over_runs(side_by_side, learn_of, (0, 0, 0, 0))),
+        jax.jit(jax.vmap(log)),
+        jax.jit(jax.vmap(exploit)),
     )

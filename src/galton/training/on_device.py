@@ -25,7 +25,6 @@ from galton.training.run import (
     Snapshot,
     Tree,
     begin,
-    falling,
     learn,
     over_runs,
     read_log,
@@ -35,7 +34,7 @@ from galton.training.run import (
     without_keys,
 )
 from galton.training.yardsticks import Yardsticks, yardsticks_on
-from galton.types import Hypers, Learner, Rule, Transition
+from galton.types import Learner, Rule, Transition
 
 
 class DeviceState(NamedTuple):
@@ -45,24 +44,22 @@ class DeviceState(NamedTuple):
     episodes: EpisodeState
 
 
-def iteration(
-    env: Environment, agent: Agent, state: DeviceState, noise: Noise, hypers: Hypers
-) -> tuple[DeviceState, Transition]:
+def iteration(env: Environment, agent: Agent, state: DeviceState, noise: Noise) -> tuple[DeviceState, Transition]:
     """One round of the training loop: act for n_steps steps, then learn from them. The rollout is returned too."""
-    episodes, learner, batch, finished = rollout(env, agent, state.run.learner, state.episodes, noise, hypers)
-    run = learn(agent, state.run._replace(learner=learner), batch, finished, hypers)
+    episodes, learner, batch, finished = rollout(env, agent, state.run.learner, state.episodes, noise)
+    run = learn(agent, state.run._replace(learner=learner), batch, finished)
     return DeviceState(run, episodes), batch
 
 
 def iterate(
-    env: Environment, agent: Agent, state: DeviceState, hypers: Hypers, n_updates: Int[Array, ""]
+    env: Environment, agent: Agent, state: DeviceState, n_updates: Int[Array, ""]
 ) -> tuple[DeviceState, Transition]:
     """Train one run for n_updates; its last rollout, which the log looks at, is returned too.
 
     Noise is drawn for a block of rollouts at once, since a call of the generator costs as much for several short ones
     as for one. Each rollout has its own key, so nothing depends on the blocks.
     """
-    batch_size = agent.config.rollout_size
+    batch_size = agent.rollout.size
     n_drawn = min(16, max(1, _STEPS_DRAWN // batch_size))
 
     def block(carry: tuple[Array, DeviceState, Transition]) -> tuple[Array, DeviceState, Transition]:
@@ -73,12 +70,12 @@ def iterate(
         state, batch = jax.lax.fori_loop(
             0,
             n,
-            lambda i, carry: iteration(env, agent, carry[0], jax.tree.map(lambda x: x[i], noise), hypers),
+            lambda i, carry: iteration(env, agent, carry[0], jax.tree.map(lambda x: x[i], noise)),
             (state, batch),
         )
         return done + n, state, batch
 
-    shape = jax.eval_shape(lambda: iteration(env, agent, state, draw_noise(state.run.key, env, agent), hypers)[1])
+    shape = jax.eval_shape(lambda: iteration(env, agent, state, draw_noise(state.run.key, env, agent))[1])
     nothing = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), shape)
     _, state, batch = jax.lax.while_loop(lambda carry: carry[0] < n_updates, block, (jnp.int32(0), state, nothing))
     return state, batch
@@ -88,11 +85,11 @@ _STEPS_DRAWN = 2048
 """How many environment steps a block has noise for: 16 rollouts, or fewer where they are long."""
 
 
-def begin_on_device(env: Environment, agent: Agent, seed: UInt[Array, ""], hypers: Hypers) -> DeviceState:
+def begin_on_device(env: Environment, agent: Agent, seed: UInt[Array, ""]) -> DeviceState:
     """A new run at the start of its first episodes; the statistics have counted their observations."""
-    run, episodes_key = begin(agent, len(env.observation_low), seed, hypers)
-    n_envs = agent.config.n_envs
-    before = nothing_before(agent.policy, (n_envs,), hypers.noise_correlation)
+    run, episodes_key = begin(agent, len(env.observation_low), seed)
+    n_envs = agent.rollout.n_envs
+    before = nothing_before(agent.policy, (n_envs,), agent.rollout.noise_correlation)
     episodes = start_episodes(episodes_key, env, n_envs)._replace(noise=before)
     first = jax.vmap(env.observe)(episodes.env)
     learner = run.learner._replace(normalizer=normalization.begin(run.learner.normalizer, first))
@@ -104,27 +101,23 @@ class DevicePopulation:
 
     Args:
         env: a hashable record of constants.
-        agent: what all runs have in common.
-        hypers: each field `[R]`.
+        agent: whose numbers are `[R]` each.
         seeds: one for each run, 0 … 2³² − 1.
         devices: what to compute on.
     """
 
-    def __init__(
-        self, env: Environment, agent: Agent, hypers: Hypers, seeds: Sequence[int], devices: Sequence[jax.Device]
-    ) -> None:
-        self._env, self._agent, self._n_runs = env, agent, len(seeds)
+    def __init__(self, env: Environment, agent: Agent, seeds: Sequence[int], devices: Sequence[jax.Device]) -> None:
+        self._env, self._n_runs = env, len(seeds)
         n_devices = min(len(devices), self._n_runs)
         self._padded = np.minimum(np.arange(math.ceil(self._n_runs / n_devices) * n_devices), self._n_runs - 1)
         self._on_runs = NamedSharding(Mesh(devices[:n_devices], "runs"), PartitionSpec("runs"))
-        padded = jax.tree.map(lambda h: np.asarray(h, np.float32)[self._padded], hypers)
-        self._shapes = jax.tree.map(lambda h: jax.ShapeDtypeStruct(h.shape, h.dtype), padded)
+        self._given = jax.tree.map(lambda number: np.asarray(number, np.float32)[self._padded], agent)
+        self._agent, self._shapes = self._place(self._given), _shapes(self._given)
         self._programs: _Programs | None = None
         start = time.perf_counter()
-        begin_all = _compile_begin(env, agent, self._shapes, self._on_runs)
+        begin_all = _compile_begin(env, self._shapes, self._on_runs)
         self.compile_seconds = time.perf_counter() - start
-        self._given, self._hypers = padded, self._place(padded)
-        self._state = self._place(begin_all(np.asarray(seeds, np.uint32)[self._padded], padded))
+        self._state = self._place(begin_all(self._given, np.asarray(seeds, np.uint32)[self._padded]))
         self._batch: Transition | None = None
 
     @property
@@ -148,26 +141,27 @@ class DevicePopulation:
 
     def decay_over(self, begin: int, end: int) -> None:
         """Let learning rates that fall over all that is trained (decay_steps = inf) fall from one step to another."""
-        self._hypers = self._place(falling(self._given, begin, end, self._agent.config.rollout_size))
+        optimizer = self._given.optimizer.falling(begin, end, self._given.rollout.size)
+        self._agent = self._place(self._given.replace(optimizer=optimizer))
 
     def compile(self) -> None:
         """Compile what training runs, unless that is done."""
         if self._programs is None:
             start = time.perf_counter()
-            self._programs = _compile(self._env, self._agent, self._shapes, self._on_runs)
+            self._programs = _compile(self._env, self._shapes, self._on_runs)
             self.compile_seconds += time.perf_counter() - start
 
     def advance(self, n_updates: int) -> None:
         """Train all runs for so many updates each; they are done when it returns."""
         self.compile()
         assert self._programs
-        self._state, self._batch = self._programs.advance(self._state, self._hypers, np.int32(n_updates))
+        self._state, self._batch = self._programs.advance(self._agent, self._state, np.int32(n_updates))
         jax.block_until_ready(self._state.run.step)
 
     def log(self, begin_next: bool = True) -> Log:
         """What is recorded of the updates since the last log, each number `[R]`, without evaluation."""
         assert self._programs
-        run, log = self._programs.log(self._state.run, self._batch, self._hypers)
+        run, log = self._programs.log(self._agent, self._state.run, self._batch)
         if begin_next:
             self._state = self._state._replace(run=run)
         return self._fetch(log)
@@ -175,9 +169,9 @@ class DevicePopulation:
     def evaluate(self, n_episodes: int, rule: Rule | None = None) -> Float[np.ndarray, "R n_episodes"]:
         """Undiscounted returns of whole episodes without exploration."""
         run, agent = self._state.run, self._agent.acting_by(rule)
-        program, seconds = _compile_evaluation(self._env, agent, n_episodes, self._shapes, self._on_runs)
+        program, seconds = _compile_evaluation(self._env, _shapes(agent), n_episodes, self._on_runs)
         self.compile_seconds += seconds()
-        return np.asarray(self._fetch(program(run.evaluation_key, run.step, run.learner, self._hypers)))
+        return np.asarray(self._fetch(program(agent, run.evaluation_key, run.step, run.learner)))
 
     def check_evaluation(self, n_episodes: int) -> None:
         """Nothing to check: there are as many copies of the environment as one wants."""
@@ -222,70 +216,73 @@ class DevicePopulation:
 
 class _Programs(NamedTuple):
     advance: Callable[..., tuple[DeviceState, Transition]]
-    """(states, hypers, number of updates) → states and the last rollouts."""
+    """(agents, states, number of updates) → states and the last rollouts."""
     log: Callable[..., tuple[RunState, Log]]
-    """(runs, the last rollouts, hypers) → runs and logs."""
+    """(agents, runs, the last rollouts) → runs and logs."""
 
 
 @kept
 def _compile_begin(
-    env: Environment, agent: Agent, hypers: Hypers, on_runs: NamedSharding
-) -> Callable[[UInt[np.ndarray, " R"], Hypers], DeviceState]:
-    """The program that makes new runs, for hypers of these shapes."""
-    return jax.jit(_begin_all(env, agent, on_runs)).lower(_seeds(hypers), hypers).compile()
+    env: Environment, agent: Agent, on_runs: NamedSharding
+) -> Callable[[Agent, UInt[np.ndarray, " R"]], DeviceState]:
+    """The program that makes new runs, for an agent with numbers of these shapes."""
+    return jax.jit(_begin_all(env, on_runs)).lower(agent, _seeds(agent)).compile()
 
 
 @kept
-def _compile(env: Environment, agent: Agent, hypers: Hypers, on_runs: NamedSharding) -> _Programs:
-    """The programs that train, for hypers of these shapes."""
+def _compile(env: Environment, agent: Agent, on_runs: NamedSharding) -> _Programs:
+    """The programs that train, for an agent with numbers of these shapes."""
     axes = (0, 0, None)
-    advance = _on_all_devices(over_runs(agent, functools.partial(iterate, env, agent), axes), on_runs, axes)
-    log = _on_all_devices(jax.vmap(functools.partial(read_log, agent)), on_runs, (0, 0, 0))
+    of_runs = over_runs(agent.algorithm.side_by_side, functools.partial(iterate, env), axes)
+    advance = _on_all_devices(of_runs, on_runs, axes)
+    log = _on_all_devices(jax.vmap(read_log), on_runs, (0, 0, 0))
 
-    state = _placed(jax.eval_shape(_begin_all(env, agent, on_runs), _seeds(hypers), hypers), on_runs)
-    hypers = _placed(hypers, on_runs)
+    state = _placed(jax.eval_shape(_begin_all(env, on_runs), agent, _seeds(agent)), on_runs)
+    agent = _placed(agent, on_runs)
     n = jax.ShapeDtypeStruct((), jnp.int32)
-    batch = _placed(jax.eval_shape(advance, state, hypers, n)[1], on_runs)
+    batch = _placed(jax.eval_shape(advance, agent, state, n)[1], on_runs)
     return _Programs(
-        jax.jit(advance).lower(state, hypers, n).compile(),
-        jax.jit(log).lower(state.run, batch, hypers).compile(),
+        jax.jit(advance).lower(agent, state, n).compile(),
+        jax.jit(log).lower(agent, state.run, batch).compile(),
     )
 
 
 @kept
 def _compile_evaluation(
-    env: Environment, agent: Agent, n_episodes: int, hypers: Hypers, on_runs: NamedSharding
+    env: Environment, agent: Agent, n_episodes: int, on_runs: NamedSharding
 ) -> tuple[Callable[..., Array], Callable[[], float]]:
     """The compiled evaluation, and a function that tells the seconds it took to compile at its first call only."""
     start = time.perf_counter()
 
-    def program(key: Array, step: Array, learner: Learner, hypers: Hypers) -> Array:
-        return evaluate(jax.random.fold_in(key, step), env, agent, learner, hypers, n_episodes)
+    def program(agent: Agent, key: Array, step: Array, learner: Learner) -> Array:
+        return evaluate(jax.random.fold_in(key, step), env, agent, learner, n_episodes)
 
-    begin_all = _begin_all(env, agent, on_runs)
-    run = _placed(jax.eval_shape(begin_all, _seeds(hypers), hypers).run, on_runs)
+    run = _placed(jax.eval_shape(_begin_all(env, on_runs), agent, _seeds(agent)).run, on_runs)
     compiled = (
         jax.jit(_on_all_devices(jax.vmap(program), on_runs, (0, 0, 0, 0)))
-        .lower(run.evaluation_key, run.step, run.learner, _placed(hypers, on_runs))
+        .lower(_placed(agent, on_runs), run.evaluation_key, run.step, run.learner)
         .compile()
     )
     seconds = [time.perf_counter() - start]
     return compiled, lambda: seconds.pop() if seconds else 0.0
 
 
-def _seeds(hypers: Hypers) -> jax.ShapeDtypeStruct:
+def _shapes(agent: Agent) -> Agent:
+    """The agent with the shapes of its numbers: what programs are compiled for."""
+    return jax.tree.map(lambda number: jax.ShapeDtypeStruct(number.shape, number.dtype), agent)
+
+
+def _seeds(agent: Agent) -> jax.ShapeDtypeStruct:
     """The shape of the seeds of as many runs."""
-    return jax.ShapeDtypeStruct(jax.tree.leaves(hypers)[0].shape, jnp.uint32)
+    return jax.ShapeDtypeStruct(jax.tree.leaves(agent)[0].shape, jnp.uint32)
 
 
-def _begin_all(
-    env: Environment, agent: Agent, on_runs: NamedSharding
-) -> Callable[[UInt[Array, " R"], Hypers], DeviceState]:
+def _begin_all(env: Environment, on_runs: NamedSharding) -> Callable[[Agent, UInt[Array, " R"]], DeviceState]:
     """Make new runs: all at once, but on a CPU one after the other, without a batch axis (see `init_mlp`)."""
-    begin = functools.partial(begin_on_device, env, agent)
+    begin = functools.partial(begin_on_device, env)
     if on_runs.mesh.devices.flat[0].platform != "cpu":
         return jax.vmap(begin)
-    return lambda seeds, hypers: jax.lax.map(lambda run: begin(*run), (seeds, hypers))
+    return lambda agent, seeds: jax.lax.map(lambda run: begin(*run), (agent, seeds))
 
 
 def _on_all_devices(

@@ -19,7 +19,7 @@ from galton.training.host_group import Group
 from galton.training.log import Log
 from galton.training.run import Snapshot, Tree
 from galton.training.yardsticks import Yardsticks
-from galton.types import Hypers, Learner, Rule
+from galton.types import Learner, Rule
 
 Answer = TypeVar("Answer")
 
@@ -29,8 +29,7 @@ class HostPopulation:
 
     Args:
         task: what to train on.
-        agent: what all runs have in common.
-        hypers: each field `[R]`.
+        agent: whose numbers are `[R]` each.
         seeds: one for each run, 0 … 2³² − 1.
         devices: what to compute on, each with a thread.
 
@@ -39,9 +38,7 @@ class HostPopulation:
         BrokenEnvironmentError: an environment broke in its first reset.
     """
 
-    def __init__(
-        self, task: HostTask, agent: Agent, hypers: Hypers, seeds: Sequence[int], devices: Sequence[jax.Device]
-    ) -> None:
+    def __init__(self, task: HostTask, agent: Agent, seeds: Sequence[int], devices: Sequence[jax.Device]) -> None:
         n_groups = min(task.n_threads, len(devices), len(seeds))
         self._slices = [slice(part[0], part[-1] + 1) for part in np.array_split(np.arange(len(seeds)), n_groups)]
         self._groups: list[Group] = []
@@ -49,8 +46,8 @@ class HostPopulation:
         all_seeds, threads = np.asarray(seeds, np.uint32), max(1, task.n_threads // n_groups)
         try:
             for part, device in zip(self._slices, devices, strict=False):
-                own = jax.tree.map(lambda h, part=part: np.asarray(h, np.float32)[part], hypers)
-                self._groups.append(Group(task, agent, own, all_seeds[part], device, threads))
+                own = jax.tree.map(lambda number, part=part: np.asarray(number, np.float32)[part], agent)
+                self._groups.append(Group(task, own, all_seeds[part], device, threads))
             start = time.perf_counter()
             self._each(Group.begin)
             self.compile_seconds = time.perf_counter() - start

@@ -8,13 +8,13 @@ import jax
 import numpy as np
 from jaxtyping import Float, Int
 
-from galton.algorithms import Agent, check_together, policy_of, resolve
+from galton.algorithms import Agent
 from galton.envs.base import Environment
 from galton.envs.find import find
 from galton.envs.host.action_box import ActionBox
 from galton.envs.host.base import HostEnvironments, HostTask
 from galton.envs.host.observations import IMAGE_REMEDY, has_image
-from galton.policies.correlation import check_correlation
+from galton.parts import Box
 from galton.training.log import Log
 from galton.training.on_device import DevicePopulation
 from galton.training.on_host import HostPopulation
@@ -23,12 +23,12 @@ from galton.training.programs_on_disk import keep_programs
 from galton.training.run import Snapshot
 from galton.training.size import check_size
 from galton.training.yardsticks import Yardsticks
-from galton.types import Config, Hypers, Learner, Rule, check_config, check_hypers, without_unused
+from galton.types import Learner, Rule
 
 
 @runtime_checkable
 class Population(Protocol):
-    """R runs of one Config. All arrays that go in or out are numpy's, with a leading axis R."""
+    """R runs of agents of one structure. All arrays that go in or out are numpy's, with a leading axis R."""
 
     compile_seconds: float
 
@@ -103,55 +103,40 @@ class Population(Protocol):
 
 
 def populate(
-    env: object, config: Config, hypers: Hypers, seeds: Sequence[int], devices: Sequence[jax.Device] | None = None
+    env: object, agent: Agent, seeds: Sequence[int], devices: Sequence[jax.Device] | None = None
 ) -> Population:
-    """R new runs, one per seed, with hypers `[R]` each.
+    """R new runs, one per seed.
 
     Args:
         env: what `galton.envs.find` takes.
-        config: shared by all runs.
-        hypers: each field `[R]`.
+        agent: whose numbers are `[R]` each, or one for all runs.
         seeds: R integers.
         devices: what to compute on; by default, on all of this process.
 
     Raises:
-        UsageError: an environment that can't be used, settings that don't fit together, too little memory, or a process
+        UsageError: an environment that can't be used, or that the agent can't act in, too little memory, or a process
             that was forked from one that trains.
     """
     check_process()
-    check_config(config)
-    check_hypers(hypers)
     keep_programs()
     found, devices = find(env), devices or jax.devices()
-    check_size(found, config, len(seeds))
-    _warn_of_images(found, config)
-    agent, hypers = resolved(found, config, hypers)
+    check_size(found, agent, len(seeds))
+    _warn_of_images(found, agent)
+    agent = jax.tree.map(lambda number: np.broadcast_to(number, len(seeds)), agent.on(box_of(found)))
     if isinstance(found, Environment):
-        return DevicePopulation(found, agent, hypers, seeds, devices)
-    return HostPopulation(found, agent, hypers, seeds, devices)
+        return DevicePopulation(found, agent, seeds, devices)
+    return HostPopulation(found, agent, seeds, devices)
 
 
-def _warn_of_images(env: Environment | HostTask, config: Config) -> None:
+def _warn_of_images(env: Environment | HostTask, agent: Agent) -> None:
     """Warn where raw images go into networks that were not made for them."""
-    if isinstance(env, HostTask) and has_image(env.observation_space) and not config.normalize_observation:
+    if isinstance(env, HostTask) and has_image(env.observation_space) and not agent.rollout.normalize_observation:
         warnings.warn(f"{env.name} observes {env.observation_space}: {IMAGE_REMEDY}", stacklevel=3)
 
 
-def resolved(env: Environment | HostTask, config: Config, hypers: Hypers) -> tuple[Agent, Hypers]:
-    """The agent of these settings on an environment, and the numbers as its programs take them.
-
-    Raises:
-        UsageError: settings that don't fit together, or an environment that they can't be trained on.
-    """
-    agent, hypers = resolve(config, *action_box(env)), without_unused(hypers)
-    check_together(config, hypers)
-    check_correlation(policy_of(config), agent.policy, hypers)
-    return agent, hypers
-
-
-def action_box(env: Environment | HostTask) -> tuple[Float[np.ndarray, " d"], Float[np.ndarray, " d"]]:
-    """The lower and upper bounds of an environment's actions; UsageError if they are not finite."""
+def box_of(env: Environment | HostTask) -> Box:
+    """The box of an environment's actions, in float32; UsageError if it is not finite."""
     if isinstance(env, Environment):
-        return env.action_low, env.action_high
+        return Box.of(np.asarray(env.action_low, np.float32), np.asarray(env.action_high, np.float32))
     box = ActionBox(env.name, env.action_space)
-    return box.low, box.high
+    return Box.of(np.asarray(box.low, np.float32), np.asarray(box.high, np.float32))

@@ -6,7 +6,7 @@ import numpy as np
 from galton.algorithms import Agent
 from galton.normalization import Moments
 from galton.policies.gaussian import Gaussian
-from galton.types import Hypers, Learner
+from galton.types import Learner
 
 WIDE = 1e18
 """Of an action dimension: the square of anything wider comes near the end of float32, 3.4e38."""
@@ -38,22 +38,21 @@ def remedy(agent: Agent, learner: Learner) -> str:
             f"The action box is {span:.1e} wide, too wide to compute with in float32; wrap the environment so that it "
             "takes smaller actions (gymnasium.wrappers.RescaleAction)"
         )
-    off = [name for name in ("normalize_reward", "normalize_observation") if not getattr(agent.config, name)]
+    off = [name for name in ("normalize_reward", "normalize_observation") if not getattr(agent.rollout, name)]
     return f"Lower learning_rate{''.join(f', or set {name}' for name in off)}"
 
 
-def outgrown(agent: Agent, learner: Learner, hypers: Hypers) -> str:
+def outgrown(agent: Agent, learner: Learner) -> str:
     """What to say of one run whose Gaussian's σ has more than doubled and outgrown the box; empty where it has not."""
     means = jnp.zeros(agent.policy.n_outputs)
-    first, now = (
-        agent.policy.distribution(means, params, hypers) for params in (agent.policy.init(hypers)[1], learner.params)
-    )
+    first, now = (agent.policy.distribution(means, params) for params in (agent.policy.init()[1], learner.params))
     if not (isinstance(first, Gaussian) and isinstance(now, Gaussian)):
         return ""
     half_widths = np.asarray(now.sigma) * 2 / (np.asarray(now.high, np.float64) - now.low)
     if not ((half_widths > OUTGROWN) & (np.asarray(now.sigma) > 2 * np.asarray(first.sigma))).any():
         return ""
-    rate = "" if not float(hypers.ent_coef) else f"lower ent_coef, which is {float(hypers.ent_coef):g}, or "
+    ent_coef = float(agent.algorithm.ent_coef)
+    rate = f"lower ent_coef, which is {ent_coef:g}, or " if ent_coef else ""
     return (
         f"the Gaussian's σ has grown to {half_widths.max():.1f} half-widths of the action box, and most of its actions "
         f'are clipped; {rate}take policy="clipped-gaussian" or a head over bins, whose σ stays in the box'

@@ -11,7 +11,7 @@ from galton.algorithms import Agent, actor_critic
 from galton.envs.base import Environment
 from galton.policies.correlation import continued
 from galton.training.log import Finished
-from galton.types import Hypers, Learner, Transition
+from galton.types import Learner, Transition
 
 
 class EpisodeState(NamedTuple):
@@ -46,7 +46,7 @@ class Noise(NamedTuple):
 
 def draw_noise(key: Key[Array, ""], env: Environment, agent: Agent) -> Noise:
     """Draw the noise of one rollout: T = n_steps steps of N = n_envs environments."""
-    batch = (agent.config.n_steps, agent.config.n_envs)
+    batch = (agent.rollout.n_steps, agent.rollout.n_envs)
     action_key, step_key, reset_key = jax.random.split(key, 3)
     return Noise(
         agent.policy.noise(action_key, batch),
@@ -56,7 +56,7 @@ def draw_noise(key: Key[Array, ""], env: Environment, agent: Agent) -> Noise:
 
 
 def rollout(
-    env: Environment, agent: Agent, learner: Learner, episodes: EpisodeState, noise: Noise, hypers: Hypers
+    env: Environment, agent: Agent, learner: Learner, episodes: EpisodeState, noise: Noise
 ) -> tuple[EpisodeState, Learner, Transition, Finished]:
     """T steps of each environment, reset where an episode ends; the learner's statistics grow on the way."""
 
@@ -69,9 +69,9 @@ def rollout(
         episodes, normalizer = carry
         observation = normalization.observation(normalizer, observed(normalizer, episodes.env))
         explored, z = continued(
-            agent.policy, noise.action, episodes.noise, episodes.length == 0, hypers.noise_correlation
+            agent.policy, noise.action, episodes.noise, episodes.length == 0, agent.rollout.noise_correlation
         )
-        action = actor_critic.act(agent, learner.params, observation, explored, hypers)
+        action = actor_critic.act(agent, learner.params, observation, explored)
         clipped = jnp.clip(action, env.action_low, env.action_high)
         states, reward, terminated = jax.vmap(env.step)(episodes.env, clipped, noise.step)
 
@@ -88,7 +88,12 @@ def rollout(
             z,
         )
         normalizer, reward, next_observation = normalization.receive(
-            normalizer, reward, done, observed(normalizer, states), observed(normalizer, following.env), hypers
+            normalizer,
+            reward,
+            done,
+            observed(normalizer, states),
+            observed(normalizer, following.env),
+            agent.algorithm.gamma,
         )
         transition = Transition(observation, action, reward, next_observation, terminated, truncated)
         return (following, normalizer), (transition, Finished(done, collected, length))

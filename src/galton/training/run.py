@@ -10,12 +10,12 @@ from typing import Any, NamedTuple, TypeVar
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int, Key, PyTree, UInt
+from jaxtyping import Array, Int, Key, PyTree, UInt
 
-from galton.algorithms import Agent, actor_critic, entropy
+from galton.algorithms import Agent, actor_critic
 from galton.training.diagnosis import diagnose
 from galton.training.log import Finished, Log, Tally, nothing, summarise, tally
-from galton.types import Hypers, Learner, Transition
+from galton.types import Learner, Transition
 
 _OF_UPDATES = 2**31 - 1
 """Folded into a rollout's key it gives the update's, which nothing else in the rollout has."""
@@ -48,10 +48,10 @@ def keys_of(seed: UInt[Array, ""]) -> Key[Array, "4"]:
     return jax.random.split(jax.random.key(seed), 4)
 
 
-def begin(agent: Agent, observation_size: int, seed: UInt[Array, ""], hypers: Hypers) -> tuple[RunState, Array]:
+def begin(agent: Agent, observation_size: int, seed: UInt[Array, ""]) -> tuple[RunState, Array]:
     """A new run, and the key of its first episodes. Not under vmap (see `init_mlp`)."""
     init_key, episodes_key, key, evaluation_key = keys_of(seed)
-    learner = actor_critic.init(init_key, agent, hypers, observation_size)
+    learner = actor_critic.init(init_key, agent, observation_size)
     empty = nothing(agent.scalars)
     return RunState(learner, key, evaluation_key, jnp.int32(0), jnp.int32(-1), empty), episodes_key
 
@@ -61,15 +61,13 @@ def rollout_key(run: RunState, ahead: Int[Array, ""] | int = 0) -> Key[Array, ""
     return jax.random.fold_in(run.key, run.step + ahead)
 
 
-def learn(agent: Agent, run: RunState, batch: Transition, finished: Finished, hypers: Hypers) -> RunState:
+def learn(agent: Agent, run: RunState, batch: Transition, finished: Finished) -> RunState:
     """The run after one update on a rollout `[T, N]`, with its step, its tally and a first divergence noted."""
     frozen = run.diverged_at >= 0
-    step = run.step + agent.config.rollout_size
-    rate = hypers.learning_rate * remaining(step, hypers)
+    step = run.step + agent.rollout.size
     key = jax.random.fold_in(rollout_key(run), _OF_UPDATES)
-    hypers = hypers._replace(learning_rate=jnp.where(frozen, 0.0, rate))
-    hypers = entropy.at_step(agent.config, hypers, step, frozen)
-    learner, told = agent.algorithm.update(agent, run.learner, batch, hypers, key)
+    now = agent.replace(optimizer=agent.optimizer.at(step, frozen), entropy=agent.entropy.at(step, frozen))
+    learner, told = now.algorithm.update(now, run.learner, batch, key)
     return run._replace(
         learner=learner,
         step=step,
@@ -78,44 +76,23 @@ def learn(agent: Agent, run: RunState, batch: Transition, finished: Finished, hy
     )
 
 
-def falling(hypers: Hypers, begin: int, end: int, rollout: int) -> Hypers:
-    """Hypers whose learning rates fall from one step to another where they fall over all that is trained.
-
-    An update's rate is that of its rollout's first step, so that the last one, which may be the only one, learns too:
-    rate · (end − first step) / (end − begin).
-    """
-    last = end + rollout
-    over_all = jnp.isinf(jnp.asarray(hypers.decay_steps))
-    rate = jnp.where(over_all, hypers.learning_rate * jnp.float32(last / (end - begin)), hypers.learning_rate)
-    return hypers._replace(learning_rate=rate, decay_steps=jnp.where(over_all, jnp.float32(last), hypers.decay_steps))
-
-
-def remaining(step: Int[Array, ""] | int, hypers: Hypers) -> Float[Array, ""]:
-    """The share of the learning rate that is left at this step: 1 − step / decay_steps, or 1 without a decay.
-
-    As in Stable-Baselines3 the steps of the rollout that is learnt from count, so the last update's is 0.
-    """
-    decays = jnp.asarray(hypers.decay_steps) > 0
-    return jnp.where(decays, jnp.maximum(1 - step / jnp.where(decays, hypers.decay_steps, 1.0), 0.0), 1.0)
-
-
-def read_log(agent: Agent, run: RunState, batch: Transition, hypers: Hypers) -> tuple[RunState, Log]:
+def read_log(agent: Agent, run: RunState, batch: Transition) -> tuple[RunState, Log]:
     """The log of the updates since the last one, the last of them on this batch; evaluation is the caller's."""
     names = agent.scalars
-    log = summarise(run.tally, names, diagnose(agent, run.learner, batch, hypers))
+    log = summarise(run.tally, names, diagnose(agent, run.learner, batch))
     log = jax.tree.map(lambda x: jnp.where(run.diverged_at < 0, x, jnp.nan), log)
     return run._replace(tally=nothing(names)), log
 
 
-def over_runs(agent: Agent, f: Callable[..., Tree], in_axes: Sequence[int | None]) -> Callable[..., Tree]:
+def over_runs(side_by_side: bool, f: Callable[..., Tree], in_axes: Sequence[int | None]) -> Callable[..., Tree]:
     """A function of one run as one of many on a device: side by side, or one after the other where that is faster.
 
     Args:
-        agent: whose algorithm says which.
+        side_by_side: which is faster on a processor core, as the algorithm says.
         f: of one run.
         in_axes: 0 for an argument that has the axis of runs, None for one that they share.
     """
-    if agent.algorithm.side_by_side or jax.default_backend() != "cpu":
+    if side_by_side or jax.default_backend() != "cpu":
         return jax.vmap(f, tuple(in_axes))
 
     def one_after_the_other(*arguments: PyTree[Array]) -> Tree:

@@ -2,40 +2,41 @@
 
 import itertools
 
+from galton.algorithms import Agent
 from galton.devices import memory
 from galton.envs.base import Environment
 from galton.envs.host.action_box import ActionBox
 from galton.envs.host.base import HostTask
 from galton.envs.host.observations import Observations
 from galton.errors import require
-from galton.types import Config
 
 COPY = 1_000
 """Bytes that a copy of an environment outside JAX has at least."""
 
 
-def check_size(env: Environment | HostTask, config: Config, n_runs: int, n_eval_episodes: int = 0) -> None:
+def check_size(env: Environment | HostTask, agent: Agent, n_runs: int, n_eval_episodes: int = 0) -> None:
     """Raise UsageError where this process can't have the memory that training would need, and say what to lower.
 
     Args:
         env: what is trained on.
-        config: of every run.
+        agent: of every run.
         n_runs: how many there are, one for each of `seeds`.
         n_eval_episodes: of each evaluation.
     """
     outside, room = not isinstance(env, Environment), memory()
+    n_envs, n_steps, net_arch = agent.rollout.n_envs, agent.rollout.n_steps, agent.network.net_arch
     d, o = _widths(env)
     step = 4 * (2 * o + d + 1)
     parts = {
-        "net_arch": 4 * 3 * (_n_parameters(o, config.net_arch, d) + _n_parameters(o, config.net_arch, 1)),  # Adam has 2
-        "n_envs or n_steps": config.n_envs * (config.n_steps * step + COPY * outside),
+        "net_arch": 4 * 3 * (_n_parameters(o, net_arch, d) + _n_parameters(o, net_arch, 1)),  # Adam has 2
+        "n_envs or n_steps": n_envs * (n_steps * step + COPY * outside),
         "n_eval_episodes": n_eval_episodes * (4 * o + COPY * outside),
     }
     one = sum(parts.values())
     name = max(parts, key=lambda part: parts[part]) if one > room else "seeds"
     given = {
-        "net_arch": f"{config.net_arch}",
-        "n_envs or n_steps": f"{config.n_envs} or {config.n_steps}",
+        "net_arch": f"{net_arch}",
+        "n_envs or n_steps": f"{n_envs} or {n_steps}",
         "n_eval_episodes": f"{n_eval_episodes}",
         "seeds": f"{n_runs} of them",
     }[name]

@@ -9,9 +9,9 @@ import jax
 import numpy as np
 from jaxtyping import Float, Int
 
-from galton.algorithms import policy_of
+from galton.agents import agent_of
+from galton.algorithms import Agent
 from galton.errors import require, require_integer, unknown
-from galton.policies import POLICIES
 from galton.training.log import MEAN_ACTION_RETURN, Log
 from galton.training.pieces import Pieces
 from galton.training.population import Population, populate
@@ -110,18 +110,18 @@ def train(
     require(steps[-1] < 2**31, f"total_timesteps is {total_timesteps}; one run counts up to 2³¹ − 1 steps")
     all_hypers = Hypers._make(np.broadcast_to(np.asarray(h, np.float32), len(seeds)) for h in hypers)
     updates_per_log = int(steps[0]) // config.rollout_size
-    with contextlib.closing(populate(env, config, all_hypers, seeds, devices)) as population:
-        rules = _rules(config, eval_mean) if n_eval_episodes else {}
+    agent = agent_of(config, all_hypers)
+    with contextlib.closing(populate(env, agent, seeds, devices)) as population:
+        rules = _rules(agent, eval_mean) if n_eval_episodes else {}
         trained = _train(population, steps, updates_per_log, n_eval_episodes, rules, on_log, meanwhile)
     return Result(config, all_hypers, np.asarray(seeds), steps, *trained)
 
 
-def _rules(config: Config, eval_mean: bool) -> dict[str, Rule | None]:
+def _rules(agent: Agent, eval_mean: bool) -> dict[str, Rule | None]:
     """The columns of the log that evaluation fills, and by which action; None is the configuration's own."""
     rules: dict[str, Rule | None] = {"evaluation_return": None}
     if eval_mean:
-        has_one = POLICIES[policy_of(config)].family == "density" or config.deterministic_action == "mean"
-        rules[MEAN_ACTION_RETURN] = None if has_one else "mean"
+        rules[MEAN_ACTION_RETURN] = None if agent.policy.acting_by("mean") is agent.policy else "mean"
     return rules
 
 

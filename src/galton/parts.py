@@ -1,0 +1,164 @@
+"""Parts: the frozen records that an agent is made of, each of which owns its settings.
+
+A part is a pytree. Its numbers and its own parts are leaves and branches, which `jax.vmap` can carry: a number may be
+an array `[R]`, one for each of R runs. All else is part of its structure, for which programs are compiled.
+"""
+
+import dataclasses
+import functools
+from typing import (
+    Annotated,
+    Any,
+    ClassVar,
+    NamedTuple,
+    TypeVar,
+    cast,
+    dataclass_transform,
+    get_args,
+    get_origin,
+    no_type_check,
+)
+
+import jax
+import numpy as np
+from jaxtyping import Float
+
+from galton.errors import UsageError
+from galton.fields import Within, annotations, checked
+
+PartT = TypeVar("PartT", bound="Part")
+_COMPUTED = jax.Array | jax.ShapeDtypeStruct
+"""What programs compute with, of which nothing can be said."""
+
+
+class Box(NamedTuple):
+    """The bounds of actions, d of each."""
+
+    low: tuple[float, ...]
+    high: tuple[float, ...]
+
+    @classmethod
+    def of(cls, low: Float[np.ndarray, " d"], high: Float[np.ndarray, " d"]) -> "Box":
+        """The box with these bounds."""
+        return cls(*(tuple(map(float, bound)) for bound in (low, high)))
+
+    def arrays(self) -> tuple[Float[np.ndarray, " d"], Float[np.ndarray, " d"]]:
+        """Both bounds, in JAX's usual precision."""
+        dtype = jax.dtypes.canonicalize_dtype(np.float64)
+        return np.array(self.low, dtype), np.array(self.high, dtype)
+
+
+@dataclass_transform(frozen_default=True)
+class Part:
+    """A frozen record of settings; a class of this kind is made a dataclass and a pytree.
+
+    The annotation of a field is its check (`galton.fields`) and says what it is: a number with bounds is a leaf. One
+    that may be None is absent from programs where it is 0 in every run (see `trimmed`).
+
+    Raises:
+        UsageError: a field is not what its annotation says.
+    """
+
+    label: ClassVar[str] = ""
+    """Its name in figures and tables."""
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        super().__init_subclass__(**options)
+        dataclasses.dataclass(frozen=True)(cls)
+        no_type_check(cls.__init__)  # its fields are checked by `checked`, whose errors users read
+        jax.tree_util.register_pytree_with_keys(
+            cls, functools.partial(_flatten_with_keys, cls), functools.partial(_unflatten, cls), _flatten
+        )
+
+    def __post_init__(self) -> None:
+        for name, annotation in settings(type(self)).items():
+            value = getattr(self, name)
+            if not isinstance(value, _COMPUTED):
+                kept = checked(name, value, annotation)
+                whole = _is_number(annotation) and isinstance(kept, int | np.integer)
+                object.__setattr__(self, name, float(kept) if whole else kept)
+        if not any(isinstance(leaf, _COMPUTED) for leaf in jax.tree.leaves(self)):
+            self.check_own()
+
+    def check_own(self) -> None:
+        """Raise UsageError for fields that don't go together."""
+
+    def replace(self: PartT, **fields: Any) -> PartT:
+        """The same part with other fields."""
+        return cast("PartT", dataclasses.replace(cast("Any", self), **fields))
+
+
+def settings(part: type[Part]) -> dict[str, Any]:
+    """The settings that a kind of part owns, each with its annotation."""
+    if part not in _SETTINGS:
+        told, names = _annotations(part), [field.name for field in dataclasses.fields(cast("Any", part))]
+        _SETTINGS[part] = {name: told[name] for name in names if not _is_part(told[name]) and told[name] != Box | None}
+    return _SETTINGS[part]
+
+
+_SETTINGS: dict[type[Part], dict[str, Any]] = {}
+
+
+def refuse_other(name: str, value: Any, usual: Any, told: str) -> None:
+    """Raise UsageError, which tells what is wrong, where a setting has another value than the usual one in any run."""
+    given = np.atleast_1d(usual if value is None else value)
+    for other in given[given != (given.dtype.type(usual) if given.dtype == np.float32 else usual)][:1]:
+        shown = repr(str(other)) if isinstance(other, str) else str(other)
+        raise UsageError(f"{name} is {shown}; it {told}")
+
+
+def trimmed(part: PartT) -> PartT:
+    """The part with None for each number that may be None and is 0 in every run; its own parts likewise.
+
+    Its program then has no trace of them.
+    """
+    told, changed = _annotations(type(part)), dict[str, Any]()
+    for name, annotation in told.items():
+        value = getattr(part, name, None)
+        if isinstance(value, Part):
+            changed[name] = trimmed(value)
+        elif _is_number(annotation) and type(None) in get_args(get_args(annotation)[0]) and not np.any(value):
+            changed[name] = None
+    return part.replace(**changed) if changed else part
+
+
+def _is_number(annotation: Any) -> bool:
+    return get_origin(annotation) is Annotated and isinstance(get_args(annotation)[1], Within)
+
+
+def _is_part(annotation: Any) -> bool:
+    return isinstance(annotation, type) and issubclass(annotation, Part)
+
+
+def _annotations(part: type[Part]) -> dict[str, Any]:
+    return annotations(cast("Any", part))
+
+
+_FIELDS: dict[type[Part], tuple[tuple[str, ...], tuple[str, ...]]] = {}
+
+
+def _fields(part: type[Part]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """The fields of a part that are leaves or branches, and those that are its structure."""
+    if part not in _FIELDS:
+        told, names = _annotations(part), [field.name for field in dataclasses.fields(cast("Any", part))]
+        inside = tuple(name for name in names if _is_number(told[name]) or _is_part(told[name]))
+        _FIELDS[part] = inside, tuple(name for name in names if name not in inside)
+    return _FIELDS[part]
+
+
+def _flatten(part: Part) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
+    inside, structure = _fields(type(part))
+    return tuple(getattr(part, name) for name in inside), tuple(getattr(part, name) for name in structure)
+
+
+def _flatten_with_keys(cls: type[Part], part: Part) -> tuple[tuple[tuple[Any, Any], ...], tuple[Any, ...]]:
+    children, structure = _flatten(part)
+    return tuple(zip(map(jax.tree_util.GetAttrKey, _fields(cls)[0]), children, strict=True)), structure
+
+
+def _unflatten(cls: type[PartT], structure: tuple[Any, ...], children: tuple[Any, ...]) -> PartT:
+    part = object.__new__(cls)
+    inside, outside = _fields(cls)
+    for name, value in (*zip(inside, children, strict=True), *zip(outside, structure, strict=True)):
+        object.__setattr__(part, name, value)
+    return part
