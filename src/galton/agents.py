@@ -9,11 +9,11 @@ from typing import Any
 
 from galton.algorithms import ALGORITHMS, CREDITS, ENTROPIES, Agent, Rollout, find_algorithm
 from galton.critics import CRITICS, find_critic
-from galton.errors import require, unknown
+from galton.errors import UsageError, require, require_word, unknown
 from galton.losses import LOSSES, find_loss
 from galton.networks import MLP
 from galton.optimizers import Adam
-from galton.parts import Part, refuse_other, settings
+from galton.parts import Part, settings, unusual
 from galton.policies import POLICIES
 from galton.records import defaults
 from galton.types import Config, Hypers
@@ -32,6 +32,9 @@ REGISTRIES: dict[str, tuple[str, Mapping[Any, type[Part]]]] = {
     "entropy": ("entropy_target", ENTROPIES),
 }
 """The parts that a word chooses, by the agent's field: the word, and what there is to choose from."""
+
+CHOOSING = [word for word, _ in REGISTRIES.values()]
+"""The words that choose a part."""
 
 ONLY: Kinds = {"network": MLP, "optimizer": Adam, "rollout": Rollout}
 """The parts that there is one kind of."""
@@ -74,6 +77,8 @@ def parts_of(words: Words) -> dict[str, Any]:
         UsageError: as `read`, but for parts that don't fit together.
     """
     chosen = kinds(words)
+    for name in sorted(words.keys() - owned() - {*CHOOSING}):
+        raise UsageError(f"{name!r} is no setting; choose from {', '.join(sorted(owned()))}")
     check_choices(words)
     refuse_idle(words)
     return {
@@ -92,6 +97,7 @@ def kinds(words: Words) -> Kinds:
     find_loss(said["loss"])
     find_algorithm(said["algorithm"])
     find_critic(said["critic"])
+    require_word("weighting", said["weighting"], tuple(CREDITS))
     return {field: registry[said[word]] for field, (word, registry) in REGISTRIES.items()} | ONLY
 
 
@@ -144,22 +150,25 @@ def idle(words: Words, fields: Collection[str] = tuple(REGISTRIES)) -> set[str]:
     """
     if words.get("policy", "auto") not in ("auto", *POLICIES):
         return set()
-    choosing = [word for word, _ in REGISTRIES.values()]
-    chosen = kinds({name: value for name, value in words.items() if name in choosing})
-    known, there = set[str](), {name for kind in ONLY.values() for name in settings(kind)}
+    chosen = kinds({name: value for name, value in words.items() if name in CHOOSING})
+    there = {name for kind in ONLY.values() for name in settings(kind)}
     for field, (_, registry) in REGISTRIES.items():
-        for kind in registry.values():
-            known |= settings(kind).keys()
-            if kind is chosen[field] or field not in fields:
-                there |= settings(kind).keys()
-    return known - there
+        for kind in [chosen[field]] if field in fields else registry.values():
+            there |= settings(kind).keys()
+    return owned() - there
+
+
+def owned() -> set[str]:
+    """The settings that some part has."""
+    of_choices = (kind for _, registry in REGISTRIES.values() for kind in registry.values())
+    return {name for kind in (*of_choices, *ONLY.values()) for name in settings(kind)}
 
 
 def refuse_idle(words: Words) -> None:
     """Raise UsageError where a setting is not at its usual value that none of the parts has."""
     for name in sorted(idle(words) & words.keys()):
-        if not may_idle(name, words[name]):
-            refuse_other(name, words[name], USUAL[name], _whose(name, words))
+        if not may_idle(name, words[name]) and (other := unusual(words[name], USUAL[name])):
+            raise UsageError(f"{name} is {other}; it {_whose(name, words)}")
 
 
 def _whose(name: str, words: Words) -> str:

@@ -15,7 +15,7 @@ from jaxtyping import Array, Float, Int
 
 from galton import targets
 from galton.errors import require, unknown
-from galton.parts import Part, refuse_other
+from galton.parts import Part, unusual
 from galton.policies.base import Distribution, Family
 from galton.policies.histogram import Histogram
 from galton.targets import Eta
@@ -132,7 +132,8 @@ class HLGauss(Loss):
     def check_own(self) -> None:
         """Raise UsageError for bounds of the width that are none, or that nothing uses."""
         for name in ("eta_min", "eta_max") if self.eta_rule == "fixed" else ():
-            refuse_other(name, getattr(self, name), getattr(HLGauss, name), "has no use with eta_rule at 'fixed'")
+            other = unusual(getattr(self, name), getattr(HLGauss, name))
+            require(not other, f"{name} is {other}; it has no use with eta_rule at 'fixed'")
         require(
             bool(np.all(np.asarray(self.eta_min) <= np.asarray(self.eta_max))),
             f"eta_min is {self.eta_min} and eta_max {self.eta_max}; eta_min must be the smaller",

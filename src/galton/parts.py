@@ -23,7 +23,6 @@ import jax
 import numpy as np
 from jaxtyping import Float
 
-from galton.errors import UsageError
 from galton.fields import Within, annotations, checked
 
 PartT = TypeVar("PartT", bound="Part")
@@ -99,12 +98,11 @@ def settings(part: type[Part]) -> dict[str, Any]:
 _SETTINGS: dict[type[Part], dict[str, Any]] = {}
 
 
-def refuse_other(name: str, value: Any, usual: Any, told: str) -> None:
-    """Raise UsageError, which tells what is wrong, where a setting has another value than the usual one in any run."""
+def unusual(value: Any, usual: Any) -> str:
+    """The first of a setting's values, one for each run, that is not the usual one, as it is told; empty for none."""
     given = np.atleast_1d(usual if value is None else value)
-    for other in given[given != (given.dtype.type(usual) if given.dtype == np.float32 else usual)][:1]:
-        shown = repr(str(other)) if isinstance(other, str) else str(other)
-        raise UsageError(f"{name} is {shown}; it {told}")
+    others = given[given != (given.dtype.type(usual) if given.dtype == np.float32 else usual)][:1]
+    return "".join(repr(str(other)) if isinstance(other, str) else str(other) for other in others)
 
 
 def trimmed(part: PartT) -> PartT:

@@ -56,9 +56,9 @@ def test_a_comparison_that_no_disk_takes_is_still_shown(broken, tmp_path, monkey
 
 def test_a_comparison_is_not_begun_where_its_last_loss_cannot_be_trained(tmp_path, monkeypatch):
     monkeypatch.setattr(Training, "run", no_room)
-    training = Training(100, 2, 0, config=Config(eta_rule="policy"))
-    with pytest.raises(UsageError, match="eta_rule is 'policy', but the targets of loss 'gaussian' have no width"):
-        galton_compare(tmp_path / "out", training=training, losses=("hl-gauss", "gaussian"))
+    training = Training(100, 2, 0, config=Config(weighting="awr", negative_target="one-hot"))
+    with pytest.raises(UsageError, match="with weighting 'awr' no weight is negative"):
+        galton_compare(tmp_path / "out", training=training, losses=("gaussian", "hl-gauss"))
 
 
 @pytest.mark.parametrize("out", ["n" * 300, "/proc/galton", "/dev/null/x"])
