@@ -77,7 +77,7 @@ def parts_of(words: Words) -> dict[str, Any]:
         UsageError: as `read`, but for parts that don't fit together.
     """
     chosen = kinds(words)
-    for name in sorted(words.keys() - owned() - {*CHOOSING}):
+    for name in sorted(words.keys() - USUAL.keys() - owned()):
         raise UsageError(f"{name!r} is no setting; choose from {', '.join(sorted(owned()))}")
     check_choices(words)
     refuse_idle(words)

@@ -74,8 +74,7 @@ class Run:
 
     def __init__(self, task: Environment | HostTask, agent: Agent, seed: int) -> None:
         self.task = task
-        one = jax.tree.map(lambda number: np.full(1, number, np.float32), agent)
-        self.population: Population = populate(task, one, [seed])
+        self.population: Population = populate(task, agent, [seed])
         self._learner: Learner | None = None
 
     @property
