@@ -19,7 +19,7 @@ from galton.records import defaults
 from galton.types import Config, Hypers
 
 Words = Mapping[str, Any]
-"""Settings by name."""
+"""Settings by name; those that are left out have their usual values."""
 Kinds = dict[str, type[Part]]
 """The class of each part of an agent, by the agent's field."""
 
@@ -43,7 +43,7 @@ USUAL: dict[str, Any] = {**defaults(Config), **defaults(Hypers)}
 """The value of each word that nobody says."""
 
 MAY_IDLE = ("eta", "n_bins", "exploration", "bin_sample", "deterministic_action", "box_units")
-"""What files may have although nothing uses it: what was set for several losses and policies at once."""
+"""Files may have these settings although nothing uses them: they were set for several losses and policies at once."""
 
 
 def flat(config: Config, hypers: Hypers) -> dict[str, Any]:
@@ -185,5 +185,5 @@ def _whose(name: str, words: Words) -> str:
 
 
 def may_idle(name: str, value: object) -> bool:
-    """Whether a setting may have this value although nothing uses it."""
+    """Say whether a setting may have this value although nothing uses it."""
     return name in MAY_IDLE or (name, value) == ("initial_policy", "gaussian")

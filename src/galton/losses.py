@@ -126,7 +126,7 @@ class HLGauss(Loss):
         return cross_entropy(distribution, self.gaussian_target(distribution, action))
 
     def target(self, distribution: Histogram, action: Float[Array, "*batch d"]) -> Weights:
-        """The Gaussian histogram."""
+        """PPO keeps the Gaussian histogram around each action."""
         return self.gaussian_target(distribution, action)
 
     def check_own(self) -> None:

@@ -26,7 +26,7 @@ class MLP(Part):
         return init_mlp(key, (n_in, *self.net_arch, n_out), last_scale)
 
     def __call__(self, params: list[Params], x: Float[Array, "*batch n_in"]) -> Float[Array, "*batch n_out"]:
-        """The network's outputs."""
+        """The network gives n_out numbers for each row of inputs."""
         return mlp(params, x)
 
 

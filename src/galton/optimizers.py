@@ -14,11 +14,11 @@ from galton.parts import Part
 from galton.types import NotNegative, Number, Params, Positive
 
 State = Any
-"""What an optimizer remembers."""
+"""An optimizer remembers this between two steps."""
 
 
 class Optimizer(Part, abc.ABC):
-    """What every optimizer does: it clips a gradient, makes a step of it, and follows the learning rate down."""
+    """An optimizer clips a gradient, makes a step of it, and follows the learning rate down."""
 
     learning_rate: NotNegative = 7e-4
     """The step size, at the start of training."""
@@ -92,7 +92,7 @@ class Adam(Optimizer):
 
     @property
     def transformation(self) -> optax.GradientTransformation:
-        """Optax's Adam."""
+        """Optax's `scale_by_adam` makes the step, with ε = 1e-5."""
         return _ADAM
 
 

@@ -1,4 +1,4 @@
-"""What an algorithm has to offer, and the agent: all parts of a run."""
+"""Algorithms have to offer this, and an agent is made of these parts."""
 
 import abc
 from collections.abc import Mapping
@@ -26,7 +26,7 @@ Correlation = Annotated[Number | None, Within(lambda x: (x >= 0) & (x < 1), "0 o
 
 
 class Rollout(Part):
-    """How experience is collected, and in what units the learner sees it."""
+    """A rollout says how experience is collected, and in what units the learner sees it."""
 
     n_steps: Count = 20
     """Steps per environment and update."""
@@ -47,7 +47,7 @@ class Rollout(Part):
 
 
 class Algorithm(Part, abc.ABC):
-    """What is done with a rollout; everything else is any actor-critic's. An entry of ALGORITHMS is such a class."""
+    """An algorithm says what is done with a rollout. An entry of ALGORITHMS is such a class."""
 
     name: ClassVar[str]
     """Its key in ALGORITHMS."""
@@ -77,7 +77,7 @@ class Algorithm(Part, abc.ABC):
     def update(
         self, agent: "Agent", learner: Learner, batch: Transition, key: Key[Array, ""]
     ) -> tuple[Learner, Scalars]:
-        """What was learnt of a rollout `[T, N]`, and `scalars`; the key is that of this update alone."""
+        """Learn from a rollout `[T, N]`, and tell `scalars`; the key is that of this update alone."""
 
     def check(self, agent: "Agent") -> None:
         """Raise UsageError for an agent that it can't train."""

@@ -57,7 +57,7 @@ class AWR(PositiveCredit):
     """As in its authors' experiments."""
 
     def of_standardised(self, advantage: Rows) -> Rows:
-        """The exponential weight."""
+        """Each weight grows exponentially with its advantage, up to LARGEST."""
         return jnp.exp(jnp.minimum(advantage / self.temperature, np.log(self.LARGEST)))
 
 
@@ -71,11 +71,11 @@ class VMPO(PositiveCredit):
     label: ClassVar[str] = "V-MPO"
 
     def of_standardised(self, advantage: Rows) -> Rows:
-        """The softmax weight."""
+        """The better half shares B by a softmax; the others get nothing."""
         n = len(advantage)
         better = advantage >= jnp.sort(advantage)[n // 2]
         return n * jax.nn.softmax(advantage / self.temperature, where=better)
 
 
 CREDITS: dict[str, type[Credit]] = {"advantage": Credit, "awr": AWR, "v-mpo": VMPO}
-"""By `weighting`."""
+"""The value of the word `weighting` chooses one of these."""

@@ -155,4 +155,4 @@ class HeldEntropy(Entropy):
 
 
 ENTROPIES: dict[bool, type[Entropy]] = {False: Entropy, True: HeldEntropy}
-"""By `entropy_target`."""
+"""The value of the word `entropy_target` chooses one of these."""

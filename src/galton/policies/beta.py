@@ -124,7 +124,7 @@ class BetaPolicy(Policy):
         return 2 * len(self._box.low)
 
     def init(self) -> tuple[Float[Array, " n_outputs"], Params]:
-        """Outputs 0."""
+        """All outputs begin at 0, and there are no other parameters."""
         return jnp.zeros(self.n_outputs), {}
 
     @property

@@ -60,7 +60,7 @@ class Group:
         self._watch = Watch(self.environments.moves)
 
     def begin(self) -> None:
-        """Make the runs."""
+        """Make the runs, with their parameters and their first noise."""
         with jax.default_device(self._device):
             self.runs: RunState = self._place(
                 self._programs.begin(self._numbers, self._sizes[0], jnp.asarray(self._seeds))
