@@ -44,10 +44,8 @@ class SB3:
 def ours(loss, runs):
     """Steps per second of all runs together, and the seconds of compiling (0 after the first time)."""
     steps = 400_000 if runs == 1 else 40_000
-    config = galton.Config(loss=loss, n_bins=K)
-    result = galton.train(
-        galton.envs.MountainCar(), config, galton.Hypers(), range(runs), steps, n_logs=4, n_eval_episodes=0
-    )
+    agent = galton.make_agent(loss=loss, n_bins=K)
+    result = galton.train(galton.envs.MountainCar(), agent, range(runs), steps, n_logs=4, n_eval_episodes=0)
     return result.steps_per_second, result.compile_seconds
 
 

@@ -27,13 +27,13 @@ TRIALS, RUNS, LOG_POINTS = 20, 16, 4
 MUJOCO = ("Reacher-v5", "HalfCheetah-v5", "Ant-v5")
 
 
-def seconds_per_step(env, config):
+def seconds_per_step(env, setting):
     """Of one core, evaluation included; and the seconds of compiling."""
     galton.use_all_cores()
     task = task_of(env)
     steps = LOG_POINTS * task.total_timesteps // task.n_logs
-    hypers = galton.Hypers(learning_rate=task.learning_rate)
-    result = galton.train(env, config, hypers, range(RUNS), steps, n_logs=LOG_POINTS, n_eval_episodes=10)
+    agent = setting.replace(learning_rate=task.learning_rate).agent
+    result = galton.train(env, agent, range(RUNS), steps, n_logs=LOG_POINTS, n_eval_episodes=10)
     return result.train_seconds / (RUNS * float(result.steps[-1])), result.compile_seconds
 
 
@@ -45,10 +45,11 @@ def main():
     rows = []
     with Processes(one_per_core()) as executor:
         for env in ENVS:
-            programs = collections.Counter(setting.config for setting in find_grid("paper", env))
+            grid = find_grid("paper", env)
+            programs, of_program = collections.Counter(s.program for s in grid), {s.program: s for s in grid}
             core_seconds = compile_seconds = 0.0
-            for config, n_settings in programs.items():
-                calls = [executor.submit(seconds_per_step, env, config) for _ in range(n_cores())]
+            for program, n_settings in programs.items():
+                calls = [executor.submit(seconds_per_step, env, of_program[program]) for _ in range(n_cores())]
                 rate, compiling = np.mean([call.result() for call in calls], axis=0)
                 core_seconds += rate * n_settings * TRIALS * task_of(env).total_timesteps
                 compile_seconds += compiling

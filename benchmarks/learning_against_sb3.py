@@ -54,9 +54,9 @@ def ours(task, seeds):
 
     steps, settings = TASKS[task]
     settings = SHARED | settings
-    shapes = {name: settings.pop(name) for name in ("n_envs", "n_steps")}
-    config = galton.Config(loss="gaussian", normalize_observation=True, normalize_reward=True, **shapes)
-    result = galton.train(task, config, galton.Hypers(**settings), seeds, steps, n_logs=100, n_eval_episodes=0)
+    normalized = {"normalize_observation": True, "normalize_reward": True}
+    agent = galton.make_agent(loss="gaussian", **normalized, **settings)
+    result = galton.train(task, agent, seeds, steps, n_logs=100, n_eval_episodes=0)
     last = slice(-10, None)
     weights = result.log.n_episodes[:, last]
     return (np.nan_to_num(result.log.training_return[:, last]) * weights).sum(1) / weights.sum(1)

@@ -15,7 +15,6 @@ from pathlib import Path
 
 from sides import Side, write
 
-from galton.agents import agent_of
 from galton.benchmark.draws import draws, setting
 from galton.benchmark.reading import read
 from galton.page import quotes
@@ -35,8 +34,8 @@ class InTurn:
 
     def __init__(self, task, settings, steps):
         self.trained = []
-        for config, hypers in settings:
-            size, population = config.rollout_size, populate(task, agent_of(config, hypers), range(RUNS))
+        for made in settings:
+            size, population = made.rollout_size, populate(task, made.agent, range(RUNS))
             self.trained.append((population, -(-steps // size), size * RUNS))
         for _ in settings:
             self.advance()
@@ -55,7 +54,7 @@ def settings(protocol, env):
     task = dataclasses.replace(protocol.tuning[0], name=env, env=env, env_kwargs={}, fixed={}, scale={})
     for method in protocol.methods:
         made = setting(protocol, method, drawn[method.name][0], task, fresh=False)
-        found[method.label] = dataclasses.replace(made.config, n_bins=K), made.hypers
+        found[method.label] = made.replace(n_bins=K)
     return found
 
 

@@ -120,11 +120,9 @@ def measure(algorithm, env, loss, runs, slices=3, precision=None, **settings):
     import jax
 
     import galton
-    from galton.agents import agent_of
     from galton.training.population import populate
 
-    entry = galton.ALGORITHMS[algorithm]
-    agent = agent_of(entry.config(loss=loss, **settings), entry.hypers(eta=2.0))
+    agent = galton.make_agent(algorithm=algorithm, loss=loss, eta=2.0, **settings)
     row = {"algorithm": algorithm, "env": env if isinstance(env, str) else type(env).__name__.lower() + "-17x6"}
     row |= {"loss": loss, "runs": runs} | settings | ({"precision": precision} if precision else {})
     print(json.dumps({"at": row}), flush=True)

@@ -83,16 +83,18 @@ def galton_runs(job):
     import jax
 
     import galton
-    from galton.agents import agent_of
     from galton.training.population import populate
 
     galton.use_all_cores()
-    ppo, start = galton.ALGORITHMS["ppo"], time.perf_counter()
-    settings = {name: value for name, value in SETTINGS.items() if name not in galton.Hypers._fields}
-    config = ppo.config(loss="gaussian", normalize_observation=True, normalize_reward=True, **settings)
-    numbers = {name: value for name, value in SETTINGS.items() if name in galton.Hypers._fields}
-    hypers = ppo.hypers(learning_rate=LEARNING_RATE, decay_steps=STEPS, **numbers)
-    population = populate(task, agent_of(config, hypers), seeds, jax.devices()[:1])
+    start = time.perf_counter()
+    own = {
+        "normalize_observation": True,
+        "normalize_reward": True,
+        "learning_rate": LEARNING_RATE,
+        "decay_steps": STEPS,
+    }
+    agent = galton.make_agent(algorithm="ppo", loss="gaussian", **own, **SETTINGS)
+    population = populate(task, agent, seeds, jax.devices()[:1])
     n_updates = -(-STEPS // SETTINGS["n_steps"])
     population.advance(round(0.9 * n_updates))
     population.log()

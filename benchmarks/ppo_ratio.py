@@ -33,11 +33,10 @@ OTHERS = {"n_steps": 256, "n_envs": 8, "normalize_observation": True, "normalize
 
 def measure(task, loss, eta, ratio):
     """The last tenth of training, over seeds."""
-    ppo = galton.ALGORITHMS["ppo"]
-    config = ppo.config(loss=loss, ratio=ratio, n_bins=41, **(BANDIT if task == "bandit" else OTHERS))
-    hypers = ppo.hypers(eta=eta, learning_rate=0.01 if task == "bandit" else 3e-4)
+    own = BANDIT | {"learning_rate": 0.01} if task == "bandit" else OTHERS
+    agent = galton.make_agent(algorithm="ppo", loss=loss, ratio=ratio, n_bins=41, eta=eta, **own)
     seeds = range(10 if task == "bandit" else 5)
-    result = galton.train(task, config, hypers, seeds, TASKS[task], n_logs=10, n_eval_episodes=10)
+    result = galton.train(task, agent, seeds, TASKS[task], n_logs=10, n_eval_episodes=10)
     metrics = ("evaluation_return", "training_return", "approx_kl", "clip_fraction", "entropy")
     finals = {name: np.asarray(result.final(name, 0.1)).tolist() for name in metrics}
     return finals | {"diverged": int((result.diverged_at >= 0).sum())}

@@ -48,16 +48,14 @@ def score(job):
     import jax
 
     import galton
-    from galton.agents import agent_of
     from galton.training.population import populate
 
     galton.use_all_cores()
-    ppo, start = galton.ALGORITHMS["ppo"], time.perf_counter()
+    start = time.perf_counter()
     settings = SHARED | LOSSES[loss] | TUNED.get(task, {}).get(loss, {}) | change
-    numbers = {name: value for name, value in settings.items() if name in galton.Hypers._fields}
-    config = ppo.config(loss=loss, **{name: value for name, value in settings.items() if name not in numbers})
-    population = populate(task, agent_of(config, ppo.hypers(**numbers)), seeds, jax.devices()[:1])
-    population.advance(-(-STEPS // config.rollout_size))
+    agent = galton.make_agent(algorithm="ppo", loss=loss, **settings)
+    population = populate(task, agent, seeds, jax.devices()[:1])
+    population.advance(-(-STEPS // agent.rollout.size))
     returns = population.evaluate(20).mean(1)
     population.close()
     line = {"task": task, "loss": loss, "settings": settings, "seeds": list(seeds), "returns": returns.tolist()}

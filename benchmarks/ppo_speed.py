@@ -52,11 +52,9 @@ class Ours:
         import jax
 
         import galton
-        from galton.agents import agent_of
         from galton.training.population import populate
 
-        ppo = galton.ALGORITHMS["ppo"]
-        agent = agent_of(ppo.config(loss=loss, n_bins=K), ppo.hypers(eta=2.0))
+        agent = galton.make_agent(algorithm="ppo", loss=loss, n_bins=K, eta=2.0)
         self.population = populate(task, agent, range(runs), jax.devices()[:1])
         self.runs, self.updates = runs, updates
         self.advance()

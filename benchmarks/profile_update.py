@@ -22,7 +22,6 @@ from rich.table import Table
 from sides import write
 
 import galton
-from galton.agents import agent_of
 from galton.algorithms import actor_critic
 from galton.training.on_device import begin_on_device
 from galton.training.population import box_of, populate
@@ -68,8 +67,8 @@ def main():
         os.sched_setaffinity(0, {0})
     galton.use_all_cores()
 
-    env, config = galton.envs.MountainCar(), galton.Config(arguments.loss, n_bins=arguments.n_bins)
-    one = agent_of(config, galton.Hypers(learning_rate=1e-8))
+    env = galton.envs.MountainCar()
+    one = galton.make_agent(loss=arguments.loss, n_bins=arguments.n_bins, learning_rate=1e-8)
     agents = jax.tree.map(lambda number: jnp.full(RUNS, number), one.on(box_of(env)))
     seeds = jnp.arange(RUNS, dtype=jnp.uint32)
     begin = jax.jit(lambda *runs: lax.map(lambda run: begin_on_device(env, *run), runs))
@@ -137,7 +136,7 @@ def main():
         operations += 2 * left[0] * left[1] * right[1]
     parts["·· its products alone"] = products_alone
     table = Table(
-        title=f"Mountain Car, {config.loss}, k = {config.n_bins}, {RUNS} runs, one core: µs per run and update"
+        title=f"Mountain Car, {arguments.loss}, k = {arguments.n_bins}, {RUNS} runs, one core: µs per run and update"
     )
     for heading in ("part", "µs", "of the whole"):
         table.add_column(heading, justify="left" if heading == "part" else "right")
@@ -147,7 +146,7 @@ def main():
     console.print(table)
     speed = operations / products_alone / 1e3
     console.print(f"products alone: {operations / 1e6:.2f} million operations, {speed:.0f} GFLOP/s", highlight=False)
-    name = f"profile_{config.loss}_{config.n_bins}.json"
+    name = f"profile_{arguments.loss}_{arguments.n_bins}.json"
     write(arguments.out / name, (), microseconds=parts, operations=operations)
 
 

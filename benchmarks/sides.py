@@ -10,7 +10,6 @@ import numpy as np
 from gymnasium.spaces import MultiDiscrete
 
 import galton
-from galton.agents import agent_of
 from galton.devices import n_cores
 from galton.saving import provenance
 from galton.sweep.executors import Processes
@@ -57,7 +56,7 @@ class Ours:
 
     def __init__(self, task, plain, loss, n_bins, runs, updates):
         env = (lambda: gymnasium.make(task)) if plain else task
-        agent = agent_of(galton.Config(loss=loss, n_bins=n_bins), galton.Hypers())
+        agent = galton.make_agent(loss=loss, n_bins=n_bins)
         self.population = populate(env, agent, range(runs))
         self.runs, self.updates, self.batch = runs, updates, agent.rollout.size
         self.advance()

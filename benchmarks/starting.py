@@ -66,7 +66,7 @@ def compiling():
     from galton.cli._options import Training
 
     galton.use_all_cores()
-    galton.train("bandit", galton.Config(loss="gaussian", n_bins=3), galton.Hypers(), [0], 100)  # what is done once
+    galton.train("bandit", galton.make_agent(loss="gaussian", n_bins=3), [0], 100)  # what is done once
     short, rows = dataclasses.replace(Training.of_task("bandit"), steps=100, logs=1), []
     for loss in LOSSES:
         before = by_thread()

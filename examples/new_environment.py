@@ -51,8 +51,9 @@ class Pendulum:
 
 if __name__ == "__main__":
     galton.use_all_cores()
-    config = galton.Config(loss="hl-gauss-centred", n_bins=30, n_envs=4, n_steps=8)
-    hypers = galton.Hypers(1.5e-3, eta=2.0, gamma=0.9, gae_lambda=0.95, ent_coef=1e-3)
-    result = galton.train(Pendulum(), config, hypers, range(4), total_timesteps=200_000, n_logs=20)
+    head = {"loss": "hl-gauss-centred", "n_bins": 30, "eta": 2.0}
+    learning = {"n_envs": 4, "n_steps": 8, "learning_rate": 1.5e-3, "gamma": 0.9, "gae_lambda": 0.95, "ent_coef": 1e-3}
+    agent = galton.make_agent(**head, **learning)
+    result = galton.train(Pendulum(), agent, range(4), total_timesteps=200_000, n_logs=20)
     first, last = result.log.training_return[:, 0].mean(), result.final("training_return").mean()
     print(f"training return {first:.0f} → {last:.0f}")

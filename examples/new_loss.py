@@ -27,6 +27,7 @@ galton.LOSSES["smoothed"] = Smoothed
 
 if __name__ == "__main__":
     galton.use_all_cores()
-    config = galton.Config(loss="smoothed", n_steps=5, net_arch=())
-    result = galton.train(galton.envs.Bandit(), config, galton.Hypers(0.05), range(20), total_timesteps=2_000)
-    print(f"final training return {result.final('training_return').mean():.2f} of 25")
+    for smoothing in (0.0, 0.1, 0.5):
+        agent = galton.make_agent(loss="smoothed", smoothing=smoothing, n_steps=5, net_arch=(), learning_rate=0.05)
+        result = galton.train("bandit", agent, range(20), total_timesteps=2_000)
+        print(f"smoothing {smoothing}: final training return {result.final('training_return').mean():.2f} of 25")

@@ -63,8 +63,7 @@ galton.POLICIES["laplace"] = LaplacePolicy
 
 if __name__ == "__main__":
     galton.use_all_cores()
-    settings = {"loss": "gaussian", "n_steps": 5, "net_arch": ()}  # "gaussian" is −log π of whatever density
-    for policy in ("gaussian", "laplace"):
-        config = galton.Config(policy=policy, **settings)
-        result = galton.train("bandit", config, galton.Hypers(0.05), range(20), total_timesteps=2_000)
-        print(f"{policy:9} final training return {result.final('training_return').mean():.2f} of 25")
+    shared = {"loss": "gaussian", "n_steps": 5, "net_arch": (), "learning_rate": 0.05}  # −log π of whatever density
+    for own in ({"policy": "gaussian"}, {"policy": "laplace"}, {"policy": "laplace", "log_b_init": 1.0}):
+        result = galton.train("bandit", galton.make_agent(**shared, **own), range(20), total_timesteps=2_000)
+        print(f"{own}: final training return {result.final('training_return').mean():.2f} of 25")

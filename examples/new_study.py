@@ -27,7 +27,7 @@ def finals(trained):
     """The final training return of each trial, by η."""
     summary = trained.sweeps[WIDTHS.name]
     returns = summary.final("training_return")
-    return {setting.hypers.eta: returns[summary.rows(setting)] for setting in summary.study.settings}
+    return {setting["eta"]: returns[summary.rows(setting)] for setting in summary.study.settings}
 
 
 def draw(trained):

@@ -1,12 +1,11 @@
-"""Agents for tests, by the flat records and the bounds of their actions."""
+"""Agents for tests, by their words and the bounds of their actions."""
 
 import numpy as np
 
-from galton import Config, Hypers
-from galton.agents import agent_of
+from galton.agents import read
 from galton.parts import Box
 
 
-def agent(config=Config(), hypers=Hypers(), low=(-1.0,), high=(1.0,)):  # noqa: B008
-    """The agent of these records in a box."""
-    return agent_of(config, hypers).on(Box.of(np.atleast_1d(low), np.atleast_1d(high)))
+def agent(config=None, hypers=None, low=(-1.0,), high=(1.0,)):
+    """The agent of these words, in a box."""
+    return read((config or {}) | (hypers or {})).on(Box.of(np.atleast_1d(low), np.atleast_1d(high)))

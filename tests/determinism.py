@@ -14,7 +14,7 @@ import jax
 import numpy as np
 
 import galton
-from galton import Config, Hypers
+from galton.agents import read
 
 NORMALIZED = {"normalize_observation": True, "normalize_reward": True}
 CASES = {
@@ -41,8 +41,8 @@ def main(spec: str, file: str) -> None:
     numbers = {}
     for case in told["cases"]:
         env, steps, settings = CASES[case]
-        config, devices = Config(**SIZES | settings), jax.devices()[: told["devices"]]
-        result = galton.train(env, config, Hypers(), told["seeds"], steps, n_logs=2, n_eval_episodes=1, devices=devices)
+        agent, devices = read(SIZES | settings), jax.devices()[: told["devices"]]
+        result = galton.train(env, agent, told["seeds"], steps, n_logs=2, n_eval_episodes=1, devices=devices)
         for path, leaf in jax.tree_util.tree_leaves_with_path(result.learner):
             name = jax.tree_util.keystr(path, simple=True, separator="/")
             numbers[f"{case}/{name}"] = np.asarray(leaf)

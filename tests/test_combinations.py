@@ -1,6 +1,5 @@
 """Policy, loss and algorithm are three choices: whatever fits trains on both engines, and nothing else does."""
 
-import dataclasses
 import itertools
 
 import jax
@@ -8,7 +7,7 @@ import numpy as np
 import pytest
 
 import galton
-from galton import ALGORITHMS, LOSSES, POLICIES, Config, Hypers, Model, UsageError
+from galton import ALGORITHMS, LOSSES, POLICIES, Model, UsageError, make_agent
 from galton.envs import Bandit
 from galton.sweep.grid import expand
 from galton.sweep.study import Setting
@@ -24,7 +23,7 @@ ON_THE_HOST = ("ordinal", "hl-gauss-centred", "ppo"), ("gaussian", "gaussian", "
 
 
 def resolved(policy, loss, algorithm):
-    return agent(Config(policy=policy, loss=loss, algorithm=algorithm, n_steps=8, **OWN.get(algorithm, {})))
+    return agent({"policy": policy, "loss": loss, "algorithm": algorithm, "n_steps": 8, **OWN.get(algorithm, {})})
 
 
 def fits(policy, loss, algorithm):
@@ -143,7 +142,7 @@ IDLE = [
     ),
     (
         {"loss": "hl-one-hot", "target_tails": "edges"},
-        "target_tails is 'edges'; it goes with .*, not .*loss 'hl-one-hot'",
+        "target_tails is 'edges'; it goes with .*, not 'hl-one-hot' and policy 'histogram'",
     ),
     (
         {"loss": "gaussian", "policy": "beta", "initial_policy": "clipped-gaussian"},
@@ -161,7 +160,7 @@ def test_a_setting_that_has_no_use_is_refused_by_name(given, message):
     with pytest.raises(UsageError, match=message):
         Model("bandit", **given, **SETTINGS)
     with pytest.raises(UsageError, match=message):
-        Setting.of_record(given)
+        Setting(given)
 
 
 USED = [
@@ -177,17 +176,17 @@ USED = [
 
 @pytest.mark.parametrize("given", USED)
 def test_a_setting_that_has_one_is_taken(given):
-    setting = Setting.of_record(given)
+    setting = Setting(given)
     assert all(setting.record()[name] == value for name, value in given.items())
-    agent(dataclasses.replace(setting.config, n_steps=8), setting.hypers)
+    agent(setting.replace(n_steps=8).record())
 
 
 def test_results_of_a_policy_that_is_not_registered_here_can_be_read():
     for settings in (
-        [Setting.of_record({"loss": "gaussian", "policy": "somebodys"})],
+        [Setting({"loss": "gaussian", "policy": "somebodys"})],
         expand([{}], {"policy": "somebodys"}),
     ):
-        assert settings[0].config.policy == "somebodys"
+        assert settings[0]["policy"] == "somebodys"
 
 
 @pytest.mark.parametrize(
@@ -197,8 +196,8 @@ def test_histograms_of_other_layouts_train(layout):
     fields = {"bin_centers": "bounds"} if layout != "edges" else {}
     fields |= {"target_tails": "edges"} if layout != "bounds" else {}
     fields |= {"initial_policy": "clipped-gaussian"} if layout == "both" else {}
-    config = Config(loss="hl-gauss-centred", n_bins=7, n_steps=8, n_envs=2, net_arch=(6,), **fields)
-    result = galton.train(Bandit(d=2), config, Hypers(learning_rate=1e-2, eta=1.0), [0, 1], 64, n_logs=2)
+    made = make_agent(loss="hl-gauss-centred", eta=1.0, **SETTINGS, **fields)
+    result = galton.train(Bandit(d=2), made, [0, 1], 64, n_logs=2)
     for leaf in jax.tree.leaves(result.learner.params):
         assert np.isfinite(leaf).all()
     assert (result.diverged_at < 0).all()

@@ -9,8 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import norm
 
-from galton import A2C, PPO, Config, Hypers, UsageError
-from galton.agents import agent_of
+from galton import A2C, PPO, UsageError, make_agent
 from galton.critics import CRITICS, find_critic
 from galton.sweep import Setting
 
@@ -100,7 +99,7 @@ def test_saved_and_loaded(name, algorithm, tmp_path):
     model = algorithm("lqr", critic=name, normalize_reward=True, net_arch=(8,), **steps).learn(160)
     model.save(tmp_path / "model")
     loaded = algorithm.load(tmp_path / "model")
-    assert loaded.config.critic == name
+    assert loaded.settings["critic"] == name
     for one, other in zip(*(jax.tree.leaves(each.get_parameters()) for each in (model, loaded)), strict=True):
         np.testing.assert_array_equal(one, other)
     last = model.get_parameters()["critic"][-1]["bias"]
@@ -108,26 +107,26 @@ def test_saved_and_loaded(name, algorithm, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("fields", "numbers", "words"),
+    ("given", "said"),
     [
-        ({"critic": "hl_gauss"}, {}, ["critic is 'hl_gauss'", "did you mean hl-gauss?"]),
-        ({"critic": "hl-gauss"}, {}, ["set normalize_reward, or value_min"]),
-        ({"critic": "two-hot"}, {"value_min": 2.0, "value_max": 1.0}, ["value_min is 2.0", "value_max 1.0"]),
-        ({"critic": "two-hot", "normalize_reward": True}, {"value_eta": 1.0}, ["value_eta is 1.0", "'hl-gauss'"]),
-        ({"n_value_bins": 51}, {}, ["n_value_bins is 51", "critic 'hl-gauss'", "not 'squared-error'"]),
-        ({"critic": "hl-gauss", "n_value_bins": 1}, {}, ["n_value_bins is 1"]),
+        ({"critic": "hl_gauss"}, ["critic is 'hl_gauss'", "did you mean hl-gauss?"]),
+        ({"critic": "hl-gauss"}, ["set normalize_reward, or value_min"]),
+        ({"critic": "two-hot", "value_min": 2.0, "value_max": 1.0}, ["value_min is 2.0", "value_max 1.0"]),
+        ({"critic": "two-hot", "normalize_reward": True, "value_eta": 1.0}, ["value_eta is 1.0", "'hl-gauss'"]),
+        ({"n_value_bins": 51}, ["n_value_bins is 51", "critic 'hl-gauss'", "not 'squared-error'"]),
+        ({"critic": "hl-gauss", "n_value_bins": 1}, ["n_value_bins is 1"]),
     ],
 )
-def test_what_does_not_fit_is_refused(fields, numbers, words):
+def test_what_does_not_fit_is_refused(given, said):
     for attempt in (
-        lambda: agent_of(Config(**fields), Hypers(**numbers)),
-        lambda: A2C("lqr", preset="paper", **fields, **numbers),
-        lambda: Setting.of_record(fields | numbers),
+        lambda: make_agent(**given),
+        lambda: A2C("lqr", preset="paper", **given),
+        lambda: Setting(given),
     ):
         with pytest.raises(UsageError) as error:
             attempt()
-        for word in words:
-            assert word in str(error.value)
+        for words in said:
+            assert words in str(error.value)
 
 
 def test_a_support_of_its_own_needs_no_normalised_rewards():

@@ -1,4 +1,4 @@
-"""Every field of the records of settings is checked by its annotation, whichever way the value came."""
+"""Every setting is checked by its annotation, whichever way the value came."""
 
 import json
 import subprocess
@@ -10,22 +10,29 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from galton import Config, Hypers, UsageError
-from galton.fields import AtLeast, Within, annotations, checked
+from galton import UsageError
+from galton.agents import CHOOSING, read, values_of, vocabulary
+from galton.fields import AtLeast
 from galton.sweep.grid import expand
 from galton.sweep.study import Setting
-from galton.types import check_hypers
 
-FLAGS = [name for name, kind in annotations(Config).items() if kind is bool]
-COUNTS = [name for name, kind in annotations(Config).items() if typing.get_origin(kind) is typing.Annotated]
-CHOICES = [name for name, kind in annotations(Config).items() if typing.get_origin(kind) is typing.Literal]
-NAMES = [name for name, kind in annotations(Config).items() if kind is str]
+
+def bound(annotation):
+    """What an annotation says of a number; None for anything else."""
+    return annotation.__metadata__[0] if typing.get_origin(annotation) is typing.Annotated else None
+
+
+KNOWN = vocabulary()
+NUMBERS = [name for name in KNOWN.usual if KNOWN.is_number(name)]
+COUNTS = [name for name, kind in KNOWN.annotations.items() if isinstance(bound(kind), AtLeast)]
+FLAGS = [name for name, kind in KNOWN.annotations.items() if kind is bool]
+LISTS = ["net_arch", "critic_arch"]
+WORDS = [name for name, kind in KNOWN.annotations.items() if typing.get_origin(kind) is typing.Literal]
 
 
 def test_every_field_is_of_a_kind_that_is_checked():
-    assert {*FLAGS, *COUNTS, *CHOICES, *NAMES, "net_arch"} == {*annotations(Config)}
-    assert all(isinstance(annotations(Config)[name].__metadata__[0], AtLeast) for name in COUNTS)
-    assert all(isinstance(kind.__metadata__[0], Within) for kind in annotations(Hypers).values())
+    assert {*FLAGS, *COUNTS, *WORDS, *NUMBERS, *LISTS} == {*KNOWN.annotations}
+    assert {*KNOWN.annotations, *CHOOSING} == {*KNOWN.usual}
 
 
 def test_a_value_of_another_type_is_refused_by_name_from_python_and_from_grids(tmp_path, trust):
@@ -41,16 +48,16 @@ def test_a_value_of_another_type_is_refused_by_name_from_python_and_from_grids(t
 @pytest.mark.parametrize(
     ("name", "given", "kept"),
     [
-        *((name, np.True_, True) for name in FLAGS),
+        *((name, np.True_, True) for name in (*FLAGS, "entropy_target")),
         *((name, np.int32(30), 30) for name in COUNTS),
-        ("net_arch", np.array([8, 4]), (8, 4)),
-        ("net_arch", range(3, 5), (3, 4)),
-        ("net_arch", [np.uint8(5)], (5,)),
-        ("net_arch", [], ()),
+        *((name, np.array([8, 4]), (8, 4)) for name in LISTS),
+        *((name, range(3, 5), (3, 4)) for name in LISTS),
+        *((name, [np.uint8(5)], (5,)) for name in LISTS),
+        *((name, [], ()) for name in LISTS),
     ],
 )
 def test_numpys_values_are_kept_as_pythons(name, given, kept):
-    found = checked(name, given, annotations(Config)[name])
+    found = values_of({name: given})[name]
     assert found == kept
     assert json.dumps(found)  # which knows no types of numpy's
     assert type(found) is type(kept)
@@ -60,10 +67,12 @@ def test_numpys_values_are_kept_as_pythons(name, given, kept):
     "number", [1, 0.5, np.float32(0.5), np.int64(1), np.array([0.5, 1.0]), jnp.ones(3), np.float64(1.0)]
 )
 def test_one_number_or_an_array_of_them_is_as_good(number):
-    check_hypers(Hypers(**dict.fromkeys(("gamma", "learning_rate", "eta", "log_std_min"), number)))
+    agent = read(dict.fromkeys(("gamma", "learning_rate", "eta", "log_std_min"), number))
+    for found in (agent.algorithm.gamma, agent.optimizer.learning_rate, agent.loss.eta, agent.policy.log_std_min):
+        np.testing.assert_array_equal(found, number)
 
 
 def test_a_setting_is_one_run():
     with pytest.raises(UsageError, match=r"eta is .*; give one number"):
-        Setting.of_record({"eta": np.ones(2)})
+        Setting({"eta": np.ones(2)})
     assert len(expand([{"eta": [0.5, 1]}], {})) == 2

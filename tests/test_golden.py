@@ -14,9 +14,10 @@ import pyarrow.parquet as pq
 import pytest
 
 import galton
-from galton import A2C, Config, Hypers, InexactResume
+from galton import A2C, InexactResume
+from galton.agents import read
 
-from .golden.files import CLOSE, V1, arrays, by_path, check_close, command, record
+from .golden.files import CLOSE, V1, arrays, by_path, check_close, check_settings, command, record
 
 HERE = Path(__file__).parent
 CHECKPOINTS = record("checkpoints.json")
@@ -67,9 +68,7 @@ def go_on(name):
 @pytest.mark.parametrize("name", CHECKPOINTS)
 def test_a_model_is_what_it_was_and_predicts_what_it_did(name):
     known, model = CHECKPOINTS[name], A2C.load(path_of(name))
-    for field, value in known["config"].items():
-        assert getattr(model.config, field) == (tuple(value) if field == "net_arch" else value)
-    assert model.hypers._asdict().items() >= known["hypers"].items()
+    check_settings(model.settings, known["config"] | known["hypers"])
     assert (model.seed, model.num_timesteps) == (known["seed"], known["step"])
     found, golden = by_path(model.learner.params), arrays("checkpoints.npz", f"{name}/before/")
     assert {key: values.tobytes() for key, values in found.items()} == {
@@ -146,8 +145,8 @@ def trained(name):
     """A population's curves and parameters."""
     case = POPULATIONS[name]
     options = {key: case[key] for key in ("seeds", "total_timesteps", "n_logs", "n_eval_episodes")}
-    config = Config(loss=case["loss"], **case["config"] | {"net_arch": tuple(case["config"]["net_arch"])})
-    result = galton.train(case["env"], config, Hypers(**case["hypers"]), **options)
+    agent = read({"loss": case["loss"]} | case["config"] | case["hypers"])
+    result = galton.train(case["env"], agent, **options)
     golden = arrays("bits.npz", f"{name}/log/")
     return {column: curve(result.log, column) for column in golden}, by_path(result.learner.params)
 

@@ -13,7 +13,7 @@ from galton.models import Model
 from galton.sweep.plan import Plan
 from galton.sweep.store import Store
 
-from .golden.files import CLOSE, V2, arrays, by_path, check_close, command, record
+from .golden.files import CLOSE, V2, arrays, by_path, check_close, check_settings, command, record
 from .test_golden_sweeps import check_rows, rows
 
 CHECKPOINTS = record("checkpoints.json", V2)
@@ -27,11 +27,7 @@ def load(name, env=None):
 @pytest.mark.parametrize("name", CHECKPOINTS)
 def test_a_model_is_what_it_was_and_predicts_what_it_did(name):
     known, model = CHECKPOINTS[name], load(name)
-    for field, value in known["config"].items():
-        assert getattr(model.config, field) == (tuple(value) if field == "net_arch" else value)
-    for field, value in known["hypers"].items():
-        found = getattr(model.hypers, field)
-        assert np.isinf(found) if value is None else found == value
+    check_settings(model.settings, known["config"] | known["hypers"])
     assert (model.seed, model.num_timesteps) == (known["seed"], known["step"])
     found, golden = by_path(model.learner.params), arrays("checkpoints.npz", f"{name}/before/", V2)
     assert {key: values.tobytes() for key, values in found.items()} == {

@@ -7,12 +7,13 @@ import numpy as np
 import pytest
 
 import galton
+from galton.agents import vocabulary
 from galton.benchmark import stages
 from galton.benchmark.draws import draws
 from galton.benchmark.reading import read
-from galton.sweep.study import DEFAULTS, Setting
+from galton.sweep.study import Setting
 
-from .golden.files import CLOSE, V3, arrays, by_path, check_close, command, record
+from .golden.files import CLOSE, V3, arrays, by_path, check_close, check_settings, command, record
 
 CHECKPOINTS, NAMES = record("checkpoints.json", V3), record("names.json", V3)
 KINDS = {"A2C": galton.A2C, "PPO": galton.PPO}
@@ -27,10 +28,8 @@ def load(name, env=None):
 @pytest.mark.parametrize("name", CHECKPOINTS)
 def test_a_model_is_what_it_was_and_predicts_what_it_did(name):
     known, model = CHECKPOINTS[name], load(name)
-    for field, value in known["config"].items():
-        assert getattr(model.config, field) == (tuple(value) if field == "net_arch" else value)
-    for field, value in known["hypers"].items():
-        assert getattr(model.hypers, field) == float(value)  # infinity is a word there
+    numbers = {name: float(value) for name, value in known["hypers"].items()}  # infinity is a word there
+    check_settings(model.settings, known["config"] | numbers)
     assert (model.seed, model.num_timesteps) == (known["seed"], known["step"])
     found, golden = by_path(model.learner.params), arrays("checkpoints.npz", f"{name}/before/params/", V3)
     assert {key: values.tobytes() for key, values in found.items()} == {
@@ -58,9 +57,9 @@ def test_a_model_goes_on_as_it_did(name):
 
 
 def test_every_field_gives_a_setting_the_name_that_it_gave():
-    assert NAMES["settings"].keys() <= DEFAULTS.keys()
+    assert NAMES["settings"].keys() <= vocabulary().usual.keys()
     for known in NAMES["settings"].values():
-        assert Setting.of_record(known["record"]).name == known["name"]
+        assert Setting(known["record"]).name == known["name"]
 
 
 @pytest.mark.parametrize(

@@ -19,8 +19,9 @@ RANKS = """
     types
     records
     parts
-    bins networks optimizers returns normalization
+    bins optimizers returns normalization
     targets theory
+    networks
     policies envs
     losses critics
     tasks presets algorithms

@@ -3,18 +3,18 @@
 import numpy as np
 import pytest
 
-from galton import LOSSES, Config, Hypers, train
+from galton import LOSSES, make_agent, train
 from galton.envs import LQR, Acrobot, Bandit
 
 PAPER = [name for name, loss in LOSSES.items() if loss.in_paper]
 RATES = (1e-4, 3e-4, 7e-4, 1e-3)
 
 
-def best_mean(env, config, rates, n_seeds, steps, **hypers):
+def best_mean(env, rates, n_seeds, steps, **words):
     """The mean final training return over seeds at the best learning rate (App. C.2's rule), no run diverged there."""
-    hypers = Hypers(np.repeat(rates, n_seeds), **hypers)
+    agent = make_agent(learning_rate=np.repeat(rates, n_seeds), **words)
     seeds = list(range(n_seeds)) * len(rates)
-    final = train(env, config, hypers, seeds, steps, n_eval_episodes=0).final("training_return")
+    final = train(env, agent, seeds, steps, n_eval_episodes=0).final("training_return")
     return np.max(np.nan_to_num(final.reshape(len(rates), n_seeds).mean(1), nan=-np.inf))
 
 
@@ -23,17 +23,17 @@ FAST = ("hl-gauss",)
 
 @pytest.mark.parametrize("loss", [pytest.param(x, marks=[] if x in FAST else pytest.mark.slow) for x in LOSSES])
 def test_every_loss_solves_the_bandit(loss):
-    config = Config(loss=loss, n_steps=5, net_arch=())
-    assert best_mean(Bandit(), config, (0.01, 0.05, 0.1, 1.0), 20, 2_000, eta=0.75) > 25 - 1.5
+    words = {"loss": loss, "eta": 0.75, "n_steps": 5, "net_arch": ()}
+    assert best_mean(Bandit(), (0.01, 0.05, 0.1, 1.0), 20, 2_000, **words) > 25 - 1.5
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("loss", "floor"), [("gaussian", -18.0), ("hl-one-hot", -32.0), ("hl-gauss", -32.0)])
 def test_lqr(loss, floor):
-    assert best_mean(LQR(), Config(loss=loss), RATES, 10, 300_000, eta=0.25) > floor
+    assert best_mean(LQR(), RATES, 10, 300_000, loss=loss, eta=0.25) > floor
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("loss", "floor"), [("gaussian", -110.0), ("hl-one-hot", -260.0)])
 def test_acrobot(loss, floor):
-    assert best_mean(Acrobot(), Config(loss=loss), RATES, 10, 500_000) > floor
+    assert best_mean(Acrobot(), RATES, 10, 500_000, loss=loss) > floor

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import multivariate_normal
 
-from galton import LOSSES, Bins, Config, Hypers, UsageError, losses, targets
+from galton import LOSSES, Bins, UsageError, losses, targets
 from galton.policies import Gaussian, Histogram
 from galton.policies.histogram import Choices
 
@@ -29,7 +29,7 @@ def gradient(name, logits, action, advantage, eta):
 
     def total(logits):
         distribution = Histogram(Bins([-1.0, 0.0], [1.0, 5.0], K), logits)
-        loss = agent(Config(name), Hypers(eta=eta)).loss(distribution, action)
+        loss = agent({"loss": name, "eta": eta}).loss(distribution, action)
         return losses.surrogate(advantage, loss) * len(advantage)
 
     return jax.grad(total)(logits)
@@ -67,7 +67,7 @@ def test_mean_gradient_over_actions_under_a_shifted_advantage(name, indifferent)
 
             def expected_loss(logits):
                 distribution = Histogram(bins, jnp.tile(logits, (K, 1, 1)))
-                loss = agent(Config(name), Hypers(eta=0.75)).loss(distribution, actions[:, 0])
+                loss = agent({"loss": name, "eta": 0.75}).loss(distribution, actions[:, 0])
                 return jnp.sum(pi * advantage * loss)
 
             return jax.grad(expected_loss)(logits)

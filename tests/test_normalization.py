@@ -10,8 +10,7 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 
 import galton
-from galton import Config, Hypers, normalization
-from galton.agents import agent_of
+from galton import make_agent, normalization
 from galton.envs import find
 from galton.training.on_host import HostPopulation
 from galton.training.population import box_of
@@ -180,10 +179,9 @@ def test_what_is_off_costs_and_changes_nothing(flags):
 
 
 def test_the_host_loop_records_standardised_observations():
-    config = Config(loss="gaussian", n_envs=2, n_steps=50, net_arch=(4,), normalize_observation=True)
-    hypers = Hypers._make(np.full(1, value, np.float32) for value in Hypers())
     task = find(lambda: gymnasium.wrappers.TimeLimit(Drift(), 100))
-    agent = agent_of(config, hypers).on(box_of(task))
+    agent = make_agent(loss="gaussian", n_envs=2, n_steps=50, net_arch=(4,), normalize_observation=True)
+    agent = jax.tree.map(lambda number: np.full(1, number, np.float32), agent).on(box_of(task))
     population = HostPopulation(task, agent, [0], jax.devices())
     population.advance(20)
     moments = population.learner.normalizer.observation

@@ -2,6 +2,8 @@
 
 import dataclasses
 import itertools
+import re
+import typing
 from typing import ClassVar, Literal
 
 import jax
@@ -9,11 +11,12 @@ import numpy as np
 import pytest
 
 import galton
-from galton import LOSSES, Config, Hypers, UsageError, parts
-from galton.agents import MAY_IDLE, ONLY, REGISTRIES, USUAL, read
+from galton import LOSSES, Agent, UsageError, make_agent, parts
+from galton.agents import CHOICES, CHOOSING, MAY_IDLE, read, vocabulary, words_of, written
 from galton.algorithms import ALGORITHMS, Rollout
+from galton.fields import annotations
 from galton.losses import HLGauss, HLOneHot
-from galton.policies import GaussianPolicy, HistogramPolicy
+from galton.policies import GaussianPolicy, HistogramPolicy, SmoothedPolicy
 from galton.types import Count, Positive
 
 from .agents import agent
@@ -62,7 +65,7 @@ def test_numbers_are_leaves_and_the_rest_is_structure():
     names = {
         jax.tree_util.keystr(path).lstrip(".").split(".")[-1] for path, _ in jax.tree_util.tree_leaves_with_path(made)
     }
-    assert {"learning_rate", "eta", "gamma"} <= names <= set(Hypers._fields)
+    assert {"learning_rate", "eta", "gamma"} <= names <= {*filter(vocabulary().is_number, vocabulary().usual)}
 
 
 class Sharp(galton.Loss):
@@ -110,7 +113,7 @@ def test_what_is_off_in_every_run_is_trimmed(given, kept):
 
 
 def test_a_part_is_itself_again_after_jax_has_had_it():
-    one = agent(Config("hl-gauss-centred", policy="ordinal"), Hypers(eta=0.5, noise_correlation=0.25))
+    one = agent({"loss": "hl-gauss-centred", "policy": "ordinal", "eta": 0.5, "noise_correlation": 0.25})
     of_runs = jax.tree.map(lambda number: np.float32(number) * np.arange(1, 4, dtype=np.float32), one)
     for made in (one, of_runs):
         leaves, structure = jax.tree.flatten(made)
@@ -148,7 +151,7 @@ def test_a_part_is_itself_again_after_jax_has_had_it():
 def test_words_that_no_part_has_a_use_for_are_refused(words, message):
     with pytest.raises(UsageError, match=f"^{message}"):
         read(words)
-    assert read({name: USUAL[name] for name in USUAL}) == read({})
+    assert read(vocabulary().usual) == read({})
 
 
 IDLE = {
@@ -169,25 +172,24 @@ def test_what_files_may_have_without_a_use_is_let_be():
 
 
 def test_agents_whose_numbers_differ_have_one_structure():
-    config = Config("hl-gauss", algorithm="ppo", n_steps=64)
-    one = agent(config, Hypers())
-    other = agent(config, Hypers(0.1, eta=2.0, gamma=0.5, ent_coef=0.1, clip_range=0.5, target_kl=0.1, decay_steps=9))
+    words = {"loss": "hl-gauss", "algorithm": "ppo", "n_steps": 64}
+    numbers = {"learning_rate": 0.1, "eta": 2.0, "gamma": 0.5, "ent_coef": 0.1, "clip_range": 0.5, "target_kl": 0.1}
+    one, other = agent(words), agent(words | numbers | {"decay_steps": 9})
     assert one != other
     assert jax.tree.structure(one) == jax.tree.structure(other)
     assert hash(jax.tree.structure(one)) == hash(jax.tree.structure(other))
     for differs in (
-        agent(dataclasses.replace(config, n_epochs=3)),
-        agent(dataclasses.replace(config, net_arch=(8,))),
-        agent(dataclasses.replace(config, loss="hl-gauss-centred")),
-        agent(config, high=2.0),
-        agent(config, Hypers(box_units=1.0)),
+        agent(words | {"n_epochs": 3}),
+        agent(words | {"net_arch": (8,)}),
+        agent(words | {"loss": "hl-gauss-centred"}),
+        agent(words, high=2.0),
+        agent(words | {"box_units": 1.0}),
     ):
         assert jax.tree.structure(differs) != jax.tree.structure(one)
 
 
-KINDS = {field: [*registry.values()] for field, (_, registry) in REGISTRIES.items()}
-KINDS |= {field: [kind] for field, kind in ONLY.items()}
-SHARED = {("policy", "loss"): {"eta", "target_tails"}}
+KINDS = {field: [*choice.registry.values()] for field, choice in CHOICES.items()} | {"rollout": [Rollout]}
+SHARED = {("loss", "policy"): {"eta", "target_tails"}}
 """What two parts of one agent have both, on purpose: the smoothed policy's width is that of HL-Gauss."""
 
 
@@ -199,10 +201,188 @@ def test_within_an_agent_no_two_parts_share_a_name_by_accident():
 
 
 def test_every_word_is_a_choice_of_a_part_or_a_setting_and_usual_alike_in_both():
-    choices, owned = {word for word, _ in REGISTRIES.values()}, set()
+    owned, usual = set(), vocabulary().usual
     for kind in itertools.chain(*KINDS.values()):
         owned |= parts.settings(kind).keys()
         for name in parts.settings(kind):
-            assert getattr(kind, name) == USUAL[name], (kind, name)
-    assert not owned & choices
-    assert owned | choices == USUAL.keys()
+            assert getattr(kind, name) == usual[name], (kind, name)
+    assert not owned & {*CHOOSING}
+    assert owned | {*CHOOSING} == usual.keys()
+    assert owned == vocabulary().annotations.keys()
+
+
+class Narrow(galton.Loss):
+    """−log π, with a setting that others have too."""
+
+    eta: Positive = 0.5
+
+    def __call__(self, distribution, action):
+        return -distribution.log_prob(action)
+
+
+class Bare(Narrow):
+    """The same with a setting that has no usual value."""
+
+    eta: Positive = 0.25
+    sharpness: Positive = dataclasses.field(kw_only=True)
+
+
+@pytest.mark.parametrize(
+    ("kind", "message"),
+    [
+        (Narrow, r"Narrow\.eta is 0\.5 by default, and 0\.25 elsewhere; give it another name"),
+        (Bare, r"Bare\.sharpness has no default; give it one, for an agent that is made by words"),
+    ],
+)
+def test_two_usual_values_of_one_setting_or_none_are_refused(monkeypatch, kind, message):
+    known = vocabulary()
+    with monkeypatch.context() as patch:
+        patch.setitem(LOSSES, "own", kind)
+        for attempt in (vocabulary, lambda: read({}), lambda: make_agent(loss="own")):
+            with pytest.raises(UsageError, match=f"^{message}"):
+                attempt()
+    assert vocabulary() == known
+
+
+PAIRS = [(choice.word, key) for choice in CHOICES.values() for key in choice.registry]
+OTHER = {
+    "net_arch": (8,),
+    "critic_arch": (4,),
+    "n_steps": 128,
+    "batch_size": 32,
+    "normalize_reward": True,
+    "negative_target": "same",
+    "box_units": 1.0,
+    "log_std_min": -3.0,
+    "target_kl": 0.1,
+    "decay_steps": np.inf,
+    "entropy_alpha_min": 0.0,
+}
+"""What settings are set to where another value is not made of the usual one."""
+
+
+def other(name):
+    """Another value of a setting than its usual one."""
+    usual, annotation = vocabulary().usual[name], vocabulary().annotations[name]
+    if name in OTHER:
+        return OTHER[name]
+    if isinstance(usual, str):
+        return next(word for word in typing.get_args(annotation) if word != usual)
+    return not usual if isinstance(usual, bool) else usual + 1 if isinstance(usual, int) else usual / 2 or 0.5
+
+
+@pytest.mark.parametrize(("word", "key"), PAIRS)
+def test_words_come_back_from_the_agent_that_is_read_of_them(word, key):
+    words = {"n_steps": 64, "normalize_reward": True, word: key}
+    words |= {"loss": "gaussian"} if word == "policy" else {}  # which fits every policy
+    found = words_of(read(words))
+    kept = {"policy": "auto"} if words.get("policy") == "gaussian" else {}
+    assert found.items() >= (words | kept).items()
+    assert read(found) == read(words)
+    owned = found.keys() - {*CHOOSING}
+    assert [*found] == [name for name in vocabulary().usual if name in owned or name in CHOOSING]
+    changed = found | {name: other(name) for name in owned}
+    assert words_of(read(changed)) == changed
+    assert all(type(value) is type(changed[name]) for name, value in words_of(read(changed)).items())
+    assert words_of(agent(changed)) == changed  # in a box, without a trace of what is off
+    assert words_of(agent(words)) == found
+
+
+def test_numbers_of_several_runs_come_back_too():
+    rates = np.array([0.1, 0.2])
+    assert words_of(read({"learning_rate": rates}))["learning_rate"] is rates
+
+
+def test_a_word_may_be_the_part_itself():
+    for loss in (HLGauss(eta=2.0), HLGauss(target_tails="edges")):
+        words = {name: getattr(loss, name) for name in parts.settings(HLGauss)}
+        assert make_agent(loss=loss) == make_agent(loss="hl-gauss", **words)
+        assert words_of(make_agent(loss=loss)).items() >= {"loss": "hl-gauss", **words}.items()
+    made = make_agent(loss=HLOneHot(), policy=SmoothedPolicy(n_bins=7), n_steps=5)
+    assert (made.loss, made.policy, made.rollout) == (HLOneHot(), SmoothedPolicy(n_bins=7), Rollout(5))
+
+
+@pytest.mark.parametrize(("word", "key"), PAIRS)
+def test_a_part_and_its_name_are_the_same_word_under_every_algorithm(word, key):
+    kind = next(choice.registry for choice in CHOICES.values() if choice.word == word)[key]
+    words = {"algorithm": "ppo", "normalize_reward": True} | ({"loss": "gaussian"} if word == "policy" else {})
+    by_name, usual = make_agent(**words | {word: key}), vocabulary().usual
+    own = {name: usual[name] for name in parts.settings(kind)}  # not what the algorithm has instead
+    assert make_agent(**words | {word: kind()}) == make_agent(**words | own | {word: key})
+    assert type(by_name) is Agent
+
+
+def test_a_part_without_a_name_is_its_own_word_and_none_to_write_down():
+    made = make_agent(loss=Sharp(5.0), algorithm="ppo")
+    words = words_of(made)
+    assert words["loss"] is made.loss
+    assert "sharpness" not in words
+    assert read(words) == made
+    with pytest.raises(UsageError, match=r"^loss is Sharp\(.*files hold names; give its class a line in the registry"):
+        written(words)
+
+
+def test_an_agent_by_words_has_its_algorithms_usual_values_and_a_reader_has_not():
+    made, usual = make_agent(algorithm="ppo"), ALGORITHMS["ppo"].defaults
+    assert words_of(made).items() >= usual.items()
+    assert make_agent(algorithm="ppo", n_steps=64).rollout.n_steps == 64
+    assert read({"algorithm": "ppo"} | usual) == made
+    plain = read({"algorithm": "ppo", "n_steps": 64})
+    assert (plain.optimizer.learning_rate, plain.algorithm.gae_lambda) == (7e-4, 1.0)
+    assert make_agent() == read({})
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ({"learnin_rate": 0.1}, "'learnin_rate' is no setting; did you mean learning_rate?"),
+        ({"zzz": 1}, "'zzz' is no setting; choose from a"),
+        ({"loss": "hl-gaus"}, "loss is 'hl-gaus'; choose from gaussian, hl-one-hot, hl-gauss, hl-gauss-centred; did y"),
+        ({"critic": None}, "critic is None; "),
+        ({"policy": HLGauss()}, "policy is HLGauss"),
+        ({"loss": HLGauss(), "eta_rule": "policy"}, "eta_rule is 'policy'; it goes with loss 'hl-gauss', "),
+    ],
+)
+def test_words_that_mean_nothing_are_refused(words, message):
+    for attempt in (make_agent, lambda **words: read(words)):
+        with pytest.raises(UsageError, match=f"^{re.escape(message)}"):
+            attempt(**words)
+
+
+THREE = {"policy": HistogramPolicy(), "loss": HLGauss(), "algorithm": ALGORITHMS["a2c"]()}
+"""The parts of an agent that have to be named."""
+
+
+def test_an_agent_of_parts_has_the_usual_ones_where_none_are_named():
+    assert Agent(**THREE) == read({}) == make_agent()
+    assert Agent(**THREE, rollout=Rollout(n_steps=5)) == read({"n_steps": 5})
+
+
+WRONG = (None, "hl-gauss", HLGauss, Narrow(), Rollout())
+
+
+@pytest.mark.parametrize(
+    ("field", "kind", "wrong"),
+    [
+        (field, kind, wrong)
+        for field, kind in ((field, annotations(Agent)[field]) for field in KINDS)
+        for wrong in WRONG
+        if not isinstance(wrong, kind)
+    ],
+)
+def test_an_agent_refuses_another_kind_of_part_by_its_field(field, kind, wrong):
+    message = f"^{field} is {re.escape(repr(wrong))}; it must be of type {kind.__name__}$"
+    with pytest.raises(UsageError, match=message):
+        Agent(**THREE | {field: wrong})
+    with pytest.raises(UsageError, match=message):
+        read({}).replace(**{field: wrong})
+
+
+def test_an_agent_refuses_parts_that_do_not_fit_together():
+    for field, part, message in (
+        ("policy", GaussianPolicy(), "policy is 'gaussian', but the loss 'hl-gauss' needs a histogram; choose from hi"),
+        ("algorithm", ALGORITHMS["ppo"](), "batch_size is 64"),
+        ("critic", CHOICES["critic"].registry["hl-gauss"](), "set normalize_reward, or value_min"),
+    ):
+        with pytest.raises(UsageError, match=re.escape(message)):
+            Agent(**THREE | {field: part})

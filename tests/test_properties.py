@@ -13,18 +13,16 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 import galton
-from galton import CheckpointError, Hypers, UsageError
-from galton.agents import agent_of
+from galton import CheckpointError, UsageError
+from galton.agents import read, vocabulary
 from galton.envs.host.action_box import ActionBox
 from galton.envs.host.observations import Observations
 from galton.envs.host.space_json import from_json, to_json
-from galton.fields import annotations
 from galton.saving import checkpoint
 from galton.sweep.grid import read_grid
 from galton.sweep.plan import Plan
 from galton.sweep.store import Store
 from galton.sweep.study import Setting, Study
-from galton.types import check_hypers
 
 DTYPES = st.sampled_from([np.float16, np.float32, np.float64])
 SHAPES = hnp.array_shapes(min_dims=0, max_dims=3, max_side=4)
@@ -96,19 +94,21 @@ def test_a_space_comes_back_from_a_file_and_its_samples_are_flat_numbers(space, 
 
 
 NUMBERS = st.floats() | st.sampled_from([0.0, -0.0, 1.0, 1e-45, 1e-30, 3e38, math.inf, -math.inf, math.nan, 0.5, 2.0])
-CONFIG = galton.Config("gaussian", n_steps=5, net_arch=())
+WORDS = {"loss": "gaussian", "n_steps": 5, "net_arch": ()}
 
 
 def is_of_use(name):
-    """Whether this configuration has a use for the number; others are refused by name."""
+    """Whether this agent has a use for the number; others are refused by name."""
     try:
-        agent_of(CONFIG, Hypers(**{name: 1.0 if name == "box_units" else 0.3}))
+        read(WORDS | {name: 1.0 if name == "box_units" else 0.3})
     except UsageError:
         return False
     return True
 
 
-ROWS = st.fixed_dictionaries({}, optional=dict.fromkeys(filter(is_of_use, annotations(Hypers)), NUMBERS))
+ROWS = st.fixed_dictionaries(
+    {}, optional=dict.fromkeys(filter(is_of_use, filter(vocabulary().is_number, vocabulary().usual)), NUMBERS)
+)
 N_RUNS = 8
 
 
@@ -121,16 +121,14 @@ def test_numbers_that_are_taken_train_or_diverge_and_what_is_kept_is_finite(rows
     taken = []
     for row in rows:
         try:
-            check_hypers(Hypers(**row))
-            taken.append(Hypers(**row))
+            read(WORDS | row)
+            taken.append(read(WORDS | row | {"box_units": 0.0, "noise_correlation": 0.0}))  # else of other programs
         except UsageError:
             assert row
-    taken += [Hypers()] * (N_RUNS - len(taken))
+    taken += [read(WORDS)] * (N_RUNS - len(taken))
     with np.errstate(over="ignore"):
-        hypers = Hypers._make([np.float32(column) for column in zip(*taken, strict=True)])
-    others = {"box_units": np.zeros(N_RUNS), "noise_correlation": np.zeros(N_RUNS)}  # other programs
-    hypers = hypers._replace(**others)
-    result = galton.train("bandit", CONFIG, hypers, range(N_RUNS), 20, n_logs=1, n_eval_episodes=1)
+        agent = jax.tree.map(lambda *numbers: np.float32(numbers), *taken)
+    result = galton.train("bandit", agent, range(N_RUNS), 20, n_logs=1, n_eval_episodes=1)
     for leaf in jax.tree.leaves(result.learner.params):
         finite = np.isfinite(leaf).reshape(N_RUNS, -1).all(1)
         assert (finite | (result.diverged_at >= 0)).all()
@@ -187,11 +185,11 @@ SETTINGS = st.fixed_dictionaries(
 @settings(max_examples=30)
 @given(st.lists(SETTINGS, min_size=1, max_size=4), st.integers(1, 3), st.integers(0, 2**63 - 1), st.integers(1, 9))
 def test_settings_come_back_from_a_grid_a_plan_and_their_records(place, rows, trials, seed, width):
-    wanted = tuple(dict.fromkeys(map(Setting.of_record, rows)))
+    wanted = tuple(dict.fromkeys(map(Setting, rows)))
     path = place / "grid.toml"
     path.write_text("".join("[[grid]]\n" + "".join(f"{k} = {toml(v)}\n" for k, v in row.items()) for row in rows))
     assert read_grid(path, {}) == wanted
-    assert [Setting.of_record(json.loads(json.dumps(setting.record()))) for setting in wanted] == [*wanted]
+    assert [Setting(json.loads(json.dumps(setting.record()))) for setting in wanted] == [*wanted]
     plan = Plan.create(Study("bandit", wanted, trials, 40, 2, 1, seed=seed), width)
     store = Store(str(place))
     plan.save(store)

@@ -1,7 +1,7 @@
 """A record may grow: names, seeds and files stay what they are, and what a newer version wrote is called newer.
 
-A copy of the source gets a field in Config, in Hypers, in what algorithms tell and in the diagnosis, as somebody
-would add them, and both versions write the same things (tests/writer.py).
+A copy of the source gets two settings of a part that every agent has, something more that algorithms tell, and more in
+the diagnosis, as somebody would add them, and both versions write the same things (tests/writer.py).
 """
 
 import json
@@ -27,11 +27,11 @@ HERE = Path(__file__).parent
 FIELDS = {"newer_choice": '"other"', "newer_number": "2.5"}
 """What the grown version knows besides, with values that are not the defaults."""
 GROWN = {
-    "types.py": {
-        "    n_bins: Annotated[int, AtLeast(2)] = 100\n": '    newer_choice: str = "usual"\n',
-        "    eta: Positive = 0.25\n": "    newer_number: Positive = 1.5\n",
+    "algorithms/base.py": {
+        '    """Copies of the environment that one run steps side by side."""\n': (
+            '    newer_choice: str = "usual"\n    newer_number: NotNegative = 1.5\n'
+        ),
     },
-    "models/settings.py": {"    policy: str\n": "    newer_choice: str\n    newer_number: float\n"},
     "algorithms/actor_critic.py": {
         '        "entropy": parts.entropy,\n': '        "newer_scalar": 2 * parts.entropy,\n',
         "SCALARS = (": '"newer_scalar", ',

@@ -1,7 +1,8 @@
 import gymnasium
 import pytest
 
-from galton import A2C, ALGORITHMS, PPO, Hypers
+from galton import A2C, ALGORITHMS, PPO
+from galton.agents import read, words_of
 from galton.cli._options import Training
 from galton.envs import ENVS, Bandit
 from galton.envs.find import find
@@ -49,28 +50,31 @@ NAMES = ["bandit", "galton/Bandit-v0", "lqr", "galton/LQR-v0", "mountain-car", "
 @pytest.mark.parametrize("algorithm", ALGORITHMS)
 def test_one_name_is_one_experiment_for_models_and_for_commands(name, algorithm):
     command, model = Training.of_task(name, algorithm), Model(name, preset="paper", algorithm=algorithm)
-    assert (command.config, command.hypers) == (model.config, model.hypers)
+    assert words_of(read(command.words)) == model.settings
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_a_grid_begins_with_the_same_settings(name):
-    setting, model = Setting.of_record(task_defaults(name)), Model(name, preset="paper")
-    assert (setting.config, setting.hypers) == (model.config, model.hypers)
+    setting, model = Setting(task_defaults(name)), Model(name, preset="paper")
+    assert words_of(setting.agent) == model.settings
+
+
+def some(model):
+    """What the tasks' settings differ in."""
+    return tuple(model.settings[name] for name in ("learning_rate", "n_steps", "net_arch"))
 
 
 @pytest.mark.parametrize("name", ["bandit", "galton/Bandit-v0"])
 def test_the_bandit_by_its_name_has_the_papers_settings_and_what_is_told_goes_before_them(name):
-    model = A2C(name)
-    assert (model.hypers.learning_rate, model.config.n_steps, model.config.net_arch) == (0.05, 5, ())
-    told = A2C(name, learning_rate=0.1, net_arch=(8,))
-    assert (told.hypers.learning_rate, told.config.n_steps, told.config.net_arch) == (0.1, 5, (8,))
+    assert some(A2C(name)) == (0.05, 5, ())
+    assert some(A2C(name, learning_rate=0.1, net_arch=(8,))) == (0.1, 5, (8,))
 
 
 def test_an_algorithms_own_defaults_go_before_the_tasks():
-    model = PPO("bandit", preset="paper")
-    assert (model.hypers.learning_rate, model.config.n_steps, model.config.net_arch) == (3e-4, 2048, ())
+    assert some(PPO("bandit", preset="paper")) == (3e-4, 2048, ())
 
 
 def test_an_environment_that_is_there_has_no_name_and_the_usual_settings():
     model = A2C(Bandit(), preset="paper")
-    assert (model.hypers, model.config.n_steps, model.config.net_arch) == (Hypers(), 20, (64, 64))
+    assert some(model) == (7e-4, 20, (64, 64))
+    assert model.settings == words_of(read({}))

@@ -34,7 +34,7 @@ def study(**fields):
         {"loss": "hl-one-hot", "policy": "ordinal"},
         {"loss": "gaussian", "algorithm": "ppo", "batch_size": 4, "n_epochs": 2, "clip_range": 0.1},
     ]
-    settings = tuple(Setting.of_record({**SMALL, **row, **fields}) for row in rows)
+    settings = tuple(Setting({**SMALL, **row, **fields}) for row in rows)
     return Study("bandit", settings, 2, 32, logs=2, eval_episodes=1)
 
 

@@ -13,23 +13,31 @@ from pathlib import Path
 
 import numpy as np
 
-from galton import Config, Hypers, UsageError
-from galton.fields import annotations
+from galton import UsageError
+from galton.agents import CHOICES, CHOOSING, read, vocabulary
+from galton.algorithms import Rollout
+from galton.parts import settings
 from galton.sweep.grid import read_grid
 from galton.sweep.study import Setting
-from galton.types import check_hypers
 
-FLAGS = [name for name, kind in annotations(Config).items() if kind is bool]
-COUNTS = [name for name, kind in annotations(Config).items() if typing.get_origin(kind) is typing.Annotated]
-CHOICES = [name for name, kind in annotations(Config).items() if typing.get_origin(kind) is typing.Literal]
-NAMES = [name for name, kind in annotations(Config).items() if kind is str]
+KNOWN = vocabulary()
+NUMBERS = [name for name in KNOWN.usual if KNOWN.is_number(name)]
+FLAGS = [name for name, kind in KNOWN.annotations.items() if kind is bool]
+WORDS = [name for name, kind in KNOWN.annotations.items() if typing.get_origin(kind) is typing.Literal]
+LISTS = ["net_arch", "critic_arch"]
+COUNTS = [name for name in KNOWN.annotations if name not in (*NUMBERS, *FLAGS, *WORDS, *LISTS)]
+MAY_BE_NONE = ("box_units", "noise_correlation")
+"""Numbers that an agent may have as None, which programs lack; a setting of a sweep may not."""
 WRONG = {
-    "flag": (FLAGS, ["false", "no", "", None, 0, 1, 2.5, np.int64(1), np.ones(1, bool), [True], math.nan]),
+    "flag": (
+        [*FLAGS, "entropy_target"],
+        ["false", "no", "", None, 0, 1, 2.5, np.int64(1), np.ones(1, bool), [True], math.nan],
+    ),
     "count": (COUNTS, ["20", 2.0, math.nan, None, True, np.True_, 0, -1, [20], np.ones(1, int), 1j]),
-    "choice": (CHOICES, [None, 0, True, "", "none", b"mean", ["mean"], ("auto",), {}]),
-    "name": (NAMES, [None, 0, True, b"a2c", ["a2c"], {"a2c"}]),
-    "tuple": (["net_arch"], [None, 8, "88", b"88", {8}, {8: 8}, [8.0], ["8"], [True], [0], [[8]], np.array(8)]),
-    "number": (Hypers._fields, ["0.5", None, True, np.True_, b"1", 1j, {}, math.nan, [[1], [1, 2]], ["0.5"]]),
+    "word": (WORDS, [None, 0, True, "", "none", b"mean", ["mean"], ("auto",), {}]),
+    "name": (sorted({*CHOOSING} - {"entropy_target"}), [None, 0, True, b"a2c", ["a2c"], {"a2c"}]),
+    "tuple": (LISTS, [None, 8, "88", b"88", {8}, {8: 8}, [8.0], ["8"], [True], [0], [[8]], np.array(8)]),
+    "number": (NUMBERS, ["0.5", None, True, np.True_, b"1", 1j, {}, math.nan, [[1], [1, 2]], ["0.5"]]),
 }
 LINES = [
     ('normalize_observation = "false"', "normalize_observation is 'false'; it must be True or False"),
@@ -40,7 +48,7 @@ LINES = [
     ("n_steps = 2024-01-01", "n_steps is datetime.date"),
     ("net_arch = 64", "net_arch is 64; it must be a list or a tuple"),
     ("net_arch = [64, [32]]", "an entry of net_arch is"),
-    ("loss = [['gaussian']]", "loss is ['gaussian']; it must be of type str"),
+    ("loss = [['gaussian']]", "loss is ['gaussian']; choose from gaussian, hl-one-hot"),
     ("bin_sample = [['center']]", "bin_sample is ['center']; choose from center, uniform"),
     ('eta = "0.5"', "eta is '0.5'; it must be a number"),
     ("eta = true", "eta is True; it must be a number"),
@@ -50,8 +58,10 @@ LINES = [
 """Lines of a grid, and what is said of each."""
 
 
-def hypers(fields):
-    check_hypers(Hypers(**fields))
+def owners(name):
+    """The kinds of parts that have a setting of that name."""
+    kinds = (kind for choice in CHOICES.values() for kind in choice.registry.values())
+    return [kind for kind in (*kinds, Rollout) if name in settings(kind)]
 
 
 def attempts(folder):
@@ -60,11 +70,13 @@ def attempts(folder):
         for name in names:
             for value in values:
                 said = rf"(an entry of )?{name} is .*; (it must be|choose from|give one)"
-                if name in Hypers._fields:
-                    yield f"Hypers {name} {value!r}", said, partial(hypers, {name: value})
-                else:
-                    yield f"Config {name} {value!r}", said, partial(Config, **{name: value})
-                yield f"Setting {name} {value!r}", said, partial(Setting.of_record, {name: value})
+                if value is None and name == "critic_arch":  # the usual value
+                    continue
+                if not (value is None and name in MAY_BE_NONE):
+                    yield f"words {name} {value!r}", said, partial(read, {name: value})
+                    for kind in owners(name)[:1]:
+                        yield f"{kind.__name__} {name} {value!r}", said, partial(kind, **{name: value})
+                yield f"Setting {name} {value!r}", said, partial(Setting, {name: value})
     path = folder / "grid.toml"
     for line, said in LINES:
         path.write_text(f"[[grid]]\n{line}\n")

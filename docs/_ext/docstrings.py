@@ -58,5 +58,5 @@ def setup(app: Sphinx) -> dict[str, bool]:
     app.setup_extension("sphinx.ext.autodoc")
     app.connect("autodoc-process-docstring", process)
     app.connect("doctree-read", shorten)
-    drop_bounds([types.Config, types.Hypers, sweep.Study, *kinds(Part)])
+    drop_bounds([sweep.Study, *kinds(Part)])
     return {"parallel_read_safe": True, "parallel_write_safe": True}

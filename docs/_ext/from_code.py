@@ -16,33 +16,38 @@ from sphinx.application import Sphinx
 from sphinx.pycode import ModuleAnalyzer
 from sphinx.util.docutils import SphinxDirective
 
-from galton.algorithms import ALGORITHMS, Algorithm
+from galton.agents import CHOICES, vocabulary
+from galton.algorithms import ALGORITHMS, Algorithm, Rollout
 from galton.critics import CRITICS
 from galton.envs.registry import ENVS, make
-from galton.fields import AtLeast, annotations
+from galton.fields import AtLeast
 from galton.losses import LOSSES
 from galton.models.settings import usual
 from galton.paper import reproduce, standings, tables
 from galton.paper.trained import Trained
-from galton.parts import settings
+from galton.parts import Part, settings
 from galton.policies import POLICIES
-from galton.records import defaults
-from galton.types import Config, Hypers
 
 RESULTS = Path(__file__).parents[2] / "results" / "paper"
-DEFAULTS = defaults(Config) | defaults(Hypers)
 Rows = list[list[str]]
 
 
 def described() -> dict[str, str]:
-    """What the fields of Config and Hypers say of themselves."""
-    found = ModuleAnalyzer.for_module("galton.types").find_attr_docs()
-    return {name: " ".join(lines).strip() for (record, name), lines in found.items() if record in ("Config", "Hypers")}
+    """What each setting says of itself, where it first stands, and each word that chooses a part."""
+    kinds = [Rollout, *(kind for choice in CHOICES.values() for kind in choice.registry.values())]
+    found = {choice.word: choice.meaning for choice in CHOICES.values()}
+    for owner in (owner for kind in kinds for owner in reversed(kind.__mro__) if issubclass(owner, Part)):
+        for (record, name), lines in ModuleAnalyzer.for_module(owner.__module__).find_attr_docs().items():
+            if record == owner.__name__:
+                found.setdefault(name, " ".join(lines).strip())
+    return found
 
 
 def allowed(name: str) -> str:
     """What a setting may be, in words."""
-    annotation = (annotations(Config) | annotations(Hypers))[name]
+    for choice in (choice for choice in CHOICES.values() if choice.word == name):
+        return "True or False." if True in choice.registry else "A name, or a part itself."
+    annotation = vocabulary().annotations[name]
     kind, details = typing.get_origin(annotation), typing.get_args(annotation)
     if kind is typing.Literal:
         return "One of " + ", ".join(f"`{word}`" for word in details) + "."
@@ -56,9 +61,9 @@ def allowed(name: str) -> str:
 
 def parameters(*names: str) -> Rows:
     """The settings of these names, or of the algorithm of that name, with their defaults."""
-    values = DEFAULTS
+    values = vocabulary().usual
     if len(names) == 1 and names[0] in ALGORITHMS:
-        values = {"loss": DEFAULTS["loss"], "n_envs": DEFAULTS["n_envs"]} | usual(ALGORITHMS[names[0]])
+        values = {"loss": values["loss"], "n_envs": values["n_envs"]} | usual(ALGORITHMS[names[0]])
         names = tuple(values)
     texts = described()
     rows = [[f"`{name}`", f"`{values[name]}`", f"{texts[name]} *{allowed(name)}*"] for name in names]

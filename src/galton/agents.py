@@ -1,71 +1,149 @@
 """Agents by their flat words: settings by name, as arguments, command lines and files have them, read into parts.
 
 Every name belongs to the parts that have a setting of that name. Which parts there are, some of the words say: `loss`,
-`policy`, `critic`, `algorithm`, `weighting`, `entropy_target`.
+`policy`, `critic`, `algorithm` and the other words of CHOICES.
 """
 
 from collections.abc import Collection, Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
-from galton.algorithms import ALGORITHMS, CREDITS, ENTROPIES, Agent, Rollout, find_algorithm
-from galton.critics import CRITICS, find_critic
-from galton.errors import UsageError, require, require_word, unknown
-from galton.losses import LOSSES, find_loss
-from galton.networks import MLP
-from galton.optimizers import Adam
-from galton.parts import Part, settings, unusual
+from galton.algorithms import ALGORITHMS, CREDITS, ENTROPIES, Agent, Algorithm, Rollout, find_algorithm
+from galton.critics import CRITICS
+from galton.errors import UsageError, did_you_mean, require, unknown
+from galton.fields import checked
+from galton.losses import LOSSES
+from galton.networks import NETWORKS
+from galton.optimizers import OPTIMIZERS
+from galton.parts import Part, is_number, settings, unusual
 from galton.policies import POLICIES
-from galton.records import defaults
-from galton.types import Config, Hypers
+from galton.records import FIRST_FIELDS, Fields
 
 Words = Mapping[str, Any]
 """Settings by name; those that are left out have their usual values."""
 Kinds = dict[str, type[Part]]
 """The class of each part of an agent, by the agent's field."""
 
-REGISTRIES: dict[str, tuple[str, Mapping[Any, type[Part]]]] = {
-    "policy": ("policy", POLICIES),
-    "loss": ("loss", LOSSES),
-    "critic": ("critic", CRITICS),
-    "algorithm": ("algorithm", ALGORITHMS),
-    "credit": ("weighting", CREDITS),
-    "entropy": ("entropy_target", ENTROPIES),
+
+class Choice(NamedTuple):
+    """A word that chooses a part."""
+
+    word: str
+    registry: Mapping[Any, type[Part]]
+    """What there is to choose from."""
+    usual: Any
+    """The value that nobody has to say."""
+    meaning: str
+    """What help says of it."""
+
+
+CHOICES: dict[str, Choice] = {
+    "loss": Choice("loss", LOSSES, "hl-gauss", "What is minimised, weighted by the advantage."),
+    "policy": Choice(
+        "policy",
+        POLICIES,
+        "auto",
+        "The distribution of actions; auto is the one that the loss usually trains.",
+    ),
+    "critic": Choice("critic", CRITICS, "squared-error", "How values are learnt."),
+    "algorithm": Choice("algorithm", ALGORITHMS, "a2c", "What is done with a rollout."),
+    "credit": Choice(
+        "weighting",
+        CREDITS,
+        "advantage",
+        "What multiplies the loss: the advantage A, or a positive weight, AWR's exp(A / temperature), at "
+        "most 20, or V-MPO's softmax of A / temperature over the better half of the batch, times its size.",
+    ),
+    "entropy": Choice(
+        "entropy_target",
+        ENTROPIES,
+        False,
+        "Hold the policy's entropy: a bonus of weight α · std(A) joins the fixed one, and α, of either "
+        "sign, follows a target of the entropy, which goes from entropy_start to entropy_end.",
+    ),
+    "network": Choice("network", NETWORKS, "mlp", "The network of the actor, and that of the critic."),
+    "optimizer": Choice("optimizer", OPTIMIZERS, "adam", "How a gradient moves parameters."),
 }
-"""The parts that a word chooses, by the agent's field: the word, and what there is to choose from."""
+"""The words that choose a part, by the agent's field."""
 
-CHOOSING = [word for word, _ in REGISTRIES.values()]
+CHOOSING = [choice.word for choice in CHOICES.values()]
 """The words that choose a part."""
-
-ONLY: Kinds = {"network": MLP, "optimizer": Adam, "rollout": Rollout}
-"""The parts that there is one kind of."""
-
-USUAL: dict[str, Any] = {**defaults(Config), **defaults(Hypers)}
-"""The value of each word that nobody says."""
 
 MAY_IDLE = ("eta", "n_bins", "exploration", "bin_sample", "deterministic_action", "box_units")
 """Files may have these settings although nothing uses them: they were set for several losses and policies at once."""
 
 
-def flat(config: Config, hypers: Hypers) -> dict[str, Any]:
-    """The words of these records."""
-    return {name: getattr(config, name) for name in defaults(Config)} | hypers._asdict()
+class Vocabulary(NamedTuple):
+    """All words that somebody understands."""
+
+    usual: Fields
+    """The value of each that nobody has to say, in the order in which files have them."""
+    annotations: dict[str, Any]
+    """What the value of each setting may be."""
+
+    def is_number(self, word: str) -> bool:
+        """Say whether a word is a number, which programs take as data."""
+        return is_number(self.annotations.get(word))
 
 
-def agent_of(config: Config, hypers: Hypers) -> Agent:
-    """The agent of these records; its numbers are those of the hypers, one for each or `[R]`.
+_VOCABULARIES: dict[tuple[type[Part], ...], Vocabulary] = {}
+
+
+def vocabulary() -> Vocabulary:
+    """The words that choose parts, and the settings of all parts that are registered by now.
 
     Raises:
-        UsageError: as `read`.
+        UsageError: a part's setting has the name of another's, and another default.
     """
-    return read(flat(config, hypers))
+    kinds = (*(kind for choice in CHOICES.values() for kind in choice.registry.values()), Rollout)
+    if kinds not in _VOCABULARIES:
+        _VOCABULARIES[kinds] = _vocabulary(kinds)
+    return _VOCABULARIES[kinds]
 
 
-def read(words: Words) -> Agent:
-    """The agent of these words; what they leave out has its usual value.
+def _vocabulary(kinds: Collection[type[Part]]) -> Vocabulary:
+    usual: Fields = {choice.word: choice.usual for choice in CHOICES.values()}
+    annotations: dict[str, Any] = {}
+    for kind in kinds:
+        for name, annotation in settings(kind).items():
+            where = f"{kind.__name__}.{name}"
+            require(hasattr(kind, name), f"{where} has no default; give it one, for an agent that is made by words")
+            default = getattr(kind, name)
+            same = name not in usual or bool(usual[name] == default)
+            require(same, f"{where} is {default!r} by default, and {usual.get(name)!r} elsewhere; give it another name")
+            usual.setdefault(name, default)
+            annotations.setdefault(name, annotation)
+    first = {name: i for i, name in enumerate(FIRST_FIELDS)}
+    ordered = sorted(usual, key=lambda name: (is_number(annotations.get(name)), first.get(name, len(first))))
+    return Vocabulary({name: usual[name] for name in ordered}, annotations)
+
+
+def make_agent(**words: Any) -> Agent:
+    """The agent of these settings, in flat words; what they leave out has the usual value of its algorithm.
+
+    Args:
+        words: the settings of all parts by name, such as n_bins=50 or eta=2.0, and the words that choose parts: loss,
+            policy, critic, algorithm, weighting, entropy_target, network and optimizer, each a name or a part itself.
+            A number may be an array `[R]`, one for each of R runs.
 
     Raises:
         UsageError: an unknown name, a value out of range, parts that don't fit together, or a setting that none of the
             parts has.
+    """
+    usual = usual_of(words.get("algorithm", CHOICES["algorithm"].usual))
+    others = idle(words).union(*(settings(type(part)) for part in words.values() if isinstance(part, Part)))
+    return read({name: value for name, value in usual.items() if name not in others} | words)
+
+
+def usual_of(algorithm: Any) -> Fields:
+    """The settings whose usual value is another one under this algorithm; UsageError lists the names for none such."""
+    return dict(algorithm.defaults if isinstance(algorithm, Algorithm) else find_algorithm(algorithm).defaults)
+
+
+def read(words: Words) -> Agent:
+    """The agent of these words; what they leave out has its part's own default, whatever the algorithm.
+
+    Raises:
+        UsageError: as `make_agent`.
     """
     return Agent(**parts_of(words))
 
@@ -74,17 +152,49 @@ def parts_of(words: Words) -> dict[str, Any]:
     """The parts of these words, by the agent's fields, of which nobody has said whether they fit together.
 
     Raises:
-        UsageError: as `read`, but for parts that don't fit together.
+        UsageError: as `make_agent`, but for parts that don't fit together.
     """
-    chosen = kinds(words)
-    for name in sorted(words.keys() - USUAL.keys() - owned()):
-        raise UsageError(f"{name!r} is no setting; choose from {', '.join(sorted(owned()))}")
-    check_choices(words)
-    refuse_idle(words)
+    given = values_of(words)
+    found: dict[str, Any] = _found(given) | {"rollout": Rollout}
+    refuse_idle(given)
+    _refuse_beside_parts(found, given)
     return {
-        field: kind(**{name: words.get(name, USUAL.get(name, getattr(kind, name, None))) for name in settings(kind)})
-        for field, kind in chosen.items()
+        field: part if isinstance(part, Part) else part(**{n: given[n] for n in settings(part) if n in given})
+        for field, part in found.items()
     }
+
+
+def _refuse_beside_parts(found: Mapping[str, Any], words: Words) -> None:
+    """Raise UsageError for a setting that is given beside the only part that has it."""
+    of_kinds = {name for part in found.values() if not isinstance(part, Part) for name in settings(part)}
+    for part in (part for part in found.values() if isinstance(part, Part)):
+        for name in (settings(type(part)).keys() & words.keys()) - of_kinds:
+            other = unusual(words[name], vocabulary().usual[name])
+            require(not other, f"{name} is {other} beside {part!r}; give it to the part")
+
+
+def values_of(words: Words) -> Fields:
+    """The words with values as their annotations have them.
+
+    Raises:
+        UsageError: an unknown word, or a value out of range.
+    """
+    known = vocabulary()
+    for name in words:
+        if name not in known.usual:
+            told = did_you_mean(name, known.usual) or f"; choose from {', '.join(sorted(known.usual))}"
+            raise UsageError(f"{name!r} is no setting{told}")
+    return {
+        name: checked(name, value, known.annotations[name]) if name in known.annotations else _chosen(name, value)
+        for name, value in words.items()
+    }
+
+
+def _chosen(word: str, value: Any) -> Any:
+    """A word that chooses a part, whose name may be one that nobody has registered here; UsageError if it is none."""
+    registry = next(choice.registry for choice in CHOICES.values() if choice.word == word)
+    named = isinstance(value, str) and True not in registry
+    return value if isinstance(value, Part) or named else _key(word, value, registry)
 
 
 def kinds(words: Words) -> Kinds:
@@ -93,52 +203,77 @@ def kinds(words: Words) -> Kinds:
     Raises:
         UsageError: an unknown name.
     """
-    said = USUAL | dict(words) | {"policy": policy_name(words)}
-    find_loss(said["loss"])
-    find_algorithm(said["algorithm"])
-    find_critic(said["critic"])
-    require_word("weighting", said["weighting"], tuple(CREDITS))
-    return {field: registry[said[word]] for field, (word, registry) in REGISTRIES.items()} | ONLY
+    return {field: type(part) if isinstance(part, Part) else part for field, part in _found(words).items()}
 
 
-def check_choices(words: Words) -> None:
-    """Raise UsageError for a policy that the loss does not fit, or for what the algorithm does not carry out."""
-    said = USUAL | dict(words) | {"policy": policy_name(words)}
-    loss, algorithm = find_loss(said["loss"]), find_algorithm(said["algorithm"])
-    fitting = [known for known, policy in POLICIES.items() if loss.family in ("density", policy.family)]
-    require(
-        said["policy"] in fitting,
-        f"policy is {said['policy']!r}, but the loss {said['loss']!r} needs a {loss.family}; choose from "
-        f"{', '.join(fitting)}",
-    )
-    for choice in ("negative_target", "weighting", "entropy_target"):
-        require(
-            said[choice] == USUAL[choice] or choice in algorithm.choices,
-            f"{choice} is {said[choice]!r}, which algorithm {said['algorithm']!r} does not carry out; leave it at "
-            f"{USUAL[choice]!r}",
-        )
-    require(
-        said["negative_target"] == "same" or CREDITS[said["weighting"]].is_signed,
-        f"negative_target is {said['negative_target']!r}, but with weighting {said['weighting']!r} no weight is "
-        "negative; choose one of the two",
-    )
+def _found(words: Words) -> dict[str, Part | type[Part]]:
+    """The part that each word is, or the class that it names."""
+    found: dict[str, Any] = {}
+    for field, (word, registry, usual, _) in CHOICES.items():
+        name = words.get(word, usual)
+        if word == "policy" and name == "auto":
+            name = found["loss"].policy
+        found[field] = name if isinstance(name, Part) else registry[_key(word, name, registry)]
+    return found
 
 
-def policy_name(words: Words) -> str:
-    """The key in POLICIES of the policy that these words choose; UsageError lists the names if there is none."""
-    name = words.get("policy", "auto")
-    name = find_loss(words.get("loss", USUAL["loss"])).policy if name == "auto" else name
-    if name not in POLICIES:
-        raise unknown("policy", name, ("auto", *POLICIES))
-    return str(name)
+def _key(word: str, name: Any, registry: Mapping[Any, type[Part]]) -> Any:
+    if True in registry:
+        return checked(word, name, bool)
+    if not isinstance(name, str) or name not in registry:
+        raise unknown(word, name, ("auto", *registry) if word == "policy" else registry)
+    return name
 
 
-def policy_of(config: Config) -> str:
-    """The key in POLICIES of a configuration's policy."""
-    return policy_name({"loss": config.loss, "policy": config.policy})
+def words_of(agent: Agent) -> Fields:
+    """The words of an agent; one with a part that has no name in its registry has the part itself as the word."""
+    found: Fields = {name: getattr(agent.rollout, name) for name in settings(type(agent.rollout))}
+    for field, (word, registry, *_) in CHOICES.items():
+        part = getattr(agent, field)
+        names = [name for name, kind in registry.items() if kind is type(part)]
+        found[word] = names[0] if names else part
+        found |= {name: getattr(part, name) for name in settings(type(part))} if names else {}
+    if found["policy"] == agent.loss.policy:
+        found["policy"] = "auto"
+    known = vocabulary()
+    absent = {name: 0.0 for name, value in found.items() if value is None and known.is_number(name)}  # in all runs
+    return {name: (found | absent)[name] for name in known.usual if name in found}
 
 
-def idle(words: Words, fields: Collection[str] = tuple(REGISTRIES)) -> set[str]:
+def policy_name(agent: Agent) -> str:
+    """What an agent's policy is called in POLICIES; the name of its class where it is not there."""
+    policy = type(agent.policy)
+    return next((str(name) for name, kind in POLICIES.items() if kind is policy), policy.__name__)
+
+
+def written(words: Words) -> Fields:
+    """The words to write down: those of version 1, and the later ones that differ from their usual values.
+
+    Raises:
+        UsageError: a part that is no name, for files hold names.
+    """
+    for name, value in words.items():
+        told = f"{name} is {value!r}, and files hold names; give its class a line in the registry of its kind"
+        require(not isinstance(value, Part), told)
+    usual = vocabulary().usual
+    return {
+        name: words.get(name, value)
+        for name, value in usual.items()
+        if name in FIRST_FIELDS or (name in words and words[name] != value)
+    }
+
+
+def in_two(words: Words) -> dict[str, Fields]:
+    """The words as JSON has them: those that change shapes or code under `config`, and numbers under `hypers`."""
+    known = vocabulary()
+    config = {name: value for name, value in words.items() if not known.is_number(name)}
+    return {
+        "config": {name: list(value) if isinstance(value, tuple) else value for name, value in config.items()},
+        "hypers": {name: float(value) for name, value in words.items() if name not in config},
+    }
+
+
+def idle(words: Words, fields: Collection[str] = tuple(CHOICES)) -> set[str]:
     """The settings that some part has, and none of those that these words choose.
 
     Args:
@@ -148,26 +283,33 @@ def idle(words: Words, fields: Collection[str] = tuple(REGISTRIES)) -> set[str]:
     Returns:
         nothing for a policy that nobody has registered here, of which nothing is known.
     """
-    if words.get("policy", "auto") not in ("auto", *POLICIES):
+    policy = words.get("policy", "auto")
+    if isinstance(policy, str) and policy not in ("auto", *POLICIES):
         return set()
-    chosen = kinds({name: value for name, value in words.items() if name in CHOOSING})
-    there = {name for kind in ONLY.values() for name in settings(kind)}
-    for field, (_, registry) in REGISTRIES.items():
-        for kind in [chosen[field]] if field in fields else registry.values():
-            there |= settings(kind).keys()
-    return owned() - there
+    found = _found({name: value for name, value in words.items() if name in CHOOSING})
+    there = {*CHOOSING, *settings(Rollout)}
+    for field, choice in CHOICES.items():
+        for part in [found[field]] if field in fields else choice.registry.values():
+            there |= settings(type(part) if isinstance(part, Part) else part).keys()
+    return vocabulary().usual.keys() - there
 
 
-def owned() -> set[str]:
-    """The settings that some part has."""
-    of_choices = (kind for _, registry in REGISTRIES.values() for kind in registry.values())
-    return {name for kind in (*of_choices, *ONLY.values()) for name in settings(kind)}
+def without_idle(words: Words, usual: Words) -> Fields:
+    """The words without those of other networks, critics and so on that nobody has said; loss and policy may be others.
+
+    Args:
+        words: some of which are what a task or a preset has for everybody.
+        usual: these; a word that has its value there was not said.
+    """
+    unused = idle(words, [field for field in CHOICES if field not in ("loss", "policy")])
+    return {name: value for name, value in words.items() if name not in unused or value != usual.get(name)}
 
 
 def refuse_idle(words: Words) -> None:
     """Raise UsageError where a setting is not at its usual value that none of the parts has."""
+    usual = vocabulary().usual
     for name in sorted(idle(words) & words.keys()):
-        if not may_idle(name, words[name]) and (other := unusual(words[name], USUAL[name])):
+        if not may_idle(name, words[name]) and (other := unusual(words[name], usual[name])):
             raise UsageError(f"{name} is {other}; it {_whose(name, words)}")
 
 
@@ -175,12 +317,13 @@ def _whose(name: str, words: Words) -> str:
     """Which parts have a setting, and which are there instead."""
     owners: list[str] = []
     instead: list[str] = []
-    said = USUAL | dict(words) | {"policy": policy_name(words)}
-    for word, registry in REGISTRIES.values():
+    for field, (word, registry, usual, _) in CHOICES.items():
         having = [repr(key) for key, kind in registry.items() if name in settings(kind)]
         if having:
             owners.append(f"{word} {', '.join(having)}")
-            instead.append(repr(said[word]) if not instead else f"{word} {said[word]!r}")
+            there = kinds(words)[field]
+            key = next((key for key, kind in registry.items() if kind is there), words.get(word, usual))
+            instead.append(repr(key) if not instead else f"{word} {key!r}")
     return f"goes with {' or '.join(owners)}, not {' and '.join(instead)}"
 
 

@@ -103,7 +103,7 @@ class Evaluate:
         if self.best_model is not None:
             path = Path(self.best_model)
             files.check_place("best_model", path)
-            before = best_before(path, model.env_name, model.config, model.hypers, model.num_timesteps)
+            before = best_before(path, model.env_name, model.agent, model.num_timesteps)
             self.best = max(self.best, before)
 
     def __call__(self, model: Model, log: Log) -> None:

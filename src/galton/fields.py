@@ -1,11 +1,12 @@
 """What a value must be is what its annotation says: the one check of every record of settings.
 
-An annotation is bool, str, a Literal of words, a class, an integer or number with its bounds in an `Annotated`, or a
-tuple of any of them.
+An annotation is bool, str, a Literal of words, a class, an integer or number with its bounds in an `Annotated`, a
+tuple of any of them, or one of these or None.
 """
 
 import contextlib
 import functools
+import types
 from collections.abc import Callable, Hashable, Iterable, Mapping, Set
 from typing import Annotated, Any, Literal, NamedTuple, get_args, get_origin, get_type_hints
 
@@ -46,6 +47,8 @@ def checked(name: str, value: object, annotation: Any) -> Any:
     if kind is Annotated:
         _check_number(name, value, details[1])
         return value
+    if kind is types.UnionType and types.NoneType in details:
+        return None if value is None else checked(name, value, details[0])
     if kind is tuple:
         return tuple(checked(f"an entry of {name}", entry, details[0]) for entry in _entries(name, value))
     if kind is Literal:

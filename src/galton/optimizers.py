@@ -1,4 +1,8 @@
-"""Optimizers: how a gradient moves parameters, its clipping and its learning rate included."""
+"""Optimizers by name: how a gradient moves parameters, its clipping and its learning rate included.
+
+A new one is a class of this kind, with the settings that it needs, and a line in OPTIMIZERS; any Optax transformation
+will do.
+"""
 
 import abc
 from typing import Annotated, Any, ClassVar
@@ -11,7 +15,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from galton.fields import Within
 from galton.parts import Part
-from galton.types import NotNegative, Number, Params, Positive
+from galton.types import NotNegative, Number, Params, Positive, Share
 
 State = Any
 """An optimizer remembers this between two steps."""
@@ -33,11 +37,18 @@ class Optimizer(Part, abc.ABC):
     @property
     @abc.abstractmethod
     def transformation(self) -> optax.GradientTransformation:
-        """What makes a step of a clipped gradient, before the learning rate scales it."""
+        """What makes a step of a clipped gradient, before the learning rate scales it and its sign turns."""
+
+    @property
+    def _counted(self) -> optax.GradientTransformation:
+        """The same, with a count of steps where it keeps none."""
+        own = self.transformation
+        knows = bool(_counts(jax.eval_shape(own.init, {"any": jnp.zeros(1)})))
+        return own if knows else optax.chain(own, optax.scale_by_schedule(lambda _: 1.0))
 
     def init(self, params: Params) -> State:
         """What is remembered before the first step."""
-        return self.transformation.init(params)
+        return self._counted.init(params)
 
     def step(self, params: Params, state: State, gradient: Params) -> tuple[Params, State, Float[Array, ""]]:
         """One step along the gradient, clipped; also the gradient's norm before that, of all of it.
@@ -47,7 +58,7 @@ class Optimizer(Part, abc.ABC):
         grad_norm = optax.tree.norm(gradient)
         finite = jnp.isfinite(grad_norm)
         learning_rate = jnp.where(finite, self.learning_rate, 0.0)
-        move, state = self.transformation.update(self._clipped(gradient, finite), state)
+        move, state = self._counted.update(self._clipped(gradient, finite), state, params)
         return jax.tree.map(lambda p, s: p - learning_rate * s, params, move), state, grad_norm
 
     def _clipped(self, gradient: Params, finite: Bool[Array, ""]) -> Params:
@@ -96,10 +107,45 @@ class Adam(Optimizer):
         return _ADAM
 
 
+class AdamW(Optimizer):
+    """Adam with decoupled weight decay (Loshchilov & Hutter, 2019), of all parameters."""
+
+    label: ClassVar[str] = "AdamW"
+
+    weight_decay: NotNegative = 0.01
+    """The share of each parameter that a step of rate 1 takes away."""
+
+    @property
+    def transformation(self) -> optax.GradientTransformation:
+        """Adam's step, and the share of the parameters."""
+        return optax.chain(_ADAM, optax.add_decayed_weights(self.weight_decay))
+
+
+class RMSprop(Optimizer):
+    """RMSprop as TensorFlow and Stable-Baselines3's A2C have it: ε = 1e-5 under the root, and moments begin at 1."""
+
+    label: ClassVar[str] = "RMSprop"
+
+    rms_decay: Share = 0.99
+    """The share of the mean square that stays after each step."""
+
+    @property
+    def transformation(self) -> optax.GradientTransformation:
+        """The gradient over the root of its mean square."""
+        return optax.scale_by_rms(self.rms_decay, 1e-5, initial_scale=1.0, eps_in_sqrt=True)
+
+
 _ADAM = optax.scale_by_adam(b1=0.9, b2=0.999, eps=1e-5)
 
 
-def count(state: Any) -> Int[Array, ""]:
+OPTIMIZERS: dict[str, type[Optimizer]] = {"adam": Adam, "adamw": AdamW, "rmsprop": RMSprop}
+
+
+def count(state: State) -> Int[Array, ""]:
     """How many steps an optimizer has taken, by its state: a number of its own for each minibatch of a run."""
-    taken: Int[Array, ""] = optax.tree.get(state, "count")
+    taken: Int[Array, ""] = _counts(state)[0]
     return taken
+
+
+def _counts(state: State) -> list[Any]:
+    return [found for _, found in optax.tree.get_all_with_path(state, "count")]

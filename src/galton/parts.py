@@ -70,11 +70,14 @@ class Part:
         )
 
     def __post_init__(self) -> None:
+        for name, annotation in _annotations(type(self)).items():
+            if _is_part(annotation):
+                checked(name, getattr(self, name), annotation)
         for name, annotation in settings(type(self)).items():
             value = getattr(self, name)
             if not isinstance(value, _COMPUTED):
                 kept = checked(name, value, annotation)
-                whole = _is_number(annotation) and isinstance(kept, int | np.integer)
+                whole = is_number(annotation) and isinstance(kept, int | np.integer)
                 object.__setattr__(self, name, float(kept) if whole else kept)
         if not any(isinstance(leaf, _COMPUTED) for leaf in jax.tree.leaves(self)):
             self.check_own()
@@ -98,8 +101,15 @@ def settings(part: type[Part]) -> dict[str, Any]:
 _SETTINGS: dict[type[Part], dict[str, Any]] = {}
 
 
+def is_number(annotation: Any) -> bool:
+    """Say whether an annotation is that of a number with bounds, which is a leaf."""
+    return get_origin(annotation) is Annotated and isinstance(get_args(annotation)[1], Within)
+
+
 def unusual(value: Any, usual: Any) -> str:
     """The first of a setting's values, one for each run, that is not the usual one, as it is told; empty for none."""
+    if isinstance(usual, tuple) or usual is None:
+        return "" if value == usual else str(value)
     given = np.atleast_1d(usual if value is None else value)
     others = given[given != (given.dtype.type(usual) if given.dtype == np.float32 else usual)][:1]
     return "".join(repr(str(other)) if isinstance(other, str) else str(other) for other in others)
@@ -115,13 +125,9 @@ def trimmed(part: PartT) -> PartT:
         value = getattr(part, name, None)
         if isinstance(value, Part):
             changed[name] = trimmed(value)
-        elif _is_number(annotation) and type(None) in get_args(get_args(annotation)[0]) and not np.any(value):
+        elif is_number(annotation) and type(None) in get_args(get_args(annotation)[0]) and not np.any(value):
             changed[name] = None
     return part.replace(**changed) if changed else part
-
-
-def _is_number(annotation: Any) -> bool:
-    return get_origin(annotation) is Annotated and isinstance(get_args(annotation)[1], Within)
 
 
 def _is_part(annotation: Any) -> bool:
@@ -139,7 +145,7 @@ def _fields(part: type[Part]) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """The fields of a part that are leaves or branches, and those that are its structure."""
     if part not in _FIELDS:
         told, names = _annotations(part), [field.name for field in dataclasses.fields(cast("Any", part))]
-        inside = tuple(name for name in names if _is_number(told[name]) or _is_part(told[name]))
+        inside = tuple(name for name in names if is_number(told[name]) or _is_part(told[name]))
         _FIELDS[part] = inside, tuple(name for name in names if name not in inside)
     return _FIELDS[part]
 

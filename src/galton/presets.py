@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from galton.errors import require, unknown
 
@@ -16,10 +16,10 @@ class Preset(NamedTuple):
 
     name: str
     """Its key in PRESETS."""
-    loss: str = "hl-gauss"
-    """A key of LOSSES."""
+    loss: Any = "hl-gauss"
+    """A key of LOSSES, or a loss itself."""
     settings: Mapping[str, object] = {}
-    """Fields of Config and Hypers. With another number of environments than its n_envs, n_steps changes so that a
+    """Settings by name. With another number of environments than its n_envs, n_steps changes so that a
     rollout is as long."""
 
 
@@ -123,7 +123,7 @@ def present(name: str) -> str:
     return CLASSIFICATION if name == RECOMMENDED else name
 
 
-def find_preset(name: str | None, loss: str | None, algorithm: str) -> Preset:
+def find_preset(name: str | None, loss: Any, algorithm: str) -> Preset:
     """The preset of that name, with the loss if one is named.
 
     Without a name it is the algorithm's usual one, or the paper's where a loss is named: what was tuned for one loss

@@ -1,9 +1,9 @@
-"""Records that grow: a field may be added to Config or Hypers without renaming a setting or refusing a file.
+"""Records that grow: a part may get a setting without renaming any point of a sweep or refusing a file.
 
-What is written, hashed and compared is made of the fields of version 1 and of those later ones that differ from
-their defaults. So a setting keeps its name, and with it its seeds and files, however many fields are added; and a
-reader fills in what it does not find. Two rules follow: the default of a field that was added later never changes,
-and neither do the version-1 fields.
+What is written, hashed and compared is made of the settings of version 1 and of those later ones that differ from
+their usual values (`agents.written`). So a point keeps its name, and with it its seeds and files, however many settings
+are added; and a reader fills in what it does not find. Two rules follow: the default of a setting that was added later
+never changes, and neither do the settings of version 1.
 """
 
 import dataclasses
@@ -18,27 +18,12 @@ from galton.errors import NewerVersionError, require
 Fields = dict[str, Any]
 """Fields of a record by name; each has the type that the record declares."""
 
-FIRST_FIELDS = frozenset(
-    {
-        *("loss", "n_bins", "n_steps", "n_envs", "net_arch", "initial_policy", "exploration", "bin_sample"),
-        *("deterministic_action", "normalize_advantage", "normalize_observation", "normalize_reward"),
-        *("learning_rate", "eta", "gamma", "gae_lambda", "vf_coef", "ent_coef", "max_grad_norm"),
-    }
+FIRST_FIELDS = (
+    *("loss", "n_bins", "n_steps", "n_envs", "net_arch", "initial_policy", "exploration", "bin_sample"),
+    *("deterministic_action", "normalize_advantage", "normalize_observation", "normalize_reward"),
+    *("learning_rate", "eta", "gamma", "gae_lambda", "vf_coef", "ent_coef", "max_grad_norm"),
 )
-"""The fields of Config and Hypers that version 0.1.0 wrote, all of them always."""
-
-
-def defaults(record: type) -> Fields:
-    """The fields of a frozen dataclass or NamedTuple with their defaults, in order."""
-    if dataclasses.is_dataclass(record):
-        return {field.name: field.default for field in dataclasses.fields(record)}
-    return dict(getattr(record, "_field_defaults"))  # noqa: B009
-
-
-def written(record: object) -> Fields:
-    """The fields to write down: those of version 1, and the later ones that differ from their defaults."""
-    values = {name: (getattr(record, name), default) for name, default in defaults(type(record)).items()}
-    return {name: value for name, (value, default) in values.items() if name in FIRST_FIELDS or value != default}
+"""The settings that version 0.1.0 wrote, all of them always, in its order."""
 
 
 def refuse_unknown(what: str, names: Collection[str], known: Collection[str]) -> None:
@@ -50,8 +35,8 @@ def refuse_unknown(what: str, names: Collection[str], known: Collection[str]) ->
     unknown = sorted(set(names) - set(known))
     if unknown:
         raise NewerVersionError(
-            f"{what} has {', '.join(unknown)}, which this version of Galton does not know: a newer one wrote it; "
-            "update Galton to read it"
+            f"{what} has {', '.join(unknown)}, which this version of Galton does not know: a newer one wrote it, or a "
+            "part of your own has it; update Galton to read it, or import the module where the part is registered"
         )
 
 

@@ -44,7 +44,7 @@ class Callbacks:
 
     def after_update(self) -> bool:
         """Tell the callbacks of each step of an update's rollout; whether to go on."""
-        n_envs, n_steps = self._model.config.n_envs, self._model.config.n_steps
+        n_envs, n_steps = self._model.agent.rollout.n_envs, self._model.agent.rollout.n_steps
         first = self._model.num_timesteps - n_envs * n_steps
         for t in range(n_steps if self._callbacks else 0):
             self._facade.num_timesteps = first + (t + 1) * n_envs
@@ -98,7 +98,7 @@ def vec_env(model: Any) -> Any:
     except ImportError as error:
         told = f"get_env makes a VecEnv of Stable-Baselines3's, which can't be loaded ({error}); install it"
         raise UsageError(told) from None
-    return DummyVecEnv([lambda: _Spaces(model)] * model.config.n_envs)
+    return DummyVecEnv([lambda: _Spaces(model)] * model.agent.rollout.n_envs)
 
 
 def _source(model: Any) -> Any:

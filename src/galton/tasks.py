@@ -25,7 +25,7 @@ class Task(NamedTuple):
     etas: tuple[float, ...] = (0.01, 0.05, 0.1, 0.25, 0.5, 0.75)
     """HL-Gauss's widths in the paper's grid."""
     config: Mapping[str, object] = {}
-    """The fields of Config that differ from its defaults."""
+    """The other settings that differ from their usual values."""
     n_logs: int = 100
     """How many points a learning curve has, each with an evaluation."""
     n_eval_episodes: int = 10
@@ -63,7 +63,7 @@ TASKS = {
 
 
 def settings_of(env: object) -> dict[str, object]:
-    """The fields of Config and Hypers that suit an environment that is called by its name, or nothing where it isn't.
+    """The settings that suit an environment that is called by its name, or nothing where it isn't.
 
     Commands, models and grids all begin with them. A model or a run without a named loss has a preset beside them.
     """

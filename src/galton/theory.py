@@ -4,6 +4,9 @@ The parameters θ are those of the hidden layers, φ, and the kernel of the last
 not among them, as in the paper.
 """
 
+from collections.abc import Callable
+
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -12,19 +15,22 @@ from galton.types import Params
 Scalar = float | Float[Array, ""]
 
 
-def output_lipschitz(layers: list[Params], observation: Float[Array, " o"]) -> Float[Array, ""]:
-    """The least l with ‖∇_φ w_jᵀ f_φ(s)‖ ≤ l for every output j at this observation.
+def output_lipschitz(
+    layers: list[Params], observation: Float[Array, " o"], activation: Callable[[Array], Array] = jnp.tanh
+) -> Float[Array, ""]:
+    """The least l with ‖∇_φ w_jᵀ f_φ(s)‖ ≤ l for every output j of an MLP at this observation.
 
     Backpropagation of all outputs at once: layer by layer, the gradient of output j is an outer product of row j times
     the slopes and what the layer saw, and its norm is that of its factors.
     """
-    hidden = [observation]
+    hidden, slopes = [observation], []
     for layer in layers[:-1]:
-        hidden.append(jnp.tanh(hidden[-1] @ layer["kernel"] + layer["bias"]))
+        total = hidden[-1] @ layer["kernel"] + layer["bias"]
+        hidden.append(activation(total))
+        slopes.append(1 - hidden[-1] ** 2 if activation is jnp.tanh else jax.vmap(jax.grad(activation))(total))
     backward = layers[-1]["kernel"].T
     squares = jnp.zeros(len(backward))
-    for layer, below, here in zip(layers[-2::-1], hidden[-2::-1], hidden[:0:-1], strict=True):
-        slope = 1 - here**2  # of tanh
+    for layer, below, slope in zip(layers[-2::-1], hidden[-2::-1], slopes[::-1], strict=True):
         squares = squares + backward**2 @ slope**2 * (1 + below @ below)
         backward = backward @ (slope[:, None] * layer["kernel"].T)
     return jnp.sqrt(squares.max())

@@ -3,7 +3,6 @@
 import jax
 import numpy as np
 
-from galton import Config, Hypers
 from galton.algorithms import actor_critic
 from galton.algorithms.a2c import A2C
 from galton.parts import settings
@@ -14,12 +13,14 @@ from ..agents import agent as agent_on
 LOW, HIGH = np.array([-1.0, -2.0]), np.array([1.0, 2.0])
 T, N, SIZE, WIDTH, K = 8, 3, 6, 4, 10
 """Steps, copies, rows of a minibatch, entries of an observation, bins."""
-HYPERS = Hypers(learning_rate=3e-3, clip_range=0.1, ent_coef=0.01, max_grad_norm=1e9)
+SHAPES = {"n_bins": K, "n_steps": T, "n_envs": N, "net_arch": (16,), "batch_size": SIZE}
+NUMBERS = {"learning_rate": 3e-3, "clip_range": 0.1, "ent_coef": 0.01, "max_grad_norm": 1e9}
 
 
-def agent_of(policy, loss, *, hypers=HYPERS, d=2, **fields):
-    usual = {"n_bins": K, "n_steps": T, "n_envs": N, "net_arch": (16,), "algorithm": "ppo", "batch_size": SIZE}
-    return agent_on(Config(policy=policy, loss=loss, **usual | fields), hypers, LOW[:d], HIGH[:d])
+def agent_of(policy, loss, *, d=2, **words):
+    return agent_on(
+        {"algorithm": "ppo", "policy": policy, "loss": loss} | SHAPES | NUMBERS | words, low=LOW[:d], high=HIGH[:d]
+    )
 
 
 def with_a2c(agent):

@@ -4,7 +4,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from galton import Config, Hypers
 from galton.algorithms import actor_critic
 from galton.types import Transition
 
@@ -14,9 +13,9 @@ LOW, HIGH = np.array([-1.0, -2.0]), np.array([1.0, 2.0])
 T, N, SIZE = 4, 3, 5
 
 
-def setup(loss, hypers=Hypers(), **settings):  # noqa: B008
+def setup(loss, **words):
     """An agent, its learner and a rollout that it sampled, without ends of episodes."""
-    agent = agent_on(Config(loss=loss, n_bins=10, n_steps=T, n_envs=N, **settings), hypers, LOW, HIGH)
+    agent = agent_on({"loss": loss, "n_bins": 10, "n_steps": T, "n_envs": N, **words}, low=LOW, high=HIGH)
     learner = actor_critic.init(jax.random.key(0), agent, SIZE)
     keys = jax.random.split(jax.random.key(1), 4)
     observation = jax.random.normal(keys[0], (T, N, SIZE))

@@ -3,7 +3,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from galton import LOSSES, Hypers
+from galton import LOSSES
 
 from .rollouts import setup
 
@@ -31,7 +31,7 @@ def test_an_update_tells_the_scalars_that_its_class_names():
 
 
 def test_the_step_is_bounded_by_max_grad_norm():
-    agent, learner, batch = setup("gaussian", Hypers(max_grad_norm=0.5))
+    agent, learner, batch = setup("gaussian", max_grad_norm=0.5)
     huge = batch._replace(reward=1e6 * batch.reward)
     after, told = agent.algorithm.update(agent, learner, huge, KEY)
     assert float(told["grad_norm"]) > 1e3
@@ -45,7 +45,7 @@ def test_the_entropy_bonus_raises_entropy(loss):
     update = jax.jit(lambda agent, learner, batch: agent.algorithm.update(agent, learner, batch, KEY))
     entropies = []
     for ent_coef in (0.0, 1.0):
-        agent, learner, batch = setup(loss, Hypers(ent_coef=ent_coef, learning_rate=1e-2))
+        agent, learner, batch = setup(loss, ent_coef=ent_coef, learning_rate=1e-2)
         still = batch._replace(reward=jnp.zeros_like(batch.reward))
         for _ in range(20):
             learner, told = update(agent, learner, still)

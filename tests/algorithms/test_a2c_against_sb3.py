@@ -7,14 +7,23 @@ import pytest
 import stable_baselines3
 import torch
 
-from galton import Config, Hypers
 from galton.algorithms import actor_critic
 
 from ..agents import agent as agent_on
 from .sb3_side import HIGH, LOW, K, Recorder, params_of, record_batch, relative_error, vector_of
 
 T, N = 10, 2
-HYPERS = Hypers(learning_rate=1e-3, gamma=0.97, gae_lambda=0.9, vf_coef=0.4, ent_coef=0.01, max_grad_norm=0.5)
+SAME = {
+    "n_steps": T,
+    "learning_rate": 1e-3,
+    "gamma": 0.97,
+    "gae_lambda": 0.9,
+    "vf_coef": 0.4,
+    "ent_coef": 0.01,
+    "max_grad_norm": 0.5,
+}
+"""What both have by the same names."""
+WORDS = {"n_bins": K, "n_envs": N, **SAME}
 
 
 def sb3_model(discrete, normalize_advantage):
@@ -22,13 +31,7 @@ def sb3_model(discrete, normalize_advantage):
     model = stable_baselines3.A2C(
         "MlpPolicy",
         vector_of(envs),
-        learning_rate=HYPERS.learning_rate,
-        n_steps=T,
-        gamma=HYPERS.gamma,
-        gae_lambda=HYPERS.gae_lambda,
-        ent_coef=HYPERS.ent_coef,
-        vf_coef=HYPERS.vf_coef,
-        max_grad_norm=HYPERS.max_grad_norm,
+        **SAME,
         use_rms_prop=False,
         normalize_advantage=normalize_advantage,
         seed=3,
@@ -50,8 +53,8 @@ def sb3_model(discrete, normalize_advantage):
 def test_updates_equal_sb3s(loss, normalize_advantage, trust):
     discrete = loss == "hl-one-hot"
     model, envs = sb3_model(discrete, normalize_advantage)
-    config = Config(loss=loss, n_bins=K, n_steps=T, n_envs=N, normalize_advantage=normalize_advantage)
-    agent = agent_on(config, HYPERS, LOW, HIGH)
+    words = WORDS | {"loss": loss, "normalize_advantage": normalize_advantage}
+    agent = agent_on(words, low=LOW, high=HIGH)
     start = jax.tree.map(jnp.asarray, params_of(model))
     learner = actor_critic.init(jax.random.key(0), agent, 3)._replace(params=start)
     update = jax.jit(lambda learner, batch: agent.algorithm.update(agent, learner, batch, jax.random.key(1))[0])
@@ -78,8 +81,7 @@ def test_updates_equal_sb3s(loss, normalize_advantage, trust):
 def test_values_entropy_and_log_prob_equal_sb3s(loss):
     discrete = loss == "hl-one-hot"
     model, envs = sb3_model(discrete, False)
-    config = Config(loss=loss, n_bins=K, n_steps=T, n_envs=N)
-    agent, params = agent_on(config, HYPERS, LOW, HIGH), jax.tree.map(jnp.asarray, params_of(model))
+    agent, params = agent_on(WORDS | {"loss": loss}, low=LOW, high=HIGH), jax.tree.map(jnp.asarray, params_of(model))
     batch = record_batch(model, envs, discrete)
     buffer = model.rollout_buffer
     values = actor_critic.value(agent, params, batch.observation)

@@ -2,7 +2,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from galton import Hypers
 from galton.algorithms import actor_critic
 
 from .rollouts import setup
@@ -54,14 +53,14 @@ def test_where_training_is_left_off_a_step_changes_nothing_at_all():
 
 
 def test_the_gaussians_sigma_is_clipped_with_the_actor():
-    agent, learner, _ = setup("gaussian", Hypers(max_grad_norm=0.5), clip_separately=True)
+    agent, learner, _ = setup("gaussian", max_grad_norm=0.5, clip_separately=True)
     gradient = jax.tree.map(jnp.zeros_like, learner.params) | {"log_std": jnp.array([3.0, 4.0])}
     after, _ = actor_critic.step(agent, learner, gradient, PARTS)
     np.testing.assert_allclose(after.optimizer.mu["log_std"], [0.03, 0.04], rtol=1e-4)
 
 
 def test_a_short_gradient_is_taken_as_it_is():
-    agent, learner, _ = setup("gaussian", Hypers(max_grad_norm=0.5))
+    agent, learner, _ = setup("gaussian", max_grad_norm=0.5)
     gradient = jax.tree.map(lambda leaf: jnp.full_like(leaf, 1e-4), learner.params)
     after, _ = actor_critic.step(agent, learner, gradient, PARTS)
     jax.tree.map(lambda moment: np.testing.assert_allclose(moment, 1e-5, rtol=1e-5), after.optimizer.mu)
@@ -70,7 +69,7 @@ def test_a_short_gradient_is_taken_as_it_is():
 def test_actor_and_critic_are_clipped_apart_or_joined():
     """After one step Adam's first moment is a tenth of the gradient that it was given."""
     for separately, norms in ((False, {"actor": 5.0, "critic": 5.0}), (True, {"actor": 3.0, "critic": 4.0})):
-        agent, learner, _ = setup("hl-gauss", Hypers(max_grad_norm=0.5), clip_separately=separately)
+        agent, learner, _ = setup("hl-gauss", max_grad_norm=0.5, clip_separately=separately)
         size = {name: sum(leaf.size for leaf in jax.tree.leaves(learner.params[name])) for name in norms}
         long = {"actor": 3.0, "critic": 4.0}
         gradient = {

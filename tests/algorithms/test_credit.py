@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from galton import A2C, LOSSES, PPO, Bins, Config, Hypers, UsageError, train
+from galton import A2C, LOSSES, PPO, Bins, UsageError, make_agent, train
 from galton.algorithms import ALGORITHMS, a2c, actor_critic
 from galton.losses import surrogate
 from galton.parts import settings
@@ -19,8 +19,8 @@ WIDE = {"eta_rule": "policy"}
 SPLIT = {"negative_target": "one-hot"}
 
 
-def agent_of(loss, hypers, **fields):
-    return agent_on(Config(loss=loss, n_bins=K, n_steps=8, **fields), hypers, LOW, HIGH)
+def agent_of(loss, **words):
+    return agent_on({"loss": loss, "n_bins": K, "n_steps": 8, **words}, low=LOW, high=HIGH)
 
 
 def batch(n=40, sharp=12.0):
@@ -64,8 +64,8 @@ def gradient(loss, logits, index, weight):
 def test_the_gradient_in_the_logits_is_the_dense_formulas(loss, fields):
     with jax.enable_x64(True):
         logits, index, weight = batch()
-        hypers = Hypers(eta=0.8, **{"eta_min": 0.7, "eta_max": 2.0} if "eta_rule" in fields else {})
-        found = gradient(agent_of(loss, hypers, **fields).loss, logits, index, weight)
+        bounds = {"eta_min": 0.7, "eta_max": 2.0} if "eta_rule" in fields else {}
+        found = gradient(agent_of(loss, eta=0.8, **bounds, **fields).loss, logits, index, weight)
         pi = np.asarray(jax.nn.softmax(logits))
         eta = widths(pi, 0.8, 0.7, 2.0) if "eta_rule" in fields else np.full(pi.shape[:2], 0.8)
         assert "eta_rule" not in fields or ({0.7, 2.0} < set(eta.ravel().tolist()))
@@ -82,7 +82,7 @@ def test_the_gradient_in_the_logits_is_the_dense_formulas(loss, fields):
 @pytest.mark.parametrize(("loss", "indifferent"), [("hl-gauss-centred", True), ("hl-gauss", False)])
 def test_with_a_width_of_its_own_in_each_state_the_centred_loss_stays_indifferent_to_a_shift(loss, indifferent):
     with jax.enable_x64(True):
-        wide = agent_of(loss, Hypers(eta=1.0), **WIDE).loss
+        wide = agent_of(loss, eta=1.0, **WIDE).loss
         logits = jnp.tile(batch(n=3)[0][:, :1, None], (1, 1, K, 1)).reshape(3 * K, 1, K)
         bins, index = Bins(LOW[:1], HIGH[:1], K), jnp.tile(jnp.arange(K), 3)[:, None]
         chance = jnp.take_along_axis(jax.nn.softmax(logits), index[..., None], -1).ravel()
@@ -100,7 +100,7 @@ def test_with_a_width_of_its_own_in_each_state_the_centred_loss_stays_indifferen
 
 def test_off_center_actions_have_the_width_too():
     with jax.enable_x64(True):
-        agent, (logits, index, weight) = agent_of("hl-gauss", Hypers(eta=0.8), **WIDE, bin_sample="uniform"), batch()
+        agent, (logits, index, weight) = agent_of("hl-gauss", eta=0.8, **WIDE, bin_sample="uniform"), batch()
         distribution = agent.policy.distribution(logits.reshape(40, -1), {})
         action = distribution.bins.decode(index) + 0.3 * distribution.bins.width
         eta = widths(np.asarray(distribution.probs), 0.8, 0.5, 16.0)
@@ -110,9 +110,9 @@ def test_off_center_actions_have_the_width_too():
         assert len(weight) == 40
 
 
-def weights(advantage, temperature=1.0, **fields):
+def weights(advantage, temperature=1.0, **words):
     with jax.enable_x64(True):
-        credit = agent_on(Config(n_steps=8, **fields), Hypers(temperature=temperature)).credit
+        credit = agent_on({"n_steps": 8, "temperature": temperature, **words}).credit
         return np.asarray(credit.weights(jnp.asarray(advantage, float)))
 
 
@@ -152,7 +152,7 @@ def test_v_mpos_weights_are_a_softmax_over_the_better_half(advantage, better):
 
 def test_at_a_high_temperature_awrs_gradient_is_the_usual_one_over_the_temperature():
     with jax.enable_x64(True):
-        loss = agent_of("hl-gauss-centred", Hypers(eta=0.8)).loss
+        loss = agent_of("hl-gauss-centred", eta=0.8).loss
         logits, index = batch(n=1)[0][:, :1], jnp.arange(K)[:, None]
         bins, logits = Bins(LOW[:1], HIGH[:1], K), jnp.tile(logits, (K, 1, 1))
         chance, advantage = jax.nn.softmax(logits[0, 0]), jnp.cos(jnp.arange(float(K)))
@@ -163,7 +163,7 @@ def test_at_a_high_temperature_awrs_gradient_is_the_usual_one_over_the_temperatu
 
             return jax.grad(total)(logits).sum(0)
 
-        hot = agent_of("hl-gauss-centred", Hypers(temperature=1e5), weighting="awr").credit.weights(advantage)
+        hot = agent_of("hl-gauss-centred", temperature=1e5, weighting="awr").credit.weights(advantage)
         np.testing.assert_allclose(1e5 * mean_gradient(hot), mean_gradient(advantage), atol=1e-5)
 
 
@@ -209,9 +209,8 @@ def test_an_algorithm_that_does_not_carry_out_a_choice_refuses_it(choice, monkey
         choices = ()
 
     monkeypatch.setitem(ALGORITHMS, "plain", Plain)
-    config = Config(loss="hl-gauss", algorithm="plain", n_steps=8, **choice)
     with pytest.raises(UsageError, match=f"{name} is {value!r}, which algorithm 'plain' does not carry out"):
-        train("bandit", config, Hypers(), [0], 8)
+        train("bandit", make_agent(loss="hl-gauss", algorithm="plain", n_steps=8, **choice), [0], 8)
     assert all(name in ALGORITHMS[known].choices for known in ("a2c", "ppo"))
 
 

@@ -9,14 +9,13 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from galton import A2C, POLICIES, PPO, Config, Hypers, train
+from galton import A2C, POLICIES, PPO, train
+from galton.agents import read
 from galton.algorithms import actor_critic, ppo
 from galton.algorithms.entropy import Entropy, HeldEntropy, log_share
 from galton.envs.find import find
 from galton.envs.rescaled import Rescaled
-from galton.records import defaults
 from galton.training.run import begin, learn
-from galton.types import Learner
 
 from ..agents import agent as agent_on
 from ..training.test_run import FINISHED, bits
@@ -25,15 +24,20 @@ from .minibatches import agent_of, moved, rollout_of
 from .rollouts import setup
 
 HELD = {"entropy_target": True}
-NEAR = {"gaussian": Hypers(entropy_start=1.5), "hl-gauss-centred": Hypers(entropy_start=0.98)}
+NEAR = {"gaussian": {"entropy_start": 1.5}, "hl-gauss-centred": {"entropy_start": 0.98}}
 """Targets that are near the shares with which these losses' policies start in the boxes of these tests."""
 KEY = jax.random.key(2)
+
+
+def dual_of(learner):
+    """The dual variable of the entropy target, () where none is held."""
+    return learner.memory["entropy"]
 
 
 def test_the_share_of_the_box_means_the_same_for_every_policy():
     low, high = np.array([-1.0, 2.0]), np.array([1.0, 12.0])
     classes, density = (
-        agent_on(Config(loss=loss, n_bins=20), low=low, high=high).policy for loss in ("hl-one-hot", "gaussian")
+        agent_on({"loss": loss, "n_bins": 20}, low=low, high=high).policy for loss in ("hl-one-hot", "gaussian")
     )
     uniform = classes.distribution(jnp.zeros(40), {}).entropy()
     assert float(jnp.exp(log_share(classes, uniform))) == pytest.approx(1, rel=1e-5)
@@ -53,7 +57,7 @@ def test_the_share_of_the_box_means_the_same_for_every_policy():
     ("dual", "share"), [(0.0, 0.1), (1.0, 0.1), (-2.0, 0.12), (0.5, 0.08), (0.0, 1.0), (3.0, 1e-9)]
 )
 def test_alpha_and_its_step_are_the_documented_ones(dual, share, least):
-    agent, _, _ = setup("hl-one-hot", Hypers(entropy_start=0.1, entropy_rate=0.5, entropy_alpha_min=least), **HELD)
+    agent, _, _ = setup("hl-one-hot", entropy_start=0.1, entropy_rate=0.5, entropy_alpha_min=least, **HELD)
     policy, held, before = agent.policy, agent.entropy, jnp.float32(dual)
     nats, missing = jnp.float32(2 * math.log(10 * share)), math.log(0.1 / share)
     expected = np.clip(0.2 * math.sinh(np.clip(dual + 10 * missing, -20, 20)), least, 100)
@@ -91,7 +95,7 @@ def actors_gradient(agent, learner, batch):
     ids=["raw", "normalised"],
 )
 def test_in_other_units_of_reward_the_bonus_weighs_the_same(loss, fields):
-    agent, learner, batch = setup(loss, NEAR[loss]._replace(max_grad_norm=1e30), **HELD, **fields)
+    agent, learner, batch = setup(loss, **NEAR[loss], max_grad_norm=1e30, **HELD, **fields)
     larger = batch._replace(reward=1024 * batch.reward)
     last = jax.tree.map(lambda x: 1024 * x, learner.params["critic"][-1])
     values_too = learner.params | {"critic": [*learner.params["critic"][:-1], last]}
@@ -99,17 +103,17 @@ def test_in_other_units_of_reward_the_bonus_weighs_the_same(loss, fields):
     theirs, other, _ = actors_gradient(agent, learner._replace(params=values_too), larger)
     factor = 1 if fields else 1024
     jax.tree.map(lambda a, b: np.testing.assert_allclose(b, factor * a, rtol=1e-4, atol=factor * 1e-8), ours, theirs)
-    assert float(other.dual) == float(after.dual) != 0
+    assert float(dual_of(other)) == float(dual_of(after)) != 0
     assert float(told["entropy_alpha"]) != 0
 
 
 def _unheld(agent, learner):
     """The same agent and learner without a held entropy."""
-    return agent.replace(entropy=Entropy()), learner._replace(dual=())
+    return agent.replace(entropy=Entropy()), learner.remembering(entropy=())
 
 
 def test_the_bonus_is_alpha_standard_deviations_of_the_weights():
-    agent, learner, batch = setup("gaussian", Hypers(entropy_start=1.5, ent_coef=0.25, max_grad_norm=1e30), **HELD)
+    agent, learner, batch = setup("gaussian", entropy_start=1.5, ent_coef=0.25, max_grad_norm=1e30, **HELD)
     held, _, told = actors_gradient(agent, learner, batch)
     plain, bare = _unheld(agent, learner)
     flat = actor_critic.flatten(batch.observation)
@@ -122,42 +126,42 @@ def test_the_bonus_is_alpha_standard_deviations_of_the_weights():
 
 
 def test_a_floor_leaves_a_policy_alone_that_is_wider():
-    agent, learner, batch = setup("hl-gauss-centred", Hypers(entropy_start=0.1, entropy_alpha_min=0.0), **HELD)
+    agent, learner, batch = setup("hl-gauss-centred", entropy_start=0.1, entropy_alpha_min=0.0, **HELD)
     ours, after, told = actors_gradient(agent, learner, batch)
     plain, bare = _unheld(agent, learner)
     theirs, _, _ = actors_gradient(plain, bare, batch)
     jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-5, atol=1e-9), ours, theirs)
-    assert float(told["entropy_alpha"]) == 0 == float(after.dual)
+    assert float(told["entropy_alpha"]) == 0 == float(dual_of(after))
     signed = agent.replace(entropy=agent.entropy.replace(entropy_alpha_min=-1.0))
     _, _, held = actors_gradient(signed, learner, batch)
     assert float(held["entropy_alpha"]) == -1
 
 
 def test_the_dual_variable_is_no_parameter():
-    agent, learner, batch = setup("hl-gauss-centred", NEAR["hl-gauss-centred"]._replace(learning_rate=0.0), **HELD)
+    agent, learner, batch = setup("hl-gauss-centred", **NEAR["hl-gauss-centred"], learning_rate=0.0, **HELD)
     assert jax.tree.structure(learner.optimizer.mu) == jax.tree.structure(learner.params)
     _, after, _ = actors_gradient(agent, learner, batch)
     jax.tree.map(np.testing.assert_array_equal, after.params, learner.params)
-    assert float(after.dual) != float(learner.dual)
+    assert float(dual_of(after)) != float(dual_of(learner))
     _, unheld, _ = setup("hl-gauss-centred")
-    assert unheld.dual == () == defaults(Learner)["dual"]
-    assert jax.tree.structure(unheld) == jax.tree.structure(learner._replace(dual=()))
+    assert dual_of(unheld) == ()
+    assert jax.tree.structure(unheld) == jax.tree.structure(learner.remembering(entropy=()))
 
 
 def test_where_nothing_is_learnt_the_dual_variable_stays():
-    agent, learner, batch = setup("hl-gauss-centred", NEAR["hl-gauss-centred"], **HELD)
+    agent, learner, batch = setup("hl-gauss-centred", **NEAR["hl-gauss-centred"], **HELD)
     broken = batch._replace(reward=batch.reward.at[0, 0].set(jnp.nan))
     _, after, told = actors_gradient(agent, learner, broken)
     assert not np.isfinite(told["grad_norm"])
-    assert float(after.dual) == float(learner.dual)
+    assert float(dual_of(after)) == float(dual_of(learner))
 
-    config = Config(loss="gaussian", n_steps=4, n_envs=2, net_arch=(4,), **HELD)
-    near = Hypers(entropy_start=2.1, entropy_end=2.1)  # this policy's share is 2.07
-    held = agent_on(config, near, np.array([-1.0] * 2), np.ones(2))
+    near = {"entropy_start": 2.1, "entropy_end": 2.1}  # this policy's share is 2.07
+    words = {"loss": "gaussian", "n_steps": 4, "n_envs": 2, "net_arch": (4,), **HELD, **near}
+    held = agent_on(words, low=-np.ones(2), high=np.ones(2))
     run, _ = begin(held, 2, jnp.uint32(0))
     frozen = run._replace(diverged_at=jnp.int32(8))
     learnt = jax.jit(lambda run: learn(held, run, small_batch(), FINISHED).learner)
-    assert bits(learnt(frozen).dual) == bits(run.learner.dual) != bits(learnt(run).dual)
+    assert bits(dual_of(learnt(frozen))) == bits(dual_of(run.learner)) != bits(dual_of(learnt(run)))
 
 
 def test_ppo_moves_it_in_every_minibatch_until_target_kl_leaves_off():
@@ -172,33 +176,34 @@ def test_ppo_moves_it_in_every_minibatch_until_target_kl_leaves_off():
     after, told = fit(near.replace(optimizer=near.optimizer.replace(learning_rate=0.0)), learner, orders)
     assert float(told["entropy"]) == pytest.approx(float(whole), rel=1e-5)
     n_minibatches = orders.size // agent.algorithm.batch_size
-    assert float(after.dual) == pytest.approx(n_minibatches * 0.01 * math.log(1.02), rel=1e-2)
+    assert float(dual_of(after)) == pytest.approx(n_minibatches * 0.01 * math.log(1.02), rel=1e-2)
     stopped, _ = fit(near.replace(algorithm=near.algorithm.replace(target_kl=1e-12)), learner, orders)
     one, _ = fit(near, learner, orders[:1, : agent.algorithm.batch_size])
-    assert float(stopped.dual) == pytest.approx(float(one.dual), rel=1e-5)
-    assert float(one.dual) != 0
+    assert float(dual_of(stopped)) == pytest.approx(float(dual_of(one)), rel=1e-5)
+    assert float(dual_of(one)) != 0
 
 
-def shares(env, config, hypers, steps, seeds=range(3)):
+def shares(env, words, steps, seeds=range(3)):
     """The share of the last fifth of training, by run and log point."""
-    result = train(env, config, hypers, seeds, steps, n_logs=20, n_eval_episodes=0)
+    result = train(env, read(HELD | words), seeds, steps, n_logs=20, n_eval_episodes=0)
     assert (result.diverged_at < 0).all()
     assert np.isfinite(np.asarray(result.log.columns()["entropy_alpha"])).all()
     return np.asarray(result.log.columns()["entropy_share"])[:, -4:]
 
 
+ON_THE_BANDIT = {"n_bins": 50, "n_steps": 5, "n_envs": 4, "net_arch": ()}
+
+
 @pytest.mark.parametrize("loss", [pytest.param("gaussian", marks=pytest.mark.slow), "hl-gauss-centred"])
 def test_the_target_is_reached_on_the_bandit(loss):
-    config = Config(loss=loss, n_bins=50, n_steps=5, n_envs=4, net_arch=(), **HELD)
-    found = shares("bandit", config, Hypers(learning_rate=0.05, entropy_steps=5_000.0), 16_000)
+    found = shares("bandit", ON_THE_BANDIT | {"loss": loss, "learning_rate": 0.05, "entropy_steps": 5_000.0}, 16_000)
     np.testing.assert_allclose(found.mean(1), 0.05, rtol=0.1)
 
 
 def test_a_floor_is_not_fallen_through():
-    config = Config(loss="hl-one-hot", n_bins=50, n_steps=5, n_envs=4, net_arch=(), **HELD)
+    words = ON_THE_BANDIT | {"loss": "hl-one-hot", "learning_rate": 0.05, "entropy_alpha_min": 0.0}
     floored, free = (
-        shares("bandit", config, Hypers(0.05, entropy_start=floor, entropy_end=floor, entropy_alpha_min=0.0), 16_000)
-        for floor in (0.2, 1e-3)
+        shares("bandit", words | {"entropy_start": floor, "entropy_end": floor}, 16_000) for floor in (0.2, 1e-3)
     )
     assert (free.mean(1) < 0.15).all()
     np.testing.assert_allclose(floored.mean(1), 0.2, rtol=0.1)
@@ -213,9 +218,9 @@ OF_PPO = {"algorithm": "ppo", "n_steps": 64, "batch_size": 32, "n_epochs": 4, "n
     ids=["a2c", "ppo"],
 )
 def test_the_target_is_reached_on_the_lqr(loss, own):
-    config = Config(loss=loss, n_bins=20, n_envs=4, net_arch=(8,), **HELD, **own)
-    hypers = Hypers(learning_rate=3e-3, entropy_start=0.4, entropy_end=0.2, entropy_steps=10_000.0)
-    found = shares("lqr", config, hypers, 41_000, range(2))
+    target = {"learning_rate": 3e-3, "entropy_start": 0.4, "entropy_end": 0.2, "entropy_steps": 10_000.0}
+    words = {"loss": loss, "n_bins": 20, "n_envs": 4, "net_arch": (8,), **target, **own}
+    found = shares("lqr", words, 41_000, range(2))
     np.testing.assert_allclose(found.mean(1), 0.2, rtol=0.1)
 
 
@@ -232,7 +237,8 @@ def test_a_run_with_a_held_entropy_logs_it_and_goes_on_exactly(tmp_path):
     assert whole.read_bytes() == again.read_bytes()
     without = A2C("lqr", "hl-gauss", n_bins=10, net_arch=(8,), n_steps=8)
     assert "entropy_share" not in without.agent.scalars
-    assert "run/learner/dual" not in without._run.arrays
+    assert "run/learner/memory/entropy" in model._run.arrays
+    assert "run/learner/memory/entropy" not in without._run.arrays
 
 
 @dataclasses.dataclass(frozen=True)
@@ -250,9 +256,8 @@ class Paid(Rescaled):
 @pytest.mark.parametrize("policy", POLICIES)
 def test_every_policy_reaches_the_target(policy):
     loss = "hl-one-hot" if POLICIES[policy].family == "histogram" else "gaussian"
-    config = Config(policy=policy, loss=loss, n_bins=50, n_steps=5, n_envs=4, net_arch=(), **HELD)
-    hypers = Hypers(learning_rate=0.02, entropy_start=0.3, entropy_end=0.2, entropy_steps=20_000.0)
-    found = shares("bandit", config, hypers, 60_000)
+    target = {"learning_rate": 0.02, "entropy_start": 0.3, "entropy_end": 0.2, "entropy_steps": 20_000.0}
+    found = shares("bandit", ON_THE_BANDIT | {"policy": policy, "loss": loss} | target, 60_000)
     np.testing.assert_allclose(found.mean(1), 0.2, rtol=0.1)
 
 
@@ -268,9 +273,9 @@ RATES = {"bandit": 1e3, "lqr": 30.0, "acrobot": 1.0, "mountain-car": 1e-3}
 @pytest.mark.parametrize("task", RATES)
 def test_the_target_is_reached_without_retuning_where_rewards_differ_a_millionfold(task, loss, standardised, trust):
     """With raw advantages the unit of reward is in them, and α std(A) takes it out of the bonus alone."""
-    config = Config(loss=loss, n_bins=50, clip_separately=True, normalize_advantage=standardised, **HELD)
-    hypers = Hypers(learning_rate=2e-3, log_std_init=-0.5, entropy_steps=60_000.0)
-    found = shares(Paid(find(task), 1.0, RATES[task]), config, hypers, 100_000).mean(1)
+    words = {"loss": loss, "n_bins": 50, "clip_separately": True, "normalize_advantage": standardised}
+    words |= {"learning_rate": 2e-3, "log_std_init": -0.5, "entropy_steps": 60_000.0}
+    found = shares(Paid(find(task), 1.0, RATES[task]), words, 100_000).mean(1)
     np.testing.assert_allclose(found, 0.05, rtol=0.1)
     promise = "A held entropy is reached on four tasks whose rewards differ a millionfold, with one setting."
     error = float(np.max(np.abs(found / 0.05 - 1)))

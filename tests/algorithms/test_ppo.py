@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 from safetensors.numpy import load_file
 
-from galton import A2C, PPO, Config, Hypers, UsageError, train
+from galton import A2C, PPO, UsageError, make_agent, train
 from galton.algorithms import ppo
-from galton.records import defaults
 
 from ..agents import agent as agent_on
 from ..swing import stateful_swing
@@ -83,7 +82,7 @@ def test_every_epoch_has_an_order_of_its_own(monkeypatch):
 def test_minibatches_that_do_not_divide_a_rollout_are_refused():
     for make in (
         lambda: PPO("lqr", n_steps=10, n_envs=3, batch_size=8),
-        lambda: train("lqr", Config(algorithm="ppo", n_steps=10, n_envs=3, batch_size=8), Hypers(), [0], 100),
+        lambda: train("lqr", make_agent(algorithm="ppo", n_steps=10, n_envs=3, batch_size=8), [0], 100),
     ):
         with pytest.raises(UsageError, match=r"batch_size is 8, .* n_steps · n_envs = 10 · 3 = 30 steps"):
             make()
@@ -98,15 +97,14 @@ def test_ppos_options_are_refused_where_a2c_trains(option):
     ((name, value),) = option.items()
     with pytest.raises(TypeError, match=rf"A2C\(\) got an unexpected keyword argument '{name}'"):
         A2C("lqr", **option)
-    config, hypers = (kind(**{k: v for k, v in option.items() if k in defaults(kind)}) for kind in (Config, Hypers))
     with pytest.raises(UsageError, match=rf"{name} is {value}; it goes with algorithm 'ppo', not 'a2c'"):
-        train("lqr", config, hypers, [0], 100)
+        train("lqr", make_agent(**option), [0], 100)
     assert name in inspect.signature(PPO).parameters
 
 
 def test_an_unknown_algorithm_is_refused():
     with pytest.raises(UsageError, match="algorithm is 'trpo'; choose from a2c, ppo"):
-        agent_on(Config(algorithm="trpo"))
+        agent_on({"algorithm": "trpo"})
 
 
 def tell(logs):
@@ -156,7 +154,7 @@ def test_a_saved_run_goes_on_exactly(env, loss, tmp_path):
     model.close()
 
     loaded = PPO.load(path, env)
-    assert (loaded.num_timesteps, loaded.hypers, loaded.config) == (4 * ROLLOUT, model.hypers, model.config)
+    assert (loaded.num_timesteps, loaded.settings) == (4 * ROLLOUT, model.settings)
     again = loaded.learn(4 * ROLLOUT, tell(logs[1]), **QUIET).save(tmp_path / "again")
     loaded.close()
     before, after = (load_file(file)["run/learner/params/actor/0/kernel"] for file in (path, whole))

@@ -6,16 +6,28 @@ import numpy as np
 import pytest
 import stable_baselines3
 
-from galton import Hypers
+from galton import make_agent
 from galton.algorithms import ppo
+from galton.parts import Box
 from galton.training.log import Finished, nothing
 from galton.training.run import begin, learn
 
-from ..agents import agent as agent_on
 from .sb3_side import HIGH, LOW, K, Recorder, params_of, record_batch, relative_error, vector_of
 
 T, N, SIZE, EPOCHS = 32, 2, 16, 10
-HYPERS = Hypers(learning_rate=2e-3, gamma=0.97, gae_lambda=0.9, vf_coef=0.4, ent_coef=0.01, clip_range=0.15)
+RATE = 2e-3
+SAME = {
+    "n_steps": T,
+    "batch_size": SIZE,
+    "n_epochs": EPOCHS,
+    "gamma": 0.97,
+    "gae_lambda": 0.9,
+    "vf_coef": 0.4,
+    "ent_coef": 0.01,
+    "clip_range": 0.15,
+    "max_grad_norm": 0.5,
+}
+"""What both have by the same names."""
 TOLD = {
     "clip_fraction": "train/clip_fraction",
     "approx_kl": "train/approx_kl",
@@ -34,35 +46,28 @@ class Sides:
         self.model = stable_baselines3.PPO(
             "MlpPolicy",
             vector_of(self.envs),
-            learning_rate=(lambda left: HYPERS.learning_rate * left) if total else HYPERS.learning_rate,
-            n_steps=T,
-            batch_size=SIZE,
-            n_epochs=EPOCHS,
-            gamma=HYPERS.gamma,
-            gae_lambda=HYPERS.gae_lambda,
-            clip_range=HYPERS.clip_range,
+            learning_rate=(lambda left: RATE * left) if total else RATE,
             normalize_advantage=normalize_advantage,
-            ent_coef=HYPERS.ent_coef,
-            vf_coef=HYPERS.vf_coef,
-            max_grad_norm=HYPERS.max_grad_norm,
             target_kl=target_kl,
+            **SAME,
             seed=3,
             device="cpu",
         )
         self.model._setup_learn(total or 10_000, None)
         self._record(monkeypatch)
 
-        config = ppo.PPO.config(
+        agent = make_agent(
+            algorithm="ppo",
             loss=loss,
             n_bins=K,
-            n_steps=T,
             n_envs=N,
-            batch_size=SIZE,
-            n_epochs=EPOCHS,
+            learning_rate=RATE,
             normalize_advantage=normalize_advantage,
+            target_kl=target_kl or np.inf,
+            decay_steps=total or 0,
+            **SAME,
         )
-        hypers = HYPERS._replace(target_kl=target_kl or np.inf, decay_steps=total or 0)
-        self.agent = agent_on(config, hypers, LOW, HIGH)
+        self.agent = agent.on(Box.of(LOW, HIGH))
         self.run, _ = begin(self.agent, 3, jnp.uint32(0))
         self.run = self.run._replace(
             learner=self.run.learner._replace(params=jax.tree.map(jnp.asarray, params_of(self.model)))
@@ -149,7 +154,7 @@ def test_one_minibatch_and_ten_epochs_equal_sb3s(monkeypatch, loss, normalize_ad
     change = jax.tree.map(np.subtract, sides.after[0], start)
     assert all(np.abs(leaf).max() > 1e-4 for leaf in jax.tree.leaves(change))
     # An entry may be off by 2e-4 of Adam's step: where a gradient is near Adam's ε, rounding shows.
-    close = {"rtol": 1e-5, "atol": 2e-4 * HYPERS.learning_rate}
+    close = {"rtol": 1e-5, "atol": 2e-4 * RATE}
     jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, **close), first.learner.params, sides.after[0])
 
     whole, told = sides.learn(batch, sides.orders())
@@ -168,7 +173,7 @@ def test_rollouts_with_a_learning_rate_that_decays_equal_sb3s(monkeypatch, loss)
     for left in (0.75, 0.5, 0.25, 0.0):
         before, batch = sides.run, sides.rollout()
         sides.run, told = sides.learn(batch, sides.orders())
-        assert sides.model.policy.optimizer.param_groups[0]["lr"] == pytest.approx(left * HYPERS.learning_rate)
+        assert sides.model.policy.optimizer.param_groups[0]["lr"] == pytest.approx(left * RATE)
         assert relative_error(sides.run.learner.params, sides.after[-1]) < 1e-3
         check_told(sides, told)
     assert int(sides.run.step) == sides.model.num_timesteps

@@ -1,6 +1,7 @@
 """A PPO update of the heads and critics that Stable-Baselines3 has not, against one written in torch. In float64."""
 
 import math
+import types
 
 import jax
 import jax.numpy as jnp
@@ -10,16 +11,19 @@ import torch
 from torch import distributions
 from torch.nn.functional import logsigmoid, softplus
 
+from galton.agents import vocabulary
 from galton.algorithms import ppo
 
-from .minibatches import HIGH, HYPERS, LOW, SIZE, K, N, T, agent_of, fresh, moved, rollout_of
+from .minibatches import HIGH, LOW, NUMBERS, SIZE, K, N, T, agent_of, fresh, moved, rollout_of
 
 HEADS = {"beta": "gaussian", "squashed-gaussian": "gaussian", "ordinal": "hl-one-hot", "rpo": "gaussian"}
 """Each with the loss that is −log π of it."""
 N_VALUES = 15
-H = HYPERS._replace(max_grad_norm=0.5, learning_rate=1e-2)
-OF_VALUES = H._replace(value_min=-0.5, value_max=1.0)
+OWN = {"max_grad_norm": 0.5, "learning_rate": 1e-2}
+OF_VALUES = {"value_min": -0.5, "value_max": 1.0}
 """With a support that some of the rollout's returns lie outside of."""
+H = types.SimpleNamespace(**vocabulary().usual | NUMBERS | OWN | OF_VALUES)
+"""All numbers of theirs, by name."""
 LOWS, HIGHS = torch.tensor(LOW), torch.tensor(HIGH)
 NODES, WEIGHTS = (torch.tensor(x) for x in np.polynomial.hermite_e.hermegauss(120))
 
@@ -68,8 +72,8 @@ def rpo(outputs, params):
 THEIRS = {"beta": beta, "squashed-gaussian": squashed, "ordinal": ordinal, "rpo": rpo}
 
 
-EDGES = torch.linspace(OF_VALUES.value_min, OF_VALUES.value_max, N_VALUES + 1, dtype=float)
-CENTERS, BIN = (EDGES[1:] + EDGES[:-1]) / 2, (OF_VALUES.value_max - OF_VALUES.value_min) / N_VALUES
+EDGES = torch.linspace(H.value_min, H.value_max, N_VALUES + 1, dtype=float)
+CENTERS, BIN = (EDGES[1:] + EDGES[:-1]) / 2, (H.value_max - H.value_min) / N_VALUES
 
 
 def histogram(returns):
@@ -157,8 +161,8 @@ FAST = ("beta", "hl-gauss")
     ("name", "critic"), [pytest.param(*case, marks=[] if case == FAST else pytest.mark.slow) for case in CASES]
 )
 def test_an_update_is_torchs(name, critic):
-    given = {"critic": critic, "n_value_bins": N_VALUES, "hypers": OF_VALUES} if critic in TARGETS else {"hypers": H}
-    agent = agent_of(name, HEADS[name], normalize_advantage=True, **given)
+    of_critic = {"critic": critic, "n_value_bins": N_VALUES, **OF_VALUES} if critic in TARGETS else {}
+    agent = agent_of(name, HEADS[name], normalize_advantage=True, **OWN, **of_critic)
     learner = moved(agent)
     batch = rollout_of(agent, learner)
     orders = jnp.stack([jax.random.permutation(jax.random.key(i), T * N) for i in range(2)])

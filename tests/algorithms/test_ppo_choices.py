@@ -12,7 +12,7 @@ from galton.losses import HLOneHot, cross_entropy
 from galton.networks import mlp
 from galton.types import Transition
 
-from .minibatches import HYPERS, SIZE, N, T, agent_of, moved, rollout_of, with_a2c
+from .minibatches import SIZE, N, T, agent_of, moved, rollout_of, with_a2c
 from .test_ppo_gradients import check_equal, deep, first_moments, fit, gradient
 
 CHOICES = {
@@ -24,13 +24,12 @@ CHOICES = {
     "width, split, held": {"eta_rule": "policy", "negative_target": "one-hot", "entropy_target": True},
     "held, v-mpo": {"entropy_target": True, "weighting": "v-mpo"},
 }
-USED = HYPERS._replace(eta=1.0)
 
 
 def chosen(loss, ratio, name):
     """The agent with one of CHOICES."""
-    hypers = USED._replace(temperature=0.7) if "weighting" in CHOICES[name] else USED
-    return agent_of("histogram", loss, hypers=hypers, ratio=ratio, **CHOICES[name])
+    temperature = {"temperature": 0.7} if "weighting" in CHOICES[name] else {}
+    return agent_of("histogram", loss, eta=1.0, ratio=ratio, **temperature, **CHOICES[name])
 
 
 @pytest.fixture(autouse=True)
@@ -64,7 +63,7 @@ def test_the_first_minibatch_of_the_first_epoch_is_a2cs(name, kind):
     update = actor_critics.algorithm.update
     a2cs, _ = jax.jit(lambda learner: update(actor_critics, learner, batch, jax.random.key(0)))(learner)
     check_equal(first_moments(learner, after), first_moments(learner, a2cs), 1e-9)
-    assert after.dual == a2cs.dual
+    assert after.memory["entropy"] == a2cs.memory["entropy"]
 
 
 CLIPPED = list(itertools.product(["awr", "split", "split, normalised"], ["smoothed", "true"]))
@@ -75,7 +74,7 @@ def test_the_gradient_is_that_of_the_clipped_surrogate_of_these_weights_and_targ
     agent = chosen("hl-gauss", ratio, name)
     batch, sampling, params = deep(agent)
     rows = ppo.prepare(agent, sampling, batch)
-    weight = agent.credit.weights(rows.advantage)
+    weight, own = agent.credit.weights(rows.advantage), agent.algorithm
     splits = "negative_target" in CHOICES[name]
     assert bool((weight < 0).any()) == splits
 
@@ -90,14 +89,14 @@ def test_the_gradient_is_that_of_the_clipped_surrogate_of_these_weights_and_targ
         (ours, log_prob, entropy), (sampled, sampled_log_prob, _) = measured(params), measured(sampling.params)
         exponent = sampled - ours if ratio == "smoothed" else log_prob - sampled_log_prob
         value = jnp.exp(exponent)
-        clipped = jnp.clip(value, 1 - USED.clip_range, 1 + USED.clip_range)
+        clipped = jnp.clip(value, 1 - own.clip_range, 1 + own.clip_range)
         if ratio == "smoothed":
             policy_loss = -jnp.minimum(value * weight, clipped * weight).mean()
         else:  # what is clipped is the action's own ratio, what is moved is the loss
-            is_open = jnp.where(weight > 0, value <= 1 + USED.clip_range, value >= 1 - USED.clip_range)
+            is_open = jnp.where(weight > 0, value <= 1 + own.clip_range, value >= 1 - own.clip_range)
             policy_loss = (jax.lax.stop_gradient(weight * value * is_open) * ours).mean()
         value_loss = ((mlp(params["critic"], rows.observation)[:, 0] - rows.returns) ** 2).mean()
-        return policy_loss + USED.vf_coef * value_loss - USED.ent_coef * entropy
+        return policy_loss + own.vf_coef * value_loss - own.ent_coef * entropy
 
     found, told = gradient(agent, params, rows)
     assert 0 < told["clip_fraction"] < 1

@@ -12,7 +12,7 @@ from galton.networks import mlp
 from galton.policies import TruncatedGaussianPolicy
 from galton.types import Transition
 
-from .minibatches import HIGH, HYPERS, LOW, SIZE, WIDTH, K, N, T, agent_of, fresh, moved, normal, rollout_of, with_a2c
+from .minibatches import HIGH, LOW, SIZE, WIDTH, K, N, T, agent_of, fresh, moved, normal, rollout_of, with_a2c
 
 FITTING = [
     (policy, loss)
@@ -96,7 +96,7 @@ def test_with_narrow_targets_every_histogram_loss_is_ppo_on_hl_one_hot(ratio, po
         return gradient(agent, params, ppo.prepare(agent, sampling, batch))
 
     def of_width(eta):
-        return agent_of(policy, loss, hypers=HYPERS._replace(eta=eta), normalize_advantage=True, ratio=ratio)
+        return agent_of(policy, loss, eta=eta, normalize_advantage=True, ratio=ratio)
 
     expected, told = at(one_hot)
     assert 0 < told["clip_fraction"] < 1
@@ -129,10 +129,14 @@ def test_the_gated_weights_gradient_is_that_of_ppos_clipped_surrogate(policy, lo
     def clipped_surrogate(params):
         distribution = agent.policy.distribution(mlp(params["actor"], rows.observation), params)
         ratio = jnp.exp(distribution.log_prob(rows.action) - rows.log_prob)
-        clipped = jnp.clip(ratio, 1 - HYPERS.clip_range, 1 + HYPERS.clip_range)
+        clipped = jnp.clip(ratio, 1 - agent.algorithm.clip_range, 1 + agent.algorithm.clip_range)
         policy_loss = -jnp.minimum(ratio * rows.advantage, clipped * rows.advantage).mean()
         value_loss = ((mlp(params["critic"], rows.observation)[:, 0] - rows.returns) ** 2).mean()
-        return policy_loss + HYPERS.vf_coef * value_loss - HYPERS.ent_coef * distribution.entropy().mean()
+        return (
+            policy_loss
+            + agent.algorithm.vf_coef * value_loss
+            - agent.algorithm.ent_coef * distribution.entropy().mean()
+        )
 
     check_equal(gradient(agent, params, rows)[0], jax.grad(clipped_surrogate)(params), 1e-9)
 
@@ -150,10 +154,10 @@ def test_the_smoothed_ratios_gradient_is_that_of_its_clipped_surrogate(loss):
 
         (ours, entropy), (sampled, _) = measured(params), measured(sampling.params)
         ratio = jnp.exp(sampled - ours)
-        clipped = jnp.clip(ratio, 1 - HYPERS.clip_range, 1 + HYPERS.clip_range)
+        clipped = jnp.clip(ratio, 1 - agent.algorithm.clip_range, 1 + agent.algorithm.clip_range)
         policy_loss = -jnp.minimum(ratio * rows.advantage, clipped * rows.advantage).mean()
         value_loss = ((mlp(params["critic"], rows.observation)[:, 0] - rows.returns) ** 2).mean()
-        return policy_loss + HYPERS.vf_coef * value_loss - HYPERS.ent_coef * entropy
+        return policy_loss + agent.algorithm.vf_coef * value_loss - agent.algorithm.ent_coef * entropy
 
     check_equal(gradient(agent, params, rows)[0], jax.grad(clipped_surrogate)(params), 1e-9)
 
@@ -191,8 +195,8 @@ def expected_gradient(policy, loss, shift):
     There is a row for each bin in each of three states. The mean over rows is the expectation since each advantage
     holds the action's probability, which changes no sign.
     """
-    hypers, one_minibatch = HYPERS._replace(eta=1.0, ent_coef=0.0), {"n_steps": 3 * K, "n_envs": 1, "batch_size": 3 * K}
-    agent = agent_of(policy, loss, hypers=hypers, d=1, ratio="true", **one_minibatch)
+    one_minibatch = {"n_steps": 3 * K, "n_envs": 1, "batch_size": 3 * K}
+    agent = agent_of(policy, loss, d=1, eta=1.0, ent_coef=0.0, ratio="true", **one_minibatch)
     learner = moved(agent)
     observation = jnp.repeat(normal(7, 3, WIDTH), K, 0)
     action = jnp.tile(jnp.asarray(Bins(LOW[:1], HIGH[:1], K).centers[0]), 3)[:, None]

@@ -6,27 +6,27 @@ import jax
 import numpy as np
 import pytest
 
-from galton import Config, Hypers, train
+from galton import make_agent, train
 from galton.analysis.comparison import curves, learning_curves, summarise, verdicts
 from galton.analysis.plots import save
 from galton.envs import LQR, MountainCar
 
-CONFIG = Config(n_bins=4, net_arch=(), n_steps=5)
+SMALL = {"n_bins": 4, "net_arch": (), "n_steps": 5}
 
 
 @functools.cache
 def trained():
-    return train(LQR(), CONFIG, Hypers(), range(12), 20, n_logs=2, n_eval_episodes=1)
+    return train(LQR(), make_agent(**SMALL), range(12), 20, n_logs=2, n_eval_episodes=1)
 
 
 def result(loss, final, diverged=()):
     """A real result, up to twelve runs, as if it were this loss's; with the returns of its log points set by hand."""
     real, n = trained(), len(final)
-    first = {name: jax.tree.map(lambda x: x[:n], getattr(real, name)) for name in ("hypers", "seeds", "log", "learner")}
+    first = {name: jax.tree.map(lambda x: x[:n], getattr(real, name)) for name in ("seeds", "log", "learner")}
     column = np.array(final, np.float32)[:, None].repeat(2, 1)
     first["log"] = first["log"]._replace(training_return=column, evaluation_return=column + 1)
     flags = np.where(np.isin(np.arange(n), diverged), 10, -1)
-    return dataclasses.replace(real, config=dataclasses.replace(CONFIG, loss=loss), diverged_at=flags, **first)
+    return dataclasses.replace(real, agent=make_agent(loss=loss, **SMALL), diverged_at=flags, **first)
 
 
 @pytest.fixture(scope="module")

@@ -86,13 +86,13 @@ def test_a_setting_is_made_of_the_draw_the_fixed_tables_and_the_usual_values():
     assert noisy.name == "noisy"
     for fresh, steps in ((False, 200), (True, 300)):
         of = setting(known, known.methods[2], drawn["ppo"][0], noisy, fresh)
-        assert (of.config.n_envs, of.config.n_steps, of.config.net_arch, of.config.batch_size) == (2, 5, (), 10)
-        assert of.config.normalize_advantage  # PPO's own default
-        assert (of.hypers.gamma, of.hypers.gae_lambda) == (0.5, 0.95)
-        assert of.hypers.learning_rate == drawn["ppo"][0]["learning_rate"]
-        assert of.hypers.decay_steps == drawn["ppo"][0]["decay_steps"] * steps
+        assert [of[name] for name in ("n_envs", "n_steps", "net_arch", "batch_size")] == [2, 5, (), 10]
+        assert of["normalize_advantage"]  # PPO's own default
+        assert (of["gamma"], of["gae_lambda"]) == (0.5, 0.95)
+        assert of["learning_rate"] == drawn["ppo"][0]["learning_rate"]
+        assert of["decay_steps"] == drawn["ppo"][0]["decay_steps"] * steps
     of = setting(known, known.methods[0], drawn["gaussian"][0], noisy, False)
-    assert (of.hypers.gae_lambda, of.hypers.gamma) == (1.0, drawn["gaussian"][0]["gamma"])
+    assert (of["gae_lambda"], of["gamma"]) == (1.0, drawn["gaussian"][0]["gamma"])
 
 
 def test_a_task_may_count_a_drawn_number_in_multiples():
@@ -102,10 +102,10 @@ def test_a_task_may_count_a_drawn_number_in_multiples():
     for task, rate, discount in zip(known.tasks, (1, 10, 1), (1, 0.5, 1), strict=True):
         for method in known.methods:
             for each in drawn[method.name]:
-                of = setting(known, method, each, task, False).hypers
-                assert of.learning_rate == rate * each["learning_rate"]
-                assert of.gamma == (0.5 if method.name == "ppo" else discount * each["gamma"])  # which it fixes
-                assert of.eta == each.get("eta", 0.25)
+                of = setting(known, method, each, task, False)
+                assert of["learning_rate"] == rate * each["learning_rate"]
+                assert of["gamma"] == (0.5 if method.name == "ppo" else discount * each["gamma"])  # which it fixes
+                assert of["eta"] == each.get("eta", 0.25)
 
 
 def test_seeds_are_common_to_methods_and_fresh_ones_are_others():

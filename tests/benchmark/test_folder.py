@@ -69,7 +69,7 @@ def test_runs_of_a_shard_share_its_time_evenly(tmp_path):
     plan, steps, seconds = Plan.load(place), {}, {}
     for done in finished(place, plan).values():
         table = from_bytes(place.read(f"shards/{done.file}"))
-        loss = plan.study.settings[table["setting"][0].as_py()].config.loss
+        loss = plan.study.settings[table["setting"][0].as_py()]["loss"]
         method = "gaussian" if loss == "gaussian" else "bins"
         record = record_of(table)
         steps[method] = steps.get(method, 0) + record["env_steps"]

@@ -7,7 +7,7 @@ import sys
 import pytest
 
 from galton.algorithms import find_algorithm
-from galton.models.settings import split
+from galton.models.settings import all_words
 from galton.presets import PAPER, Preset, find_preset
 from galton.sweep.study import Setting
 
@@ -55,8 +55,8 @@ def of_model(monkeypatch):
     monkeypatch.setattr("galton.presets.PRESETS", MADE_UP)
 
     def record(preset, loss=None, **typed):
-        records = split(find_algorithm("ppo"), find_preset(preset, loss, "ppo"), None, typed, "Pendulum-v1")
-        return json.loads(json.dumps(Setting.of_record(Setting(*records).record()).record()))
+        words = all_words(find_algorithm("ppo"), find_preset(preset, loss, "ppo"), None, typed, "Pendulum-v1")
+        return json.loads(json.dumps(Setting(words).record()))
 
     return record
 

@@ -12,14 +12,15 @@ from typing import NamedTuple
 import pytest
 import tyro
 
-from galton import Config, Hypers, UsageError
+from galton import UsageError
+from galton.agents import vocabulary
 from galton.cli import _reading, _registry
 from galton.cli._options import folder_name
 from galton.types import Number
 
 
 class Grown(NamedTuple):
-    """Hypers as a later version may have them."""
+    """Numbers as a part may have them."""
 
     learning_rate: Number = 7e-4
     bound: Number = math.inf
@@ -50,26 +51,25 @@ def parsed(*arguments):
     """What `galton train` makes of its arguments, in a process without the tests' checks of types."""
     script = (
         "import dataclasses, json, sys; from galton.cli._parsing import parse; from galton.cli.train import "
-        "Options; options = parse(Options, 'train', sys.argv[1:]); kinds = [type(x).__name__ for x in "
-        "(options.training.config, options.training.hypers)]; print(json.dumps([dataclasses.asdict(options), kinds]))"
+        "Options; options = parse(Options, 'train', sys.argv[1:]); kind = type(options.training).__name__; "
+        "print(json.dumps([dataclasses.asdict(options), kind]))"
     )
     done = subprocess.run([sys.executable, "-c", script, *arguments], capture_output=True, text=True, check=True)
     return json.loads(done.stdout)
 
 
-def test_options_make_the_records_themselves():
-    options, kinds = parsed("lqr", "--algorithm", "a2c", "--n-bins", "7", "--eta", "0.5", "--loss", "gaussian")
-    assert kinds == ["Config", "Hypers"]
+def test_options_make_the_training_itself_with_the_words_of_every_part():
+    options, kind = parsed("lqr", "--algorithm", "a2c", "--n-bins", "7", "--eta", "0.5", "--loss", "gaussian")
+    assert kind == "Training"
     assert options["loss"] == "gaussian"
-    assert options["training"]["config"] == dataclasses.asdict(Config("gaussian", n_bins=7)) | {"net_arch": [64, 64]}
-    assert options["training"]["hypers"] == list(Hypers(eta=0.5))
+    typed = {"loss": "gaussian", "n_bins": 7, "eta": 0.5}
+    assert options["training"]["words"] == vocabulary().usual | typed | {"net_arch": [64, 64]}
 
 
 def test_the_tasks_settings_are_the_defaults():
     training = parsed("bandit", "--algorithm", "a2c", "--n-steps", "6")[0]["training"]
     assert training["steps"] == 2_000
-    assert (training["config"]["n_steps"], training["config"]["net_arch"]) == (6, [])
-    assert training["hypers"][0] == 0.05
+    assert [training["words"][name] for name in ("n_steps", "net_arch", "learning_rate")] == [6, [], 0.05]
 
 
 @pytest.mark.parametrize(
@@ -155,16 +155,20 @@ def test_help_shows_no_none_and_whole_sentences(capsys):
     assert "(default: 1)" in told
 
 
-def test_help_has_the_defaults_of_the_task_and_the_algorithm_and_what_matters_first():
+def test_help_has_the_defaults_of_the_task_and_the_algorithm_what_matters_first_and_a_group_for_each_part():
     script = "from galton.cli.sweep.run import main; main(['bandit', '--algorithm', 'ppo', '--help'])"
     told = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True).stdout
     told = re.sub(r"[\s│]+", " ", told)
     assert "--n-steps INT Steps per environment and update. (default: 2048)" in told
     assert "at the start of training. (default: 0.0003)" in told
     assert "--steps INT Environment steps per run. (default: 2000)" in told
-    order = ["--grid", "--trials", "--workers INT", "--steps INT", "--learning-rate", "--n-epochs", "--net-arch"]
-    places = [told.index(f" {option}") for option in order]
+    order = ["--grid", "--trials", "--workers INT", "training options", "--steps INT", "rollout options", "--n-steps"]
+    order += ["loss options", "--eta FLOAT", "policy options", "--policy {", "--n-bins", "critic options", "--critic {"]
+    order += ["algorithm options", "--gamma", "--n-epochs", "credit options", "--weighting", "entropy options"]
+    order += ["--entropy-target", "network options", "--net-arch", "optimizer options", "--learning-rate"]
+    places = [told.index(f" {shown}") for shown in order]
     assert places == sorted(places)
+    assert told.count(" options ─") == 12  # those of the command itself and of its workers are the other two
 
 
 @pytest.mark.parametrize("name", ["lqr", "galton/LQR-v0"])

@@ -25,10 +25,10 @@ from galton.saving.checkpoint import read
 from galton.saving.result_folder import write_settings
 
 
-def small(steps=100, env_kwargs="{}", **config):
+def small(steps=100, env_kwargs="{}", **words):
     usual = Training.of_task("bandit")
-    config = dataclasses.replace(usual.config, n_bins=4, **config)
-    return dataclasses.replace(usual, steps=steps, logs=4, eval_episodes=1, env_kwargs=env_kwargs, config=config)
+    words = usual.words | {"n_bins": 4, **words}
+    return dataclasses.replace(usual, steps=steps, logs=4, eval_episodes=1, env_kwargs=env_kwargs, words=words)
 
 
 def galton_train(out, **options):

@@ -20,7 +20,6 @@ from galton.sweep.plan import Plan
 from galton.sweep.shard import work
 from galton.sweep.store import Store
 from galton.sweep.study import Study
-from galton.types import Config
 
 
 def no_room(*_):
@@ -29,8 +28,7 @@ def no_room(*_):
 
 def galton_compare(out, **options):
     """What `galton compare bandit` does with these options; tyro can't read them where types are checked."""
-    usual = Training.of_task("bandit")
-    training = Training(100, 2, 0, config=usual.config, hypers=usual.hypers)
+    training = Training(100, 2, 0, words=Training.of_task("bandit").words)
     usual = {"training": training, "losses": ("gaussian",), "seeds": 2, "out": Path(out)}
     options = compare.Options("bandit", **{**usual, **options})
     with pytest.MonkeyPatch.context() as patch:
@@ -56,7 +54,7 @@ def test_a_comparison_that_no_disk_takes_is_still_shown(broken, tmp_path, monkey
 
 def test_a_comparison_is_not_begun_where_its_last_loss_cannot_be_trained(tmp_path, monkeypatch):
     monkeypatch.setattr(Training, "run", no_room)
-    training = Training(100, 2, 0, config=Config(weighting="awr", negative_target="one-hot"))
+    training = Training(100, 2, 0, words={"weighting": "awr", "negative_target": "one-hot"})
     with pytest.raises(UsageError, match="with weighting 'awr' no weight is negative"):
         galton_compare(tmp_path / "out", training=training, losses=("gaussian", "hl-gauss"))
 

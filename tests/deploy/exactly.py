@@ -18,34 +18,34 @@ class Exact(NamedTuple):
 
 def exactly(model, states):
     """The action for each state, and how much rounding may change it."""
-    params = model.learner.params
+    params, settings = model.learner.params, model.settings
     x, weight = _features(model, states.astype(np.float64))
     layer = {name: np.asarray(value, np.float64) for name, value in params["actor"][-1].items()}
     outputs, size = x @ layer["kernel"] + layer["bias"], weight @ abs(layer["kernel"]) + abs(layer["bias"])
     low, high = (np.asarray(bound, np.float64) for bound in (model.agent.low, model.agent.high))
     center, half = (high + low) / 2, (high - low) / 2
     least = np.maximum(abs(low), abs(high)) / half
-    if model.config.policy == "squashed-gaussian":
+    if settings["policy"] == "squashed-gaussian":
         return Exact(center + half * np.tanh(outputs), np.maximum(size, least), np.zeros(0), np.zeros(0))
-    if model.config.policy == "beta":
+    if settings["policy"] == "beta":
         shapes = 1 + np.logaddexp(0, outputs.reshape(len(x), -1, 2))
         size = np.maximum(size.reshape(shapes.shape).max(-1), least)
         return Exact(low + 2 * half * shapes[..., 0] / shapes.sum(-1), size, np.zeros(0), np.zeros(0))
-    if model.config.loss == "gaussian":
-        in_box = model.hypers.box_units == 1
+    if settings["loss"] == "gaussian":
+        in_box = settings["box_units"] == 1
         mean, size = (center + half * outputs, size) if in_box else (outputs, size / half)
         return Exact(np.clip(mean, low, high), np.maximum(size, least), np.zeros(0), np.zeros(0))
-    d, k = len(low), model.config.n_bins
+    d, k = len(low), settings["n_bins"]
     centers = low[:, None] + (high - low)[:, None] * (np.arange(k) + 0.5) / k
     logits, size = outputs.reshape(-1, d, k), size.reshape(-1, d, k).max(-1)
-    if model.config.policy == "ordinal":
+    if settings["policy"] == "ordinal":
         size = abs(logits).sum(-1) + size
         logits = logits.cumsum(-1)
-    if model.config.policy == "smoothed":
+    if settings["policy"] == "smoothed":
         edges = np.arange(k + 1) - np.arange(k)[:, None] - 0.5
-        kernel = np.diff(norm.cdf(edges / float(model.hypers.eta)))
+        kernel = np.diff(norm.cdf(edges / float(settings["eta"])))
         logits = logits @ (kernel / kernel.sum(1, keepdims=True)).T
-    return _chosen(model.config.deterministic_action, logits, np.maximum(size, least), centers)
+    return _chosen(settings["deterministic_action"], logits, np.maximum(size, least), centers)
 
 
 def _chosen(rule, logits, size, centers):

@@ -8,7 +8,6 @@ equally good to within as much are a tie, of which either may be taken.
 """
 
 import copy
-import dataclasses
 import functools
 import itertools
 
@@ -61,7 +60,6 @@ def model_of(policy, algorithm, normalize, net_arch, d, box_units):
 
 def acting_by(model, rule):
     other = copy.copy(model)
-    other.config = dataclasses.replace(model.config, deterministic_action=rule)
     other.agent = model.agent.acting_by(rule)
     return other
 

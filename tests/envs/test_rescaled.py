@@ -12,10 +12,11 @@ from galton.errors import UsageError
 
 def trained(env, scale, loss, **numbers):
     task = find(env, **({} if scale == 1 else {"action_scale": scale}))
-    bandit = env == "bandit"
-    config = galton.Config(loss=loss, n_bins=20, n_steps=5 if bandit else 20, net_arch=() if bandit else (64, 64))
-    hypers = galton.Hypers(learning_rate=0.05 if bandit else 1e-3, eta=0.75, **numbers)
-    return galton.train(task, config, hypers, [3, 4], 400, n_logs=4, n_eval_episodes=2)
+    own = {"learning_rate": 1e-3}
+    if env == "bandit":
+        own = {"n_steps": 5, "net_arch": (), "learning_rate": 0.05}
+    agent = galton.make_agent(loss=loss, n_bins=20, eta=0.75, **own, **numbers)
+    return galton.train(task, agent, [3, 4], 400, n_logs=4, n_eval_episodes=2)
 
 
 def same(one, other, aside=("sigma",)):

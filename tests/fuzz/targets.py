@@ -65,7 +65,7 @@ def _model(folder: Path) -> None:
 
 def _plan(folder: Path) -> None:
     plan = Plan.load(Store(str(folder)))
-    assert len(plan.names) == len(plan.configs) == plan.n_shards
+    assert len(plan.names) == len(plan.firsts) == plan.n_shards
     for index in {0, plan.n_shards - 1}:
         assert len(plan.get(index).seeds) >= 1
     assert plan.study.modules is not None

@@ -8,6 +8,8 @@ from pathlib import Path
 import jax
 import numpy as np
 
+from galton.agents import idle
+
 V1, V2, V3 = (Path(__file__).parent / version for version in ("v1", "v2", "v3"))
 CLOSE = {"rtol": 1e-4, "atol": 1e-5}
 """What other compiler flags and other processors may change: a few roundings, added up over hundreds of updates."""
@@ -34,6 +36,17 @@ def check_close(found, golden):
     assert golden.keys() <= found.keys()
     for name, values in golden.items():
         np.testing.assert_allclose(found[name], values, **CLOSE, err_msg=name)
+
+
+def check_settings(found, known):
+    """Check that all that a model was made with is set as it was, but for what its parts have no use for."""
+    for name, value in known.items():
+        if name not in found:
+            assert name in idle(found)
+        elif value is None:  # JSON has no infinity
+            assert np.isinf(found[name])
+        else:
+            assert found[name] == (tuple(value) if name == "net_arch" else value), name
 
 
 def command(*arguments, cwd):

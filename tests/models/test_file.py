@@ -23,7 +23,7 @@ def test_a_loaded_model_predicts_the_same_bits_without_an_environment(model, tmp
     assert loaded.num_timesteps == 200
     assert loaded.action_space == model.action_space
     assert loaded.observation_space == model.observation_space
-    assert (loaded.config, loaded.hypers, loaded.seed) == (model.config, model.hypers, model.seed)
+    assert (loaded.settings, loaded.seed) == (model.settings, model.seed)
 
 
 def test_a_loaded_model_without_an_environment_says_what_it_needs(model, tmp_path):
@@ -50,8 +50,8 @@ def test_a_file_says_its_algorithm_and_only_that_class_or_model_opens_it(tmp_pat
     with pytest.raises(UsageError, match=r"holds a model of PPO; load it with galton.PPO.load"):
         A2C.load(path)
     for cls in (PPO, Model):
-        loaded = cls.load(path)
-        assert (loaded.config.algorithm, loaded.config.batch_size, loaded.hypers.clip_range) == ("ppo", 4, 0.1)
+        found = cls.load(path).settings
+        assert [found[name] for name in ("algorithm", "batch_size", "clip_range")] == ["ppo", 4, 0.1]
 
 
 class Mine(A2C):

@@ -124,7 +124,7 @@ def test_what_is_no_number_of_steps_is_refused(steps):
 def test_a_model_says_what_it_is_and_only_what_is_unusual():
     model = A2C("lqr", "hl-one-hot", seed=3, learning_rate=0.01, **SMALL).learn(50, **QUIET)
     assert repr(model) == (
-        "<galton.A2C: hl-one-hot on LQR, n_envs=2, learning_rate=0.01, n_steps=5, n_bins=10, net_arch=(8,), seed=3, "
+        "<galton.A2C: hl-one-hot on LQR, n_envs=2, n_bins=10, n_steps=5, net_arch=(8,), learning_rate=0.01, seed=3, "
         "50 steps>"
     )
     assert repr(PPO("lqr", "hl-gauss")) == "<galton.PPO: hl-gauss on LQR, n_envs=1, seed=0, 0 steps>"
@@ -236,7 +236,7 @@ def test_training_in_a_forked_child_says_what_to_do_instead(child):
 
 
 def test_a_target_kl_of_none_is_off_as_in_sb3():
-    assert PPO("lqr", **SMALL, batch_size=5, target_kl=None).hypers.target_kl == math.inf
+    assert PPO("lqr", **SMALL, batch_size=5, target_kl=None).settings["target_kl"] == math.inf
 
 
 @pytest.mark.parametrize("name", ["learning_rate", "clip_range"])

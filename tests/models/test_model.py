@@ -6,7 +6,7 @@ from gymnasium.vector import AutoresetMode
 from stable_baselines3.common.vec_env import DummyVecEnv
 
 import galton
-from galton import A2C, Config, DivergenceError, Hypers, UsageError
+from galton import A2C, DivergenceError, UsageError
 from galton.envs import LQR
 
 SMALL = {"preset": "paper", "n_bins": 10, "net_arch": (8,)}
@@ -42,7 +42,7 @@ def model():
 )
 def test_any_kind_of_environment_trains(make, n_envs):
     model = A2C(make(), **SMALL).learn(61, progress_bar=False)
-    assert model.config.n_envs == n_envs
+    assert model.settings["n_envs"] == n_envs
     assert model.num_timesteps == -(-61 // (20 * n_envs)) * 20 * n_envs
     action, _ = model.predict(model.observation_space.sample())
     assert model.action_space.contains(action)
@@ -112,7 +112,8 @@ def test_a_given_environment_is_not_evaluated_on_without_another():
 
 def test_it_is_the_algorithm_that_trains_populations():
     model = A2C("lqr", **SMALL, learning_rate=1e-2, seed=3).learn(400, progress_bar=False)
-    result = galton.train("lqr", Config(n_bins=10, net_arch=(8,)), Hypers(1e-2), [3], 400, n_logs=4, n_eval_episodes=0)
+    agent = galton.make_agent(n_bins=10, net_arch=(8,), learning_rate=1e-2)
+    result = galton.train("lqr", agent, [3], 400, n_logs=4, n_eval_episodes=0)
     for ours, theirs in zip(jax.tree.leaves(model.learner), jax.tree.leaves(result.learner), strict=True):
         np.testing.assert_allclose(ours, theirs[0], rtol=1e-5, atol=1e-6)
 

@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 from stable_baselines3.common.vec_env import DummyVecEnv
 
-from galton import A2C, ALGORITHMS, PPO, Config, Hypers, UsageError
+from galton import A2C, ALGORITHMS, PPO, UsageError
+from galton.agents import read, vocabulary, words_of
 from galton.cli._options import Training
 from galton.models import Model
 from galton.optimizers import Adam
@@ -35,15 +36,12 @@ def made_up(monkeypatch):
     monkeypatch.setattr("galton.models.model.Run", lambda *settings: None)
 
 
-def told(model):
-    return model.config, model.hypers
-
-
 def test_where_no_loss_is_named_it_is_the_usual_preset_whole(made_up):
-    config = Config("hl-one-hot", n_envs=8, n_steps=20, normalize_reward=True)
-    assert told(A2C("lqr")) == told(A2C("lqr", preset="classification")) == (config, Hypers(0.002, gamma=0.95))
-    assert told(PPO("lqr")) == told(PPO("lqr", preset="gaussian"))
-    assert (PPO("lqr").config.loss, PPO("lqr").hypers.gamma) == ("gaussian", 0.95)
+    whole = words_of(read(EIGHT | {"loss": "hl-one-hot"}))
+    assert A2C("lqr").settings == A2C("lqr", preset="classification").settings == whole
+    ppo = PPO("lqr").settings
+    assert ppo == PPO("lqr", preset="gaussian").settings
+    assert (ppo["loss"], ppo["gamma"]) == ("gaussian", 0.95)
 
 
 def test_the_preset_of_classification_has_its_earlier_name_too():
@@ -53,10 +51,11 @@ def test_the_preset_of_classification_has_its_earlier_name_too():
 
 def test_where_a_loss_is_named_it_is_the_papers_settings(made_up):
     for loss in ("gaussian", "hl-gauss"):
-        assert told(A2C("lqr", loss)) == told(A2C("lqr", loss, preset="paper")) == (Config(loss), Hypers())
-    assert told(A2C("lqr", preset="paper")) == (Config(), Hypers())
-    assert told(PPO("lqr", preset="paper")) == told(PPO("lqr", "hl-gauss"))
-    assert told(A2C("lqr", "hl-one-hot", preset="classification")) == told(A2C("lqr"))
+        papers = words_of(read({"loss": loss}))
+        assert A2C("lqr", loss).settings == A2C("lqr", loss, preset="paper").settings == papers
+    assert A2C("lqr", preset="paper").settings == words_of(read({}))
+    assert PPO("lqr", preset="paper").settings == PPO("lqr", "hl-gauss").settings
+    assert A2C("lqr", "hl-one-hot", preset="classification").settings == A2C("lqr").settings
 
 
 def test_what_was_tuned_for_one_loss_is_refused_for_another(made_up):
@@ -65,18 +64,17 @@ def test_what_was_tuned_for_one_loss_is_refused_for_another(made_up):
 
 
 def test_what_is_named_goes_before_the_preset(made_up):
-    model = A2C("lqr", n_envs=2, gamma=0.5, normalize_reward=False, n_steps=20)
-    assert (model.config.n_envs, model.config.n_steps, model.hypers.gamma) == (2, 20, 0.5)
-    assert not model.config.normalize_reward
-    assert model.hypers.learning_rate == 0.002
+    named = {"n_envs": 2, "gamma": 0.5, "normalize_reward": False, "n_steps": 20}
+    found = A2C("lqr", **named).settings
+    assert {name: found[name] for name in named} == named
+    assert found["learning_rate"] == 0.002
 
 
 def test_a_task_of_the_paper_keeps_what_is_its_own_and_its_whole_rollout(made_up):
-    model = A2C("bandit")
-    own = model.config.n_envs, model.config.n_steps, model.config.net_arch, model.hypers.learning_rate
-    assert own == (1, 5, (), 0.05)
-    assert (model.config.loss, model.hypers.gamma) == ("hl-one-hot", 0.95)
-    assert (PPO("bandit").config.n_envs, PPO("bandit").config.n_steps) == (8, 256)
+    found, ppo = A2C("bandit").settings, PPO("bandit").settings
+    assert [found[name] for name in ("n_envs", "n_steps", "net_arch", "learning_rate")] == [1, 5, (), 0.05]
+    assert (found["loss"], found["gamma"]) == ("hl-one-hot", 0.95)
+    assert (ppo["n_envs"], ppo["n_steps"]) == (8, 256)
 
 
 @pytest.mark.parametrize(
@@ -86,14 +84,15 @@ def test_a_task_of_the_paper_keeps_what_is_its_own_and_its_whole_rollout(made_up
 def test_with_fewer_environments_a_rollout_is_as_long_in_whole_minibatches(made_up, model, copies, n_steps, ready_made):
     env = (Tall() if copies == 1 else DummyVecEnv([Tall] * copies)) if ready_made else Tall
     n_envs = None if ready_made else copies
-    made = model(env, n_envs=n_envs)
-    assert (made.config.n_envs, made.config.n_steps) == (copies, n_steps)
-    assert model(env, n_steps=64, n_envs=n_envs).config.n_steps == 64
-    assert model(env, n_envs=n_envs, preset="paper").config.n_steps == model("lqr", preset="paper").config.n_steps
+    rollout = model(env, n_envs=n_envs).agent.rollout
+    assert (rollout.n_envs, rollout.n_steps) == (copies, n_steps)
+    assert model(env, n_steps=64, n_envs=n_envs).agent.rollout.n_steps == 64
+    papers = model(env, n_envs=n_envs, preset="paper"), model("lqr", preset="paper")
+    assert papers[0].agent.rollout.n_steps == papers[1].agent.rollout.n_steps
 
 
 def test_minibatches_that_are_named_are_whole(made_up):
-    assert PPO(DummyVecEnv([Tall] * 3), batch_size=256).config.n_steps == 768
+    assert PPO(DummyVecEnv([Tall] * 3), batch_size=256).agent.rollout.n_steps == 768
     for name in ("n_envs", "batch_size"):
         with pytest.raises(UsageError, match=f"{name} is 0; it must be an integer of at least 1"):
             PPO("lqr", **{"n_envs": 3} | {name: 0})
@@ -110,7 +109,8 @@ def test_models_and_commands_have_the_same_presets(monkeypatch, name, algorithm,
     monkeypatch.setattr("galton.models.model.Run", lambda *settings: None)
     for n_envs in (None, 3):
         training = Training.of_task(env, algorithm, find_preset(name, None, algorithm), n_envs)
-        assert (training.config, training.hypers) == told(Model(env, preset=name, algorithm=algorithm, n_envs=n_envs))
+        model = Model(env, preset=name, algorithm=algorithm, n_envs=n_envs)
+        assert words_of(read(training.words)) == model.settings
 
 
 @pytest.mark.parametrize("algorithm", ALGORITHMS)
@@ -151,7 +151,7 @@ def test_what_a_page_calls_the_default_is_the_preset_but_for_the_decay(algorithm
     (rate,) = file["prior"]["learning_rate"]["choice"]
     trained = file["fixed"] | file["methods"][method].get("fixed", {}) | {"learning_rate": rate}
     preset = PRESETS[CLASSIFICATION][algorithm]
-    usual = {"net_arch": [*Config().net_arch], "decay_steps": 0}
+    usual = {"net_arch": [*vocabulary().usual["net_arch"]], "decay_steps": 0}
     expected = {**preset.settings, "loss": preset.loss, "algorithm": algorithm}
     expected.pop("decay_steps", None)
     assert trained == expected | {name: value for name, value in usual.items() if name in trained}
@@ -188,4 +188,4 @@ def test_a_run_that_is_cut_decays_as_one_that_is_not(env):
     for mine, theirs, other in zip(*spread, strict=True):
         np.testing.assert_array_equal(mine, theirs)
         assert (mine != other).any()
-    assert whole.hypers.decay_steps == math.inf
+    assert whole.settings["decay_steps"] == math.inf

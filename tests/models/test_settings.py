@@ -5,9 +5,9 @@ import sys
 import pytest
 from stable_baselines3.common.vec_env import DummyVecEnv
 
-from galton import A2C, ALGORITHMS, PPO, Config, Hypers, UsageError
+from galton import A2C, ALGORITHMS, PPO, UsageError
+from galton.agents import usual_of, vocabulary
 from galton.envs import LQR
-from galton.models.settings import Settings
 from galton.parts import settings
 
 from .tall import Tall
@@ -43,28 +43,26 @@ def test_bad_arguments_of_the_constructor_are_named(settings, message):
         A2C(**{"env": "lqr"} | SMALL | settings)
 
 
-def test_every_field_of_the_records_can_be_told():
-    arguments = {"loss", "n_envs", "algorithm"}
-    fields = {*Config.__dataclass_fields__, *Hypers._fields}
-    assert set(Settings.__annotations__) == fields - arguments
+def test_every_setting_of_every_part_can_be_told():
+    told = {name for model in (A2C, PPO) for name in inspect.signature(model).parameters}
+    assert vocabulary().usual.keys() - told == {"algorithm"}
 
 
 @pytest.mark.parametrize(("model", "algorithm"), [(A2C, "a2c"), (PPO, "ppo")])
 def test_what_editors_show_is_what_a_model_takes_with_the_defaults_that_it_has(model, algorithm):
     shown = {name: parameter.default for name, parameter in inspect.signature(model).parameters.items()}
-    made = model("lqr", preset="paper")
-    values = vars(made.config) | made.hypers._asdict()
+    values = vocabulary().usual | usual_of(algorithm) | model("lqr", preset="paper").settings
     for name in shown.keys() & values.keys() - {"loss", "n_envs"}:
         assert shown[name] == values[name], name
     own = {name: settings(kind).keys() for name, kind in ALGORITHMS.items()}
     others = {field for name, fields in own.items() if name != algorithm for field in fields}
-    assert set(Settings.__annotations__) - shown.keys() == others - own[algorithm]
+    assert vocabulary().usual.keys() - shown.keys() - {"algorithm"} == others - own[algorithm]
 
 
 def test_a_setting_of_another_algorithm_is_refused_with_those_that_there_are():
     with pytest.raises(TypeError, match=r"A2C\(\) got an unexpected keyword argument 'clip_range'; it takes .*eta"):
         A2C("lqr", clip_range=0.1)
-    assert PPO("lqr", **SMALL, clip_range=0.1, n_steps=64).hypers.clip_range == 0.1
+    assert PPO("lqr", **SMALL, clip_range=0.1, n_steps=64).settings["clip_range"] == 0.1
 
 
 WRONG_TYPES = """
@@ -72,7 +70,7 @@ import sys, numpy as np, galton
 model = galton.A2C("lqr", "hl-gauss", n_bins=np.int64(10), net_arch=[np.int32(8)], normalize_reward=np.True_,
                    seed=np.uint32(5), eta=1)
 loaded = galton.A2C.load(model.save(sys.argv[1]))
-assert loaded.config == model.config, loaded.config
+assert loaded.settings == model.settings, loaded.settings
 make = lambda **settings: galton.A2C("lqr", **{"preset": "paper"} | settings)
 for attempt, message in (
     (lambda: make(learning_rate=np.ones(2)), "learning_rate is [1. 1.]; give one number"),
@@ -85,7 +83,7 @@ for attempt, message in (
     (lambda: make(n_steps="20"), "n_steps is '20'; it must be an integer of at least 1"),
     (lambda: make(net_arch=8), "net_arch is 8"),
     (lambda: make(net_arch="88"), "net_arch is '88'; it must be a list or a tuple"),
-    (lambda: make(net_arch={8: 8}), "net_arch is {8: 8}; it must be a list or a tuple"),
+    (lambda: make(net_arch={8: 8}), "net_arch is {8: 8}; give one list for both networks, or a list for each"),
     (lambda: make(net_arch=[8, True]), "an entry of net_arch is True; it must be an integer"),
     (lambda: make(normalize_reward=2), "normalize_reward is 2; it must be True or False"),
     (lambda: make(normalize_reward="no"), "normalize_reward is 'no'"),
@@ -93,18 +91,18 @@ for attempt, message in (
     (lambda: make(learning_rate=True), "learning_rate is True; it must be a number"),
     (lambda: make(gamma=float("nan")), "gamma is nan; it must be between 0 and 1"),
     (lambda: make(bin_sample=["center"]), "bin_sample is ['center']; choose from center, uniform"),
-    (lambda: make(policy=None), "policy is None; it must be of type str"),
+    (lambda: make(policy=None), "policy is None; choose from auto, gaussian,"),
     (lambda: make(loss=["mse"]), "loss is ['mse']"),
     (lambda: make(loss=7), "loss is 7"),
     (lambda: make(preset=7), "preset is 7"),
     (lambda: model.learn("20"), "total_timesteps is '20'"),
     (lambda: model.learn(None), "total_timesteps is None"),
-    (lambda: galton.train("lqr", None, galton.Hypers(), [0], 20), "config is None; it must be of type Config"),
-    (lambda: galton.train("lqr", galton.Config(), None, [0], 20), "hypers is None; it must be of type Hypers"),
-    (lambda: galton.train("lqr", galton.Config(), galton.Hypers("a"), [0], 20), "learning_rate is 'a'"),
-    (lambda: galton.train(7, galton.Config(), galton.Hypers(), [0], 20), "env is 7"),
-    (lambda: galton.train(None, galton.Config(), galton.Hypers(), [0], 20), "env is None"),
-    (lambda: galton.models.Model.of("lqr", {}, galton.Hypers()), "config is {}; it must be of type Config"),
+    (lambda: galton.make_agent(learning_rate="a"), "learning_rate is 'a'"),
+    (lambda: galton.make_agent(n_bins=None), "n_bins is None"),
+    (lambda: galton.train("lqr", None, [0], 20), "agent is None; it must be of type Agent"),
+    (lambda: galton.train(7, galton.make_agent(), [0], 20), "env is 7"),
+    (lambda: galton.train(None, galton.make_agent(), [0], 20), "env is None"),
+    (lambda: galton.Model.of("lqr", {}), "agent is {}; it must be of type Agent"),
     (lambda: galton.Bins("a", 1.0, 3), "low is 'a'; it must be a number"),
     (lambda: galton.Bins([0.0, None], 1.0, 3), "low is [0.0, None]; it must be a number"),
     (lambda: galton.Bins(0.0, 1.0, "3"), "n_bins is '3'; it must be an integer of at least 2"),

@@ -25,7 +25,7 @@ def ends(better_on):
     """Classification ends higher on these tasks, lower on the others."""
 
     def final(name, setting):
-        is_classification = setting.config.loss != "gaussian"
+        is_classification = setting["loss"] != "gaussian"
         return 2.0 + 3 * (is_classification == (name.removesuffix("-again") in better_on))
 
     return final

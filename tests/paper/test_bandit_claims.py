@@ -16,7 +16,7 @@ def judged(claim, final_of, **options):
 
 
 def noisy(hurt):
-    return lambda name, setting: 1.0 if name == "bandit-noise-10" and setting.config.loss in hurt else 11.0
+    return lambda name, setting: 1.0 if name == "bandit-noise-10" and setting["loss"] in hurt else 11.0
 
 
 def test_noise_that_hurts_one_side():
@@ -30,7 +30,7 @@ def test_noise_that_hurts_one_side():
 
 def test_dimensions():
     def harder(name, setting):
-        return (3.0 if setting.config.loss != "gaussian" else 1.0) - (name == "bandit-d-16")
+        return (3.0 if setting["loss"] != "gaussian" else 1.0) - (name == "bandit-d-16")
 
     def easier(name, setting):
         return 1.0 + (name == "bandit-d-16")
@@ -43,7 +43,7 @@ def test_dimensions():
 
 def test_a_gap_grows_where_the_gaussian_loses_more():
     def losing(loss):
-        return lambda name, s: 5.0 - (name == "bandit-d-16" and s.config.loss in loss)
+        return lambda name, s: 5.0 - (name == "bandit-d-16" and s["loss"] in loss)
 
     assert judged(harder_bandits.gap_grows_with_dimension, losing(["gaussian"])) == "holds"
     assert judged(harder_bandits.gap_grows_with_dimension, losing(CLASSIFIED)) == "does not hold"
@@ -57,7 +57,7 @@ def test_beside_the_best_bin_and_at_little_cost(short, expected):
     """So much HL-1-Hot ends below the optimum; the others below that by a hundredth. A bin is 0.1 or 0.2 wide."""
 
     def final_of(_, setting):
-        return 25 - short if setting.config.loss == "hl-one-hot" else 25 - 0.002
+        return 25 - short if setting["loss"] == "hl-one-hot" else 25 - 0.002
 
     claim = harder_bandits.stops_at_the_next_bin(made_up.judgeable(final_of, BANDITS, "small", noise=0.0005))
     assert claim.count == expected
@@ -87,9 +87,9 @@ def test_a_control_is_compared_at_equal_settings():
     """The best setting gains by it, which nearly all others don't."""
 
     def final_of(name, setting):
-        best = setting.hypers.learning_rate == 0.05 and setting.config.n_bins == 100 and setting.hypers.eta == 0.5
+        best = setting["learning_rate"] == 0.05 and setting["n_bins"] == 100 and setting["eta"] == 0.5
         under = name.startswith("bandit-gaussian-exploration")
-        return (10.0 + under if best else 5.0 - under) + setting.hypers.eta
+        return (10.0 + under if best else 5.0 - under) + setting["eta"]
 
     data = made_up.judgeable(final_of, BANDITS, "paper")
     claim = controls.converges_faster(data)
@@ -102,7 +102,7 @@ def test_a_control_is_compared_at_equal_settings():
 
 def test_what_gives_no_gain_can_not_be_explained():
     def final_of(name, setting):
-        gains = setting.config.loss == "hl-gauss"
+        gains = setting["loss"] == "hl-gauss"
         return 5.0 if gains and "exploration" not in name else 1.0
 
     claim = controls.exploration_is_not_the_reason(made_up.judgeable(final_of, BANDITS))

@@ -28,7 +28,7 @@ def judged(claim, final_of, **options):
 
 
 def winning(loss):
-    return lambda _, setting: 5.0 if setting.config.loss == loss else 1.0
+    return lambda _, setting: 5.0 if setting["loss"] == loss else 1.0
 
 
 def line(claim, name):
@@ -76,7 +76,7 @@ def test_one_run_that_fails_does_not_hide_that_the_others_are_higher():
 
 def test_a_task_on_which_nobody_learns_is_listed_and_not_counted():
     def final_of(name, setting):
-        return -1.0 - 5 * (setting.config.loss == "gaussian") if name.startswith("mountain") else 1.0
+        return -1.0 - 5 * (setting["loss"] == "gaussian") if name.startswith("mountain") else 1.0
 
     claim = returns.ends_higher(made_up.judgeable(final_of, (*LQR, "mountain-car", "mountain-car-again")))
     n = len(SWEEPS["mountain-car"].study("smoke", {}).settings) * 12
@@ -93,7 +93,7 @@ def test_the_better_loss_is_chosen_by_other_runs_than_it_is_judged_by():
     """On the grid HL-1-Hot is better; on fresh seeds HL-Gauss is, and alone beats the Gaussian."""
 
     def lucky(name, setting):
-        return 3.0 if setting.config.loss == ("hl-gauss" if name.endswith("-again") else "hl-one-hot") else 1.0
+        return 3.0 if setting["loss"] == ("hl-gauss" if name.endswith("-again") else "hl-one-hot") else 1.0
 
     task = made_up.judgeable(lucky, LQR).judged["lqr"]
     assert better(task.chosen, final_return) == "hl-one-hot"
@@ -103,7 +103,7 @@ def test_the_better_loss_is_chosen_by_other_runs_than_it_is_judged_by():
 def with_finals(data, name, metric, losses, change):
     """The data with other final numbers of some losses in one sweep."""
     summary = data.sweeps[name]
-    rows = summary.rows(*(setting for setting in summary.study.settings if setting.config.loss in losses))
+    rows = summary.rows(*(setting for setting in summary.study.settings if setting["loss"] in losses))
     finals = summary.final(metric)
     finals[rows] = change(finals[rows])
     return with_column(data, name, f"final_{metric}", pa.array(finals.astype(np.float32)))
@@ -131,10 +131,10 @@ def test_without_fresh_seeds_nothing_is_judged():
 
 
 def test_where_the_softmax_loses_its_entropy_is_told_and_where_nobody_gains_that():
-    data = made_up.judgeable(lambda _, s: 1.0 if s.config.loss in CLASSIFIED else 3.0, LQR)
+    data = made_up.judgeable(lambda _, s: 1.0 if s["loss"] in CLASSIFIED else 3.0, LQR)
     why = returns.ends_higher(data).why
     assert ", LQR -25.0 of 6.0 nats" in f", {why.split('lower: ')[1]}"  # all that is logged is made up alike; 2 log 20
-    idle = made_up.judgeable(lambda _, s: -1.0 if s.config.loss in CLASSIFIED else 3.0, LQR)
+    idle = made_up.judgeable(lambda _, s: -1.0 if s["loss"] in CLASSIFIED else 3.0, LQR)
     assert "acting at random: LQR (HL-1-Hot, HL-Gauss)." in returns.ends_higher(idle).why
 
 
@@ -219,7 +219,7 @@ def test_orders():
 
 
 def test_hl_gauss_that_is_hl_one_hot_has_no_order():
-    narrow = made_up.judgeable(lambda _, s: 5 - s.hypers.eta, LQR, budget="paper")
+    narrow = made_up.judgeable(lambda _, s: 5 - s["eta"], LQR, budget="paper")
     claim = order.order_changes(narrow)
     assert claim.verdict == "not decidable here"
     assert line(claim, "LQR") == ("∅", "LQR the same loss: HL-Gauss's best η is at most 0.1")
@@ -229,7 +229,7 @@ def test_a_run_that_diverged_counts_as_the_worst():
     study = SWEEPS["lqr"].study("smoke", {})
     table = made_up.results(study, lambda _: 1.0, diverged=[0, 1])
     summary = Summary.of_results(study, table, made_up.PROVENANCE)
-    assert study.settings[0].config.loss == "gaussian"
+    assert study.settings[0]["loss"] == "gaussian"
     first = by_setting(summary, "gaussian")[0]
     np.testing.assert_array_equal(first, np.nanmin(summary.curves("training_return")))
 

@@ -20,7 +20,7 @@ ENDS = {"gaussian": 1.0, "hl-one-hot": 2.0, "hl-gauss": 3.0, "hl-gauss-centred":
 
 @pytest.fixture(scope="module")
 def data():
-    return made_up.data(lambda name, setting: ENDS[setting.config.loss] - (name == "bandit-noise-10"))
+    return made_up.data(lambda name, setting: ENDS[setting["loss"]] - (name == "bandit-noise-10"))
 
 
 def names_in(axes):

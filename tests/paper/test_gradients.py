@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from galton import LOSSES, Config, Hypers, targets
+from galton import LOSSES, targets
 from galton.algorithms import actor_critic
 from galton.losses import surrogate
 from galton.networks import features, mlp
@@ -26,7 +26,8 @@ from .samples import SERIES
 
 T, N, K = 4, 2, 6
 LOW, HIGH = np.array([-1.0, 0.0], np.float32), np.array([1.0, 3.0], np.float32)
-HYPERS = Hypers(gamma=0.9, gae_lambda=0.8, eta=0.7)
+ETA = 0.7
+SMALL = {"n_bins": K, "n_steps": T, "n_envs": N, "net_arch": (5, 4), "gamma": 0.9, "gae_lambda": 0.8, "eta": ETA}
 
 
 def normal(rng, *shape):
@@ -54,13 +55,13 @@ def setup(loss, seed=0, scale=1.0):
     ends = jnp.asarray(rng.random((2, T, N)) < 0.2)
     observation, reward, following = normal(rng, T, N, 3), normal(rng, T, N), normal(rng, T, N, 3)
     batch = Transition(observation, action, reward, following, ends[0], ends[1] & ~ends[0])
-    return Learner(params, None, None), batch
+    return Learner(params, None, None, {}), batch
 
 
 @functools.cache
 def program(loss):
     """The agent; (learner, batch) → samples by reading."""
-    own = agent(Config(loss=loss, n_bins=K, n_steps=T, n_envs=N, net_arch=(5, 4)), HYPERS, LOW, HIGH)
+    own = agent(SMALL | {"loss": loss}, low=LOW, high=HIGH)
 
     def look(learner, batch):
         readings = [reading for name, reading in SERIES if name == loss]
@@ -78,7 +79,7 @@ def loss_by_hand(name, reading, theta, bias, log_std, s, a):
     logits = outputs.reshape(2, k)
     log_probs = logits - np.log(np.exp(logits).sum(1, keepdims=True))
     centers = np.arange(k) + 0.5  # in bin widths
-    cdf = norm.cdf((np.arange(k + 1) - centers[:, None]) / HYPERS.eta)
+    cdf = norm.cdf((np.arange(k + 1) - centers[:, None]) / ETA)
     table = np.eye(k) if name == "hl-one-hot" else np.diff(cdf) / (cdf[:, -1:] - cdf[:, :1])
     target = table[((a - LOW) / ((HIGH - LOW) / k)).astype(int)]
     return -(target * log_probs).sum(), log_probs, table
@@ -181,7 +182,7 @@ def test_a_softmaxs_bound_is_proposition_1_summed_over_dimensions(loss):
 
     def eq_7(s, a, advantage):
         probs, index = policy.distribution(mlp(actor, s), {}).probs, policy.bins.encode(a)
-        q = jax.nn.one_hot(index, K) if loss == "hl-one-hot" else targets.hl_gauss_of_center(K, index, HYPERS.eta)
+        q = jax.nn.one_hot(index, K) if loss == "hl-one-hot" else targets.hl_gauss_of_center(K, index, ETA)
         shared = jnp.abs(advantage) * (output_lipschitz(actor, s) + jnp.linalg.norm(features(actor, s)))
         return sum(shared * jnp.abs(q[j] - probs[j]).sum() for j in range(2))
 

@@ -24,7 +24,7 @@ CHANGES = [change for hypothesis in HYPOTHESES.values() for change in hypothesis
 def test_a_change_sets_what_it_names_and_nothing_else(change):
     for task in change.tasks:
         own = dict(change.fields) | dict(change.of_task.get(task, {}))
-        base = Setting.of_record(task_defaults(TASKS[task].env)).record()
+        base = Setting(task_defaults(TASKS[task].env)).record()
         for setting in change.settings(task, "paper"):
             record = setting.record()
             free = {"loss", "learning_rate", "n_bins", "eta"}
@@ -32,13 +32,13 @@ def test_a_change_sets_what_it_names_and_nothing_else(change):
                 name: value for name, value in own.items() if name in record
             }
             assert {name for name in record if record[name] != base.get(name)} <= {*own, *free}
-        assert {setting.config.loss for setting in change.settings(task, "paper")} == {*change.losses}
+        assert {setting["loss"] for setting in change.settings(task, "paper")} == {*change.losses}
 
 
 def floored(name, setting):
     """The Gaussian is ahead, unless σ has a floor."""
-    has_floor = np.isfinite(setting.hypers.log_std_min)
-    return 5.0 if setting.config.loss == "gaussian" and not has_floor else 1.0 if has_floor else 3.0
+    has_floor = np.isfinite(setting["log_std_min"])
+    return 5.0 if setting["loss"] == "gaussian" and not has_floor else 1.0 if has_floor else 3.0
 
 
 def test_a_floor_turns_the_claim_and_leaves_the_other_losses_as_they_were():
@@ -72,7 +72,7 @@ def test_every_hypothesis_has_a_row_and_every_row_its_tasks():
 def test_the_bandit_in_units_of_its_box_is_judged_by_its_own_runs():
     def in_the_box(name, setting):
         ahead = "hl-gauss" if name.startswith("boxed") else "gaussian"
-        return 20.0 if setting.config.loss == ahead else 10.0
+        return 20.0 if setting["loss"] == ahead else 10.0
 
     trained = made_up.judgeable(in_the_box)
     words = next(words for words in boxed.table(trained).rows if words.startswith("Both classification losses"))
@@ -117,14 +117,14 @@ def test_a_diverged_run_at_some_scale_counts_as_the_worst_of_all_losses_there():
 
 def test_without_the_lowest_rate_the_winners_are_others():
     def lowest(name, setting):
-        return 5.0 if setting.hypers.learning_rate < 5e-4 and setting.config.loss == "gaussian" else 3.0
+        return 5.0 if setting["learning_rate"] < 5e-4 and setting["loss"] == "gaussian" else 3.0
 
     trained = made_up.judgeable(lowest)
     main, without = trained.judged["reacher"], hypotheses.without_lowest(trained).judged["reacher"]
-    rates = [each.again.best["gaussian"].setting.hypers.learning_rate for each in (main, without)]
+    rates = [each.again.best["gaussian"].setting["learning_rate"] for each in (main, without)]
     assert rates[0] < rates[1]
-    assert without.again.best["hl-gauss"].setting.hypers.learning_rate > min(
-        setting.hypers.learning_rate for setting in main.chosen.study.settings
+    assert without.again.best["hl-gauss"].setting["learning_rate"] > min(
+        setting["learning_rate"] for setting in main.chosen.study.settings
     )
 
 

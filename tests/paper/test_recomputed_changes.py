@@ -66,7 +66,7 @@ def before(made):
 def test_a_gaussian_far_ahead_or_behind_under_a_change_turns_its_rows_alone(file, ahead, turns, made, before):
     """Those of the letters of the changes that the file holds, and to the contrary of the paper where it is ahead."""
     study, table = made.sweeps[file].study, made.sweeps[file].table
-    gaussian = made.sweeps[file].rows(*(setting for setting in study.settings if setting.config.loss == "gaussian"))
+    gaussian = made.sweeps[file].rows(*(setting for setting in study.settings if setting["loss"] == "gaussian"))
     finals = pa.array((made.sweeps[file].final("training_return") + ahead * 1e6 * gaussian).astype("float32"))
     place = table.column_names.index("final_training_return")
     changed = Summary(study, {}, table.set_column(place, "final_training_return", finals))

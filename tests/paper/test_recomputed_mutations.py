@@ -287,5 +287,5 @@ def test_another_setting_wins_where_its_runs_are_raised(tables, trained, sweeps)
             rates = [
                 setting["learning_rate"] for setting in settings_of(record_of(tables[task])) if setting["loss"] == loss
             ]
-            assert setting.hypers.learning_rate == best["learning_rate"] == max(rates)
-            assert (setting.config.n_bins, setting.hypers.eta) == (best["n_bins"], best["eta"])
+            assert setting["learning_rate"] == best["learning_rate"] == max(rates)
+            assert (setting["n_bins"], setting["eta"]) == (best["n_bins"], best["eta"])

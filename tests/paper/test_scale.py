@@ -22,7 +22,7 @@ def test_rest_is_the_better_of_doing_nothing_and_acting_at_random():
 
 def test_the_best_is_the_optimum_or_else_the_best_settings_mean():
     assert scale_of("bandit", grid("bandit", lambda _: 5.0)) == Scale(0.0, 25.0)
-    by_rate = grid("acrobot", lambda s: 50.0 if s.config.loss == "hl-gauss-centred" else 1.0)
+    by_rate = grid("acrobot", lambda s: 50.0 if s["loss"] == "hl-gauss-centred" else 1.0)
     assert scale_of("acrobot", by_rate).best == pytest.approx(-450, abs=0.1)
     assert scale_of("acrobot", grid("acrobot", lambda _: -1.0)) is None
 

@@ -12,9 +12,9 @@ from . import made_up
 
 
 def test_a_marginal_holds_one_field_and_averages_the_rest():
-    data = made_up.data(lambda _, setting: setting.hypers.eta + 100 * setting.hypers.learning_rate, ("lqr",))
+    data = made_up.data(lambda _, setting: setting["eta"] + 100 * setting["learning_rate"], ("lqr",))
     summary = data.sweeps["lqr"]
-    rates = np.mean([setting.hypers.learning_rate for setting in summary.study.settings])
+    rates = np.mean([setting["learning_rate"] for setting in summary.study.settings])
     found = marginals(summary, "hl-gauss", "eta", "training_return")
     assert list(found) == [0.25, 0.75]
     for eta, interval in found.items():
@@ -26,7 +26,7 @@ WAY = Scale(-1.0, 9.0)
 
 
 def test_a_spread_is_the_range_of_marginal_means_of_the_way_from_rest_to_the_best():
-    data = made_up.data(lambda _, setting: setting.hypers.eta, ("lqr",), trials=6)
+    data = made_up.data(lambda _, setting: setting["eta"], ("lqr",), trials=6)
     summary = data.sweeps["lqr"]
     eta, rate = (spread(summary, "hl-gauss", field, WAY) for field in ("eta", "learning_rate"))
     assert eta.shape == (6,)
@@ -55,7 +55,7 @@ def test_values_that_tasks_share_have_one_look_and_others_begin_anew():
 
 
 def test_a_row_per_field_and_a_column_per_task_with_words_where_there_is_one_value():
-    data = made_up.data(lambda _, setting: setting.hypers.eta, ("lqr", "ant"))
+    data = made_up.data(lambda _, setting: setting["eta"], ("lqr", "ant"))
     figure = draw(data.grids, "hl-gauss", ("learning_rate", "n_bins", "eta"))
     rates, _, etas, missing = figure.axes  # k is nowhere varied
     assert [axes.get_ylabel() for axes in (rates, etas)] == [

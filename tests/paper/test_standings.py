@@ -24,7 +24,7 @@ def data():
 def test_bold_is_a_loss_ahead_of_the_gaussian_or_the_gaussian_ahead_of_all(data):
     assert ahead(data) == {("lqr", "hl-gauss"), ("acrobot", "gaussian")}
     some = made_up.judgeable(
-        lambda name, s: 5.0 if s.config.loss in ("gaussian", "hl-one-hot") else 1.0, ("lqr", "lqr-again")
+        lambda name, s: 5.0 if s["loss"] in ("gaussian", "hl-one-hot") else 1.0, ("lqr", "lqr-again")
     )
     assert ahead(some) == set()
 

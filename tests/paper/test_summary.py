@@ -18,7 +18,7 @@ STUDY = SWEEPS["lqr"].study("smoke", {})
 
 
 def final_of(setting):
-    return setting.hypers.learning_rate * 1000 + setting.hypers.eta
+    return setting["learning_rate"] * 1000 + setting["eta"]
 
 
 @pytest.fixture

@@ -16,7 +16,7 @@ from .made_up import SWEEPS
 
 
 def losses(study):
-    return collections.Counter(setting.config.loss for setting in study.settings)
+    return collections.Counter(setting["loss"] for setting in study.settings)
 
 
 @pytest.mark.parametrize("task", TASKS)
@@ -24,7 +24,7 @@ def test_at_paper_budget_a_task_is_app_c2_and_centred_hl_gauss(task):
     study = SWEEPS[task].study("paper", {})
     env = TASKS[task].env
     assert set(paper_grid(env, task_defaults(env))) < set(study.settings)
-    ours = [setting for setting in study.settings if setting.config.loss == "hl-gauss-centred"]
+    ours = [setting for setting in study.settings if setting["loss"] == "hl-gauss-centred"]
     assert len(ours) == 4 * len(CENTRED_ETAS) == len(study.settings) - len(paper_grid(env, task_defaults(env)))
     assert study.trials == (50 if task == "bandit" else 20)
     assert study.steps == {"bandit": 2_000, "half-cheetah": 10**6, "ant": 10**6}.get(task, 500_000)
@@ -45,7 +45,7 @@ def test_every_budget_has_every_loss(budget, task):
 
 
 def test_winners_train_again_on_fresh_seeds_and_on_other_bandits():
-    done = made_up.data(lambda _, setting: setting.hypers.learning_rate, ("bandit",)).sweeps
+    done = made_up.data(lambda _, setting: setting["learning_rate"], ("bandit",)).sweeps
     main = done["bandit"].study
     winners = {best.setting for best in done["bandit"].best.values()}
     again = SWEEPS["bandit-again"].study("smoke", done)
@@ -60,7 +60,7 @@ def test_winners_train_again_on_fresh_seeds_and_on_other_bandits():
         eval_mean=True,
     )
     assert set(again.settings) == winners
-    assert {setting.config.loss for setting in noisy.settings} == {"gaussian", "hl-gauss"}  # at this budget
+    assert {setting["loss"] for setting in noisy.settings} == {"gaussian", "hl-gauss"}  # at this budget
     assert set(noisy.settings) < winners
     assert set(SWEEPS["bandit-d-4"].study("paper", done).settings) == winners
 
@@ -70,12 +70,10 @@ def test_the_controls_change_the_softmax_policies_alone():
     for name, field in (("init-gaussian", "initial_policy"), ("gaussian-exploration", "exploration")):
         study = SWEEPS[f"bandit-{name}"].study("paper", {})
         expected = [
-            setting._replace(config=dataclasses.replace(setting.config, **{field: "gaussian"}))
-            for setting in main.settings
-            if setting.config.loss != "gaussian"
+            setting.replace(**{field: "gaussian"}) for setting in main.settings if setting["loss"] != "gaussian"
         ]
         assert list(study.settings) == expected
-        done = made_up.data(lambda _, setting: setting.hypers.learning_rate, (f"bandit-{name}",)).sweeps
+        done = made_up.data(lambda _, setting: setting["learning_rate"], (f"bandit-{name}",)).sweeps
         again = SWEEPS[f"bandit-{name}-again"].study("smoke", done)
         assert set(again.settings) == {best.setting for best in done[f"bandit-{name}"].best.values()}
         assert again.seed != study.seed
@@ -84,7 +82,7 @@ def test_the_controls_change_the_softmax_policies_alone():
 @pytest.mark.parametrize("task", WHY_TASKS)
 def test_the_study_of_causes_has_every_change_for_every_loss(task):
     study = SWEEPS[f"why-{task}"].study("paper", {})
-    found = collections.Counter((change_of(s, TASKS[task].env), s.config.loss) for s in study.settings)
+    found = collections.Counter((change_of(s, TASKS[task].env), s["loss"]) for s in study.settings)
     assert set(found) == {(change, loss) for change in CHANGES for loss in losses(study)}
     assert all(count == (6 if loss == "hl-gauss-centred" else 3) for (_, loss), count in found.items())
 
@@ -92,15 +90,15 @@ def test_the_study_of_causes_has_every_change_for_every_loss(task):
 @pytest.mark.parametrize("task", WHY_TASKS)
 def test_the_best_of_each_change_and_loss_is_trained_again(task):
     def final(_, setting):
-        return -abs(setting.hypers.learning_rate - 1e-3) - setting.hypers.eta
+        return -abs(setting["learning_rate"] - 1e-3) - setting["eta"]
 
     name = f"why-{task}"
     done = made_up.data(final, (name,), budget="paper", noise=1e-6).sweeps
     again = SWEEPS[f"{name}-again"].study("paper", done)
-    found = collections.Counter((change_of(s, TASKS[task].env), s.config.loss) for s in again.settings)
+    found = collections.Counter((change_of(s, TASKS[task].env), s["loss"]) for s in again.settings)
     assert found == dict.fromkeys(((change, loss) for change in CHANGES for loss in losses(again)), 1)
-    assert {s.hypers.learning_rate for s in again.settings} == {1e-3}
-    assert {s.hypers.eta for s in again.settings if s.config.loss == "hl-gauss-centred"} == {2.0}
+    assert {s["learning_rate"] for s in again.settings} == {1e-3}
+    assert {s["eta"] for s in again.settings if s["loss"] == "hl-gauss-centred"} == {2.0}
     assert again.seed != done[name].study.seed
 
 

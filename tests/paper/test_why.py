@@ -56,8 +56,8 @@ def test_what_doing_nothing_earns_outside_jax(name, at_rest, n_episodes):
 
 def test_a_mean_far_below_all_others_is_written_down_and_does_not_stretch_the_axis():
     def final(name, setting):
-        crashed = setting.config.loss == "gaussian" and setting.config.normalize_observation
-        return -1_000.0 if crashed and name == "why-lqr-again" else -20.0 - 1_000 * setting.hypers.learning_rate
+        crashed = setting["loss"] == "gaussian" and setting["normalize_observation"]
+        return -1_000.0 if crashed and name == "why-lqr-again" else -20.0 - 1_000 * setting["learning_rate"]
 
     names = ("why-lqr", "why-lqr-again")
     (axes,) = draw(made_up.data(final, names, budget="paper")).axes
@@ -69,8 +69,8 @@ def test_a_mean_far_below_all_others_is_written_down_and_does_not_stretch_the_ax
 
 def test_so_is_a_mean_far_above_all_others():
     def final(name, setting):
-        climbed = setting.config.loss == "gaussian" and setting.config.n_envs == 8 and setting.config.normalize_reward
-        return 93.0 if climbed else -1_000 * setting.hypers.learning_rate
+        climbed = setting["loss"] == "gaussian" and setting["n_envs"] == 8 and setting["normalize_reward"]
+        return 93.0 if climbed else -1_000 * setting["learning_rate"]
 
     names = ("why-mountain-car", "why-mountain-car-again")
     (axes,) = draw(made_up.data(final, names, budget="paper")).axes
@@ -80,9 +80,9 @@ def test_so_is_a_mean_far_above_all_others():
 
 def test_changes_stand_in_the_order_of_classification_and_losses_differ_by_shape():
     def final(name, setting):
-        worst = setting.config.n_envs == 8 and setting.config.loss == "gaussian"
-        ends = -20.0 if setting.hypers.gae_lambda == pytest.approx(0.95) else -25.0
-        return ends + (setting.config.loss == "hl-one-hot") - (60 if worst else 0)
+        worst = setting["n_envs"] == 8 and setting["loss"] == "gaussian"
+        ends = -20.0 if setting["gae_lambda"] == pytest.approx(0.95) else -25.0
+        return ends + (setting["loss"] == "hl-one-hot") - (60 if worst else 0)
 
     (axes,) = draw(made_up.data(final, ("why-lqr", "why-lqr-again"), budget="paper")).axes
     changes = [label.get_text().replace("\n", " ") for label in axes.get_xticklabels()]

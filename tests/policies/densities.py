@@ -6,8 +6,6 @@ import torch
 from torch import distributions
 from torch.special import log_ndtr
 
-from galton import Config, Hypers
-
 from ..agents import agent
 
 NAMES = ("clipped-gaussian", "truncated-gaussian", "squashed-gaussian", "beta")
@@ -19,7 +17,7 @@ def make(name, low, high, outputs, log_std=0.0, **numbers):
     Under `jax.enable_x64` it computes in float64.
     """
     low, high = (np.atleast_1d(np.asarray(bound, np.float32)) for bound in (low, high))
-    policy = agent(Config(loss="gaussian", policy=name), Hypers(box_units=1.0, **numbers), low, high).policy
+    policy = agent({"loss": "gaussian", "policy": name, "box_units": 1.0, **numbers}, low=low, high=high).policy
     params = {"log_std": jnp.zeros(len(low)) + jnp.asarray(log_std, float)}
     return policy, policy.distribution(jnp.asarray(outputs, float), params)
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import galton
-from galton import Config, Hypers
+from galton.agents import read
 from galton.envs import Bandit
 from galton.parts import Box
 from galton.policies import GaussianPolicy
@@ -100,17 +100,17 @@ def test_runs_with_different_numbers_train_side_by_side_as_they_do_alone(algorit
         "box_units": [0.0, 1.0, 0.0, 1.0],
     }
     own = {"batch_size": 8} if algorithm == "ppo" else {}
-    config = Config(loss="gaussian", algorithm=algorithm, n_steps=16, net_arch=(), **own)
+    words = {"loss": "gaussian", "algorithm": algorithm, "n_steps": 16, "net_arch": (), "learning_rate": 0.01, **own}
     options = {"total_timesteps": 64, "n_logs": 2, "n_eval_episodes": 0}
-    hypers = Hypers(learning_rate=0.01, **{name: np.array(values) for name, values in numbers.items()})
-    together = galton.train(Bandit(d=1), config, hypers, [3] * 4, **options)
+    agent = read(words | {name: np.array(values) for name, values in numbers.items()})
+    together = galton.train(Bandit(d=1), agent, [3] * 4, **options)
     sigma = together.log.scalars["sigma"]
     first = np.exp(np.maximum(numbers["log_std_init"], numbers["log_std_min"])) * np.where(numbers["box_units"], 10, 1)
     np.testing.assert_allclose(sigma[:, 0], first, rtol=0.3)
     assert (sigma[2] >= np.float32(np.exp(-0.5))).all()
     for i in range(4):
-        alone = Hypers(learning_rate=0.01, **{name: values[i] for name, values in numbers.items()})
-        result = galton.train(Bandit(d=1), config, alone, [3], **options)
+        alone = read(words | {name: values[i] for name, values in numbers.items()})
+        result = galton.train(Bandit(d=1), alone, [3], **options)
         np.testing.assert_allclose(result.log.scalars["sigma"][0], sigma[i], rtol=1e-4)
         jax.tree.map(
             lambda one, all_, i=i: np.testing.assert_allclose(one[0], all_[i], rtol=1e-3, atol=1e-5),

@@ -8,7 +8,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.special import log_softmax
 
-from galton import Config, Hypers, UsageError
+from galton import UsageError
 
 from ..agents import agent
 
@@ -30,9 +30,9 @@ ACTIONS = ["mode", "mean", "median"]
 @example(6.0, 0.0078125, 2, "bounds", 6.0, 2)
 def test_over_any_box(name, low, width, k, centers, scale, seed):
     low, high = (np.full(D, x, np.float32) for x in (low, low + width))
-    config = Config("hl-one-hot", policy=name, n_bins=k, bin_centers=centers)
+    words = {"loss": "hl-one-hot", "policy": name, "n_bins": k, "bin_centers": centers}
     try:
-        policy = agent(config, Hypers(eta=1.0), low, high).policy
+        policy = agent(words, low=low, high=high).policy
     except UsageError:  # the box is too narrow for so many bins in float32
         assert (high - low < 5e-7 * k * np.maximum(abs(low), abs(high))).all()
         return

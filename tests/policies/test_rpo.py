@@ -12,9 +12,9 @@ from galton.networks import mlp
 from galton.parts import Box
 from galton.policies import GaussianPolicy, RpoPolicy
 
-from ..algorithms.minibatches import HIGH, HYPERS, LOW, N, T, agent_of, fresh, moved, rollout_of, with_a2c
+from ..algorithms.minibatches import HIGH, LOW, N, T, agent_of, fresh, moved, rollout_of, with_a2c
 
-ALPHA = HYPERS._replace(rpo_alpha=0.8, ent_coef=0.0)
+ALPHA = {"rpo_alpha": 0.8, "ent_coef": 0.0}
 KEY = jax.random.key(11)
 
 
@@ -30,7 +30,7 @@ def test_it_acts_as_the_gaussian():
 
 def test_moves_are_uniform_and_new_for_each_output_and_key():
     outputs = jnp.full((5000, 2), 3.0)
-    first, second = (RpoPolicy(rpo_alpha=ALPHA.rpo_alpha).moved(outputs, key) for key in jax.random.split(KEY))
+    first, second = (RpoPolicy(rpo_alpha=ALPHA["rpo_alpha"]).moved(outputs, key) for key in jax.random.split(KEY))
     assert kstest(np.ravel(first), uniform(3 - 0.8, 1.6).cdf).pvalue > 1e-3
     assert len(np.unique(np.concatenate([first, second]))) > 0.99 * 2 * first.size
 
@@ -71,18 +71,18 @@ def check(found, expected):
 
 @pytest.mark.parametrize("count", [0, 7])
 def test_ppos_gradient_is_that_of_means_moved_by_the_minibatchs_own_key(count):
-    agent = agent_of("rpo", "gaussian", hypers=ALPHA, batch_size=T * N)
+    agent = agent_of("rpo", "gaussian", **ALPHA, batch_size=T * N)
     learner = moved(agent)
     rows = ppo.prepare(agent, learner, rollout_of(agent, learner))
     params = jax.tree.map(lambda x: x + 0.01, learner.params)
     start = fresh(agent, params)
     counted = start._replace(optimizer=start.optimizer._replace(count=jnp.int32(count)))
-    order = jnp.arange(T * N)[None]
+    order, clip_range = jnp.arange(T * N)[None], agent.algorithm.clip_range
     found = gradient_of(lambda learner: ppo.fit(agent, learner, rows, order, KEY), counted)
 
     def clipped(log_prob, advantage):
         ratio = (log_prob - tensor(rows.log_prob)).exp()
-        return torch.minimum(ratio * advantage, ratio.clamp(1 - ALPHA.clip_range, 1 + ALPHA.clip_range) * advantage)
+        return torch.minimum(ratio * advantage, ratio.clamp(1 - clip_range, 1 + clip_range) * advantage)
 
     check(found, torchs(params, rows, jax.random.fold_in(KEY, count), clipped))
     with pytest.raises(AssertionError):
@@ -90,7 +90,7 @@ def test_ppos_gradient_is_that_of_means_moved_by_the_minibatchs_own_key(count):
 
 
 def test_a2cs_gradient_is_that_of_means_moved_by_the_updates_key():
-    agent = agent_of("rpo", "gaussian", hypers=ALPHA)
+    agent = agent_of("rpo", "gaussian", **ALPHA)
     learner = moved(agent)
     batch = rollout_of(agent, learner)
     rows = ppo.prepare(agent, learner, batch)
@@ -105,7 +105,7 @@ def test_a2cs_gradient_is_that_of_means_moved_by_the_updates_key():
 def test_with_alpha_0_it_learns_what_the_gaussian_learns(algorithm):
     learners = []
     for name in ("rpo", "gaussian"):
-        agent = agent_of(name, "gaussian", hypers=HYPERS._replace(rpo_alpha=0.0) if name == "rpo" else HYPERS)
+        agent = agent_of(name, "gaussian", **{"rpo_alpha": 0.0} if name == "rpo" else {})
         agent = with_a2c(agent) if algorithm == "a2c" else agent
         learner = moved(agent)
         update = jax.jit(lambda learner, batch, agent=agent: agent.algorithm.update(agent, learner, batch, KEY))
@@ -115,7 +115,7 @@ def test_with_alpha_0_it_learns_what_the_gaussian_learns(algorithm):
 
 
 def test_every_rollouts_update_has_moves_of_its_own():
-    agent = agent_of("rpo", "gaussian", hypers=ALPHA)
+    agent = agent_of("rpo", "gaussian", **ALPHA)
     learner = moved(agent)
     outputs = mlp(learner.params["actor"], rollout_of(agent, learner).observation.reshape(T * N, -1))
     seen = [actor_critic.as_update_sees(agent, outputs, learner.params, key).mean for key in jax.random.split(KEY)]

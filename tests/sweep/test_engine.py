@@ -79,7 +79,7 @@ def test_a_sweep_does_every_shard_once_and_then_nothing(tmp_path):
 def test_the_table_has_every_run_with_its_setting(reference):
     table = results.collect(Store(str(reference)), Plan.load(Store(str(reference))))
     rows = [(r["setting.loss"], r["setting.learning_rate"], r["trial"]) for r in table.to_pylist()]
-    assert rows == [(s.config.loss, s.hypers.learning_rate, t) for s in SETTINGS for t in range(3)]
+    assert rows == [(s["loss"], s["learning_rate"], t) for s in SETTINGS for t in range(3)]
     assert len(set(table.column("seed").to_pylist())) == 12
 
 
@@ -234,10 +234,10 @@ def test_a_worker_keeps_its_program_and_a_new_one_takes_another():
     plan = Plan.create(dataclasses.replace(STUDY, trials=20), 4)  # ten shards of each loss
     pending = engine._Pending(plan, range(plan.n_shards))
     first, second = pending.pop(None), pending.pop(None)
-    own, other = plan.configs[first], plan.configs[second]
+    own, other = plan.firsts[first].program, plan.firsts[second].program
     assert own != other
-    assert [plan.configs[pending.pop(own)] for _ in range(9)] == [own] * 9
-    assert plan.configs[pending.pop(own)] == other  # nothing else is left
+    assert [plan.firsts[pending.pop(own)].program for _ in range(9)] == [own] * 9
+    assert plan.firsts[pending.pop(own)].program == other  # nothing else is left
     left = 0
     while pending:
         pending.pop(other)
@@ -255,7 +255,7 @@ def test_the_best_setting_is_that_of_the_highest_mean(reference):
         means = {
             rate: np.mean([r["final_training_return"] for r in rows if key(r) == (loss, rate)]) for rate in (0.001, 0.1)
         }
-        assert winner.setting.hypers.learning_rate == max(means, key=means.get)
+        assert winner.setting["learning_rate"] == max(means, key=means.get)
         assert winner.final_training_return.mean() == pytest.approx(max(means.values()), rel=1e-6)
         assert winner.n_settings == 2
 

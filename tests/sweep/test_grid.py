@@ -4,7 +4,7 @@ import collections
 
 import pytest
 
-from galton import LOSSES, Config, Hypers
+from galton import LOSSES
 from galton.envs import ENVS
 from galton.errors import UsageError
 from galton.sweep.grid import GRIDS, expand, find_grid, paper_grid, random_grid, task_defaults
@@ -15,19 +15,19 @@ from galton.sweep.study import Setting, Study
 def test_the_papers_grid_has_its_settings_in_seven_programs(env, n):
     settings = paper_grid(env, task_defaults(env))
     assert len(set(settings)) == len(settings) == n
-    assert len({setting.config for setting in settings}) == 7
-    per_loss = collections.Counter(setting.config.loss for setting in settings)
+    assert len({setting.program for setting in settings}) == 7
+    per_loss = collections.Counter(setting["loss"] for setting in settings)
     assert per_loss == {"gaussian": 4, "hl-one-hot": 12, "hl-gauss": n - 16}
 
 
 def test_the_papers_grid_is_that_of_the_appendix():
     settings = find_grid("paper", "mountain-car")
-    assert {s.hypers.learning_rate for s in settings} == {1e-4, 3e-4, 7e-4, 1e-3}
-    assert {s.hypers.eta for s in settings if s.config.loss == "hl-gauss"} == {0.01, 0.05, 0.1, 0.25, 0.5, 0.75}
-    assert {s.config.n_bins for s in settings if s.config.loss != "gaussian"} == {50, 100, 200}
+    assert {s["learning_rate"] for s in settings} == {1e-4, 3e-4, 7e-4, 1e-3}
+    assert {s["eta"] for s in settings if s["loss"] == "hl-gauss"} == {0.01, 0.05, 0.1, 0.25, 0.5, 0.75}
+    assert {s["n_bins"] for s in settings if s["loss"] != "gaussian"} == {50, 100, 200}
     bandit = find_grid("paper", "bandit")
-    assert {s.hypers.learning_rate for s in bandit} == {0.01, 0.05, 0.1, 1}
-    assert {(s.config.n_steps, s.config.net_arch) for s in bandit} == {(5, ())}
+    assert {s["learning_rate"] for s in bandit} == {0.01, 0.05, 0.1, 1}
+    assert {(s["n_steps"], s["net_arch"]) for s in bandit} == {(5, ())}
 
 
 def test_lists_are_axes_and_the_rest_is_fixed():
@@ -37,9 +37,9 @@ def test_lists_are_axes_and_the_rest_is_fixed():
     ]
     settings = expand(blocks, {"n_steps": 7, "gamma": 0.5})
     assert len(settings) == 2 + 12
-    assert all(s.config.n_steps == 7 and s.hypers.gamma == 0.5 for s in settings)
-    assert {s.config.net_arch for s in settings if s.config.loss == "gaussian"} == {(8, 8)}
-    assert {s.config.net_arch for s in settings if s.config.loss == "hl-gauss"} == {(8,), ()}
+    assert all(s["n_steps"] == 7 and s["gamma"] == 0.5 for s in settings)
+    assert {s["net_arch"] for s in settings if s["loss"] == "gaussian"} == {(8, 8)}
+    assert {s["net_arch"] for s in settings if s["loss"] == "hl-gauss"} == {(8,), ()}
     assert expand(blocks + blocks, {}) == expand(blocks, {})
 
 
@@ -48,13 +48,14 @@ def test_what_some_of_a_grid_have_a_use_for_is_left_out_for_the_others():
     base = {"bin_centers": "bounds", "target_tails": "edges", "initial_policy": "clipped-gaussian", "eta": 2.0}
     settings = expand([{"loss": losses}], base)
     assert settings == (
-        Setting(Config("gaussian"), Hypers(eta=2.0)),  # a name of before
-        Setting(Config("hl-one-hot", bin_centers="bounds", initial_policy="clipped-gaussian"), Hypers(eta=2.0)),
-        Setting(Config("hl-gauss", **{name: base[name] for name in base if name != "eta"}), Hypers(eta=2.0)),
+        Setting({"loss": "gaussian", "eta": 2.0}),  # a name of before
+        Setting({"loss": "hl-one-hot", "bin_centers": "bounds", "initial_policy": "clipped-gaussian", "eta": 2.0}),
+        Setting({"loss": "hl-gauss", **base}),
     )
     of_old = {"initial_policy": "gaussian"}
-    assert [setting.config.initial_policy for setting in expand([{"loss": losses}], of_old)] == ["gaussian"] * 3
-    with pytest.raises(UsageError, match="target_tails is 'edges'; it goes with policy 'smoothed' or loss 'hl-gauss'"):
+    assert [setting["initial_policy"] for setting in expand([{"loss": losses}], of_old)] == ["gaussian"] * 3
+    owners = "loss 'hl-gauss', 'hl-gauss-centred' or policy 'smoothed'"
+    with pytest.raises(UsageError, match=f"target_tails is 'edges'; it goes with {owners}"):
         expand([{"loss": losses[:2]}], base)
     with pytest.raises(UsageError, match="bin_centers is 'bounds'; it goes with policy 'histogram'"):
         expand([{"loss": losses, "bin_centers": "bounds"}], {})
@@ -62,8 +63,8 @@ def test_what_some_of_a_grid_have_a_use_for_is_left_out_for_the_others():
 
 def test_a_setting_survives_its_record_and_its_name_is_of_its_content():
     for setting in random_grid(task_defaults("lqr")):
-        assert Setting.of_record(setting.record()) == setting
-        assert Setting.of_record(setting.record()).name == setting.name
+        assert Setting(setting.record()) == setting
+        assert Setting(setting.record()).name == setting.name
     names = {setting.name for setting in paper_grid("lqr", {})}
     assert len(names) == 88
 
@@ -79,17 +80,17 @@ def test_a_longer_random_draw_begins_with_a_shorter_one_and_covers_all_losses():
         ):
             random_grid(task_defaults("lqr"), n)
     for setting in long:
-        assert 7e-5 <= setting.hypers.learning_rate <= 7e-3
-        assert 0.1 <= setting.hypers.eta <= 4
+        assert 7e-5 <= setting["learning_rate"] <= 7e-3
+        assert 0.1 <= setting["eta"] <= 4
 
 
 def test_a_grid_is_read_from_toml(tmp_path):
     path = tmp_path / "grid.toml"
     path.write_text('[[grid]]\nloss = "gaussian"\n[[grid]]\nloss = "hl-gauss-centred"\neta = [2.0, 4]\nn_bins = [50]\n')
     assert find_grid(str(path), "lqr") == (
-        Setting(Config("gaussian"), Hypers(7e-4)),
-        Setting(Config("hl-gauss-centred", 50), Hypers(7e-4, 2.0)),
-        Setting(Config("hl-gauss-centred", 50), Hypers(7e-4, 4.0)),
+        Setting({"loss": "gaussian", "learning_rate": 7e-4}),
+        Setting({"loss": "hl-gauss-centred", "n_bins": 50, "learning_rate": 7e-4, "eta": 2.0}),
+        Setting({"loss": "hl-gauss-centred", "n_bins": 50, "learning_rate": 7e-4, "eta": 4.0}),
     )
 
 
@@ -100,7 +101,8 @@ def test_a_grid_is_read_from_toml(tmp_path):
         ("[[grid]]\n[other]", "must hold one or more"),
         ("", "must hold one or more"),
         ("[[grid]", "can't be read as TOML"),
-        ('[[grid]]\nlose = "gaussian"', "'lose' is no setting; choose from loss, n_bins"),
+        ('[[grid]]\nlose = "gaussian"', "'lose' is no setting; did you mean loss?"),
+        ("[[grid]]\nwidth = 3", "'width' is no setting; choose from algorithm, batch_size"),
         ('[[grid]]\nloss = "mse"', "loss is 'mse'; choose from gaussian"),
         ("[[grid]]\neta = []", "eta is an empty list"),
         ("[[grid]]\neta = [0.5, -1]", "eta is -1.0; it must be finite, and greater than 0"),
@@ -135,11 +137,11 @@ def test_an_unknown_grid_is_taken_for_a_file():
         ({"seed": -1}, "seed is -1"),
         ({"seed": 2**63}, "less than"),
         ({"settings": ()}, "settings is empty"),
-        ({"settings": (Setting(Config(), Hypers()),) * 2}, "the same setting twice"),
+        ({"settings": (Setting({}),) * 2}, "the same setting twice"),
     ],
 )
 def test_a_wrong_study_is_refused(change, message):
-    study = {"env": "lqr", "settings": (Setting(Config(), Hypers()),), "trials": 2, "steps": 100}
+    study = {"env": "lqr", "settings": (Setting({}),), "trials": 2, "steps": 100}
     with pytest.raises(UsageError, match=message):
         Study(**study | change)
 
@@ -147,4 +149,4 @@ def test_a_wrong_study_is_refused(change, message):
 def test_every_named_grid_fits_every_task():
     for name in GRIDS:
         for env in ENVS:
-            assert {s.config.loss for s in find_grid(name, env)} <= set(LOSSES)
+            assert {s["loss"] for s in find_grid(name, env)} <= set(LOSSES)

@@ -1,7 +1,5 @@
 """How often a sweep compiles."""
 
-import dataclasses
-
 import jax
 import pytest
 
@@ -13,7 +11,7 @@ from galton.sweep.store import Store
 from galton.sweep.study import Study
 
 PROGRAMS = 4
-"""Of one Config: begin, train, log, evaluate."""
+"""Of one structure of agents: begin, train, log, evaluate."""
 
 
 def count(call):
@@ -30,17 +28,15 @@ def count(call):
 
 
 @pytest.mark.slow
-def test_the_papers_grid_compiles_seven_configs_however_many_shards(tmp_path):
+def test_the_papers_grid_compiles_seven_structures_however_many_shards(tmp_path):
     store = Store(str(tmp_path))
-    small = tuple(
-        setting._replace(config=dataclasses.replace(setting.config, net_arch=(4,)))
-        for setting in find_grid("paper", "lqr")
-    )
+    small = tuple(setting.replace(net_arch=(4,)) for setting in find_grid("paper", "lqr"))
     plan = Plan.create(Study("lqr", small, 2, 40, logs=1, eval_episodes=1), 8)
     plan.save(store)
     assert plan.n_shards == 22
-    assert len(set(plan.configs)) == 7
-    first = count(lambda: [work(store.url, plan.configs.index(config)) for config in dict.fromkeys(plan.configs)])
+    programs = [setting.program for setting in plan.firsts]
+    assert len(set(programs)) == 7
+    first = count(lambda: [work(store.url, programs.index(program)) for program in dict.fromkeys(programs)])
     assert first <= 7 * PROGRAMS + 10  # besides, what JAX compiles once per process to place arrays
     assert count(lambda: [work(store.url, index) for index in range(plan.n_shards)]) == 0
 

@@ -16,9 +16,9 @@ def run(n, batch, fail=()):
     rounds = []
 
     def worth(setting):
-        if setting.config.loss in fail:
+        if setting["loss"] in fail:
             return -np.inf
-        return -abs(np.log(setting.hypers.learning_rate / 2e-3)) - abs(np.log(setting.hypers.eta))
+        return -abs(np.log(setting["learning_rate"] / 2e-3)) - abs(np.log(setting["eta"]))
 
     def means(settings):
         rounds.append(settings)
@@ -34,17 +34,17 @@ def test_each_round_adds_a_batch_per_loss_to_the_ones_before():
     for before, after in itertools.pairwise(rounds):
         assert after[: len(before)] == before
     for loss in LOSSES:
-        assert sum(s.config.loss == loss for s in rounds[-1]) == 10
+        assert sum(s["loss"] == loss for s in rounds[-1]) == 10
 
 
 def test_settings_stay_in_the_space_and_vary_only_what_matters():
     for setting in run(8, 8)[-1]:
-        assert 7e-5 <= setting.hypers.learning_rate <= 7e-3
-        assert setting.config.n_bins in (50, 100, 200)
-        if "eta" in parts.settings(LOSSES[setting.config.loss]):
-            assert 0.1 <= setting.hypers.eta <= 4
+        assert 7e-5 <= setting["learning_rate"] <= 7e-3
+        assert setting["n_bins"] in (50, 100, 200)
+        if "eta" in parts.settings(LOSSES[setting["loss"]]):
+            assert 0.1 <= setting["eta"] <= 4
         else:
-            assert setting.hypers.eta == 0.25
+            assert setting["eta"] == 0.25
 
 
 def test_run_again_it_proposes_the_same():
@@ -52,8 +52,8 @@ def test_run_again_it_proposes_the_same():
 
 
 def test_it_finds_what_is_worth_more():
-    settings = [s for s in run(40, 4)[-1] if s.config.loss == "hl-gauss"]
-    distance = [abs(np.log(s.hypers.learning_rate / 2e-3)) + abs(np.log(s.hypers.eta)) for s in settings]
+    settings = [s for s in run(40, 4)[-1] if s["loss"] == "hl-gauss"]
+    distance = [abs(np.log(s["learning_rate"] / 2e-3)) + abs(np.log(s["eta"])) for s in settings]
     assert np.mean(distance[-12:]) < 0.7 * np.mean(distance[:12])
 
 

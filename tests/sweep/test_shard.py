@@ -13,7 +13,7 @@ from galton.sweep.grid import expand
 from galton.sweep.plan import Plan
 from galton.sweep.shard import FOLDER, finished, read, work
 from galton.sweep.store import Store
-from galton.sweep.study import Study
+from galton.sweep.study import Setting, Study
 
 TINY = {"n_steps": 5, "net_arch": (), "n_bins": 5, "learning_rate": [0.01, 0.1]}
 
@@ -35,8 +35,7 @@ def test_a_shard_holds_what_train_gives(planned):
     table = read(store, finished(store, plan)[1])
     result = galton.train(
         galton.envs.Bandit(),
-        shard.config,
-        shard.hypers,
+        shard.agent,
         shard.seeds.tolist(),
         60,
         n_logs=3,
@@ -152,9 +151,8 @@ def test_modules_named_in_the_study_are_imported_first(tmp_path, monkeypatch):
     )
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.setattr("galton.losses.LOSSES", galton.LOSSES)
-    settings = tuple(
-        s._replace(config=dataclasses.replace(s.config, loss="mine")) for s in expand([TINY | {"loss": "gaussian"}], {})
-    )
+    of_ours = expand([TINY | {"loss": "gaussian"}], {})
+    settings = tuple(Setting.of_checked({**setting, "loss": "mine"}) for setting in of_ours)
     store = Store(str(tmp_path / "out"))
     Plan.create(Study("bandit", settings, 1, 20, imports=("my_losses_for_sweeps",)), 2).save(store)
     try:

@@ -55,7 +55,7 @@ def main(engine):
     seen, programs = [], []
     with tempfile.TemporaryDirectory() as folder:
         model = galton.A2C("bandit" if engine == "jax" else Walk, **SETTINGS)
-        size = UPDATES * model.config.n_steps * model.config.n_envs
+        size = UPDATES * model.settings["n_steps"] * model.settings["n_envs"]
         for _ in range(CALLS):
             calls = [Evaluate(size, 2), JSONLines(f"{folder}/log"), Checkpoint(f"{folder}/model", size)]
             model.learn(size, calls, progress_bar=False, log_interval=10)

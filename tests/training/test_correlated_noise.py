@@ -5,8 +5,7 @@ import numpy as np
 import pytest
 
 import galton
-from galton import A2C, Hypers
-from galton.agents import agent_of
+from galton import A2C, make_agent
 from galton.algorithms import actor_critic
 from galton.envs import LQR
 from galton.saving import checkpoint
@@ -26,9 +25,9 @@ def noise_of(agent, learner, batch):
 
 
 def test_noise_goes_on_over_rollouts_and_begins_anew_with_an_episode():
-    env, config = LQR(max_episode_steps=LENGTH), galton.Config(loss="gaussian", n_steps=T, n_envs=N, net_arch=(4,))
-    hypers = Hypers(learning_rate=1e-2, noise_correlation=RHO)
-    population = populate(env, agent_of(config, Hypers._make(np.float32([value]) for value in hypers)), [7])
+    env, static = LQR(max_episode_steps=LENGTH), {"loss": "gaussian", "n_steps": T, "n_envs": N, "net_arch": (4,)}
+    agent = make_agent(**static, learning_rate=1e-2, noise_correlation=RHO)
+    population = populate(env, jax.tree.map(lambda number: np.float32([number]), agent), [7])
     assert isinstance(population, DevicePopulation)
     z, steps = np.zeros((N, 2)), 0
     for _ in range(4):
@@ -72,11 +71,11 @@ def test_without_correlation_a_file_has_no_word_of_it(tmp_path):
 
 
 def test_a_run_trains_alike_whether_or_not_its_neighbours_noise_is_correlated():
-    config = galton.Config(loss="hl-gauss", n_bins=9, n_steps=5, n_envs=2, net_arch=(8,))
+    static = {"loss": "hl-gauss", "n_bins": 9, "n_steps": 5, "n_envs": 2, "net_arch": (8,)}
     returns = {}
     for others in (0.0, 0.9):
-        hypers = Hypers(learning_rate=1e-2, noise_correlation=np.array([0.0, others]))
-        result = galton.train("lqr", config, hypers, [3, 4], 1_000, n_logs=2, n_eval_episodes=0)
+        agent = make_agent(**static, learning_rate=1e-2, noise_correlation=np.array([0.0, others]))
+        result = galton.train("lqr", agent, [3, 4], 1_000, n_logs=2, n_eval_episodes=0)
         returns[others] = result.log.training_return
     np.testing.assert_allclose(returns[0.9][0], returns[0.0][0], rtol=1e-3)
     assert (abs(returns[0.9][1] - returns[0.0][1]) > 1e-3 * abs(returns[0.0][1])).all()
@@ -86,8 +85,8 @@ def test_a_run_trains_alike_whether_or_not_its_neighbours_noise_is_correlated():
 @pytest.mark.parametrize("loss", ["gaussian", "hl-gauss"])
 def test_before_anything_is_learned_only_noise_that_persists_finds_the_flag_of_mountain_car(loss):
     rho = np.repeat([0.0, 0.95], 8)
-    hypers = Hypers(learning_rate=0.0, noise_correlation=rho)
-    result = galton.train("mountain-car", galton.Config(loss=loss), hypers, range(16), 20_000, n_logs=1)
+    agent = make_agent(loss=loss, learning_rate=0.0, noise_correlation=rho)
+    result = galton.train("mountain-car", agent, range(16), 20_000, n_logs=1)
     independent, persistent = np.split(result.log.columns()["training_return"][:, -1], 2)
     assert independent.max() < 0
     assert persistent.min() > 30

@@ -11,7 +11,7 @@ from scipy.special import softmax
 from scipy.stats import norm
 from stable_baselines3.common.utils import explained_variance
 
-from galton import LOSSES, Config, Hypers
+from galton import LOSSES
 from galton.algorithms import actor_critic
 from galton.critics import CRITICS
 from galton.losses import HLGauss, HLGaussCentred
@@ -23,7 +23,8 @@ from ..agents import agent as agent_in
 
 T, N, K = 6, 3, 8
 LOW, HIGH = np.array([-1.0, 0.0], np.float32), np.array([1.0, 3.0], np.float32)
-HYPERS = Hypers(gamma=0.9, gae_lambda=0.8, eta=0.7)
+ETA = 0.7
+WORDS = {"n_bins": K, "n_steps": T, "n_envs": N, "net_arch": (7, 5), "gamma": 0.9, "gae_lambda": 0.8, "eta": ETA}
 update = jax.jit(lambda agent, *rest: agent.algorithm.update(agent, *rest))
 
 
@@ -31,8 +32,7 @@ update = jax.jit(lambda agent, *rest: agent.algorithm.update(agent, *rest))
 def program(loss, critic):
     """(seed, scale) → a learner, a batch and its diagnosis."""
     own = {} if critic == "squared-error" else {"n_value_bins": K, "normalize_reward": True}
-    config = Config(loss=loss, n_bins=K, n_steps=T, n_envs=N, net_arch=(7, 5), critic=critic, **own)
-    agent = agent_in(config, HYPERS, LOW, HIGH)
+    agent = agent_in(WORDS | {"loss": loss, "critic": critic} | own, low=LOW, high=HIGH)
     return agent, jax.jit(functools.partial(_setup, agent))
 
 
@@ -92,7 +92,8 @@ def test_explained_variance_is_sb3s_of_the_decoded_value(critic):
     if critic == "squared-error":
         values, following = (each[..., 0] for each in estimates)
     else:
-        centers = HYPERS.value_min + (HYPERS.value_max - HYPERS.value_min) * (np.arange(K) + 0.5) / K
+        low, high = agent.critic.value_min, agent.critic.value_max
+        centers = low + (high - low) * (np.arange(K) + 0.5) / K
         values, following = (softmax(each, -1) @ centers for each in estimates)
     advantage = np.asarray(actor_critic.advantages(agent, jnp.ravel(values), jnp.ravel(following), batch))
     expected = explained_variance(values.ravel(), advantage + values.ravel())
@@ -127,7 +128,7 @@ def test_the_bias_is_hl_gausss_alone_and_its_closed_form(loss):
         assert diagnosis["hl_gauss_bias"] == 0
         return
     edges = np.arange(K + 1)
-    cdf = norm.cdf((edges - (np.arange(K)[:, None] + 0.5)) / HYPERS.eta)
+    cdf = norm.cdf((edges - (np.arange(K)[:, None] + 0.5)) / ETA)
     table = np.diff(cdf) / (cdf[:, -1:] - cdf[:, :1])
     probs = np.asarray(actor_critic.distribution(agent, learner.params, batch.observation).probs, np.float64)
     values = (
@@ -144,7 +145,7 @@ def test_centring_takes_the_bias_away():
     agent, learner, batch, _ = setup("hl-gauss")
     distribution = actor_critic.distribution(agent, learner.params, batch.observation[0, :1])
     centers = jnp.asarray(agent.policy.bins.centers.T)[:, None]
-    for loss, biased in ((HLGauss(eta=HYPERS.eta), True), (HLGaussCentred(eta=HYPERS.eta), False)):
+    for loss, biased in ((HLGauss(eta=ETA), True), (HLGaussCentred(eta=ETA), False)):
 
         def mean_loss(logits, loss=loss):
             whole = dataclasses.replace(distribution, logits=jnp.broadcast_to(logits, (K, *logits.shape)))

@@ -11,15 +11,14 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from galton import ALGORITHMS, Hypers
-from galton.agents import agent_of
+from galton import make_agent
 from galton.envs import find
+from galton.parts import Box
 from galton.training.on_device import DevicePopulation, begin_on_device, iteration
 from galton.training.population import populate
 from galton.training.rollout import draw_noise
 from galton.training.run import read_log, rollout_key
 
-from ..agents import agent as agent_in
 from .slide import HIGH, LOW, Slide, slide
 
 SEEDS, UPDATES = (3, 4), 5
@@ -36,18 +35,17 @@ CASES = [
 ]
 
 
-def settings(algorithm, loss, more):
+def agent_of(algorithm, loss, more):
     """Two copies, eight steps a rollout; episodes end by the edge and by the limit in every few of them."""
     own = {"n_epochs": 3, "batch_size": 4} if algorithm == "ppo" else {}
-    entry = ALGORITHMS[algorithm]
-    numbers = {name: value for name, value in more.items() if name in Hypers._fields}
-    static = own | {name: value for name, value in more.items() if name not in numbers}
-    config = entry.config(loss=loss, n_bins=9, n_steps=8, n_envs=2, net_arch=(8,), **static)
-    return config, entry.hypers(gamma=0.9, gae_lambda=0.8, ent_coef=0.01, eta=0.6, **numbers)
+    static = {"n_bins": 9, "n_steps": 8, "n_envs": 2, "net_arch": (8,)}
+    numbers = {"gamma": 0.9, "gae_lambda": 0.8, "ent_coef": 0.01, "eta": 0.6}
+    return make_agent(algorithm=algorithm, loss=loss, **own, **static, **numbers, **more)
 
 
-def each(config, hypers):
-    return agent_of(config, Hypers._make(np.full(len(SEEDS), value, np.float32) for value in hypers))
+def each(agent):
+    """The agent of as many runs as there are seeds."""
+    return jax.tree.map(lambda number: np.full(len(SEEDS), number, np.float32), agent)
 
 
 def by_hand(agent, seed, draw):
@@ -81,10 +79,10 @@ def check_close(ours, theirs):
 
 @pytest.mark.parametrize(("algorithm", "loss", "more"), CASES)
 def test_the_same_dynamics_on_the_host_give_the_same_rollouts_updates_and_logs(algorithm, loss, more):
-    config, hypers = settings(algorithm, loss, more)
-    population = populate(slide, each(config, hypers), SEEDS, jax.devices()[:1])
+    agent = agent_of(algorithm, loss, more)
+    population = populate(slide, each(agent), SEEDS, jax.devices()[:1])
     (group,) = population._groups
-    agent = agent_in(config, hypers, LOW, HIGH)
+    agent = agent.on(Box.of(LOW, HIGH))
     runs = [by_hand(agent, seed, of_the_host) for seed in SEEDS]
     ends = np.zeros(2)
     for _ in range(UPDATES):
@@ -104,19 +102,19 @@ def test_the_same_dynamics_on_the_host_give_the_same_rollouts_updates_and_logs(a
 
 @pytest.mark.parametrize(("algorithm", "loss", "more"), [*CASES[1:3], CASES[-1]])
 def test_a_population_on_the_device_is_one_iteration_after_the_other(algorithm, loss, more):
-    config, hypers = settings(algorithm, loss, more)
-    population = populate(Slide(), each(config, hypers), SEEDS)
+    agent = agent_of(algorithm, loss, more)
+    population = populate(Slide(), each(agent), SEEDS)
     assert isinstance(population, DevicePopulation)
     population.advance(UPDATES)
     for i, seed in enumerate(SEEDS):
-        *_, (state, batch) = by_hand(agent_in(config, hypers, LOW, HIGH), seed, of_the_device)
+        *_, (state, batch) = by_hand(agent.on(Box.of(LOW, HIGH)), seed, of_the_device)
         check_close(jax.tree.map(lambda x, i=i: x[i], population.learner), state.run.learner)
         check_close(jax.tree.map(lambda x, i=i: np.asarray(x)[i], population._batch), batch)
 
 
 def test_both_engines_evaluate_the_same_policy_alike():
-    config, hypers = settings("a2c", "hl-gauss", NORMALIZE)
-    device, host = (populate(env, each(config, hypers), SEEDS) for env in (Slide(), slide))
+    agent = agent_of("a2c", "hl-gauss", NORMALIZE)
+    device, host = (populate(env, each(agent), SEEDS) for env in (Slide(), slide))
     check_close(device.learner, host.learner)
     np.testing.assert_allclose(device.evaluate(2), host.evaluate(2), rtol=1e-5)
     host.close()

@@ -10,13 +10,13 @@ import pytest
 from gymnasium.spaces import Box, Discrete
 
 import galton
-from galton import A2C, BrokenEnvironmentError, UsageError
+from galton import A2C, BrokenEnvironmentError, UsageError, make_agent
 from galton.callbacks import Evaluate
 from galton.training import on_host
 from galton.training.host_group import Group
 
 SMALL = {"preset": "paper", "n_bins": 4, "net_arch": (4,), "n_steps": 4}
-CONFIG = galton.Config(n_bins=4, net_arch=(4,), n_steps=4)
+AGENT = make_agent(n_bins=4, net_arch=(4,), n_steps=4)
 
 
 class Rooms:
@@ -96,10 +96,7 @@ def test_a_model_that_can_not_begin(fails, at):
     "fails", [pytest.param(fails, marks=[pytest.mark.slow] * (fails not in ("make", "reset"))) for fails in FAILURES]
 )
 def test_runs_that_can_not_begin(fails):
-    config = CONFIG
-    begin_and_fail(
-        Rooms(fails), lambda rooms: galton.train(rooms, config, galton.Hypers(), [0, 1, 2], 8), FAILURES[fails]
-    )
+    begin_and_fail(Rooms(fails), lambda rooms: galton.train(rooms, AGENT, [0, 1, 2], 8), FAILURES[fails])
 
 
 @pytest.mark.parametrize(
@@ -163,6 +160,6 @@ def test_where_one_group_of_several_fails_the_others_are_waited_for_and_closed(m
     devices = galton.training.population.jax.devices()[:1] * 2
     monkeypatch.setattr(on_host, "min", lambda *_: 2, raising=False)
     with pytest.raises(ZeroDivisionError):
-        galton.train("Reacher-v5", CONFIG, galton.Hypers(), [0, 1], 8, devices=devices)
+        galton.train("Reacher-v5", AGENT, [0, 1], 8, devices=devices)
     assert closed_inside == [False, False]
     assert threads() == before

@@ -187,10 +187,10 @@ def test_an_episode_that_somebody_else_moved_begins_anew_and_it_is_said(make, ot
         pytest.skip("SB3 evaluates on its own vector environments only")
     env = make()
     model = make_model(env)
-    assert set(learn(model, 6 * model.config.n_envs)) == set()
+    assert set(learn(model, 6 * model.settings["n_envs"])) == set()
     other(model, env)
     with pytest.warns(SharedEnvironment, match="was reset or stepped by somebody else since training left it"):
-        lengths = learn(model, 2 * 14 * model.config.n_envs)
+        lengths = learn(model, 2 * 14 * model.settings["n_envs"])
     assert set(lengths) == {LENGTH}
     with warnings.catch_warnings():
         warnings.simplefilter("error", SharedEnvironment)

@@ -7,7 +7,6 @@ import pytest
 from gymnasium.spaces import Box, Dict, Discrete
 
 from galton.training import population
-from galton.types import Config
 
 from ..agents import agent
 from ..envs.host.walks import Walk
@@ -33,7 +32,7 @@ def test_raw_images_are_said_not_to_suit_the_networks(env, normalize, is_told, m
     with warnings.catch_warnings(record=True) as told:
         warnings.simplefilter("always")
         with pytest.raises(NotImplementedError):
-            population.populate(env, agent(Config(normalize_observation=normalize)), [0])
+            population.populate(env, agent({"normalize_observation": normalize}), [0])
     assert len(told) == is_told
     for warning in told:
         assert str(warning.message).startswith("Seeing observes Dict('eye': Box(0, 255, (4, 4, 3), uint8)")

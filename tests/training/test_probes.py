@@ -4,7 +4,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from galton import LOSSES, Config, Hypers, train
+from galton import LOSSES, make_agent, train
+from galton.agents import read
 from galton.algorithms import actor_critic
 from galton.critics import CRITICS
 
@@ -12,7 +13,7 @@ from ..agents import agent
 from .probes import Probe
 
 SOME = [pytest.param(loss, marks=[pytest.mark.slow] * (loss != "hl-gauss")) for loss in LOSSES]
-FAST = Hypers(learning_rate=3e-3)
+FAST = {"n_steps": 8, "n_envs": 2, "net_arch": (32,), "learning_rate": 3e-3}
 
 
 @pytest.fixture(params=[pytest.param(name, marks=[pytest.mark.slow] * (name != "hl-gauss")) for name in CRITICS])
@@ -23,13 +24,12 @@ def critic(request):
 OF_PPO = {"algorithm": "ppo", "n_steps": 32, "batch_size": 32, "n_epochs": 4}
 
 
-def values_after(env, critic, steps=40_000, gamma=0.9, own=(), **hypers):
-    config = Config(**{"loss": "gaussian", "n_steps": 8, "n_envs": 2, "net_arch": (32,), "critic": critic} | dict(own))
-    hypers |= {} if critic == "squared-error" else {"value_min": -8.0, "value_max": 7.0}
-    numbers = Hypers(3e-3, gamma=gamma, **hypers)
-    result = train(env, config, numbers, [0], steps, n_logs=5, n_eval_episodes=2)
+def values_after(env, critic, steps=40_000, gamma=0.9, own=()):
+    words = FAST | {"loss": "gaussian", "critic": critic, "gamma": gamma} | dict(own)
+    words |= {} if critic == "squared-error" else {"value_min": -8.0, "value_max": 7.0}
+    result = train(env, read(words), [0], steps, n_logs=5, n_eval_episodes=2)
     params = {"critic": [{name: x[0] for name, x in layer.items()} for layer in result.learner.params["critic"]]}
-    return np.asarray(actor_critic.value(agent(config, numbers), params, jnp.array([[-1.0], [1.0]])))
+    return np.asarray(actor_critic.value(agent(words), params, jnp.array([[-1.0], [1.0]])))
 
 
 def test_the_critic_learns_a_constant(critic):
@@ -58,7 +58,7 @@ def test_a_termination_is_worth_nothing_and_a_time_limit_what_follows(critic):
 
 @pytest.mark.parametrize("loss", SOME)
 def test_the_actor_learns_to_answer_the_observation(loss):
-    config = Config(loss=loss, n_bins=15, n_steps=8, n_envs=2, net_arch=(32,))
-    result = train(Probe("action"), config, FAST, range(6), 40_000, n_logs=10, n_eval_episodes=32)
+    agent = make_agent(loss=loss, n_bins=15, **FAST)
+    result = train(Probe("action"), agent, range(6), 40_000, n_logs=10, n_eval_episodes=32)
     assert np.median(result.final("evaluation_return")) > -0.1
     assert np.median(result.final("training_return")) > np.median(result.log.training_return[:, 0])

@@ -9,16 +9,16 @@ import galton
 from galton import DivergenceError
 from galton.normalization import Moments, Normalizer
 from galton.training.remedy import remedy
-from galton.types import Config, Learner
+from galton.types import Learner
 
 from ..agents import agent
 
 FINE = Moments(np.zeros(2), np.ones(2), np.float32(9))
 
 
-def told(low=-1.0, observation=(), reward=(), **config):
-    made = agent(Config(loss="gaussian", **config), low=[low, -1.0], high=[1.0, 1.0])
-    return remedy(made, Learner({}, (), Normalizer(observation, reward, ())))
+def told(low=-1.0, observation=(), reward=(), **words):
+    made = agent({"loss": "gaussian", **words}, low=[low, -1.0], high=[1.0, 1.0])
+    return remedy(made, Learner({}, (), Normalizer(observation, reward, ()), {}))
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,6 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from galton import Config
 from galton.algorithms import actor_critic
 from galton.envs import Bandit
 from galton.training.rollout import EpisodeState, draw_noise, rollout, start_episodes
@@ -22,7 +21,7 @@ T, N = 20, 3
 @pytest.fixture(scope="module")
 def played():
     """An agent, who acted, and what came of it in episodes that are two steps old."""
-    agent = agent_in(Config(loss="gaussian", n_steps=T, n_envs=N, net_arch=(8,)), low=LOW, high=HIGH)
+    agent = agent_in({"loss": "gaussian", "n_steps": T, "n_envs": N, "net_arch": (8,)}, low=LOW, high=HIGH)
     learner = actor_critic.init(jax.random.key(0), agent, 3)
     noise = draw_noise(jax.random.key(1), Slide(), agent)
     fresh = start_episodes(jax.random.key(2), Slide(), N)
@@ -77,7 +76,7 @@ def test_a_step_that_ends_by_itself_at_the_time_limit_is_no_time_limit():
             following, reward, _ = super().step(state, action, noise)
             return following, reward, following[2] > 0.125 * LIMIT - 0.01
 
-    agent = agent_in(Config(loss="gaussian", n_steps=LIMIT, n_envs=2, net_arch=()), low=LOW, high=HIGH)
+    agent = agent_in({"loss": "gaussian", "n_steps": LIMIT, "n_envs": 2, "net_arch": ()}, low=LOW, high=HIGH)
     learner = actor_critic.init(jax.random.key(0), agent, 3)
     noise, begun = draw_noise(jax.random.key(1), Ending(), agent), start_episodes(jax.random.key(2), Ending(), 2)
     *_, batch, finished = rollout(Ending(), agent, learner, begun, noise)
@@ -88,7 +87,7 @@ def test_a_step_that_ends_by_itself_at_the_time_limit_is_no_time_limit():
 
 def test_an_episode_begins_where_the_noise_says():
     env = Slide(max_episode_steps=1)
-    agent = agent_in(Config(loss="gaussian", n_steps=4, n_envs=2, net_arch=()), low=LOW, high=HIGH)
+    agent = agent_in({"loss": "gaussian", "n_steps": 4, "n_envs": 2, "net_arch": ()}, low=LOW, high=HIGH)
     noise = draw_noise(jax.random.key(0), env, agent)
     starts = jnp.arange(24.0).reshape(4, 2, 3)
     noise = noise._replace(fresh_states=starts)
@@ -110,7 +109,7 @@ def test_actions_steps_and_starts_are_drawn_apart():
         def noise(self, key):
             return jax.random.normal(key, (3,))
 
-    agent = agent_in(Config(loss="gaussian", n_steps=6, n_envs=4, net_arch=()), low=LOW, high=HIGH)
+    agent = agent_in({"loss": "gaussian", "n_steps": 6, "n_envs": 4, "net_arch": ()}, low=LOW, high=HIGH)
     drawn = [np.ravel(leaf) for leaf in draw_noise(jax.random.key(0), Drawn(), agent)]
     together = np.concatenate(drawn)
     assert len(np.unique(together)) == together.size
@@ -119,7 +118,7 @@ def test_actions_steps_and_starts_are_drawn_apart():
 def test_noise_has_a_key_of_its_own_for_each_step_and_copy():
     env = Bandit()
     agent = agent_in(
-        Config(loss="hl-gauss", n_steps=6, n_envs=4, net_arch=()), low=env.action_low, high=env.action_high
+        {"loss": "hl-gauss", "n_steps": 6, "n_envs": 4, "net_arch": ()}, low=env.action_low, high=env.action_high
     )
     noise = draw_noise(jax.random.key(0), env, agent)
     assert noise.action.shape == (6, 4, 2)

@@ -3,7 +3,6 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from galton import Config, Hypers
 from galton.algorithms import A2C
 from galton.envs import LQR
 from galton.training.log import Finished
@@ -13,9 +12,9 @@ from galton.types import Transition
 from ..agents import agent
 
 ENV = LQR()
-CONFIG = Config(loss="gaussian", n_steps=4, n_envs=2, net_arch=(4,))
+WORDS = {"loss": "gaussian", "n_steps": 4, "n_envs": 2, "net_arch": (4,)}
 BOX = {"low": ENV.action_low, "high": ENV.action_high}
-AGENT = agent(CONFIG, **BOX)
+AGENT = agent(WORDS, **BOX)
 FINISHED = Finished(jnp.zeros((4, 2), bool), jnp.zeros((4, 2)), jnp.zeros((4, 2), jnp.int32))
 learnt = jax.jit(learn)
 
@@ -25,7 +24,7 @@ def new(seed=0):
 
 
 def update(run, batch, **numbers):
-    return learnt(agent(CONFIG, Hypers(**numbers), **BOX), run, batch, FINISHED)
+    return learnt(agent(WORDS, numbers, **BOX), run, batch, FINISHED)
 
 
 def batch(scale=1.0):

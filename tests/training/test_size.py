@@ -6,7 +6,7 @@ import gymnasium
 import jax
 import pytest
 
-from galton import A2C, Config, UsageError, devices
+from galton import A2C, UsageError, devices
 from galton.algorithms import actor_critic
 from galton.envs.find import find
 from galton.training import size
@@ -41,7 +41,7 @@ def room(monkeypatch):
 )
 def test_what_is_too_big_is_named(env, changes, n_runs, n_episodes, named):
     with pytest.raises(UsageError, match=f"^{named}, too many: this needs .* GB of memory at least, and there are 8.0"):
-        size.check_size(find(env), agent(Config(**SMALL | changes)), n_runs, n_episodes)
+        size.check_size(find(env), agent(SMALL | changes), n_runs, n_episodes)
 
 
 @pytest.mark.usefixtures("room")
@@ -51,7 +51,7 @@ def test_what_is_too_big_is_named(env, changes, n_runs, n_episodes, named):
     [({}, 1, 10), ({"net_arch": (1024, 1024)}, 50, 100), ({"n_envs": 10_000}, 1, 0), ({"n_steps": 10**6}, 10, 1000)],
 )
 def test_what_may_fit_is_not_refused(env, changes, n_runs, n_episodes):
-    size.check_size(find(env), agent(Config(**SMALL | changes)), n_runs, n_episodes)
+    size.check_size(find(env), agent(SMALL | changes), n_runs, n_episodes)
 
 
 @pytest.mark.parametrize("env", ["bandit", PENDULUM, lambda: gymnasium.make(PENDULUM)])
@@ -60,7 +60,7 @@ def test_models_and_populations_refuse_it_before_they_make_anything(env):
     with pytest.raises(UsageError, match="n_envs or n_steps is 100000000000 or 5"):
         A2C(env, n_envs=10**11, n_steps=5)
     with pytest.raises(UsageError, match="seeds is 1000000000000 of them"):
-        populate(env, agent(Config(**SMALL)), range(10**12))
+        populate(env, agent(SMALL), range(10**12))
     assert time.monotonic() - start < 60
 
 
@@ -78,7 +78,7 @@ def test_what_it_counts_is_what_a_model_has():
     """The parameters and Adam's moments, of a policy that is one number for each action entry."""
     env = find("lqr")
     d, o = size._widths(env)
-    made = agent(Config(loss="gaussian", net_arch=(5, 7)), low=env.action_low, high=env.action_high)
+    made = agent({"loss": "gaussian", "net_arch": (5, 7)}, low=env.action_low, high=env.action_high)
     params = jax.eval_shape(lambda key: actor_critic.init(key, made, o), jax.random.key(0)).params
     n = sum(array.size for name in ("actor", "critic") for layer in params[name] for array in layer.values())
     assert size._n_parameters(o, (5, 7), d) + size._n_parameters(o, (5, 7), 1) == n

@@ -1,23 +1,18 @@
-import dataclasses
-
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from galton import LOSSES, Config, Hypers, UsageError, train
+from galton import LOSSES, UsageError, make_agent, train
 from galton.envs import LQR, Bandit, MountainCar
 
 from ..swing import swing
 from .probes import Probe
 
-CONFIG = Config(n_bins=20, net_arch=(16, 16))
 
-
-def run(env=None, config=CONFIG, hypers=None, seeds=(0,), steps=400, **settings):
-    return train(
-        env or LQR(), config, hypers or Hypers(), seeds, steps, **{"n_logs": 4, "n_eval_episodes": 2} | settings
-    )
+def run(env=None, words=None, seeds=(0,), steps=400, **settings):
+    agent = make_agent(**{"n_bins": 20, "net_arch": (16, 16)} | (words or {}))
+    return train(env or LQR(), agent, seeds, steps, **{"n_logs": 4, "n_eval_episodes": 2} | settings)
 
 
 def leaves(result, i):
@@ -35,8 +30,7 @@ SOME = [pytest.param(loss, marks=[] if loss in ("gaussian", "hl-gauss") else pyt
 
 @pytest.mark.parametrize("loss", SOME)
 def test_the_same_seed_gives_the_same_bits_and_another_seed_others(loss):
-    config = dataclasses.replace(CONFIG, loss=loss)
-    first, second = run(config=config, seeds=[3, 4]), run(config=config, seeds=[3, 4])
+    first, second = (run(words={"loss": loss}, seeds=[3, 4]) for _ in range(2))
     for i in range(2):
         assert_same_bits(leaves(first, i), leaves(second, i))
     assert any((x != y).any() for x, y in zip(leaves(first, 0), leaves(first, 1), strict=True))
@@ -44,11 +38,11 @@ def test_the_same_seed_gives_the_same_bits_and_another_seed_others(loss):
 
 @pytest.mark.parametrize("loss", [pytest.param(x, marks=[pytest.mark.slow] * (x != "hl-gauss")) for x in LOSSES])
 def test_a_run_alone_and_in_a_group_agree(loss):
-    config = dataclasses.replace(CONFIG, loss=loss)
     rates = np.array([1e-3, 7e-4, 1e-2, 3e-4, 1e-4], np.float32)
-    group = run(config=config, hypers=Hypers(rates), seeds=range(5), steps=20, n_logs=1)
+    group = run(words={"loss": loss, "learning_rate": rates}, seeds=range(5), steps=20, n_logs=1)
     for i in range(5):
-        alone = run(config=config, hypers=Hypers(float(rates[i])), seeds=[i], steps=20, n_logs=1)
+        words = {"loss": loss, "learning_rate": float(rates[i])}
+        alone = run(words=words, seeds=[i], steps=20, n_logs=1)
         for x, y in zip(jax.tree.leaves(group.learner.params), jax.tree.leaves(alone.learner.params), strict=True):
             np.testing.assert_allclose(x[i], y[0], rtol=1e-5, atol=1e-6)
 
@@ -61,12 +55,12 @@ def test_how_often_is_logged_and_evaluated_does_not_touch_training():
 
 def test_a_run_that_turns_nan_is_flagged_and_its_neighbours_keep_their_bits():
     rates = np.full(4, 1e-3, np.float32)
-    healthy = run(hypers=Hypers(rates), seeds=range(4))
+    healthy = run(words={"learning_rate": rates}, seeds=range(4))
     sick = rates.copy()
     sick[1] = 1e38  # overflows in a few updates
-    result = run(hypers=Hypers(sick), seeds=range(4))
+    result = run(words={"learning_rate": sick}, seeds=range(4))
     assert result.diverged_at[1] > 0
-    assert result.diverged_at[1] % CONFIG.n_steps == 0
+    assert result.diverged_at[1] % result.agent.rollout.n_steps == 0
     assert (np.delete(result.diverged_at, 1) == -1).all()
     after = result.steps >= result.diverged_at[1]
     assert np.isnan(result.log.training_return[1, after]).all()
@@ -98,17 +92,17 @@ def test_evaluation_can_be_turned_off():
 def test_steps_are_rounded_up_to_whole_updates_and_said():
     result = run(steps=410, n_logs=4)
     np.testing.assert_array_equal(result.steps, [120, 240, 360, 480])
-    assert len(run(Bandit(), Config(n_steps=5, net_arch=()), steps=10, n_logs=100).steps) == 2
+    assert len(run(Bandit(), {"n_steps": 5, "net_arch": ()}, steps=10, n_logs=100).steps) == 2
 
 
 def test_several_environments_per_run():
-    result = run(config=dataclasses.replace(CONFIG, n_envs=4, n_steps=5), steps=400)
+    result = run(words={"n_envs": 4, "n_steps": 5}, steps=400)
     assert result.steps[-1] == 400
     np.testing.assert_array_equal(result.log.n_episodes.sum(1), [4])
 
 
 @pytest.mark.parametrize(
-    "settings",
+    "words",
     [
         pytest.param({"initial_policy": "gaussian"}, marks=pytest.mark.slow),
         {"exploration": "gaussian", "bin_sample": "uniform"},
@@ -117,19 +111,19 @@ def test_several_environments_per_run():
     ],
 )
 @pytest.mark.parametrize("loss", ["hl-gauss", pytest.param("hl-gauss-centred", marks=pytest.mark.slow)])
-def test_every_variant_trains(loss, settings):
-    result = run(config=dataclasses.replace(CONFIG, loss=loss, **settings))
+def test_every_variant_trains(loss, words):
+    result = run(words={"loss": loss, **words})
     assert (result.diverged_at == -1).all()
     assert np.isfinite(result.log.evaluation_return).all()
 
 
-def test_hypers_are_data_and_do_not_compile_again():
+def test_numbers_are_data_and_do_not_compile_again():
     from galton.training import on_device as module
 
     module._compile.cache_clear()
     for rate in (1e-4, 1e-3):
         for eta in (0.1, 0.5):
-            run(hypers=Hypers(rate, eta=eta), seeds=[1, 2])
+            run(words={"learning_rate": rate, "eta": eta}, seeds=[1, 2])
     assert module._compile.cache_info().misses == 1
 
 
@@ -141,14 +135,14 @@ def test_hypers_are_data_and_do_not_compile_again():
         ({"steps": 0}, "total_timesteps is 0"),
         ({"n_logs": 0}, "n_logs is 0"),
         ({"n_eval_episodes": -1}, "n_eval_episodes is -1"),
-        ({"hypers": Hypers(eta=0.0)}, "eta is 0.0"),
-        ({"hypers": Hypers(eta=np.array([0.5, -1.0]))}, "eta is -1.0"),
-        ({"hypers": Hypers(gamma=1.1)}, "gamma is 1.1"),
-        ({"hypers": Hypers(learning_rate=float("nan"))}, "learning_rate is nan"),
-        ({"hypers": Hypers(learning_rate=float("inf"))}, "learning_rate is inf"),
-        ({"hypers": Hypers(max_grad_norm=0.0)}, "max_grad_norm is 0.0"),
-        ({"hypers": Hypers(vf_coef=np.ones(3))}, r"vf_coef has shape \(3,\)"),
-        ({"config": dataclasses.replace(CONFIG, loss="mse")}, "loss is 'mse'"),
+        ({"words": {"eta": 0.0}}, "eta is 0.0"),
+        ({"words": {"eta": np.array([0.5, -1.0])}}, "eta is -1.0"),
+        ({"words": {"gamma": 1.1}}, "gamma is 1.1"),
+        ({"words": {"learning_rate": float("nan")}}, "learning_rate is nan"),
+        ({"words": {"learning_rate": float("inf")}}, "learning_rate is inf"),
+        ({"words": {"max_grad_norm": 0.0}}, "max_grad_norm is 0.0"),
+        ({"words": {"vf_coef": np.ones(3)}}, r"vf_coef has shape \(3,\)"),
+        ({"words": {"loss": "mse"}}, "loss is 'mse'"),
     ],
 )
 def test_bad_arguments_are_refused_by_name(settings, message):
@@ -157,7 +151,7 @@ def test_bad_arguments_are_refused_by_name(settings, message):
 
 
 @pytest.mark.parametrize(
-    ("settings", "message"),
+    ("words", "message"),
     [
         ({"n_bins": 1}, "n_bins is 1"),
         ({"n_steps": 0}, "n_steps is 0"),
@@ -166,15 +160,15 @@ def test_bad_arguments_are_refused_by_name(settings, message):
         ({"n_steps": 1, "normalize_advantage": True}, "normalize_advantage needs"),
     ],
 )
-def test_bad_configs_are_refused_by_name(settings, message):
+def test_bad_words_are_refused_by_name(words, message):
     with pytest.raises(UsageError, match=message):
-        Config(**settings)
+        make_agent(**words)
 
 
 def test_a_loss_that_changed_is_compiled_again(monkeypatch):
-    before = run(config=dataclasses.replace(CONFIG, loss="hl-one-hot"))
+    before = run(words={"loss": "hl-one-hot"})
     monkeypatch.setitem(LOSSES, "hl-one-hot", LOSSES["hl-gauss-centred"])
-    after = run(config=dataclasses.replace(CONFIG, loss="hl-one-hot"), hypers=Hypers(eta=2.0))
+    after = run(words={"loss": "hl-one-hot", "eta": 2.0})
     assert any((x != y).any() for x, y in zip(leaves(before, 0), leaves(after, 0), strict=True))
 
 
@@ -191,11 +185,11 @@ def test_a_group_of_runs_is_never_squeezed():
 
 
 def test_an_environment_that_can_not_be_copied_is_refused_before_training_where_evaluation_needs_copies():
-    env, config = swing(), Config(n_bins=10, net_arch=(8,))
+    env, agent = swing(), make_agent(n_bins=10, net_arch=(8,))
     steps = []
     env.unwrapped.step = lambda action: steps.append(1) or (np.zeros(2, np.float32), 0.0, False, False, {})
     with pytest.raises(UsageError, match="only one copy of it was given"):
-        train(env, config, Hypers(), [0], 40)
+        train(env, agent, [0], 40)
     assert steps == []
-    assert train(env, config, Hypers(), [0], 40, n_eval_episodes=0).steps[-1] == 40
+    assert train(env, agent, [0], 40, n_eval_episodes=0).steps[-1] == 40
     assert len(steps) == 40

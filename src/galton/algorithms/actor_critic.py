@@ -21,15 +21,15 @@ def init(key: Key[Array, ""], agent: Agent, observation_size: int) -> Learner:
     """New networks and the optimizer's first state. Not under vmap (see `init_mlp`)."""
     actor_key, critic_key = jax.random.split(key)
     network, policy, critic, rollout = agent.network, agent.policy, agent.critic, agent.rollout
-    actor = network.init(actor_key, observation_size, policy.n_outputs, last_scale=0.01)
-    of_critic = network.init(critic_key, observation_size, critic.n_outputs, last_scale=critic.init_scale)
+    actor = network.init(actor_key, observation_size, policy.n_outputs, 0.01, of_critic=False)
+    of_critic = network.init(critic_key, observation_size, critic.n_outputs, critic.init_scale, of_critic=True)
     actor[-1]["bias"], extra = policy.init()
     params = {"actor": actor, "critic": of_critic, **extra}
     return Learner(
         params,
         agent.optimizer.init(params),
         normalization.init(observation_size, rollout.n_envs, rollout.normalize_observation, rollout.normalize_reward),
-        agent.entropy.init(),
+        {"algorithm": agent.algorithm.init(agent, params), "entropy": agent.entropy.init()},
     )
 
 
@@ -120,7 +120,8 @@ def objective(
     The weight is A2C's credit; PPO's has the likelihood ratio in it, and names the credit too.
     """
     credit = weight if credit is None else credit
-    ent_coef = agent.entropy.coefficient(agent.algorithm.ent_coef, agent.policy, learner.dual, distribution, credit)
+    dual = learner.memory["entropy"]
+    ent_coef = agent.entropy.coefficient(agent.algorithm.ent_coef, agent.policy, dual, distribution, credit)
     policy_loss = surrogate(weight, loss)
     value_loss = jnp.mean(critic_loss)
     entropy = jnp.mean(distribution.entropy())
@@ -139,9 +140,10 @@ def step(
     if going is not True:
         old = (learner.params, learner.optimizer)
         params, optimizer = jax.tree.map(lambda new, kept: jnp.where(going, new, kept), (params, optimizer), old)
-    told = agent.entropy.told(agent.policy, learner.dual, parts.entropy)
-    dual = agent.entropy.follow(agent.policy, learner.dual, parts.entropy, going & jnp.isfinite(grad_norm))
-    learner = learner._replace(params=params, optimizer=optimizer, dual=dual)
+    dual = learner.memory["entropy"]
+    told = agent.entropy.told(agent.policy, dual, parts.entropy)
+    dual = agent.entropy.follow(agent.policy, dual, parts.entropy, going & jnp.isfinite(grad_norm))
+    learner = learner._replace(params=params, optimizer=optimizer).remembering(entropy=dual)
     return learner, told | {
         "entropy": parts.entropy,
         "grad_norm": grad_norm,

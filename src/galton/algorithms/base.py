@@ -4,20 +4,21 @@ import abc
 from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar, TypeVar
 
-from jaxtyping import Array, Float, Key
+import numpy as np
+from jaxtyping import Array, Float, Key, PyTree
 
-from galton.algorithms.credit import Credit
-from galton.algorithms.entropy import Entropy
-from galton.critics import Critic
+from galton.algorithms.credit import CREDITS, Credit
+from galton.algorithms.entropy import Entropy, HeldEntropy
+from galton.critics import Critic, SquaredErrorCritic
 from galton.errors import require
 from galton.fields import Within
-from galton.losses import Loss
-from galton.networks import MLP
-from galton.optimizers import Optimizer
-from galton.parts import Box, Part, trimmed
-from galton.policies import Policy
+from galton.losses import LOSSES, Loss
+from galton.networks import MLP, Network
+from galton.optimizers import Adam, Optimizer
+from galton.parts import Box, Part, settings, trimmed
+from galton.policies import POLICIES, Policy
 from galton.policies.correlation import check_correlation
-from galton.types import Config, Count, Hypers, Learner, NotNegative, Number, Rule, Share, Transition
+from galton.types import Count, Learner, NotNegative, Number, Params, Rule, Share, Transition
 
 AgentT = TypeVar("AgentT", bound="Agent")
 Scalars = dict[str, Float[Array, ""]]
@@ -73,30 +74,22 @@ class Algorithm(Part, abc.ABC):
     ent_coef: NotNegative = 0.0
     """Weight of the entropy bonus."""
 
+    def init(self, agent: "Agent", params: Params) -> PyTree[Array]:
+        """What the algorithm remembers before its first update; it is `learner.memory["algorithm"]` from there on."""
+        del agent, params
+        return ()
+
     @abc.abstractmethod
     def update(
         self, agent: "Agent", learner: Learner, batch: Transition, key: Key[Array, ""]
     ) -> tuple[Learner, Scalars]:
-        """Learn from a rollout `[T, N]`, and tell `scalars`; the key is that of this update alone."""
+        """Learn from a rollout `[T, N]`, and tell `scalars`; the key is that of this update alone.
+
+        What it remembers stays where the gradient was not finite, as parameters do in `Optimizer.step`.
+        """
 
     def check(self, agent: "Agent") -> None:
         """Raise UsageError for an agent that it can't train."""
-
-    @classmethod
-    def config(cls, **fields: Any) -> Config:
-        """A Config with this algorithm's defaults.
-
-        Raises:
-            UsageError: a value out of range.
-        """
-        usual = {name: value for name, value in cls.defaults.items() if name not in Hypers._fields}
-        return Config(**{**usual, **fields, "algorithm": cls.name})
-
-    @classmethod
-    def hypers(cls, **numbers: Any) -> Hypers:
-        """Hypers with this algorithm's defaults."""
-        usual = {name: value for name, value in cls.defaults.items() if name in Hypers._fields}
-        return Hypers(**{**usual, **numbers})
 
 
 CHOICES = ("negative_target", "weighting", "entropy_target")
@@ -108,16 +101,19 @@ class Agent(Part):
 
     policy: Policy
     loss: Loss
-    critic: Critic
     algorithm: Algorithm
-    credit: Credit
-    entropy: Entropy
-    network: MLP
-    optimizer: Optimizer
-    rollout: Rollout
+    critic: Critic = SquaredErrorCritic()
+    credit: Credit = Credit()
+    entropy: Entropy = Entropy()
+    network: Network = MLP()
+    optimizer: Optimizer = Adam()
+    rollout: Rollout = Rollout()
 
     def check_own(self) -> None:
         """Raise UsageError for parts that don't fit together."""
+        self._check_shared()
+        self._check_loss()
+        self._check_choices()
         require(
             not self.credit.normalize_advantage or self.rollout.size > 1,
             "normalize_advantage needs more than one step per update: raise n_steps or n_envs",
@@ -125,6 +121,43 @@ class Agent(Part):
         self.critic.check(self.rollout.normalize_reward)
         self.algorithm.check(self)
         check_correlation(self.policy, self.rollout.noise_correlation)
+
+    def _check_shared(self) -> None:
+        """Raise UsageError where two parts have a setting of one name and two values: files have one."""
+        found: dict[str, tuple[Part, Any]] = {}
+        for part in (part for part in vars(self).values() if isinstance(part, Part)):
+            for name in settings(type(part)):
+                other, value = found.setdefault(name, (part, getattr(part, name)))
+                own = getattr(part, name)
+                told = f"{name} is {value} in {type(other).__name__}, and {own} in {type(part).__name__}"
+                require(bool(np.all(value == own)), f"{told}; give both the same value")
+
+    def _check_loss(self) -> None:
+        loss, policy = self.loss, self.policy
+        fitting = [name for name, kind in POLICIES.items() if loss.family in ("density", kind.family)]
+        require(
+            loss.family in ("density", policy.family),
+            f"policy is {_name(policy, POLICIES)!r}, but the loss {_name(loss, LOSSES)!r} needs a {loss.family}; "
+            f"choose from {', '.join(fitting)}",
+        )
+
+    def _check_choices(self) -> None:
+        """Raise UsageError for what the algorithm does not carry out."""
+        negative_target = getattr(self.loss, "negative_target", "same")
+        weighting = _name(self.credit, CREDITS)
+        chosen = {
+            "negative_target": (negative_target, "same"),
+            "weighting": (weighting, "advantage"),
+            "entropy_target": (isinstance(self.entropy, HeldEntropy), False),
+        }
+        for word, (value, usual) in chosen.items():
+            told = f"{word} is {value!r}, which algorithm {self.algorithm.name!r} does not carry out"
+            require(value == usual or word in self.algorithm.choices, f"{told}; leave it at {usual!r}")
+        require(
+            negative_target == "same" or self.credit.is_signed,
+            f"negative_target is {negative_target!r}, but with weighting {weighting!r} no weight is negative; "
+            "choose one of the two",
+        )
 
     def on(self: AgentT, box: Box) -> AgentT:
         """The agent for actions in a box, as programs take it: without a trace of what is off in every run.
@@ -158,3 +191,8 @@ class Agent(Part):
     def acting_by(self: AgentT, rule: Rule | None) -> AgentT:
         """The same agent with another deterministic action; None is its own."""
         return self if rule is None else self.replace(policy=self.policy.acting_by(rule))
+
+
+def _name(part: Part, registry: Mapping[str, type[Part]]) -> str:
+    """What a part is called in its registry, or by itself."""
+    return next((name for name, kind in registry.items() if kind is type(part)), type(part).__name__)

@@ -8,6 +8,7 @@ import numpy as np
 import pyarrow as pa
 from matplotlib.figure import Figure
 
+from galton.agents import words_of
 from galton.analysis.plots import draw_level, draw_series, finish, fit, look_of, over_steps, panels
 from galton.analysis.statistics import ALPHA, Comparison, Interval, compare, fill_until, holm, mean_interval
 from galton.envs.base import Environment
@@ -137,7 +138,7 @@ def learning_curves(results: Results, env: Environment | None, title: str) -> Fi
         for loss, result in results.items():
             curves = getattr(result.log, metric).astype(np.float64)
             interval = mean_interval(fill_until(curves, result.steps, result.diverged_at))
-            _, color, dashes = look_of(result.config.loss)
+            _, color, dashes = look_of(words_of(result.agent)["loss"])
             draw_series(axes, result.steps, interval, label_of(loss), color, dashes if loss in LOSSES else "-")
             means.append(interval.mean)
         axes.set_title(heading, fontsize=10)

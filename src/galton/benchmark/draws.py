@@ -7,13 +7,13 @@ import numpy as np
 from jaxtyping import Float
 from scipy.stats import qmc
 
-from galton.algorithms import find_algorithm
+from galton.agents import usual_of
 from galton.benchmark.priors import Priors
 from galton.benchmark.protocol import Method, Protocol, Task
 from galton.errors import UsageError
 from galton.records import Fields
 from galton.sweep.grid import task_defaults
-from galton.sweep.study import DEFAULTS, Setting
+from galton.sweep.study import Setting
 
 Quantiles = dict[str, Float[np.ndarray, " n"]]
 """Where in its prior each draw of a field lies, by field; each n-th of a prior has one."""
@@ -52,11 +52,11 @@ def setting(protocol: Protocol, method: Method, drawn: Fields, task: Task, fresh
     fixed: dict[str, object] = {}
     for table in (protocol.fixed, method.fixed, task.fixed):
         fixed |= _times(table, {name: prior.values[0] for name, prior in table.items()}, steps)
-    usual = dict(find_algorithm(protocol.algorithm(method)).defaults)
+    usual = usual_of(protocol.algorithm(method))
     try:
         scaled = {name: value * task.scale[name] if name in task.scale else value for name, value in drawn.items()}
         fields = task_defaults(task.env) | usual | fixed | _times(protocol.searched(method), scaled, steps)
-        return Setting.of_record({name: _like(name, value) for name, value in fields.items()})
+        return Setting(fields)
     except (TypeError, OverflowError, UsageError) as error:
         raise UsageError(f"methods.{method.name} on tasks.{task.name}: {error}") from None
 
@@ -109,8 +109,3 @@ def _seed(protocol: Protocol, table: str, columns: Collection[str]) -> tuple[int
 def _times(priors: Priors, values: Fields, steps: int) -> Fields:
     """The values, those that count in lengths of a run in environment steps."""
     return {name: value * steps if priors[name].in_steps else value for name, value in values.items()}
-
-
-def _like(name: str, value: object) -> object:
-    """A whole number as a float where the field holds floats: TOML writes 1 for 1.0."""
-    return float(value) if type(value) is int and isinstance(DEFAULTS.get(name), float) else value

@@ -6,6 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
+from galton.agents import CHOICES
 from galton.analysis.plots import colors_of, draw_marks, draw_series, finish, label_rows, over_steps, panels
 from galton.analysis.scales import fit_curves
 from galton.analysis.statistics import Interval, mean_interval
@@ -13,7 +14,6 @@ from galton.benchmark import tables
 from galton.benchmark.found import Found
 from galton.benchmark.protocol import Method
 from galton.benchmark.stages import Role, Stage
-from galton.sweep.study import DEFAULTS
 
 _SERIES: dict[tuple[Stage, Role], tuple[str, str, str]] = {
     ("fresh", "shared"): ("tuning tasks, one setting for all", "o", "#0072B2"),
@@ -88,7 +88,7 @@ def curves(found: Found) -> Figure:
 def _colors(found: Found) -> list[str]:
     """The colours of the leading methods."""
     fixed = [{**found.protocol.fixed, **method.fixed}.get("loss") for method in leading(found)]
-    return colors_of([str(DEFAULTS["loss"] if loss is None else loss.values[0]) for loss in fixed])
+    return colors_of([str(CHOICES["loss"].usual if loss is None else loss.values[0]) for loss in fixed])
 
 
 def leading(found: Found) -> list[Method]:

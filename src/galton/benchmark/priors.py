@@ -5,9 +5,8 @@ import math
 from collections.abc import Collection, Mapping
 from typing import Any
 
+from galton.agents import vocabulary
 from galton.errors import UsageError, did_you_mean, require
-from galton.sweep.study import DEFAULTS
-from galton.types import Hypers
 
 Record = Mapping[str, Any]
 """A TOML file, or a table of it."""
@@ -103,7 +102,7 @@ class Prior:
 
 
 Priors = Mapping[str, Prior]
-"""Priors, or fixed values, by the field of Config or Hypers."""
+"""Priors, or fixed values, by the setting."""
 
 
 def read_table(where: str, given: object, drawn: bool) -> dict[str, Prior]:
@@ -112,21 +111,23 @@ def read_table(where: str, given: object, drawn: bool) -> dict[str, Prior]:
     Raises:
         UsageError: an unknown field, a value where there must be a prior or the other way round.
     """
-    found = {name: Prior.read(f"{where}.{name}", value) for name, value in check_names(where, given, DEFAULTS).items()}
+    known = vocabulary()
+    named = check_names(where, given, known.usual, "which is no setting")
+    found = {name: Prior.read(f"{where}.{name}", value) for name, value in named.items()}
     for name, prior in found.items():
         place = f"{where}.{name}"
         if drawn:
             require(prior.is_drawn, f"{place} is {prior.values[0]!r}, which is no prior; fix it in a fixed table")
         else:
             require(not prior.is_drawn, f"{place} is a prior; move it to prior, or to the search of a method")
-        number = name in Hypers._fields
+        number = known.is_number(name)
         changes = f"{place} is {prior.kind}, but each value of {name} is a program of its own; write"
         require(number or prior.kind not in CONTINUOUS, f"{changes} {{ choice = [...] }}")
         require(number or not prior.in_steps, f"{place} has times, which goes with a number that no program depends on")
     return found
 
 
-def check_names(where: str, given: object, known: Collection[str]) -> Record:
+def check_names(where: str, given: object, known: Collection[str], otherwise: str = "") -> Record:
     """A table of the file, if it has no other names than these.
 
     Raises:
@@ -137,7 +138,7 @@ def check_names(where: str, given: object, known: Collection[str]) -> Record:
     for name in given:
         if name not in known:
             meant = did_you_mean(name, known)
-            told = "which is no setting" if known is DEFAULTS else f"which it can't have; it takes {', '.join(known)}"
+            told = otherwise or f"which it can't have; it takes {', '.join(known)}"
             raise UsageError(f"{where} has {name!r}, {told}{meant}")
     return given
 

@@ -7,14 +7,14 @@ import json
 from collections.abc import Collection, Mapping
 from typing import Annotated, Any, Literal
 
-from galton.agents import idle
+from galton.agents import CHOICES, idle
 from galton.benchmark.priors import Prior, Priors, Record
 from galton.errors import UsageError, require
 from galton.fields import Within
 from galton.losses import LOSSES
 from galton.policies import POLICIES
 from galton.sweep.grid import MOST_SETTINGS
-from galton.sweep.study import DEFAULTS, Natural
+from galton.sweep.study import Natural
 from galton.types import Count
 
 MOST_STEPS = 2_000_000_000
@@ -131,7 +131,7 @@ class Protocol:
     def algorithm(self, method: Method) -> str:
         """The key in ALGORITHMS of a method's algorithm."""
         given = method.fixed.get("algorithm", self.fixed.get("algorithm"))
-        name = DEFAULTS["algorithm"] if given is None else given.values[0]
+        name = CHOICES["algorithm"].usual if given is None else given.values[0]
         require(isinstance(name, str), f"methods.{method.name} has algorithm {name!r}; it must be a name")
         return name
 

@@ -9,12 +9,12 @@ from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
+from galton.agents import vocabulary
 from galton.benchmark.priors import Record, check_names, read_table
 from galton.benchmark.protocol import Budget, Method, Protocol, Selection, Task, check
 from galton.errors import UsageError, require, require_integer, unknown
 from galton.fields import annotations, checked
 from galton.saving import files
-from galton.types import Hypers
 
 TABLES = ("budget", "selection", "fixed", "prior", "methods", "tasks")
 """The tables of a file."""
@@ -162,7 +162,8 @@ def _task(name: str, given: object, budget: Budget) -> Task:
 
 def _scale(where: str, given: object) -> dict[str, float]:
     """What numbers are multiplied by, by field."""
-    table = check_names(where, given, Hypers._fields)
+    known = vocabulary()
+    table = check_names(where, given, [name for name in known.usual if known.is_number(name)])
     for name, value in table.items():
         number = isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
         require(number and value > 0, f"{where}.{name} is {value!r}; it must be a finite number above 0")

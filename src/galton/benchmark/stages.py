@@ -83,7 +83,7 @@ def _part(protocol: Protocol, stage: Stage, task: Task, entries: list[Entry]) ->
     trials = protocol.budget.fresh_seeds if fresh else protocol.budget.seeds
     by_points: dict[int, dict[Setting, None]] = {}
     for entry in entries:
-        points = len(log_points(entry.setting.config, task.steps(fresh), task.budget.logs))
+        points = len(log_points(entry.setting.rollout_size, task.steps(fresh), task.budget.logs))
         by_points.setdefault(points, {})[entry.setting] = None
     studies = [
         Study(
@@ -114,7 +114,7 @@ def check(protocol: Protocol, drawn: Draws) -> None:
             box = box_of(find(part.task.env, **read_constants(part.studies[0].env_kwargs)))
         except UsageError as error:
             raise UsageError(f"{where}: {error}") from None
-        for entry in {entry.setting.config: entry for entry in part.entries}.values():
+        for entry in {entry.setting.program: entry for entry in part.entries}.values():
             try:
                 entry.setting.agent.on(box)
             except UsageError as error:
@@ -128,7 +128,7 @@ def width(study: Study) -> int:
     """
     runs: dict[object, int] = {}
     for each in study.settings:
-        runs[each.config] = runs.get(each.config, 0) + study.trials
+        runs[each.program] = runs.get(each.program, 0) + study.trials
     most = min(16 if is_known(study.env) else 32, max(runs.values()))
     shards = {n: sum(-(-count // n) for count in runs.values()) for n in range(most, most // 2, -1)}
     return min(shards, key=lambda n: (shards[n], n))

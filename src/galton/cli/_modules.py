@@ -6,9 +6,18 @@ plan of a sweep, may be a stranger's. Such a module must be installed, lie on PY
 
 import sys
 from collections.abc import Sequence
+from typing import Annotated
+
+import tyro
 
 from galton.errors import UsageError
 from galton.foreign import import_all
+
+Imports = Annotated[
+    tuple[str, ...],
+    tyro.conf.arg(help="Modules to import first, where losses, policies and other parts of your own are registered."),
+]
+"""The option of the commands that need what a user has registered."""
 
 
 def search_here() -> None:

@@ -10,21 +10,21 @@ from typing import Annotated
 
 import tyro
 
-from galton.algorithms import ALGORITHMS, find_algorithm
+from galton.agents import in_two, values_of, vocabulary, written
+from galton.algorithms import ALGORITHMS, Agent, find_algorithm
 from galton.cli._modules import search_here
-from galton.cli._words import Fills
+from galton.cli._words import Fills, Settings
 from galton.envs.base import Environment
 from galton.envs.find import find
 from galton.envs.host.base import HostTask
 from galton.envs.registry import ENVS, find_task, is_known, read_constants
 from galton.errors import require
 from galton.losses import LOSSES
-from galton.models.settings import split
+from galton.models.settings import all_words
 from galton.presets import PAPER, PRESETS, Preset
-from galton.records import written
+from galton.records import Fields
 from galton.tasks import task_of
 from galton.training.train import Result, check_arguments, train
-from galton.types import Config, Hypers
 
 EnvName = Annotated[
     str,
@@ -59,6 +59,9 @@ PresetName = Annotated[
 ]
 
 
+Flat = Annotated[Fields, Settings()]
+
+
 @dataclasses.dataclass(frozen=True)
 class Training:
     """How long and with what to train; the defaults are the task's (App. C.2), the preset's or the algorithm's."""
@@ -71,8 +74,8 @@ class Training:
     """Episodes of the deterministic policy at each of them; 0 turns evaluation off."""
     env_kwargs: Annotated[str, tyro.conf.arg(metavar="JSON")] = "{}"
     """Keyword arguments of the environment, such as '{"noise_std": 0.5}'."""
-    config: Config = dataclasses.field(default_factory=Config)
-    hypers: Hypers = dataclasses.field(default_factory=Hypers)
+    words: Flat = dataclasses.field(default_factory=lambda: dict(vocabulary().usual))
+    """The settings of the agent's parts, each an option of its own."""
 
     @classmethod
     def of_task(
@@ -84,33 +87,32 @@ class Training:
     ) -> "Training":
         """The defaults for the environment of that name: App. C.2's, the preset's and the algorithm's."""
         task = task_of(name)
-        config, hypers = split(find_algorithm(algorithm), preset, n_envs, {}, name)
-        return cls(task.total_timesteps, task.n_logs, task.n_eval_episodes, config=config, hypers=hypers)
+        words = all_words(find_algorithm(algorithm), preset, n_envs, {}, name)
+        return cls(task.total_timesteps, task.n_logs, task.n_eval_episodes, words=vocabulary().usual | words)
 
     def record(self) -> dict[str, object]:
         """These options for JSON; the losses are told apart from them."""
-        config = {name: value for name, value in written(self.config).items() if name != "loss"}
-        constants = read_constants(self.env_kwargs)
-        return dataclasses.asdict(self) | {"env_kwargs": constants, "config": config, "hypers": written(self.hypers)}
+        own = {field.name: getattr(self, field.name) for field in dataclasses.fields(self) if field.name != "words"}
+        words = {name: value for name, value in written(self.words).items() if name != "loss"}
+        return own | {"env_kwargs": read_constants(self.env_kwargs)} | in_two(words)
 
     def check(self, seeds: Sequence[int]) -> None:
         """Raise UsageError for what `run` can't take, before anything is begun."""
-        check_arguments(self.hypers, seeds, self.steps, self.logs, self.eval_episodes)
+        values_of(self.words)
+        check_arguments(seeds, self.steps, self.logs, self.eval_episodes)
         require(self.steps < 2**31, f"total_timesteps is {self.steps}; one run counts up to 2³¹ − 1 steps")
 
     def run(
         self,
         env: Environment | HostTask,
-        config: Config,
-        hypers: Hypers,
+        agent: Agent,
         seeds: Sequence[int],
         meanwhile: Callable[[int], None],
     ) -> Result:
-        """Train a run of this setting, one of the losses', for each seed."""
+        """Train a run of this agent, one of the losses', for each seed."""
         return train(
             env,
-            config,
-            hypers,
+            agent,
             seeds,
             self.steps,
             n_logs=self.logs,

@@ -62,7 +62,7 @@ def _integers(info: PrimitiveTypeInfo) -> PrimitiveConstructorSpec[tuple[int, ..
 @REGISTRY.primitive_rule
 def _one_number(info: PrimitiveTypeInfo) -> PrimitiveConstructorSpec[float] | None:
     """What may be one number or an array of them is one number here."""
-    if {*get_args(info.type)} - {int} != {*get_args(Number)}:
+    if {*get_args(info.type)} - {int, NoneType} != {*get_args(Number)}:
         return None
     return PrimitiveConstructorSpec(
         nargs=1,

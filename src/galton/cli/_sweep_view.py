@@ -62,7 +62,7 @@ class View:
         table = Table("loss", "best setting so far", "final training return", "runs", box=None)
         best: dict[str, tuple[int, float, int]] = {}
         for i, values in list(self._returns.items()):  # the sweep adds to it from another thread
-            loss, mean = self._plan.study.settings[i].config.loss, float(np.mean(values))
+            loss, mean = self._plan.study.settings[i]["loss"], float(np.mean(values))
             mean = -np.inf if np.isnan(mean) else mean
             if loss not in best or mean > best[loss][1]:
                 best[loss] = i, mean, len(values)

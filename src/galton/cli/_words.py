@@ -2,7 +2,6 @@
 
 import contextlib
 import dataclasses
-import functools
 import importlib
 import re
 from collections.abc import Iterator, Sequence
@@ -31,7 +30,10 @@ class Without:
         self.fields = fields
 
 
-@functools.cache
+class Settings:
+    """In the annotation of a mapping of settings by name: each of them is an option."""
+
+
 def options_of(record: type) -> dict[str, str]:
     """The option that fills each argument: all fields of a record of options and of the records in it, as typed.
 
@@ -48,6 +50,11 @@ def options_of(record: type) -> dict[str, str]:
         if dataclasses.is_dataclass(kind) or hasattr(kind, "_fields"):
             hidden = [field for mark in marks if isinstance(mark, Without) for field in mark.fields]
             inner |= {field: option for field, option in options_of(kind).items() if field not in hidden}
+            continue
+        if any(isinstance(mark, Settings) for mark in marks):
+            from galton.agents import vocabulary
+
+            inner |= {word: "--" + word.replace("_", "-") for word in vocabulary().usual}
             continue
         typed = _placed(name, marks) if any(mark in placed for mark in marks) else "--" + name.replace("_", "-")
         arguments = [argument for mark in marks if isinstance(mark, Fills) for argument in mark.arguments]

@@ -5,10 +5,12 @@ import json
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
+from galton.agents import written
 from galton.analysis.comparison import Row, curves, label_of, learning_curves, named, summarise, verdicts
 from galton.analysis.plots import save
 from galton.cli._compare_view import table
 from galton.cli._console import plain_console
+from galton.cli._modules import Imports
 from galton.cli._options import AlgorithmName, EnvName, LossNames, Training, command_line, folder_name
 from galton.cli._parsing import TrainingOptions, parse
 from galton.cli._progress import live_progress
@@ -41,6 +43,7 @@ class Options:
     """How many runs of each loss, each with a seed of its own."""
     out: Path | None = None
     """The folder for the figure and the numbers, by default runs/compare-ENV, or runs/compare-ENV-ALGORITHM."""
+    imports: Imports = ()
     overwrite: bool = False
     """Replace what the folder holds once the comparison is done."""
 
@@ -77,7 +80,7 @@ def main(arguments: Sequence[str]) -> None:
             with live_progress(console) as follow:
                 for name, setting in settings.items():
                     show = follow(name if name not in LOSSES else label_of(name), training.steps, len(seeds))
-                    results[name] = training.run(env, *setting, seeds, show)
+                    results[name] = training.run(env, setting.agent, seeds, show)
             rows = summarise(results, known, options.at_rest)
             with told(out):
                 _keep(folder, options, settings, results, rows, known)
@@ -109,9 +112,9 @@ def _compared(options: Options, arguments: Sequence[str]) -> Iterator[tuple[str,
 def _settings(compared: Mapping[str, tuple[str, Training]]) -> dict[str, Setting]:
     """The setting of each, without what its loss has no use for and another's has."""
     points = [{"loss": loss} for loss, _ in compared.values()]
-    given = [Setting(training.config, training.hypers).record() for _, training in compared.values()]
+    given = [written(training.words) for _, training in compared.values()]
     of_points = zip(bases(points, given), points, strict=True)
-    return {name: Setting.of_record(base | point) for name, (base, point) in zip(compared, of_points, strict=True)}
+    return {name: Setting(base | point) for name, (base, point) in zip(compared, of_points, strict=True)}
 
 
 def _keep(

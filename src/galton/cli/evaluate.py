@@ -9,6 +9,7 @@ import numpy as np
 import tyro
 from scipy import stats
 
+from galton.cli._modules import Imports, import_typed
 from galton.cli._reading import read_options
 from galton.cli._runs import environment_of, model_of
 from galton.errors import require_integer
@@ -25,6 +26,7 @@ class Options:
     """The environment to play on; by default the run's. An id with a module must be given, for it runs code."""
     env_kwargs: Annotated[str | None, tyro.conf.arg(metavar="JSON")] = None
     """Keyword arguments of the environment; by default the run's."""
+    imports: Imports = ()
     episodes: int = 100
     """How many to play, side by side. The model's seed and its steps decide on them."""
 
@@ -32,6 +34,7 @@ class Options:
 def main(arguments: Sequence[str]) -> None:
     """Play the episodes and print what they returned."""
     options = read_options(Options, "evaluate", arguments)
+    import_typed(options.imports)
     require_integer("episodes", options.episodes, 2)
     file = model_of(options.run)
     model = Model.load(file)

@@ -9,6 +9,7 @@ from typing import Annotated
 import tyro
 
 from galton.cli._metrics import points
+from galton.cli._modules import Imports, import_typed
 from galton.cli._reading import read_options
 from galton.cli._runs import model_of
 from galton.deploy import card, export, hub
@@ -28,6 +29,7 @@ class Options:
     """A run folder of `galton train`, whose model.safetensors is taken, or the file of a model."""
     format: Annotated[tuple[str, ...], tyro.conf.arg(metavar="{onnx,card} ...")] = ("onnx",)
     """onnx: policy.onnx and policy.json, which says what it takes and gives. card: model_card.md."""
+    imports: Imports = ()
     out: Path | None = None
     """The folder to write into; by default the one of the model."""
     push: Annotated[str | None, tyro.conf.arg(metavar="OWNER/NAME")] = None
@@ -38,6 +40,7 @@ class Options:
 def main(arguments: Sequence[str]) -> None:
     """Write the files, and upload them if that is asked for."""
     options = read_options(Options, "export", arguments)
+    import_typed(options.imports)
     for name in options.format:
         if name not in FORMATS:
             raise unknown("format", name, FORMATS)

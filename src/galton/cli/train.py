@@ -9,10 +9,12 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from galton import callbacks
-from galton.agents import agent_of
+from galton.agents import read, words_of
+from galton.algorithms import Agent
 from galton.cli._console import plain_console
 from galton.cli._kept_model import KeptModel
 from galton.cli._metrics import forget_after, known
+from galton.cli._modules import Imports
 from galton.cli._options import (
     AlgorithmName,
     EnvName,
@@ -51,7 +53,6 @@ from galton.saving.result_folder import (
 )
 from galton.training.size import check_size
 from galton.training.yardsticks import N_EPISODES, logged
-from galton.types import Config
 
 
 @dataclasses.dataclass(frozen=True)
@@ -76,6 +77,7 @@ class Options:
     where the environment can be put back into its state; else its episodes start anew, and you are told."""
     save_every: int = 50_000
     """Steps between saves of the model; it is also saved at the end and when you interrupt."""
+    imports: Imports = ()
     tensorboard: bool = False
     """Write logs for TensorBoard too."""
 
@@ -96,7 +98,7 @@ def main(arguments: Sequence[str]) -> None:
     require(not (options.resume and options.overwrite), "resume and overwrite are both given; give one of them")
     use_all_cores()  # before the environment's module computes something
     env = options.training.find(options.env)
-    check_size(env, agent_of(_config(options), options.training.hypers), 1, options.training.eval_episodes)
+    check_size(env, _agent(options), 1, options.training.eval_episodes)
     _check_folder(options)
     record = _Record(options)
     with claimed(out), live_progress(plain_console(), record.model.save_taken) as follow:
@@ -129,13 +131,12 @@ def _check_folder(options: Options) -> None:
         check_free(options.folder, options.overwrite, "--overwrite or --resume")
 
 
-def _config(options: Options) -> Config:
-    return dataclasses.replace(options.training.config, loss=options.loss)
+def _agent(options: Options) -> Agent:
+    return read(options.training.words | {"loss": options.loss})
 
 
 def _new(options: Options, env: Environment | HostTask) -> Model:
-    config = _config(options)
-    return Model.of(env, config, options.training.hypers, options.seed)
+    return Model.of(env, _agent(options), options.seed)
 
 
 def _resumed(options: Options, env: Environment | HostTask) -> Model:
@@ -144,14 +145,13 @@ def _resumed(options: Options, env: Environment | HostTask) -> Model:
         warnings.simplefilter("always", InexactResume)
         model = Model.load(out / MODEL, env)
     there, wanted = _environments(options, env)
-    config = _config(options)
-    own = {"env": there, "seed": model.seed, "algorithm": model.config.algorithm}
-    own |= vars(model.config) | model.hypers._asdict()
-    asked = {"env": wanted, "seed": options.seed, "algorithm": options.algorithm}
-    asked |= vars(config) | options.training.hypers._asdict()
-    for name, value in asked.items():
-        same = value == own[name]
-        require(same, f"{name} is {value}, but the run in {out} has {own[name]}; give the same options to resume it")
+    own = {"env": there, "seed": model.seed} | model.settings
+    asked = {"env": wanted, "seed": options.seed, "algorithm": options.algorithm} | words_of(_agent(options))
+    for name in (name for name in asked if name in own):  # with the same parts they have the same settings
+        same = asked[name] == own[name]
+        require(
+            same, f"{name} is {asked[name]}, but the run in {out} has {own[name]}; give the same options to resume it"
+        )
     for warning in told:
         if issubclass(warning.category, InexactResume):
             print(f"galton: {warning.message}", file=sys.stderr)
@@ -185,7 +185,7 @@ def _learn(model: Model, options: Options, record: "_Record", show: Show) -> Non
     if last // options.save_every > first // options.save_every:
         calls.append(_Saving(record.model, options.save_every))
     try:
-        interval, size = _interval(options.training, model), model.config.rollout_size
+        interval, size = _interval(options.training, model), model.agent.rollout.size
         whole = math.ceil((last - first) / size) * size  # which learn would say in a warning
         model.learn(whole, calls, progress_bar=False, log_interval=interval, decay_from=0)
     except DivergenceError as error:
@@ -206,12 +206,12 @@ def _learn(model: Model, options: Options, record: "_Record", show: Show) -> Non
 def _interval(training: Training, model: Model) -> int:
     """Updates between log points: as many as make the wanted number of points, or as the run had."""
     if model.num_timesteps:
-        return model.log_interval // model.config.rollout_size
+        return model.log_interval // model.agent.rollout.size
     return _interval_asked(training, model)
 
 
 def _interval_asked(training: Training, model: Model) -> int:
-    size = model.config.rollout_size
+    size = model.agent.rollout.size
     return math.ceil(math.ceil(training.steps / size) / training.logs)
 
 

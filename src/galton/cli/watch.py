@@ -13,6 +13,7 @@ import numpy as np
 import tyro
 
 from galton.cli import _film as film
+from galton.cli._modules import Imports, import_typed
 from galton.cli._reading import read_options
 from galton.cli._runs import environment_of, model_of
 from galton.envs.fitting import check_same_spaces
@@ -37,6 +38,7 @@ class Options:
     """The Gymnasium id to play on; by default the run's. An id with a module must be given, for it runs code."""
     env_kwargs: Annotated[str | None, tyro.conf.arg(metavar="JSON")] = None
     """Keyword arguments of the environment; by default the run's."""
+    imports: Imports = ()
     episodes: int = 1
     """How many to play, one after the other."""
     max_steps: int = 1_000
@@ -50,6 +52,7 @@ class Options:
 def main(arguments: Sequence[str]) -> None:
     """Play the episodes and write the video."""
     options = read_options(Options, "watch", arguments)
+    import_typed(options.imports)
     require_integer("episodes", options.episodes, 1)
     require_integer("max_steps", options.max_steps, 1)
     for seed in (options.seed, options.seed + options.episodes - 1):

@@ -11,9 +11,9 @@ from typing import Any
 
 from scipy import stats
 
-from galton.agents import policy_of
+from galton.agents import policy_name
 from galton.models import Model
-from galton.models.settings import usual
+from galton.models.settings import unusual
 
 STEP, MEAN, STD, TRAINING = "time/total_timesteps", "eval/mean_reward", "eval/std_reward", "rollout/ep_rew_mean"
 ROWS = 10
@@ -46,7 +46,7 @@ def card(model: Model, settings: Mapping[str, Any], points: Sequence[Point]) -> 
     env, algorithm = settings.get("env", model.env_name), model.agent.algorithm.label
     parts = [
         _head(str(env)),
-        f"# {_name(env)}: {algorithm} with {model.config.loss}",
+        f"# {_name(env)}: {algorithm} with {model.settings['loss']}",
         f"A policy for continuous control, trained by Galton for {model.num_timesteps:,} steps of its environment.",
         "Its licence is not said here. Whoever publishes it chooses one and adds `license:` to the head of this file.",
         "## The task",
@@ -77,8 +77,8 @@ def _task(model: Model, settings: Mapping[str, Any], env: object) -> Table:
         *([("Its keyword arguments", _code(json.dumps(constants)))] if constants else []),
         ("Observation", _code(model.observation_space)),
         ("Action", _code(space)),
-        ("Policy", _code(policy_of(model.config))),
-        ("Observations are normalised", "yes" if model.config.normalize_observation else "no"),
+        ("Policy", _code(policy_name(model.agent))),
+        ("Observations are normalised", "yes" if model.agent.rollout.normalize_observation else "no"),
     ]
 
 
@@ -126,13 +126,11 @@ def _curve(points: Sequence[Point]) -> list[str]:
 
 
 def _training(model: Model, settings: Mapping[str, Any]) -> list[str]:
-    config, algorithm = model.config, type(model.agent.algorithm)
-    own = {name: getattr(config, name, None) for name in usual(algorithm)} | model.hypers._asdict()
-    changed = {name: own[name] for name, value in usual(algorithm).items() if own[name] != value}
-    rows = {"loss": config.loss, "seed": model.seed, "n_envs": config.n_envs} | changed
+    agent = model.agent
+    rows = {"loss": model.settings["loss"], "seed": model.seed, "n_envs": agent.rollout.n_envs} | unusual(agent)
     command = settings.get("command")
     said = ["This command trained it:", f"```\n{_plain(command)}\n```"] if isinstance(command, str) else []
-    told = f"Its loss and seed, and the settings that are not {algorithm.label}'s defaults:"
+    told = f"Its loss and seed, and the settings that are not {agent.algorithm.label}'s defaults:"
     return [*said, told, _table(("Setting", "Value"), [(_code(name), _code(value)) for name, value in rows.items()])]
 
 

@@ -9,7 +9,7 @@ from gymnasium.spaces import Box, Dict, Discrete, MultiDiscrete, Tuple
 from gymnasium.spaces.utils import flatdim
 
 from galton import normalization
-from galton.agents import policy_of
+from galton.agents import policy_name
 from galton.deploy.decision import ACTION, OBSERVATION, Decision
 from galton.deploy.encoding import BATCH, IR_VERSION, OPSET
 from galton.envs.host.base import Space
@@ -55,12 +55,12 @@ def contract(
 
 
 def _source(model: Model) -> dict[str, object]:
-    config = model.config
+    settings = model.settings
     return {
         "env": model.env_name,
-        "algorithm": config.algorithm,
-        "loss": config.loss,
-        "policy": policy_of(config),
+        "algorithm": settings["algorithm"],
+        "loss": settings["loss"],
+        "policy": policy_name(model.agent),
         "seed": int(model.seed),
         "steps": int(model.num_timesteps),
         "galton": version(),

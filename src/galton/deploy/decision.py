@@ -7,15 +7,15 @@ from gymnasium.spaces import Box
 from jaxtyping import Float
 
 from galton import normalization
-from galton.agents import policy_of
+from galton.agents import policy_name
 from galton.deploy.actions import ACTIONS, Chosen
+from galton.deploy.bodies import BODIES, linear
 from galton.deploy.graph import Graph
 from galton.envs.host.action_box import ActionBox
 from galton.envs.host.observations import Observations
 from galton.errors import UsageError
 from galton.models import Model
 from galton.normalization import Normalizer
-from galton.types import Params
 
 OBSERVATION, ACTION = "observation", "action"
 """The names of the input and the output."""
@@ -40,18 +40,26 @@ def decide(model: Model) -> Decision:
     """Put the decision of a model's policy together: normaliser, clip, network, rule and bounds.
 
     Raises:
-        UsageError: a policy that has no line in ACTIONS.
+        UsageError: a policy that has no line in ACTIONS, or a network without one in BODIES.
     """
-    name = policy_of(model.config)
+    name = policy_name(model.agent)
     if name not in ACTIONS:
         raise UsageError(
             f"policy is {name!r}, of which nobody has said how its action is computed in ONNX; add a function to "
             f"galton.deploy.ACTIONS[{name!r}], as docs/deploy.md shows"
         )
+    kind = type(model.agent.network)
+    if kind not in BODIES:
+        raise UsageError(
+            f"network is a {kind.__name__}, of which nobody has said how its features are computed in ONNX; add a "
+            f"function to galton.deploy.BODIES[{kind.__name__}], as docs/deploy.md shows"
+        )
     graph, params, observations = Graph(), model.learner.params, model.observations
     shape = observation_shape(observations)
     rows = OBSERVATION if len(shape) == 1 else graph.add("Reshape", OBSERVATION, np.array([-1, observations.size]))
-    outputs = _network(graph, params["actor"], _normalised(graph, rows, model.learner.normalizer))
+    inputs = _normalised(graph, rows, model.learner.normalizer)
+    features = BODIES[kind](graph, model.agent.network, params["actor"], inputs)
+    outputs = linear(graph, params["actor"][-1], features, name="outputs")
     chosen = ACTIONS[name](graph, outputs, model.agent.policy)
     low, high = bounds(model.actions)
     shaped = graph.add("Reshape", chosen.action, np.array([0, *low.shape]))
@@ -81,13 +89,3 @@ def _normalised(graph: Graph, rows: str, normalizer: Normalizer) -> str:
     scaled = graph.add("Div", centered, np.asarray(normalization.deviation(normalizer)))
     clip = normalization.CLIP
     return graph.add("Clip", scaled, -clip, clip, name="normalised_observation")
-
-
-def _network(graph: Graph, layers: list[Params], x: str) -> str:
-    """The actor's outputs `[batch, n_outputs]`: tanh layers, then a linear one."""
-    for i, layer in enumerate(layers):
-        product = graph.add("MatMul", x, np.asarray(layer["kernel"]))
-        last = i == len(layers) - 1
-        x = graph.add("Add", product, np.asarray(layer["bias"]), name="outputs" if last else None)
-        x = x if last else graph.add("Tanh", x)
-    return x

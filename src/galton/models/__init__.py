@@ -1,14 +1,15 @@
 """What users hold: A2C and PPO, each one run on one environment, with the habits of Stable-Baselines3."""
 
 from collections.abc import Mapping
-from typing import Unpack
+from typing import Any
 
 from galton.algorithms import ALGORITHMS
+from galton.losses import Loss
 from galton.models.file import InexactResume
 from galton.models.model import Model
-from galton.models.settings import Settings, signature
+from galton.models.settings import signature
 
-__all__ = ["A2C", "PPO", "InexactResume", "Model", "Settings"]
+__all__ = ["A2C", "PPO", "InexactResume", "Model"]
 
 
 class A2C(Model):
@@ -18,20 +19,21 @@ class A2C(Model):
     benchmarks/winner-a2c.toml selected for it. Where a loss is named, or with the preset "paper", the settings are
     those of the paper's appendix C.2, such as 20 steps an update.
 
-    Keyword arguments are the fields of `Config` and `Hypers`, which describe them; see `Model` for the others.
+    Keyword arguments are the settings of the agent's parts, as `galton.make_agent` takes them; see `Model` for the
+    others.
     """
 
     def __init__(
         self,
         env: object,
-        loss: str | None = None,
+        loss: str | Loss | None = None,
         *,
         preset: str | None = None,
         n_envs: int | None = None,
         seed: int = 0,
         env_kwargs: Mapping[str, object] | None = None,
         verbose: int = 0,
-        **settings: Unpack[Settings],
+        **settings: Any,
     ) -> None:
         super().__init__(
             env,
@@ -55,20 +57,21 @@ class PPO(Model):
     benchmarks/winner-mujoco.toml selected for it. Where a loss is named, or with the preset "paper", the numbers are
     SB3's too.
 
-    Keyword arguments are the fields of `Config` and `Hypers`, which describe them; see `Model` for the others.
+    Keyword arguments are the settings of the agent's parts, as `galton.make_agent` takes them; see `Model` for the
+    others.
     """
 
     def __init__(
         self,
         env: object,
-        loss: str | None = None,
+        loss: str | Loss | None = None,
         *,
         preset: str | None = None,
         n_envs: int | None = None,
         seed: int = 0,
         env_kwargs: Mapping[str, object] | None = None,
         verbose: int = 0,
-        **settings: Unpack[Settings],
+        **settings: Any,
     ) -> None:
         super().__init__(
             env,

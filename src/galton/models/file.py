@@ -7,21 +7,21 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from galton.agents import agent_of
-from galton.algorithms import ALGORITHMS, Agent, actor_critic, find_algorithm
+from galton.agents import in_two, words_of, written
+from galton.agents import read as read_words
+from galton.algorithms import ALGORITHMS, Agent, actor_critic
 from galton.envs.host.action_box import ActionBox
 from galton.envs.host.observations import Observations
 from galton.envs.host.space_json import from_json, to_json
 from galton.errors import CheckpointError, UsageError, require
 from galton.parts import Box
-from galton.records import written
 from galton.saving import checkpoint
 from galton.saving import model_file as saved
 from galton.saving.result_folder import MODEL
 from galton.training.log import Tally
 from galton.training.population import Population
-from galton.training.train import check_seed
-from galton.types import Config, Hypers, Learner, check_one_run
+from galton.training.train import check_one_run, check_seed
+from galton.types import Learner
 
 
 class InexactResume(UserWarning):
@@ -32,8 +32,7 @@ class InexactResume(UserWarning):
 class Described(Protocol):
     """What is written of a model, beside its arrays."""
 
-    config: Config
-    hypers: Hypers
+    agent: Agent
     seed: int
     n_predictions: int
     """How many batches of sampled actions it was asked for; each has a key of its own."""
@@ -58,8 +57,6 @@ class ModelFile(NamedTuple):
 
     path: Path
     env_name: str
-    config: Config
-    hypers: Hypers
     seed: int
     num_timesteps: int
     updates_per_log: int
@@ -71,7 +68,7 @@ class ModelFile(NamedTuple):
     @property
     def label(self) -> str:
         """The label of its algorithm, which is the name of the class that loads it."""
-        return find_algorithm(self.config.algorithm).label
+        return self.agent.algorithm.label
 
 
 class Taken(NamedTuple):
@@ -97,15 +94,14 @@ class Taken(NamedTuple):
 
 
 def take(model: Described, arrays: dict[str, np.ndarray]) -> Taken:
-    """What a file would hold of a model and its arrays now."""
+    """What a file would hold of a model and its arrays now; UsageError for a part without a name."""
     settings = {
-        "class": find_algorithm(model.config.algorithm).label,
+        "class": model.agent.algorithm.label,
         "env": model.env_name,
-        "config": written(model.config) | {"net_arch": [int(units) for units in model.config.net_arch]},
-        "hypers": {name: float(value) for name, value in written(model.hypers).items()},
+        **in_two(written(words_of(model.agent))),
         "seed": int(model.seed),
         "step": model.num_timesteps,
-        "log_interval": model.log_interval // model.config.rollout_size,
+        "log_interval": model.log_interval // model.agent.rollout.size,
         "n_predictions": model.n_predictions,
         "action_space": to_json(model.actions.space),
         "observation_space": to_json(model.observations.space),
@@ -126,22 +122,20 @@ def read(path: Path, opener: type) -> tuple[ModelFile, dict[str, np.ndarray]]:
     settings, arrays = checkpoint.read(path)
     settings = saved.checked(path, settings, arrays)
     try:
-        config, hypers, seed = saved.config_of(settings), saved.hypers_of(settings), settings["seed"]
-        check_one_run(hypers)
+        agent, seed = read_words(saved.words_of(settings)), settings["seed"]
+        check_one_run(agent)
         check_seed(seed)
         actions = ActionBox("the checkpoint", from_json(settings["action_space"]))
         model = ModelFile(
             path,
             settings["env"],
-            config,
-            hypers,
             seed,
             settings["step"],
             settings["log_interval"],
             settings["n_predictions"],
             actions,
             Observations("the checkpoint", from_json(settings["observation_space"])),
-            agent_of(config, hypers).on(Box.of(actions.low, actions.high)),
+            agent.on(Box.of(actions.low, actions.high)),
         )
     except saved.MALFORMED as error:
         raise saved.unusable(path, error) from None
@@ -159,7 +153,7 @@ def learner_of(model: ModelFile, arrays: dict[str, np.ndarray]) -> Learner:
         one = jax.eval_shape(lambda key: actor_critic.init(key, agent, size), jax.random.key(0))
         like = {"run": {"learner": jax.tree.map(lambda x: jax.ShapeDtypeStruct((1, *x.shape), x.dtype), one)}}
         # NamedTuples and dictionaries have the same names in a checkpoint.
-        learner = checkpoint.unflatten(_with_origin(arrays), like)["run"]["learner"]
+        learner = checkpoint.unflatten(_by_todays_names(arrays), like)["run"]["learner"]
     except saved.MALFORMED as error:
         raise saved.unusable(model.path, error) from None
     first: Learner = jax.tree.map(lambda rows: jnp.asarray(rows[0]), learner)
@@ -197,11 +191,15 @@ def resume(path: Path, population: Population, arrays: dict[str, np.ndarray]) ->
 def _grown(arrays: dict[str, np.ndarray], tally: Tally) -> dict[str, np.ndarray]:
     """The arrays with what the algorithm did not yet tell when they were written: unknown up to the next log point."""
     unknown = np.where(arrays["run/tally/n_updates"] > 0, np.float32(np.nan), np.float32(0))
-    return {f"run/tally/diagnostics/{name}": unknown for name in tally.diagnostics} | _with_origin(arrays)
+    return {f"run/tally/diagnostics/{name}": unknown for name in tally.diagnostics} | _by_todays_names(arrays)
 
 
-def _with_origin(arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """The arrays with the origin of a normaliser that had none when they were written: its statistics began at 0."""
-    normalizer = "run/learner/normalizer"
+def _by_todays_names(arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """The arrays as they are called today, with the origin of a normaliser that had none when they were written.
+
+    Its statistics began at 0. The dual variable of a held entropy had a name of its own.
+    """
+    normalizer, dual = "run/learner/normalizer", "run/learner/dual"
     mean = arrays.get(f"{normalizer}/observation/mean")
-    return arrays if mean is None else {f"{normalizer}/origin": np.zeros_like(mean)} | arrays
+    found = arrays if mean is None else {f"{normalizer}/origin": np.zeros_like(mean)} | arrays
+    return found | ({"run/learner/memory/entropy": arrays[dual]} if dual in arrays else {})

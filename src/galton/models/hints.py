@@ -8,13 +8,13 @@ POLICIES = ("MlpPolicy", "CnnPolicy", "MultiInputPolicy", "MlpLstmPolicy")
 """The names that SB3's models take before the environment."""
 
 HINTS = {
-    "policy_kwargs": "its entries are settings here, such as net_arch=(64, 64) and log_std_init=-0.5",
+    "policy_kwargs": "its entries are settings here, such as net_arch=(64, 64) and activation='relu'",
     "tensorboard_log": "give learn(callback=galton.callbacks.TensorBoard(folder))",
     "device": "JAX chooses the device; the environment variable JAX_PLATFORMS=cpu keeps it off an accelerator",
     "use_sde": "there is no state-dependent exploration here; noise_correlation=0.9 makes noise last",
     "sde_sample_freq": "there is no state-dependent exploration here",
-    "use_rms_prop": "the optimiser is Adam",
-    "rms_prop_eps": "the optimiser is Adam",
+    "use_rms_prop": 'give optimizer="rmsprop"; Adam is the usual one',
+    "rms_prop_eps": 'optimizer="rmsprop" has 1e-5, as SB3\'s by default',
     "clip_range_vf": "the critic's step is not clipped here, as SB3's is not by default",
     "stats_window_size": "a log tells of the episodes that ended since the last log point",
     "monitor_wrapper": "episodes are counted without a Monitor",

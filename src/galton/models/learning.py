@@ -11,7 +11,8 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 
 from galton import sb3
-from galton.algorithms import Agent
+from galton.agents import words_of
+from galton.algorithms import Agent, Rollout
 from galton.callbacks import Print
 from galton.errors import DivergenceError, WideGaussian, require, require_integer
 from galton.models.calls import Calls, next_call
@@ -20,15 +21,13 @@ from galton.training.log import Log
 from galton.training.pieces import Pieces
 from galton.training.population import Population
 from galton.training.remedy import outgrown, remedy
-from galton.types import Config, Hypers, Learner
+from galton.types import Learner
 
 
 @runtime_checkable
 class Learning(Protocol):
     """What the training loop needs of a model."""
 
-    config: Config
-    hypers: Hypers
     agent: Agent
 
     @property
@@ -51,19 +50,19 @@ class Learning(Protocol):
         """Train for so many updates, without callbacks or a log."""
 
 
-def updates_for(total_timesteps: object, config: Config, step: int) -> int:
+def updates_for(total_timesteps: object, rollout: Rollout, step: int) -> int:
     """The whole updates in which so many steps are taken; UsageError unless one run can, from this step on."""
     if isinstance(total_timesteps, float | np.floating) and total_timesteps.is_integer():
         total_timesteps = int(total_timesteps)
     require_integer("total_timesteps", total_timesteps, 1)
     assert isinstance(total_timesteps, int | np.integer)
-    size = config.rollout_size
+    size = rollout.size
     n_updates = -(-int(total_timesteps) // size)
     require(step + n_updates * size < 2**31, f"total_timesteps is {total_timesteps}; one run counts to 2³¹ − 1")
     if total_timesteps < size:
         warnings.warn(
-            f"total_timesteps is {total_timesteps:,}, but an update takes n_steps · n_envs = {config.n_steps:,} · "
-            f"{config.n_envs:,} = {size:,} steps, so {size:,} are taken; a smaller n_steps makes updates shorter",
+            f"total_timesteps is {total_timesteps:,}, but an update takes n_steps · n_envs = {rollout.n_steps:,} · "
+            f"{rollout.n_envs:,} = {size:,} steps, so {size:,} are taken; a smaller n_steps makes updates shorter",
             stacklevel=3,
         )
     return n_updates
@@ -84,7 +83,7 @@ def learn(
     Raises:
         UsageError: a callback that can't be called, or would not be before the end.
     """
-    first, size, start = model.num_timesteps, model.config.rollout_size, time.perf_counter()
+    first, size, start = model.num_timesteps, model.agent.rollout.size, time.perf_counter()
     last, log_interval = first + n_updates * size, model.log_interval
     begin = first if decay_from is None else decay_from
     optimizer = model.agent.optimizer.falling(begin, last, size)
@@ -94,7 +93,7 @@ def learn(
     with compiling(printed):
         model.population.compile()
     pieces, told = Pieces(model.advance), False
-    with _progress(progress_bar, model.config.loss, last - first) as show:
+    with _progress(progress_bar, str(words_of(model.agent)["loss"]), last - first) as show:
         theirs.start()
         going, step = True, first
         while going and step < last:

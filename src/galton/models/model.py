@@ -4,14 +4,14 @@ import functools
 import warnings
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar, Unpack
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import gymnasium
 import numpy as np
 from jaxtyping import Float
 
 from galton import sb3
-from galton.agents import agent_of
+from galton.agents import read, words_of
 from galton.algorithms import Agent, find_algorithm
 from galton.envs.base import Environment
 from galton.envs.find import find
@@ -20,19 +20,21 @@ from galton.envs.host.action_box import ActionBox
 from galton.envs.host.base import HostTask, Space
 from galton.envs.host.observations import Observations
 from galton.errors import UsageError, require, require_integer
+from galton.losses import Loss
 from galton.models import file
 from galton.models.acting import exploit, explore, returns_on
 from galton.models.hints import refuse_policy, unexpected
 from galton.models.learning import check_divergence, learn, updates_for
-from galton.models.settings import Settings, split, unusual
+from galton.models.settings import all_words, unusual
 from galton.models.state import Arrays, Loaded, Run, parameters_of
 from galton.parts import Box
 from galton.presets import find_preset
+from galton.records import Fields
 from galton.training.population import Population
 from galton.training.programs import check_process
-from galton.training.train import check_seed
+from galton.training.train import check_one_run, check_seed
 from galton.training.yardsticks import Yardsticks, yardsticks_on
-from galton.types import Config, Hypers, Learner, Params, check_config, check_one_run
+from galton.types import Learner, Params
 
 ModelT = TypeVar("ModelT", bound="Model")
 
@@ -55,7 +57,7 @@ class Model:
     Args:
         env: a Gymnasium id (`module:Id` imports the module first), a Gymnasium `Env` or `VectorEnv`, an SB3 `VecEnv`,
             a function that makes an environment, a name in `galton.envs.ENVS`, or a record of your own in pure JAX.
-        loss: a key of LOSSES; None for the preset's.
+        loss: a key of LOSSES, or a loss itself such as `HLGauss(eta=2.0)`; None for the preset's.
         preset: a key of PRESETS, what the other settings begin with. None is "paper" where a loss is named, and else
             the algorithm's usual one: "gaussian" for PPO, and "classification" for A2C (docs/which_policy.md).
         algorithm: a key of ALGORITHMS.
@@ -63,9 +65,9 @@ class Model:
         seed: of everything random; the same seed gives the same run.
         env_kwargs: keyword arguments for an id or a name.
         verbose: 1 to print a line at each log point of `learn`, and one where compiling takes longer than a second.
-        settings: the other fields of `Config` and `Hypers`, which describe them. Their defaults are the algorithm's,
-            and for a task of the paper that is called by its name, those of App. C.2, as on the command line: "bandit"
-            has a linear network and, for A2C, 5 steps an update and a learning rate of 0.05.
+        settings: those of the agent's parts, which describe them, as `galton.make_agent` takes them. Their defaults
+            are the algorithm's, and for a task of the paper that is called by its name, those of App. C.2, as on the
+            command line: "bandit" has a linear network and, for A2C, 5 steps an update and a learning rate of 0.05.
 
     Raises:
         UsageError: an argument out of range, or an environment that can't be used, with what to do about it.
@@ -75,7 +77,7 @@ class Model:
     def __init__(
         self,
         env: object,
-        loss: str | None = None,
+        loss: str | Loss | None = None,
         *,
         preset: str | None = None,
         algorithm: str = "a2c",
@@ -83,43 +85,45 @@ class Model:
         seed: int = 0,
         env_kwargs: Mapping[str, object] | None = None,
         verbose: int = 0,
-        **settings: Unpack[Settings],
+        **settings: Any,
     ) -> None:
         refuse_policy(type(self).__name__, env, loss)
         task = find(env, **(env_kwargs or {}))
         chosen = find_preset(preset, loss, algorithm)
-        records = split(find_algorithm(algorithm), chosen, n_envs, dict(settings), env, given(task))
-        self._begin(task, *records, seed)
+        words = all_words(find_algorithm(algorithm), chosen, n_envs, settings, env, given(task))
+        self._begin(task, read(words), seed)
         self.verbose = verbose
 
     @classmethod
-    def of(cls: type[ModelT], env: object, config: Config, hypers: Hypers, seed: int = 0) -> ModelT:
-        """A model with these records in the place of keyword arguments; it raises what the constructor does."""
+    def of(cls: type[ModelT], env: object, agent: Agent, seed: int = 0) -> ModelT:
+        """A model of this agent, in the place of keyword arguments; it raises what the constructor does."""
         model = cls.__new__(cls)
-        model._begin(find(env), config, hypers, seed)
+        model._begin(find(env), agent, seed)
         return model
 
-    def _begin(self, task: Environment | HostTask, config: Config, hypers: Hypers, seed: int) -> None:
-        check_config(config)
-        check_copies(task, config.n_envs)
+    def _begin(self, task: Environment | HostTask, agent: Agent, seed: int) -> None:
+        check_one_run(agent)
+        check_copies(task, agent.rollout.n_envs)
         check_seed(seed)
-        check_one_run(hypers)
         actions, observations = spaces_of(task)
-        agent = agent_of(config, hypers).on(Box.of(actions.low, actions.high))
-        self._describe(config, hypers, seed, actions, observations, agent)
+        self._describe(agent.on(Box.of(actions.low, actions.high)), seed, actions, observations)
         self._run: Run | Loaded = Run(task, self.agent, seed)
 
-    def _describe(
-        self, config: Config, hypers: Hypers, seed: int, actions: ActionBox, observations: Observations, agent: Agent
-    ) -> None:
-        """Become the model of these settings, without a run yet."""
-        self.config, self.hypers, self.seed, self.agent = config, hypers, seed, agent
-        self.actions, self.observations, self.n_predictions = actions, observations, 0
-        self._interval, self.verbose = self.agent.algorithm.log_interval, 0
+    def _describe(self, agent: Agent, seed: int, actions: ActionBox, observations: Observations) -> None:
+        """Become the model of this agent, without a run yet."""
+        self.agent, self.seed, self.actions, self.observations = agent, seed, actions, observations
+        self._interval, self.verbose, self.n_predictions = self.agent.algorithm.log_interval, 0, 0
 
     def __repr__(self) -> str:
-        what = f"{self.config.loss} on {self.env_name}, {unusual(type(self.agent.algorithm), self.config, self.hypers)}"
-        return f"<galton.{type(self).__name__}: {what}, seed={self.seed}, {self.num_timesteps:,} steps>"
+        told = {"n_envs": self.agent.rollout.n_envs} | unusual(self.agent) | {"seed": self.seed}
+        what = f"{self.settings['loss']} on {self.env_name}"
+        said = ", ".join([what, *(f"{name}={value!r}" for name, value in told.items())])
+        return f"<galton.{type(self).__name__}: {said}, {self.num_timesteps:,} steps>"
+
+    @property
+    def settings(self) -> Fields:
+        """The settings of its agent by name, as keyword arguments; those that none of its parts has are left out."""
+        return words_of(self.agent)
 
     @property
     def env(self) -> Environment | HostTask | None:
@@ -149,7 +153,7 @@ class Model:
     @property
     def log_interval(self) -> int:
         """How many environment steps lie between two log points, all copies together, as `learn` was last told."""
-        return self._interval * self.config.rollout_size
+        return self._interval * self.agent.rollout.size
 
     @property
     def learner(self) -> Learner:
@@ -202,7 +206,7 @@ class Model:
             raise unexpected("learn", name)
         log_interval = self.agent.algorithm.log_interval if log_interval is None else log_interval
         require_integer("log_interval", log_interval, 1)
-        n_updates = updates_for(total_timesteps, self.config, self.population.step)
+        n_updates = updates_for(total_timesteps, self.agent.rollout, self.population.step)
         if decay_from is not None:
             require_integer("decay_from", decay_from, 0)
             past = f"decay_from is {decay_from}, but the run is at step {self.num_timesteps}; name an earlier one"
@@ -316,7 +320,7 @@ class Model:
             raise unexpected("load", name)
         found, arrays = file.read(Path(path), cls)
         model = cls.__new__(cls)
-        model._describe(found.config, found.hypers, found.seed, found.actions, found.observations, found.agent)
+        model._describe(found.agent, found.seed, found.actions, found.observations)
         model._interval, model.n_predictions = found.updates_per_log, found.n_predictions
         model._run = Loaded(found.env_name, found.num_timesteps, file.learner_of(found, arrays), arrays)
         if env is None:
@@ -328,7 +332,7 @@ class Model:
 
     def _go_on(self, task: Environment | HostTask, path: Path, arrays: Arrays) -> str:
         """Go on with a run on this environment where the arrays of a file are; why not exactly, or nothing."""
-        check_copies(task, self.config.n_envs)
+        check_copies(task, self.agent.rollout.n_envs)
         check_same_spaces(task, self.actions, self.observations)
         run = Run(task, self.agent, self.seed)
         cause = run.resume(path, arrays)

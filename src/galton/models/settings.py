@@ -1,87 +1,32 @@
-"""What a model's constructor can be told: the fields of Config and Hypers as keyword arguments."""
+"""What a model's constructor can be told: the settings of an agent's parts as keyword arguments."""
 
 import inspect
 import math
-from collections.abc import Iterable
-from typing import Any, Literal, TypedDict
+from collections.abc import Mapping
+from typing import Any
 
-from galton.agents import idle
-from galton.algorithms import Algorithm
-from galton.errors import did_you_mean, require_integer
+from galton.agents import idle, vocabulary, without_idle, words_of
+from galton.algorithms import Agent, Algorithm
+from galton.errors import did_you_mean, require, require_integer
 from galton.models.hints import refuse_schedules, unexpected
 from galton.presets import PAPER, Preset
-from galton.records import Fields, defaults
+from galton.records import Fields
 from galton.tasks import settings_of
-from galton.types import Config, Hypers, make_config
-
-
-class Settings(TypedDict, total=False):
-    """The fields of Config and Hypers, which describe them; their defaults are the algorithm's."""
-
-    policy: str
-    learning_rate: float
-    decay_steps: float
-    n_steps: int
-    batch_size: int
-    n_epochs: int
-    ratio: Literal["auto", "smoothed", "true"]
-    gamma: float
-    gae_lambda: float
-    clip_range: float
-    target_kl: float | None
-    normalize_advantage: bool
-    ent_coef: float
-    vf_coef: float
-    max_grad_norm: float
-    clip_separately: bool
-    critic: str
-    n_value_bins: int
-    value_min: float
-    value_max: float
-    value_eta: float
-    eta: float
-    n_bins: int
-    log_std_init: float
-    log_std_min: float
-    box_units: float
-    rpo_alpha: float
-    net_arch: Iterable[int]
-    normalize_observation: bool
-    normalize_reward: bool
-    initial_policy: Literal["uniform", "gaussian", "clipped-gaussian"]
-    exploration: Literal["softmax", "gaussian"]
-    bin_sample: Literal["center", "uniform"]
-    noise_correlation: float
-    deterministic_action: Literal["mode", "mean", "median"]
-    bin_centers: Literal["inside", "bounds"]
-    target_tails: Literal["rescaled", "edges"]
-    eta_rule: Literal["fixed", "policy"]
-    eta_min: float
-    eta_max: float
-    negative_target: Literal["same", "one-hot"]
-    weighting: Literal["advantage", "awr", "v-mpo"]
-    temperature: float
-    entropy_target: bool
-    entropy_start: float
-    entropy_end: float
-    entropy_steps: float
-    entropy_rate: float
-    entropy_alpha_min: float
 
 
 def usual(algorithm: type[Algorithm], env: object = None, preset: Preset = Preset(PAPER)) -> Fields:  # noqa: B008
-    """The settings that an algorithm knows, in the order of Settings, with the values that nobody has to name.
+    """The settings that an algorithm knows, with the values that nobody has to name.
 
-    A named task's go before the preset's, and the preset's before the algorithm's.
+    A named task's go before the preset's, and the preset's before the algorithm's. The loss, the algorithm and n_envs
+    have arguments of their own.
     """
-    values = _usual(algorithm, env, preset)
-    unknown = idle({"algorithm": algorithm.name}, ["algorithm"])
-    return {name: values[name] for name in Settings.__annotations__ if name not in unknown}
+    elsewhere = {"loss", "algorithm", "n_envs", *idle({"algorithm": algorithm.name}, ["algorithm"])}
+    return {name: value for name, value in _usual(algorithm, env, preset).items() if name not in elsewhere}
 
 
 def _usual(algorithm: type[Algorithm], env: object, preset: Preset) -> Fields:
-    """All fields of Config and Hypers."""
-    plain = defaults(Config) | defaults(Hypers) | dict(algorithm.defaults)
+    """All settings of all parts."""
+    plain = vocabulary().usual | dict(algorithm.defaults)
     task = plain | settings_of(env) | dict(algorithm.defaults)
     own = {name for name in plain if task[name] != plain[name]}
     if "n_steps" in own:
@@ -89,15 +34,15 @@ def _usual(algorithm: type[Algorithm], env: object, preset: Preset) -> Fields:
     return task | {name: value for name, value in preset.settings.items() if name not in own}
 
 
-def split(
+def all_words(
     algorithm: type[Algorithm],
     preset: Preset,
     n_envs: int | None,
     settings: Fields,
     env: object = None,
     ready: int | None = None,
-) -> tuple[Config, Hypers]:
-    """The settings as the records that training takes; what is not among them is as `usual` has it.
+) -> Fields:
+    """The settings as `agents.read` takes them; what is not among them is as `usual` has it.
 
     Args:
         algorithm: what learns.
@@ -117,6 +62,7 @@ def split(
             known_ones = f"it takes {', '.join(known)}{did_you_mean(name, known)}"
             raise unexpected(algorithm.label, name, known_ones)
     refuse_schedules(settings)
+    settings = settings | _as_sb3_writes_it(settings.get("net_arch"))
     copies = _usual(algorithm, env, preset)["n_envs"]
     n_envs = (ready or copies) if n_envs is None else n_envs
     given = known | settings
@@ -124,10 +70,17 @@ def split(
         given["target_kl"] = math.inf
     if n_envs != copies > 1 and "n_steps" not in settings:
         given["n_steps"] = _as_long(copies * known["n_steps"], n_envs, given.get("batch_size", 1))
-    numbers = {name: value for name, value in given.items() if name in Hypers._fields}
-    fields = {name: value for name, value in given.items() if name not in numbers}
-    arguments = {"loss": preset.loss, "n_envs": n_envs, "algorithm": algorithm.name}
-    return make_config(fields | arguments), Hypers(**numbers)
+    given |= {"loss": preset.loss, "n_envs": n_envs, "algorithm": algorithm.name}
+    return without_idle(given, known)
+
+
+def _as_sb3_writes_it(net_arch: Any) -> Fields:
+    """The words of net_arch={"pi": [...], "vf": [...]}; nothing for anything else."""
+    if not isinstance(net_arch, Mapping):
+        return {}
+    both = set(net_arch) == {"pi", "vf"}
+    require(both, f"net_arch is {net_arch!r}; give one list for both networks, or a list for each of pi and vf")
+    return {"net_arch": net_arch["pi"], "critic_arch": net_arch["vf"]}
 
 
 def _as_long(rollout: int, n_envs: Any, batch_size: Any) -> int:
@@ -138,11 +91,10 @@ def _as_long(rollout: int, n_envs: Any, batch_size: Any) -> int:
     return unit * math.ceil(rollout / (n_envs * unit))
 
 
-def unusual(algorithm: type[Algorithm], config: Config, hypers: Hypers) -> str:
-    """The copies of the environment, and the settings that are not the algorithm's usual ones, as keyword arguments."""
-    own = {name: getattr(config, name, None) for name in usual(algorithm)} | hypers._asdict()
-    changed = {name: own[name] for name, value in usual(algorithm).items() if own[name] != value}
-    return ", ".join(f"{name}={value!r}" for name, value in {"n_envs": config.n_envs, **changed}.items())
+def unusual(agent: Agent) -> Fields:
+    """The settings of an agent that are not its algorithm's usual ones."""
+    own, known = words_of(agent), usual(type(agent.algorithm))
+    return {name: own[name] for name, value in known.items() if name in own and own[name] != value}
 
 
 def signature(algorithm: type[Algorithm]) -> inspect.Signature:

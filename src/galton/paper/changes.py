@@ -29,7 +29,7 @@ class Change:
     """What tables call it."""
     tasks: tuple[str, ...]
     fields: Fields = dataclasses.field(default_factory=dict)
-    """The fields of Config and Hypers that it sets."""
+    """The settings that it sets."""
     of_task: Mapping[str, Fields] = dataclasses.field(default_factory=dict)
     """Those that differ from task to task."""
     losses: tuple[str, ...] = tuple(LOSSES)
@@ -243,15 +243,15 @@ def best_under(chosen: Summary, change: Change, task: str, budget: Budget) -> di
 def best_without_lowest(chosen: Summary) -> dict[str, Setting]:
     """Each loss's best setting among those of a grid that do not have its lowest learning rate."""
     settings = chosen.study.settings
-    lowest = min(setting.hypers.learning_rate for setting in settings)
-    return _best(chosen, [setting for setting in settings if setting.hypers.learning_rate > lowest] or settings)
+    lowest = min(setting["learning_rate"] for setting in settings)
+    return _best(chosen, [setting for setting in settings if setting["learning_rate"] > lowest] or settings)
 
 
 def _best(chosen: Summary, settings: Iterable[Setting]) -> dict[str, Setting]:
     means = mean_returns(chosen.study, chosen.table)
     found: dict[str, Setting] = {}
     for setting in settings:
-        loss = setting.config.loss
+        loss = setting["loss"]
         if setting in means and (loss not in found or means[setting] > means[found[loss]]):
             found[loss] = setting
     return found

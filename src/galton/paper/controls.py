@@ -1,7 +1,6 @@
 """The two controls of §5.2.3, on the bandit: softmax policies that start, or explore, as the Gaussian does."""
 
 import dataclasses
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -23,8 +22,8 @@ from galton.paper.summary import Summary
 from galton.paper.sweeps import AGAIN, MAIN, Budget, Done, Sweep, again, main_settings, task_study
 from galton.paper.trained import Trained
 from galton.paper.verdicts import claim, marks, told
+from galton.records import Fields
 from galton.sweep.study import Study
-from galton.types import Config
 
 Means = Float[np.ndarray, " settings"]
 
@@ -35,16 +34,14 @@ class Control(NamedTuple):
     label: str
     sweep: Sweep
     again: Sweep
-    change: Callable[[Config], Config]
-    """What it does to a softmax policy's configuration."""
+    change: Fields
+    """The settings of a softmax policy under it."""
 
 
-def _control(name: str, label: str, change: Callable[[Config], Config]) -> Control:
+def _control(name: str, label: str, **change: str) -> Control:
     def study(budget: Budget, _: Done) -> Study:
         changed = (
-            setting._replace(config=change(setting.config))
-            for setting in main_settings("bandit", budget)
-            if setting.config.loss != "gaussian"
+            setting.replace(**change) for setting in main_settings("bandit", budget) if setting["loss"] != "gaussian"
         )
         return task_study("bandit", budget, tuple(changed))
 
@@ -52,14 +49,8 @@ def _control(name: str, label: str, change: Callable[[Config], Config]) -> Contr
     return Control(label, sweep, again(sweep), change)
 
 
-INIT_GAUSSIAN = _control(
-    "bandit-init-gaussian", "Init Gaussian", lambda config: dataclasses.replace(config, initial_policy="gaussian")
-)
-EXPLORATION = _control(
-    "bandit-gaussian-exploration",
-    "Gaussian Exploration",
-    lambda config: dataclasses.replace(config, exploration="gaussian"),
-)
+INIT_GAUSSIAN = _control("bandit-init-gaussian", "Init Gaussian", initial_policy="gaussian")
+EXPLORATION = _control("bandit-gaussian-exploration", "Gaussian Exploration", exploration="gaussian")
 CONTROLS = (INIT_GAUSSIAN, EXPLORATION)
 
 
@@ -87,8 +78,8 @@ def _at_equal_settings(trained: Trained, control: Control) -> dict[str, tuple[Me
         return found
     changed, plain = over_training(under), over_training(main)
     for loss in CLASSIFICATION:
-        own = [setting for setting in plain if setting.config.loss == loss]
-        twins = [(setting._replace(config=control.change(setting.config)), setting) for setting in own]
+        own = [setting for setting in plain if setting["loss"] == loss]
+        twins = [(setting.replace(**control.change), setting) for setting in own]
         pairs = [(changed[one], plain[other]) for one, other in twins if one in changed]
         if pairs:
             found[loss] = (np.array([one for one, _ in pairs]), np.array([other for _, other in pairs]))

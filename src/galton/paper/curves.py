@@ -43,7 +43,7 @@ def numbered(title: str, summary: Summary, every: bool = False) -> str:
 def counted(summary: Summary, loss: str | None = None) -> str:
     """For a panel, how many trials of how much of App. C.2's grid a sweep has; of one loss, or of all the paper's."""
     study = summary.study
-    grid = {setting for setting in paper_settings(study.env) if loss in (None, setting.config.loss)}
+    grid = {setting for setting in paper_settings(study.env) if loss in (None, setting["loss"])}
     n = len(grid & {*study.settings})
     return f"{study.trials} trials × {len(grid) if n == len(grid) else f'{n} of {len(grid)}'} settings"
 

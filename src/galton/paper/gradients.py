@@ -10,18 +10,18 @@ import numpy as np
 import pyarrow as pa
 from jaxtyping import Array, Float, Key
 
-from galton.agents import agent_of
+from galton.agents import make_agent
 from galton.algorithms import Agent, actor_critic
 from galton.envs.registry import make
 from galton.losses import LOSSES, surrogate
-from galton.networks import features, mlp
+from galton.networks import mlp
 from galton.paper.sweeps import Budget
 from galton.policies import Distribution, Gaussian
 from galton.tasks import TASKS
 from galton.theory import gradient_bound, output_lipschitz, regression_bound
 from galton.training.population import box_of, populate
 from galton.training.rollout import EpisodeState, draw_noise, rollout
-from galton.types import Config, Hypers, Learner, Params, Transition
+from galton.types import Learner, Params, Transition
 
 READINGS = {"sigma^2": 2, "sigma": 1}
 """The power of σ that divides the Gaussian's squared error: its log-likelihood's, and the one that §4.3 prints."""
@@ -107,7 +107,7 @@ def measure(agent: Agent, learner: Learner, batch: Transition, reading: str) -> 
 
         gradient, outputs = sample_gradient(loss, actor, observation, advantage)
         norm = jnp.sqrt(sum(jnp.vdot(leaf, leaf) for leaf in jax.tree.leaves(gradient)))
-        lipschitz, f = output_lipschitz(actor, observation), features(actor, observation)
+        lipschitz, f = output_lipschitz(actor, observation), agent.network.features(actor, observation)
         distribution = agent.policy.distribution(outputs, params)
         if isinstance(distribution, Gaussian):
             last_factor = jnp.abs(action - distribution.mean).sum()
@@ -142,8 +142,9 @@ def collect(budget: Budget) -> pa.Table:
 
 
 def _collect(task: str, loss: str, effort: Effort) -> pa.Table:
-    env, config, hypers = make(TASKS[task].env), Config(loss=loss), Hypers(eta=ETAS.get(loss, Hypers().eta))
-    agent = agent_of(config, hypers).on(box_of(env))
+    env = make(TASKS[task].env)
+    plain = make_agent(loss=loss, **({"eta": ETAS[loss]} if loss in ETAS else {}))
+    agent = plain.on(box_of(env))
     readings = list(READINGS) if loss == "gaussian" else [""]
 
     def look(run: tuple[Key[Array, ""], Learner, EpisodeState]) -> dict[str, Sample]:
@@ -168,9 +169,8 @@ def _collect(task: str, loss: str, effort: Effort) -> pa.Table:
             columns |= {"seed": seed.ravel(), "sample": sample.ravel()}
             tables.append(pa.table(columns | {name: np.ravel(x) for name, x in samples._asdict().items()}))
 
-    growing = np.geomspace(effort.steps // config.n_steps, 1, effort.points - 1).round().astype(int)
-    all_hypers = Hypers._make(np.full(effort.seeds, h, np.float32) for h in hypers)
-    population = populate(env, agent_of(config, all_hypers), range(effort.seeds))
+    growing = np.geomspace(effort.steps // agent.rollout.n_steps, 1, effort.points - 1).round().astype(int)
+    population = populate(env, jax.tree.map(np.float32, plain), range(effort.seeds))
     try:
         for n_updates in np.diff(sorted({0, *growing.tolist()}), prepend=0):
             population.advance(int(n_updates))

@@ -172,5 +172,5 @@ def _cost_of_the_next_bin(bandit: Summary) -> float:
     """The most that a bin beside the best one costs: its centre is up to one and a half widths away, squared."""
     env = find(bandit.study.env)
     assert isinstance(env, Environment)
-    config = bandit.best["hl-one-hot"].setting.config
-    return float((1.5 * Bins(env.action_low, env.action_high, config.n_bins).width.max()) ** 2)
+    n_bins = bandit.best["hl-one-hot"].setting["n_bins"]
+    return float((1.5 * Bins(env.action_low, env.action_high, n_bins).width.max()) ** 2)

@@ -118,7 +118,7 @@ def rescaled(trained: Trained, scale: float, in_box: bool) -> Trained:
         if done is not None and task in trained.judged:
             other = "gaussian" if in_box else rescaling.IN_THE_BOX
             settings = [setting for setting in done.study.settings if rescaling.name_of(setting) != other]
-            losses = {setting.config.loss for setting in settings}
+            losses = {setting["loss"] for setting in settings}
             best = trained.judged[task].chosen.best
             chosen = trained.judged[task].chosen.part([best[loss].setting for loss in best if loss in losses])
             found[task] = Judged(chosen, done.part(settings))
@@ -134,7 +134,7 @@ def without_lowest(trained: Trained) -> Trained:
             main = trained.judged[task]
             winners = changes.best_without_lowest(main.chosen)
             new = [setting for setting in winners.values() if setting in done.study.settings]
-            changed = [setting.config.loss for setting in new]
+            changed = [setting["loss"] for setting in new]
             found[task] = _beside(Judged(main.chosen.part(new), done.part(new)), main, changed)
     return as_main(found)
 

@@ -84,7 +84,7 @@ def _filled(summary: Summary, returns: Float[np.ndarray, "*any"], metric: str) -
     """The returns; where a run has diverged, the worst that any run of the paper's losses did in this sweep."""
     if not np.isnan(returns).any():
         return returns
-    own = (setting for setting in summary.study.settings if LOSSES[setting.config.loss].in_paper)
+    own = (setting for setting in summary.study.settings if LOSSES[setting["loss"]].in_paper)
     curves = summary.curves(metric)[summary.rows(*own)]
     known = curves[~np.isnan(curves)]
     return np.where(np.isnan(returns), known.min(), returns) if len(known) else returns
@@ -118,7 +118,7 @@ def better_by(chosen: Summary, measure: Callable[..., Scores], metric: str) -> s
 def by_setting(summary: Summary, loss: str) -> Float[np.ndarray, "settings trials"]:
     """Final training return of every run of a loss; a diverged one has the worst of all."""
     finals = _filled(summary, summary.final("training_return"), "training_return")
-    own = [setting for setting in summary.study.settings if setting.config.loss == loss]
+    own = [setting for setting in summary.study.settings if setting["loss"] == loss]
     return np.array([finals[summary.rows(setting)] for setting in own])
 
 
@@ -132,7 +132,7 @@ def over_training(summary: Summary) -> dict[Setting, float]:
 def by_value(summary: Summary, loss: str, field: str) -> dict[float, Scores]:
     """The mean over settings of each trial's final return, by the value of a field: its marginals."""
     finals = by_setting(summary, loss)
-    values = np.array([s.record()[field] for s in summary.study.settings if s.config.loss == loss])
+    values = np.array([s.record()[field] for s in summary.study.settings if s["loss"] == loss])
     return {float(value): finals[values == value].mean(0) for value in np.unique(values)}
 
 

@@ -22,7 +22,7 @@ def order_changes(trained: Trained) -> Claim:
 
     def judge(task: str, scale: Scale) -> dict[str, Found]:
         again = trained.judged[task].again
-        if again.best["hl-gauss"].setting.hypers.eta <= _ONE_HOT:
+        if again.best["hl-gauss"].setting["eta"] <= _ONE_HOT:
             return {"": null(f"the same loss: HL-Gauss's best η is at most {_ONE_HOT}")}
 
         def share(summary: Summary, loss: str) -> Scores:

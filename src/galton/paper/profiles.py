@@ -28,7 +28,7 @@ _HIGH = 0.9
 
 def profile(summary: Summary, loss: str, taus: Float[np.ndarray, " T"]) -> Interval:
     """The share of a loss's runs, of every setting, that end above each τ; the trials of each setting are resampled."""
-    own = [setting for setting in summary.study.settings if setting.config.loss == loss]
+    own = [setting for setting in summary.study.settings if setting["loss"] == loss]
     finals = summary.final("training_return")
     return mean_band([finals[summary.rows(setting), None] > taus for setting in own])
 

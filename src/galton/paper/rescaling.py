@@ -31,19 +31,19 @@ IN_THE_BOX = "gaussian in units of the box"
 
 def name_of(setting: Setting) -> str:
     """The loss, or IN_THE_BOX for the Gaussian in those units."""
-    return IN_THE_BOX if setting.hypers.box_units else setting.config.loss
+    return IN_THE_BOX if setting["box_units"] else setting["loss"]
 
 
 def in_the_box(setting: Setting) -> Setting:
     """The same setting in units of the box."""
-    return setting._replace(hypers=setting.hypers._replace(box_units=1.0))
+    return setting.replace(box_units=1.0)
 
 
 def _settings(main: Summary, budget: Budget) -> tuple[Setting, ...]:
     """Each loss's best setting of the main experiment, and the Gaussian's in units of the box."""
     losses = ("gaussian", "hl-gauss") if budget == "smoke" else tuple(main.best)
     found = [main.best[loss].setting for loss in losses]
-    return (*found, *(in_the_box(setting) for setting in found if setting.config.loss == "gaussian"))
+    return (*found, *(in_the_box(setting) for setting in found if setting["loss"] == "gaussian"))
 
 
 def _sweep(task: str, scale: float) -> Sweep:
@@ -89,7 +89,7 @@ def are_equal(by_scale: Mapping[float, At]) -> bool:
 
     That is σ, and for a density its logarithm too, and so its entropy and loss.
     """
-    is_density = any(at.setting.hypers.box_units for at in by_scale.values())
+    is_density = any(at.setting["box_units"] for at in by_scale.values())
     of_density = {"final_entropy", "entropy", "final_policy_loss"} if is_density else set()
     first, *others = (at.summary.part([at.setting]).table for at in by_scale.values())
     names = {*first.column_names} - {"setting", "final_sigma"} - of_density

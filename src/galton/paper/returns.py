@@ -105,7 +105,7 @@ def _entropies(trained: Trained, units: Mapping[str, Found]) -> str:
         if TASKS[name].title in worse:
             setting = task.again.best[better(task.chosen, final_return)].setting
             entropy = mean_interval(task.again.final("entropy")[task.again.rows(setting)]).mean
-            uniform = TASKS[name].d * math.log(setting.config.n_bins)
+            uniform = TASKS[name].d * math.log(setting["n_bins"])
             ends.append(f"{TASKS[name].title} {entropy:.1f} of {uniform:.1f} nats")
     return f"The softmax's final entropy where it ends lower: {', '.join(ends)}." if ends else ""
 

@@ -39,7 +39,7 @@ def marginals(summary: Summary, loss: str, field: str, metric: str) -> dict[floa
     curves = summary.curves(metric)
     groups: dict[float, list[np.ndarray]] = {}
     for setting in summary.study.settings:
-        if setting.config.loss == loss:
+        if setting["loss"] == loss:
             groups.setdefault(float(setting.record()[field]), []).append(curves[summary.rows(setting)])
     return {value: mean_band(group) for value, group in sorted(groups.items())}
 

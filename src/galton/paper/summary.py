@@ -188,7 +188,7 @@ def check(table: pa.Table, study: Study) -> None:
         elif name not in _KEYS_KEPT[:4]:
             require(name.startswith("final_"), f"it has a column {name}, which no summary has")
             columns.numbers(table, name, np.float32)
-    for loss in {setting.config.loss for setting in study.settings}:
+    for loss in {setting["loss"] for setting in study.settings}:
         find_loss(loss)
 
 

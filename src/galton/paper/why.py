@@ -83,9 +83,9 @@ def best_of_each(summary: Summary) -> tuple[Setting, ...]:
     One with a run that diverged loses to any other.
     """
     means = mean_returns(summary.study, summary.table)
-    found: dict[Setting, Setting] = {}
+    found: dict[frozenset[tuple[str, object]], Setting] = {}
     for setting, mean in means.items():
-        alike = setting._replace(hypers=setting.hypers._replace(learning_rate=0.0, eta=0.0))
+        alike = frozenset((setting.record() | {"learning_rate": 0.0, "eta": 0.0}).items())
         if alike not in found or mean > means[found[alike]]:
             found[alike] = setting
     return tuple(found.values())
@@ -124,7 +124,7 @@ def outcomes(summary: Summary) -> dict[tuple[str, str], Outcome]:
     """How each loss ends under each change: the winners on fresh seeds, by change and loss."""
     metrics = {metric: summary.final(metric) for metric in METRICS}
     return {
-        (change_of(setting, summary.study.env), setting.config.loss): Outcome(
+        (change_of(setting, summary.study.env), setting["loss"]): Outcome(
             setting, {metric: values[summary.rows(setting)] for metric, values in metrics.items()}
         )
         for setting in summary.study.settings
@@ -144,7 +144,7 @@ def change_of(setting: Setting, env: str) -> str:
 
 @functools.cache
 def _plain(env: str) -> Fields:
-    return Setting.of_record(task_defaults(env)).record()
+    return Setting(task_defaults(env)).record()
 
 
 def draw(trained: Trained) -> Figure:

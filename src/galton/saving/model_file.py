@@ -6,13 +6,16 @@ from pathlib import Path
 
 import numpy as np
 
-from galton.algorithms import find_algorithm
+from galton.agents import in_two, read, vocabulary
+from galton.agents import words_of as words_of_agent
+from galton.algorithms import Agent, find_algorithm
 from galton.envs.host.answers import shown
 from galton.errors import CheckpointError, NewerVersionError, UsageError, in_a_line
-from galton.records import FIRST_FIELDS, defaults, refuse_unknown
+from galton.networks import NETWORKS
+from galton.parts import settings as settings_of
+from galton.records import FIRST_FIELDS, Fields, refuse_unknown
 from galton.saving import checkpoint, files
 from galton.saving.checkpoint import Settings
-from galton.types import Config, Hypers, make_config
 
 MAX_BINS = 10**6
 """The most bins that settings may call for beyond the numbers in the file."""
@@ -24,8 +27,8 @@ PER_NUMBER = 4_000
 EXAMPLE: Settings = {
     "class": "A2C",
     "env": "",
-    "config": defaults(Config) | {"net_arch": []},
-    "hypers": Hypers()._asdict(),
+    "config": {},
+    "hypers": {},
     "seed": 0,
     "step": 0,
     "log_interval": 1,
@@ -33,7 +36,7 @@ EXAMPLE: Settings = {
     "action_space": {},
     "observation_space": {},
 }
-"""What a model's file holds; of config and hypers a file leaves out later fields that have their defaults."""
+"""What a model's file holds; config and hypers are the words of its agent, but for later ones at their usual values."""
 
 SCORE = "evaluation/mean_reward"
 """The array of a best model's file that holds its mean return."""
@@ -67,8 +70,8 @@ def existing(path: Path) -> Path:
     return saved_as if not path.is_file() and saved_as.is_file() else path
 
 
-def best_before(path: Path, env_name: str, config: Config, hypers: Hypers, step: int) -> float:
-    """The mean return of the best model that a run of these settings kept at this path up to this step; −inf for none.
+def best_before(path: Path, env_name: str, agent: Agent, step: int) -> float:
+    """The mean return of the best model that a run of this agent kept at this path up to this step; −inf for none.
 
     A file of anything else is nobody's best: whoever keeps a better model writes over it.
     """
@@ -78,9 +81,10 @@ def best_before(path: Path, env_name: str, config: Config, hypers: Hypers, step:
     try:
         settings, arrays = checkpoint.read(path)
         settings = checked(path, settings, arrays)
-    except (CheckpointError, UsageError):
+        other = words_of_agent(read(words_of(settings)))
+    except (CheckpointError, UsageError, *MALFORMED):
         return -math.inf
-    same = settings["env"] == env_name and config_of(settings) == config and hypers_of(settings) == hypers
+    same = settings["env"] == env_name and other == words_of_agent(agent)
     return float(arrays[SCORE]) if same and settings["step"] <= step and SCORE in arrays else -math.inf
 
 
@@ -116,12 +120,13 @@ def check(settings: Settings, arrays: dict[str, np.ndarray]) -> Settings:
         CheckpointError: anything else.
     """
     refuse_unknown("the checkpoint", settings, EXAMPLE)
+    example = EXAMPLE | in_two(vocabulary().usual)
     for part in ("config", "hypers"):
         _check_like(part, settings[part], {})
-        refuse_unknown(f"the checkpoint's {part}", settings[part], EXAMPLE[part])
-        later = {name: value for name, value in EXAMPLE[part].items() if name not in FIRST_FIELDS}
+        refuse_unknown(f"the checkpoint's {part}", settings[part], example[part])
+        later = {name: value for name, value in example[part].items() if name not in FIRST_FIELDS}
         settings = settings | {part: later | settings[part]}
-    _check_like("settings", settings, EXAMPLE)
+    _check_like("settings", settings, example)
     config = settings["config"]
     for name, fits in _fitting(settings, arrays).items():
         if not fits:
@@ -148,15 +153,27 @@ def _fitting(settings: Settings, arrays: dict[str, np.ndarray]) -> dict[str, boo
         "n_steps · n_envs": training_size(settings, arrays) <= max(SMALL, PER_NUMBER * n_numbers),
         "n_envs": length is None or length.shape == (1, config["n_envs"]),
         "n_bins": n_actions * config["n_bins"] <= max(n_numbers, MAX_BINS),
-        "net_arch": len(config["net_arch"]) <= len(arrays) and sum(config["net_arch"]) <= n_numbers,
+        **{name: _is_of_size(size, arrays, n_numbers) for name, size in _sizes(config).items()},
     }
+
+
+def _sizes(config: Settings) -> dict[str, int | list[int]]:
+    """The settings of the network that say how many units, blocks or layers it has."""
+    own = settings_of(NETWORKS[config["network"]])
+    return {name: size for name, size in config.items() if name in own and isinstance(size, int | list)}
+
+
+def _is_of_size(size: int | list[int], arrays: dict[str, np.ndarray], n_numbers: int) -> bool:
+    """Whether a file of these arrays may call for a network of this size."""
+    return size <= n_numbers if isinstance(size, int) else len(size) <= len(arrays) and sum(size) <= n_numbers
 
 
 def training_size(settings: Settings, arrays: dict[str, np.ndarray]) -> int:
     """About how many numbers training takes with these settings: in its rollouts, and in environments outside JAX."""
-    config = EXAMPLE["config"] | settings["config"]
+    config = in_two(vocabulary().usual)["config"] | settings["config"]
     n_actions, n_observations = _flat_size(settings["action_space"]), _flat_size(settings["observation_space"])
-    per_step = 2 * n_observations + n_actions * config["n_bins"] + 2 * sum(config["net_arch"]) + config["n_epochs"]
+    units = sum(sum(size) if isinstance(size, list) else size for size in _sizes(config).values())
+    per_step = 2 * n_observations + n_actions * config["n_bins"] + 2 * units + config["n_epochs"]
     per_environment = 0 if "environments/length" in arrays else 20_000
     return config["n_envs"] * (config["n_steps"] * (256 + per_step) + per_environment)
 
@@ -169,19 +186,14 @@ def with_ballast(settings: Settings, arrays: dict[str, np.ndarray]) -> dict[str,
     return arrays if size <= SMALL or missing <= 0 else arrays | {"ballast": np.zeros(missing, np.uint8)}
 
 
-def config_of(settings: Settings) -> Config:
-    """The configuration in checked settings."""
-    return make_config(settings["config"])
-
-
-def hypers_of(settings: Settings) -> Hypers:
-    """The numbers in checked settings."""
-    return Hypers(**settings["hypers"])
+def words_of(settings: Settings) -> Fields:
+    """The words of the agent in checked settings."""
+    return {**settings["config"], **settings["hypers"]}
 
 
 def _check_like(name: str, given: object, like: object) -> None:
     """Raise unless given has the types and keys of like."""
-    if type(given) is not type(like):
+    if like is not None and type(given) is not type(like):
         raise CheckpointError(f"{name} is {shown(given)}; it must be of type {type(like).__name__}")
     if isinstance(given, dict) and isinstance(like, dict) and like:
         if given.keys() != like.keys():

@@ -15,8 +15,7 @@ from galton.sweep.executors import ATTEMPTS, WorkerDiedError, one_per_core, proc
 from galton.sweep.plan import FILE, Plan
 from galton.sweep.shard import Report, discard, finished, read, report, work
 from galton.sweep.store import Store
-from galton.sweep.study import Study
-from galton.types import Config
+from galton.sweep.study import Program, Study
 
 CarryOut = Callable[[Store, Plan], None]
 """A function of a store and its plan that trains what the plan lacks."""
@@ -127,7 +126,7 @@ def run(
     """
     pending = _left(store, plan, watcher)
     running: dict[Future[Report], int] = {}
-    free: list[Config] = []
+    free: list[Program] = []
     died: tuple[type[BaseException], ...] = (WorkerDiedError, *lost)
     try:
         while pending or running:
@@ -138,7 +137,7 @@ def run(
                 index = running.pop(future)
                 try:
                     watcher.finished(future.result())
-                    free.append(plan.configs[index])
+                    free.append(plan.firsts[index].program)
                 except died as error:
                     pending.again(index, error)
     finally:
@@ -162,12 +161,12 @@ def _ended(running: Collection[Future[Report]]) -> set[Future[Report]]:
 
 
 class _Pending:
-    """Shards to do. A worker goes on with the Config that it has compiled; a new one gets one that none works on."""
+    """Shards to do. A worker goes on with the program that it has compiled; a new one gets one that none works on."""
 
     def __init__(self, plan: Plan, indices: Iterable[int]) -> None:
         self._plan = plan
-        self._queues: dict[Config, collections.deque[int]] = {}
-        self._taken: collections.Counter[Config] = collections.Counter()
+        self._queues: dict[Program, collections.deque[int]] = {}
+        self._taken: collections.Counter[Program] = collections.Counter()
         self._losses: collections.Counter[int] = collections.Counter()
         for index in indices:
             self.push(index)
@@ -176,13 +175,13 @@ class _Pending:
         return bool(self._queues)
 
     def push(self, index: int) -> None:
-        """Add a shard behind those of its Config."""
-        self._queues.setdefault(self._plan.configs[index], collections.deque()).append(index)
+        """Add a shard behind those of its program."""
+        self._queues.setdefault(self._plan.firsts[index].program, collections.deque()).append(index)
 
-    def pop(self, compiled: Config | None) -> int:
-        """Take the next shard for a worker that has compiled this Config, or none."""
+    def pop(self, compiled: Program | None) -> int:
+        """Take the next shard for a worker that has compiled this program, or none."""
         if compiled not in self._queues:
-            compiled = min(self._queues, key=lambda config: (self._taken[config], -len(self._queues[config])))
+            compiled = min(self._queues, key=lambda program: (self._taken[program], -len(self._queues[program])))
             self._taken[compiled] += 1
         waiting = self._queues[compiled]
         index = waiting.popleft()

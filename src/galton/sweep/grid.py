@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from galton.agents import idle, may_idle
+from galton.agents import CHOICES, idle, may_idle, values_of
 from galton.errors import UsageError, did_you_mean, require, require_integer
 from galton.losses import LOSSES
 from galton.parts import settings
@@ -17,7 +17,6 @@ from galton.records import Fields
 from galton.saving import files
 from galton.sweep.study import Setting
 from galton.tasks import settings_of, task_of
-from galton.types import make_config
 
 MOST_SETTINGS = 100_000
 """The most points that a block of a grid may have, or settings that are drawn of a loss; ten short lists make more."""
@@ -27,7 +26,7 @@ def expand(blocks: Iterable[Mapping[str, object]], base: Mapping[str, object]) -
     """Each block's product: a list is an axis (net_arch's, a list of lists), anything else is fixed.
 
     Args:
-        blocks: fields of Config and Hypers.
+        blocks: settings by name.
         base: for the fields that a block doesn't name, as `bases` has it.
 
     Raises:
@@ -42,7 +41,7 @@ def expand(blocks: Iterable[Mapping[str, object]], base: Mapping[str, object]) -
         )
         points += [dict(zip(axes, point, strict=True)) for point in itertools.product(*axes.values())]
     of_points = zip(bases(points, [base] * len(points)), points, strict=True)
-    return tuple(dict.fromkeys(Setting.of_record(shared | point) for shared, point in of_points))
+    return tuple(dict.fromkeys(Setting(shared | point) for shared, point in of_points))
 
 
 def bases(points: Sequence[Mapping[str, object]], given: Sequence[Mapping[str, object]]) -> Iterator[Fields]:
@@ -51,8 +50,9 @@ def bases(points: Sequence[Mapping[str, object]], given: Sequence[Mapping[str, o
     What none of them has a use for stays, to be refused by name.
     """
     whole = [{**base, **point} for base, point in zip(given, points, strict=True)]
-    choices = [make_config({name: fields[name] for name in ("loss", "policy") if name in fields}) for fields in whole]
-    unused = {choice: idle({"loss": choice.loss, "policy": choice.policy}) for choice in dict.fromkeys(choices)}
+    usual = {word: CHOICES[word].usual for word in ("loss", "policy")}
+    choices = [tuple(values_of({word: fields.get(word, usual[word]) for word in usual}).values()) for fields in whole]
+    unused = {choice: idle(dict(zip(("loss", "policy"), choice, strict=True))) for choice in dict.fromkeys(choices)}
     nobodys = set.intersection(*unused.values()) if unused else set()
     for base, choice in zip(given, choices, strict=True):
         own = unused[choice] - nobodys

@@ -12,14 +12,15 @@ import numpy as np
 import pyarrow as pa
 from jaxtyping import Int, UInt
 
+from galton.agents import read, vocabulary
+from galton.algorithms import Agent
 from galton.envs.registry import is_known
 from galton.errors import NewerVersionError, UsageError, in_a_line, require, require_integer
 from galton.saving.model_file import MALFORMED
 from galton.sweep import columns
 from galton.sweep.parquet import from_bytes, record_of, to_bytes, with_record
 from galton.sweep.store import Store, checksum
-from galton.sweep.study import Setting, Study, canonical
-from galton.types import Config, Hypers
+from galton.sweep.study import Program, Setting, Study, canonical
 
 FILE = "plan.parquet"
 MOST_RUNS = 100_000
@@ -31,12 +32,11 @@ COMMON = "common"
 
 @dataclasses.dataclass(frozen=True)
 class Shard:
-    """Runs that are trained side by side, W of them, the plan's `shard_width` at most: one program of one Config."""
+    """Runs that are trained side by side, W of them, the plan's `shard_width` at most, by one program."""
 
     index: int
-    config: Config
-    hypers: Hypers
-    """The numbers of every run, each field `[W]`."""
+    agent: Agent
+    """That of all runs; its numbers are `[W]`."""
     setting: Int[np.ndarray, " W"]
     """Each run's setting, as an index into the plan's settings."""
     trial: Int[np.ndarray, " W"]
@@ -61,7 +61,7 @@ class Plan:
 
     @classmethod
     def create(cls, study: Study, shard_width: int | np.integer | None = None) -> "Plan":
-        """The runs of a study, grouped by Config, in shards of `shard_width`.
+        """The runs of a study, grouped by their programs, in shards of `shard_width`.
 
         By default 16, or 32 on environments outside JAX, which is fastest.
 
@@ -95,8 +95,8 @@ class Plan:
         trial = np.tile(np.arange(trials, dtype=np.int32), len(settings))
         new = ~np.isin(setting.astype(np.int64) << 32 | trial, self.setting.astype(np.int64) << 32 | self.trial)
         setting, trial = setting[new], trial[new]
-        groups: dict[Config, int] = {}
-        group = np.array([groups.setdefault(s.config, len(groups)) for s in settings], np.int32)[setting]
+        groups: dict[Program, int] = {}
+        group = np.array([groups.setdefault(s.program, len(groups)) for s in settings], np.int32)[setting]
         order = np.lexsort((trial, setting, group))
         setting, trial, group = setting[order], trial[order], group[order]
         place_in_group = np.arange(len(group)) - np.searchsorted(group, group)
@@ -128,10 +128,10 @@ class Plan:
         return np.searchsorted(self.shard, np.arange(self.n_shards + 1))
 
     @functools.cached_property
-    def configs(self) -> list[Config]:
-        """The Config of each shard."""
+    def firsts(self) -> list[Setting]:
+        """A setting of each shard, whose program is that of all."""
         settings = self.study.settings
-        return [settings[i].config for i in self.setting[self.bounds[:-1]].tolist()]
+        return [settings[i] for i in self.setting[self.bounds[:-1]].tolist()]
 
     @functools.cached_property
     def names(self) -> list[str]:
@@ -156,9 +156,9 @@ class Plan:
         start, stop = self.bounds[index : index + 2].tolist()
         setting, trial, seeds = (column[start:stop] for column in (self.setting, self.trial, self.seed))
         settings = [self.study.settings[i] for i in setting.tolist()]
-        columns = (np.array(column, np.float32) for column in zip(*(s.hypers for s in settings), strict=True))
-        hypers = Hypers._make(columns)
-        return Shard(index, settings[0].config, hypers, setting, trial, seeds, self.names[index])
+        numbers = {name for one in settings for name in one.record() if vocabulary().is_number(name)}
+        columns = {name: np.array([one[name] for one in settings], np.float32) for name in numbers}
+        return Shard(index, read(settings[0].record() | columns), setting, trial, seeds, self.names[index])
 
     def save(self, store: Store) -> None:
         """Write the plan into its folder, in place of an earlier and shorter one."""
@@ -175,15 +175,31 @@ class Plan:
         Raises:
             UsageError: it holds no plan, or one that was damaged.
         """
+        return _parse(store.url, _content(store))
+
+    @staticmethod
+    def imports(store: Store) -> tuple[str, ...]:
+        """The modules that the plan in a folder names: what they register may have settings of the plan.
+
+        Raises:
+            UsageError: as `load`.
+        """
+        record, _ = _whole(store.url, _content(store))
         try:
-            data = store.read(FILE)
-        except FileNotFoundError:
-            raise UsageError(f"out is {store.url}, which holds no sweep; start one with: galton sweep ENV") from None
-        return _parse(store.url, data)
+            return tuple(map(str, record["constants"]["imports"]))
+        except MALFORMED as error:
+            raise _of_somebody_else(store.url, error) from None
 
 
-@functools.lru_cache(maxsize=4)
-def _parse(url: str, data: bytes) -> Plan:
+def _content(store: Store) -> bytes:
+    try:
+        return store.read(FILE)
+    except FileNotFoundError:
+        raise UsageError(f"out is {store.url}, which holds no sweep; start one with: galton sweep ENV") from None
+
+
+def _whole(url: str, data: bytes) -> tuple[dict[str, Any], pa.Table]:
+    """The record of a plan and its table; UsageError unless both are what was written."""
     try:
         table = from_bytes(data)
         whole = record_of(table)
@@ -196,14 +212,23 @@ def _parse(url: str, data: bytes) -> Plan:
             f"out is {url}, whose {FILE} was damaged; put it back from a copy, or plan the same sweep in another "
             "folder and move the shards folder there: whole shards of the same runs count"
         )
+    return record, table
+
+
+def _of_somebody_else(url: str, error: Exception) -> UsageError:
+    return UsageError(f"out is {url}, whose {FILE} is none of Galton's: {in_a_line(error)}; plan the sweep anew")
+
+
+@functools.lru_cache(maxsize=4)
+def _parse(url: str, data: bytes) -> Plan:
+    record, table = _whole(url, data)
     try:
         plan = Plan(Study.of_record(record), record["shard_width"], *_columns(table))
         _check(plan)
     except NewerVersionError as error:
         raise NewerVersionError(f"out is {url}, whose {FILE} can't be read: {error}") from None
     except MALFORMED as error:
-        told = in_a_line(error)
-        raise UsageError(f"out is {url}, whose {FILE} is none of Galton's: {told}; plan the sweep anew") from None
+        raise _of_somebody_else(url, error) from None
     return plan
 
 
@@ -225,8 +250,8 @@ def _check(plan: Plan) -> None:
     steps = np.diff(shard, prepend=-1)
     require(steps[0] == 1 and ((steps == 0) | (steps == 1)).all(), "its shards must be numbered from 0 on, in order")
     require(np.bincount(shard).max() <= plan.shard_width, f"a shard of it has more than {plan.shard_width} runs")
-    configs: dict[Config, int] = {}
-    group = np.array([configs.setdefault(s.config, len(configs)) for s in plan.study.settings])[setting]
+    programs: dict[Program, int] = {}
+    group = np.array([programs.setdefault(s.program, len(programs)) for s in plan.study.settings])[setting]
     require((np.diff(group)[steps[1:] == 0] == 0).all(), "a shard of it has settings of several programs")
 
 

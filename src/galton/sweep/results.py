@@ -8,13 +8,14 @@ import numpy as np
 import pyarrow as pa
 from jaxtyping import Float
 
+from galton.agents import vocabulary
 from galton.errors import UsageError, require
 from galton.records import filled
 from galton.sweep.parquet import to_bytes
 from galton.sweep.plan import Plan
 from galton.sweep.shard import finished, read
 from galton.sweep.store import Store
-from galton.sweep.study import DEFAULTS, Setting, Study
+from galton.sweep.study import Setting, Study
 
 FILE = "results.parquet"
 
@@ -45,7 +46,7 @@ def collect(store: Store, plan: Plan) -> pa.Table:
         parts.append(table.replace_schema_metadata(None))
     require(bool(parts), f"out is {store.url}, where no shard is done yet")
     runs = pa.concat_tables(same_columns(parts)).sort_by([("setting", "ascending"), ("trial", "ascending")])
-    records = filled([setting.record() for setting in plan.study.settings], DEFAULTS)
+    records = filled([setting.record() for setting in plan.study.settings], vocabulary().usual)
     settings = pa.Table.from_pylist(records)
     return pa.table(
         {f"setting.{name}": settings.column(name).take(runs.column("setting")) for name in settings.column_names}
@@ -83,8 +84,8 @@ def best_settings(study: Study, table: pa.Table) -> dict[str, Best]:
     setting, training, evaluation = (table.column(name).to_numpy() for name in columns)
     means = mean_returns(study, table)
     found: dict[str, Best] = {}
-    for loss in dict.fromkeys(s.config.loss for s in study.settings):
-        own = [s for s in means if s.config.loss == loss]
+    for loss in dict.fromkeys(s["loss"] for s in study.settings):
+        own = [s for s in means if s["loss"] == loss]
         if own:
             best = max(own, key=lambda s: means[s])
             rows = setting == study.settings.index(best)

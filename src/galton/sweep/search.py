@@ -50,7 +50,7 @@ def search(
             space = _space(loss, base["learning_rate"])
             for _ in range(min(batch, n - start)):
                 trial = study.ask(space)
-                asked.append((loss, trial, Setting.of_record({**shared[loss], "loss": loss, **trial.params})))
+                asked.append((loss, trial, Setting({**shared[loss], "loss": loss, **trial.params})))
         settings |= {setting: None for _, _, setting in asked}
         found = means(tuple(settings))
         for loss, trial, setting in asked:

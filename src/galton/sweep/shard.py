@@ -86,6 +86,7 @@ def work(url: str, index: int, name: str | None = None) -> Report:
     """
     _prepare()
     store = Store(url)
+    import_all(Plan.imports(store))
     plan = Plan.load(store)
     shard = plan.get(index)
     require(
@@ -93,11 +94,9 @@ def work(url: str, index: int, name: str | None = None) -> Report:
         f"out is {url}, whose plan was replaced meanwhile; give each sweep a folder of its own",
     )
     study = plan.study
-    import_all(study.imports)
     result = train(
         find(study.env, **read_constants(study.env_kwargs)),
-        shard.config,
-        shard.hypers,
+        shard.agent,
         shard.seeds.tolist(),
         study.steps,
         n_logs=study.logs,
@@ -203,7 +202,7 @@ def check(table: pa.Table, done: Done) -> None:
     for name, wanted in (("setting", plan.setting), ("trial", plan.trial), ("seed", plan.seed)):
         same = np.array_equal(columns.numbers(table, name, wanted.dtype.type), wanted[runs])
         require(same, f"its {name} are not those of shard {done.index}")
-    steps = log_points(plan.configs[done.index], plan.study.steps, plan.study.logs)
+    steps = log_points(plan.firsts[done.index].rollout_size, plan.study.steps, plan.study.logs)
     given = columns.curves(table, "steps", np.int32, len(steps))
     require((given == steps).all(), f"its steps are not the {len(steps)} log points of this sweep")
     diverged_at = columns.numbers(table, "diverged_at", np.int32)

@@ -1,79 +1,114 @@
 """A study as data: one environment, a list of settings, and trials of each."""
 
 import dataclasses
+import functools
 import hashlib
 import json
 from collections.abc import Iterator, Mapping
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any
 
-from galton.agents import agent_of, flat, parts_of
+import numpy as np
+
+from galton.agents import parts_of, read, values_of, vocabulary, written
 from galton.algorithms import Agent
 from galton.errors import require
-from galton.fields import AtLeast, check_fields
+from galton.fields import AtLeast, as_numbers, check_fields, checked
 from galton.losses import find_loss
 from galton.parts import settings
 from galton.policies import POLICIES
-from galton.records import FIRST_FIELDS, Fields, defaults, filled, refuse_unknown, written
+from galton.records import FIRST_FIELDS, Fields, filled, refuse_unknown
 from galton.training.train import log_plan
-from galton.types import Config, Count, Hypers, check_hypers, check_one_run, make_config
+from galton.types import Count
+
+Program = tuple[tuple[str, Any], ...]
+"""Settings that are no numbers, with their names."""
 
 
-class Setting(NamedTuple):
-    """One point of a grid: a Config and Hypers."""
+class Setting(Mapping[str, Any]):
+    """One point of a grid: all settings by name. It is known by those of version 1 and by what is not usual of others.
 
-    config: Config
-    """What changes shapes or code."""
-    hypers: Hypers
-    """The hyperparameters, as plain numbers."""
+    Args:
+        words: its settings by name; the rest have their usual values.
 
-    @property
-    def agent(self) -> Agent:
-        """The agent that it is; UsageError for parts that don't fit together."""
-        return agent_of(*self)
+    Raises:
+        UsageError: an unknown name, a value out of range, several numbers for one, or a setting that no part has.
+    """
 
-    def record(self) -> Fields:
-        """The fields that it is known by: later ones that have their defaults are left out (see `galton.records`)."""
-        return written(self.config) | written(self.hypers)
+    def __init__(self, words: Mapping[str, Any]) -> None:
+        known, given = vocabulary(), values_of(words)
+        for name in (name for name in given if known.is_number(name)):
+            require(np.ndim(given[name]) == 0, f"{name} is {given[name]}; give one number")
+            given[name] = float(as_numbers(name, given[name]))
+        if given.get("policy", "auto") == find_loss(str(given.get("loss", known.usual["loss"]))).policy:
+            given["policy"] = "auto"  # the same setting has one name
+        if given.get("policy", "auto") in ("auto", *POLICIES):  # of one that nobody has registered nothing is known
+            parts_of(given)["critic"].check(given.get("normalize_reward", known.usual["normalize_reward"]))
+        self._record = written(given)
 
     @classmethod
-    def of_record(cls, record: Mapping[str, Any]) -> "Setting":
-        """The setting with these fields, the rest at their defaults.
-
-        Raises:
-            UsageError: an unknown field, a value out of range.
-        """
-        for name in record:
-            known = ", ".join(DEFAULTS)
-            require(name in DEFAULTS, f"{name!r} is no setting; choose from {known}")
-        config = make_config({name: value for name, value in record.items() if name not in Hypers._fields})
-        if config.policy == find_loss(config.loss).policy:
-            config = dataclasses.replace(config, policy="auto")  # the same setting has one name
-        given = Hypers(**{name: value for name, value in record.items() if name in Hypers._fields})
-        check_one_run(given)
-        setting = cls(config, Hypers._make(float(number) for number in given))
-        if config.policy in ("auto", *POLICIES):  # of one that nobody has registered here nothing is known
-            parts_of(flat(*setting))["critic"].check(config.normalize_reward)
+    def of_checked(cls, words: Mapping[str, Any]) -> "Setting":
+        """The setting of words whose values are known to be right, as those of a column that was checked."""
+        setting = cls.__new__(cls)
+        setting._record = written(words)
         return setting
+
+    def __getitem__(self, name: str) -> Any:
+        return self._record[name] if name in self._record else vocabulary().usual[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(vocabulary().usual)
+
+    def __len__(self) -> int:
+        return len(vocabulary().usual)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Setting) and self._record == other._record
+
+    def __hash__(self) -> int:
+        return hash(tuple(self._record.items()))
+
+    def __repr__(self) -> str:
+        return f"Setting({self._record})"
+
+    def replace(self, **words: Any) -> "Setting":
+        """The same setting but for these words."""
+        return Setting(self._record | words)
+
+    def record(self) -> Fields:
+        """The settings that it is known by: later ones that have their usual values are left out."""
+        return dict(self._record)
+
+    @functools.cached_property
+    def agent(self) -> Agent:
+        """The agent that it is; UsageError for parts that don't fit together."""
+        return read(self._record)
+
+    @functools.cached_property
+    def program(self) -> Program:
+        """What it is compiled for: all that is no number."""
+        known = vocabulary()
+        return tuple((name, value) for name, value in self._record.items() if not known.is_number(name))
+
+    @property
+    def rollout_size(self) -> int:
+        """The steps of one update, those of all environments together."""
+        return int(self["n_steps"] * self["n_envs"])
 
     def brief(self) -> str:
         """What the grids vary of its loss, in a line."""
-        loss, policy = find_loss(self.config.loss), POLICIES.get(self.config.policy)
-        parts = [f"learning rate {self.hypers.learning_rate:.3g}"]
-        parts += [f"k {self.config.n_bins}"] if loss.family == "histogram" else []
+        loss, policy = find_loss(self["loss"]), POLICIES.get(self["policy"])
+        parts = [f"learning rate {self['learning_rate']:.3g}"]
+        parts += [f"k {self['n_bins']}"] if loss.family == "histogram" else []
         own = {*settings(loss), *(settings(policy) if policy else ())}
-        parts += [f"η {self.hypers.eta:.3g}"] if "eta" in own else []
-        later = [(name, value) for name, value in self.record().items() if name not in FIRST_FIELDS]
+        parts += [f"η {self['eta']:.3g}"] if "eta" in own else []
+        later = [(name, value) for name, value in self._record.items() if name not in FIRST_FIELDS]
         parts += [f"{name} {value:.3g}" if isinstance(value, float) else f"{name} {value}" for name, value in later]
         return ", ".join(parts)
 
-    @property
+    @functools.cached_property
     def name(self) -> str:
         """A hash of its record: the same in every study that holds it, and in every version of Galton."""
         return hashlib.sha256(canonical(self.record()).encode()).hexdigest()[:16]
-
-
-DEFAULTS = defaults(Config) | defaults(Hypers)
-"""All fields of a setting, with their defaults."""
 
 
 Natural = Annotated[int, AtLeast(0)]
@@ -126,8 +161,8 @@ class Study:
         )
         require(self.seed < 2**63, f"seed is {self.seed}; it must be less than 2⁶³")
         points = {
-            log_plan(config, self.steps, self.logs)[0]: (config.n_envs, config.n_steps)
-            for config in dict.fromkeys(setting.config for setting in self.settings)
+            log_plan(n_envs * n_steps, self.steps, self.logs)[0]: (n_envs, n_steps)
+            for n_envs, n_steps in dict.fromkeys((s["n_envs"], s["n_steps"]) for s in self.settings)
         }
         shown = " and ".join(
             f"{n} with {n_envs} × {n_steps} steps an update" for n, (n_envs, n_steps) in points.items()
@@ -168,12 +203,10 @@ class Study:
             UsageError: a field is not what it must be.
         """
         settings = record["settings"]
-        refuse_unknown("the study", [*settings["same"], *settings["different"]], DEFAULTS)
+        refuse_unknown("the study", [*settings["same"], *settings["different"]], vocabulary().usual)
         names = {field.name for field in dataclasses.fields(cls)}
         refuse_unknown("the study", record["constants"], names)
         constants = record["constants"] | {"imports": tuple(record["constants"]["imports"])}
-        columns = settings["same"] | settings["different"]
-        check_hypers(Hypers(**{name: values for name, values in columns.items() if name in Hypers._fields}))
         return cls(settings=tuple(_settings(**settings)), trials=record["trials"], **constants)
 
 
@@ -190,18 +223,24 @@ def canonical(record: object) -> str:
 
 def _by_field(records: list[Fields]) -> dict[str, dict[str, object]]:
     """Fields with one value for all settings, and the lists of values of the others."""
-    rows = filled(records, DEFAULTS)
+    rows = filled(records, vocabulary().usual)
     lists = {name: [row[name] for row in rows] for name in rows[0]}
     same = {name: values[0] for name, values in lists.items() if all(value == values[0] for value in values)}
     return {"same": same, "different": {name: values for name, values in lists.items() if name not in same}}
 
 
 def _settings(same: Fields, different: dict[str, list[object]]) -> Iterator[Setting]:
-    """The settings that `_by_field` took apart."""
-    configs: dict[str, Config] = {}
-    for values in zip(*different.values(), strict=True) if different else [()]:
-        record = same | dict(zip(different, values, strict=True))
-        hypers = Hypers(**{name: record.pop(name) for name in Hypers._fields if name in record})
-        key = repr(record)
-        config = configs.get(key) or configs.setdefault(key, make_config(record))
-        yield Setting(config, hypers)
+    """The settings that `_by_field` took apart; UsageError for a value out of range."""
+    same = values_of(same)
+    columns = {name: _column(name, values) for name, values in different.items()}
+    for values in zip(*columns.values(), strict=True) if columns else [()]:
+        yield Setting.of_checked(same | dict(zip(columns, values, strict=True)))
+
+
+def _column(name: str, values: list[object]) -> list[object]:
+    """The values of one setting, each of those that differ checked once, and numbers all at once."""
+    known = vocabulary()
+    if known.is_number(name):
+        return np.asarray(checked(name, values, known.annotations[name]), np.float64).tolist()
+    found = {repr(value): values_of({name: value})[name] for value in values}
+    return [found[repr(value)] for value in values]

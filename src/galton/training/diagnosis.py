@@ -9,8 +9,7 @@ from jaxtyping import Array, Float
 from galton.algorithms import Agent, Scalars, actor_critic
 from galton.algorithms.actor_critic import by_sign, flatten
 from galton.losses import surrogate
-from galton.networks import features, mlp
-from galton.theory import gradient_bound, output_lipschitz
+from galton.theory import gradient_bound
 from galton.types import Learner, Params, Transition
 
 _MOST = 256
@@ -60,22 +59,22 @@ def _propositions(
     action: Float[Array, "B d"],
     weight: Float[Array, " B"],
 ) -> Scalars:
-    """The norm of the policy loss's gradient, and the mean of the samples' bounds."""
+    """The norm of the policy loss's gradient, and the mean of the samples' bounds where the network knows its l."""
+    network, actor = agent.network, params["actor"]
 
     def loss_of(outputs: Array, action: Array, weight: Array) -> Array:
         distribution = agent.policy.distribution(outputs, params)
         return by_sign(weight, agent.loss(distribution, action), agent.loss.of_negatives(distribution, action))
 
     def policy_loss(theta: list[Params]) -> Array:
-        return surrogate(weight, loss_of(mlp(theta, observation), action, weight))
+        return surrogate(weight, loss_of(network(theta, observation), action, weight))
 
-    gradient = jax.grad(policy_loss)(params["actor"])
+    gradient = jax.grad(policy_loss)(actor)
     gradient[-1]["bias"] = jnp.zeros(())
-    bound = jax.vmap(gradient_bound)(
-        weight,
-        jax.lax.map(functools.partial(output_lipschitz, params["actor"]), observation),  # in turn: it needs much memory
-        features(params["actor"], observation),
-        jax.vmap(jax.grad(loss_of))(mlp(params["actor"], observation), action, weight),
-    )
     norm = jnp.sqrt(sum(jnp.vdot(leaf, leaf) for leaf in jax.tree.leaves(gradient)))
+    lipschitz = jax.lax.map(functools.partial(network.lipschitz, actor), observation)  # in turn: it needs much memory
+    if lipschitz is None:
+        return {"actor_grad_norm": norm}
+    slopes = jax.vmap(jax.grad(loss_of))(network(actor, observation), action, weight)
+    bound = jax.vmap(gradient_bound)(weight, lipschitz, network.features(actor, observation), slopes)
     return {"actor_grad_norm": norm, "grad_bound": bound.mean()}

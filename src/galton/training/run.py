@@ -68,10 +68,13 @@ def learn(agent: Agent, run: RunState, batch: Transition, finished: Finished) ->
     key = jax.random.fold_in(rollout_key(run), _OF_UPDATES)
     now = agent.replace(optimizer=agent.optimizer.at(step, frozen), entropy=agent.entropy.at(step, frozen))
     learner, told = now.algorithm.update(now, run.learner, batch, key)
+    finite = jnp.isfinite(told["grad_norm"])
+    before, after = (of.memory["algorithm"] for of in (run.learner, learner))
+    kept = jax.tree.map(lambda old, new: jnp.where(frozen | ~finite, old, new), before, after)
     return run._replace(
-        learner=learner,
+        learner=learner.remembering(algorithm=kept),
         step=step,
-        diverged_at=jnp.where(frozen | jnp.isfinite(told["grad_norm"]), run.diverged_at, step),
+        diverged_at=jnp.where(frozen | finite, run.diverged_at, step),
         tally=jax.tree.map(jnp.add, run.tally, tally(finished, told)),
     )
 

@@ -1,6 +1,9 @@
 """How much memory runs need at least, by arithmetic: what can't fit is refused before anything of its size is made."""
 
-import itertools
+import math
+
+import jax
+import numpy as np
 
 from galton.algorithms import Agent
 from galton.devices import memory
@@ -9,6 +12,8 @@ from galton.envs.host.action_box import ActionBox
 from galton.envs.host.base import HostTask
 from galton.envs.host.observations import Observations
 from galton.errors import require
+from galton.networks import Network
+from galton.parts import settings
 
 COPY = 1_000
 """Bytes that a copy of an environment outside JAX has at least."""
@@ -24,27 +29,34 @@ def check_size(env: Environment | HostTask, agent: Agent, n_runs: int, n_eval_ep
         n_eval_episodes: of each evaluation.
     """
     outside, room = not isinstance(env, Environment), memory()
-    n_envs, n_steps, net_arch = agent.rollout.n_envs, agent.rollout.n_steps, agent.network.net_arch
+    n_envs, n_steps = agent.rollout.n_envs, agent.rollout.n_steps
     d, o = _widths(env)
     step = 4 * (2 * o + d + 1)
+    numbers = _n_parameters(agent.network, o, d, of_critic=False) + _n_parameters(agent.network, o, 1, of_critic=True)
     parts = {
-        "net_arch": 4 * 3 * (_n_parameters(o, net_arch, d) + _n_parameters(o, net_arch, 1)),  # Adam has 2
-        "n_envs or n_steps": n_envs * (n_steps * step + COPY * outside),
-        "n_eval_episodes": n_eval_episodes * (4 * o + COPY * outside),
+        _sizes(agent.network): 4 * 3 * numbers,  # Adam has 2
+        f"n_envs or n_steps is {n_envs} or {n_steps}": n_envs * (n_steps * step + COPY * outside),
+        f"n_eval_episodes is {n_eval_episodes}": n_eval_episodes * (4 * o + COPY * outside),
     }
     one = sum(parts.values())
-    name = max(parts, key=lambda part: parts[part]) if one > room else "seeds"
-    given = {
-        "net_arch": f"{net_arch}",
-        "n_envs or n_steps": f"{n_envs} or {n_steps}",
-        "n_eval_episodes": f"{n_eval_episodes}",
-        "seeds": f"{n_runs} of them",
-    }[name]
+    told = max(parts, key=lambda part: parts[part]) if one > room else f"seeds is {n_runs} of them"
     require(
         one * n_runs <= room,
-        f"{name} is {given}, too many: this needs {one * n_runs / 1e9:,.1f} GB of memory at least, and there are "
+        f"{told}, too many: this needs {one * n_runs / 1e9:,.1f} GB of memory at least, and there are "
         f"{room / 1e9:,.1f}; make it smaller",
     )
+
+
+def _sizes(network: Network) -> str:
+    """The settings of a network that say how large it is."""
+    named = {name: getattr(network, name) for name in settings(type(network))}
+    return " and ".join(f"{name} is {value}" for name, value in named.items() if isinstance(value, int | tuple))
+
+
+def _n_parameters(network: Network, n_in: int, n_out: int, *, of_critic: bool) -> int:
+    of_one = jax.tree.map(lambda number: np.ravel(number)[0], network)
+    made = jax.eval_shape(lambda key: of_one.init(key, n_in, n_out, 1.0, of_critic), jax.random.key(0))
+    return sum(math.prod(leaf.shape) for leaf in jax.tree.leaves(made))
 
 
 def _widths(env: Environment | HostTask) -> tuple[int, int]:
@@ -52,8 +64,3 @@ def _widths(env: Environment | HostTask) -> tuple[int, int]:
     if isinstance(env, Environment):
         return len(env.action_low), len(env.observation_low)
     return len(ActionBox(env.name, env.action_space).low), Observations(env.name, env.observation_space).size
-
-
-def _n_parameters(n_in: int, hidden: tuple[int, ...], n_out: int) -> int:
-    sizes = (n_in, *hidden, n_out)
-    return sum(a * b + b for a, b in itertools.pairwise(sizes))

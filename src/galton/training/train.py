@@ -1,4 +1,4 @@
-"""Many runs of one configuration, trained side by side."""
+"""Many runs of agents of one structure, trained side by side."""
 
 import contextlib
 import dataclasses
@@ -9,23 +9,21 @@ import jax
 import numpy as np
 from jaxtyping import Float, Int
 
-from galton.agents import agent_of
 from galton.algorithms import Agent
 from galton.errors import require, require_integer, unknown
+from galton.fields import checked
 from galton.training.log import MEAN_ACTION_RETURN, Log
 from galton.training.pieces import Pieces
 from galton.training.population import Population, populate
-from galton.types import Config, Hypers, Learner, Rule, check_config, check_hypers
+from galton.types import Learner, Rule
 
 
 @dataclasses.dataclass(frozen=True)
 class Result:
     """What `train` returns: R trained runs with L log points each."""
 
-    config: Config
-    """The configuration of all runs."""
-    hypers: Hypers
-    """The numbers of every run, each field `[R]`."""
+    agent: Agent
+    """The agent of all runs; its numbers are `[R]`, one for each."""
     seeds: Int[np.ndarray, " R"]
     """The seed of each run."""
     steps: Int[np.ndarray, " L"]
@@ -72,8 +70,7 @@ def final(
 
 def train(
     env: object,
-    config: Config,
-    hypers: Hypers,
+    agent: Agent,
     seeds: Sequence[int],
     total_timesteps: int,
     *,
@@ -88,8 +85,8 @@ def train(
 
     Args:
         env: what `galton.envs.find` takes: a record of ours, a name, a Gymnasium id, a function that makes one.
-        config: shared by all runs.
-        hypers: each field a number for all runs or an array `[R]`.
+        agent: of all runs, as `galton.make_agent` makes it or `galton.Agent` of its parts; each of its numbers is one
+            for all runs or an array `[R]`.
         seeds: R integers; a run is determined by its seed and its settings.
         total_timesteps: per run; rounded up to whole updates and log points.
         n_logs: log points, at most one per update.
@@ -104,17 +101,17 @@ def train(
         UsageError: a number out of range, an environment that can't be used.
         BrokenEnvironmentError: an environment broke on the way.
     """
-    check_config(config)
-    check_arguments(hypers, seeds, total_timesteps, n_logs, n_eval_episodes)
-    steps = log_points(config, total_timesteps, n_logs)
+    check_arguments(seeds, total_timesteps, n_logs, n_eval_episodes)
+    _check_numbers(agent, len(seeds))
+    size = agent.rollout.size
+    steps = log_points(size, total_timesteps, n_logs)
     require(steps[-1] < 2**31, f"total_timesteps is {total_timesteps}; one run counts up to 2³¹ − 1 steps")
-    all_hypers = Hypers._make(np.broadcast_to(np.asarray(h, np.float32), len(seeds)) for h in hypers)
-    updates_per_log = int(steps[0]) // config.rollout_size
-    agent = agent_of(config, all_hypers)
+    agent = jax.tree.map(lambda number: np.broadcast_to(np.asarray(number, np.float32), len(seeds)), agent)
+    updates_per_log = int(steps[0]) // size
     with contextlib.closing(populate(env, agent, seeds, devices)) as population:
         rules = _rules(agent, eval_mean) if n_eval_episodes else {}
         trained = _train(population, steps, updates_per_log, n_eval_episodes, rules, on_log, meanwhile)
-    return Result(config, all_hypers, np.asarray(seeds), steps, *trained)
+    return Result(agent, np.asarray(seeds), steps, *trained)
 
 
 def _rules(agent: Agent, eval_mean: bool) -> dict[str, Rule | None]:
@@ -160,23 +157,20 @@ def _train(
     return stacked, diverged_at, learner, population.compile_seconds, train_seconds
 
 
-def log_points(config: Config, total_timesteps: int, n_logs: int) -> Int[np.ndarray, " L"]:
+def log_points(rollout_size: int, total_timesteps: int, n_logs: int) -> Int[np.ndarray, " L"]:
     """The environment steps at which `train` writes its log: whole updates, as many between each two."""
-    n, interval = log_plan(config, total_timesteps, n_logs)
+    n, interval = log_plan(rollout_size, total_timesteps, n_logs)
     return (1 + np.arange(n)) * interval
 
 
-def log_plan(config: Config, total_timesteps: int, n_logs: int) -> tuple[int, int]:
+def log_plan(rollout_size: int, total_timesteps: int, n_logs: int) -> tuple[int, int]:
     """How many log points there are, and how many environment steps lie between each two."""
-    batch = config.rollout_size
-    n_updates = -(-total_timesteps // batch)
+    n_updates = -(-total_timesteps // rollout_size)
     updates_per_log = -(-n_updates // min(n_logs, n_updates))
-    return -(-n_updates // updates_per_log), updates_per_log * batch
+    return -(-n_updates // updates_per_log), updates_per_log * rollout_size
 
 
-def check_arguments(
-    hypers: Hypers, seeds: Sequence[int], total_timesteps: int, n_logs: int, n_eval_episodes: int
-) -> None:
+def check_arguments(seeds: Sequence[int], total_timesteps: int, n_logs: int, n_eval_episodes: int) -> None:
     """Raise UsageError for what `train` can't take."""
     require(np.ndim(seeds) == 1, f"seeds is {seeds}; give a sequence of integers, such as range(5)")
     require(len(seeds) >= 1, "seeds is empty; give at least 1")
@@ -185,11 +179,25 @@ def check_arguments(
     require_integer("total_timesteps", total_timesteps, 1)
     require_integer("n_logs", n_logs, 1)
     require_integer("n_eval_episodes", n_eval_episodes, 0)
-    check_hypers(hypers)
-    for name, numbers in hypers._asdict().items():
-        shape = np.shape(numbers)
-        fits = shape in ((), (len(seeds),))
-        require(fits, f"{name} has shape {shape}; it must be a number, or [{len(seeds)}]: one for each run")
+
+
+def _check_numbers(agent: Agent, n_runs: int) -> None:
+    """Raise UsageError for anything but an agent whose numbers are one each, or one for each run."""
+    checked("agent", agent, Agent)
+    for path, numbers in jax.tree_util.tree_leaves_with_path(agent):
+        name, shape = path[-1].name, np.shape(numbers)
+        require(
+            shape in ((), (n_runs,)), f"{name} has shape {shape}; it must be a number, or [{n_runs}]: one for each run"
+        )
+
+
+def check_one_run(agent: Agent) -> None:
+    """Raise UsageError for anything but an agent whose numbers are one each."""
+    checked("agent", agent, Agent)
+    for path, value in jax.tree_util.tree_leaves_with_path(agent):
+        require(
+            np.ndim(value) == 0, f"{path[-1].name} is {value}; give one number (train alone takes one for each run)"
+        )
 
 
 def check_seed(seed: int) -> None:

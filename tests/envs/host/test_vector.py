@@ -201,7 +201,7 @@ def test_a_model_takes_as_many_copies_as_a_vector_environment_has_and_leaves_it_
         make_model(sync(Walk), n_envs=2)
     envs = sync(Walk)
     model = make_model(envs)
-    assert model.config.n_envs == N
+    assert model.settings["n_envs"] == N
     model.learn(10 * N, progress_bar=False)
     assert model.num_timesteps == 10 * N
     model.close()

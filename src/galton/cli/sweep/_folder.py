@@ -35,9 +35,10 @@ def load(store: Store, imports: Sequence[str], *, to_train: bool = False) -> Pla
     Raises:
         UsageError: no plan, one that was damaged, or a module that can't be imported.
     """
-    plan = Plan.load(store)
     import_typed(imports)
-    import_of_file(plan.study.modules if to_train else plan.study.imports)
+    import_of_file(Plan.imports(store))
+    plan = Plan.load(store)
+    import_of_file(plan.study.modules if to_train else ())
     return plan
 
 

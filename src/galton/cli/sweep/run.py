@@ -7,7 +7,6 @@ from typing import Annotated
 
 import tyro
 
-from galton.cli._modules import import_typed
 from galton.cli._options import AlgorithmName, EnvName, Training, folder_name
 from galton.cli._parsing import TrainingOptions, parse
 from galton.cli.sweep._folder import conclude
@@ -62,7 +61,7 @@ class Options:
     @property
     def base(self) -> Setting:
         """The setting that the grid varies."""
-        return Setting(self.training.config, self.training.hypers)
+        return Setting(self.training.words)
 
     @property
     def folder(self) -> str:
@@ -90,7 +89,7 @@ class Options:
 
 def main(arguments: Sequence[str]) -> None:
     """Plan the sweep, train what is not done yet, and write and show the results."""
-    options = parse(Options, "sweep", arguments, lambda options: import_typed(options.imports))
+    options = parse(Options, "sweep", arguments)
     options.training.find(options.env)
     store = Store(options.folder)
     _check(options)

@@ -13,7 +13,7 @@ from galton.losses import find_loss
 from galton.sweep.plan import Plan
 from galton.sweep.shard import finished
 from galton.sweep.store import Store
-from galton.types import Config
+from galton.sweep.study import Setting
 
 
 def main(arguments: Sequence[str]) -> None:
@@ -24,8 +24,8 @@ def main(arguments: Sequence[str]) -> None:
     done = finished(store, plan)
     table = Table("program", "shards done", "runs done")
     of_program: dict[str, list[int]] = {}
-    for index, config in enumerate(plan.configs):
-        of_program.setdefault(_program(config), []).append(index)
+    for index, setting in enumerate(plan.firsts):
+        of_program.setdefault(_program(setting), []).append(index)
     for name, shards in of_program.items():
         there = [index for index in shards if index in done]
         table.add_row(
@@ -40,9 +40,9 @@ def main(arguments: Sequence[str]) -> None:
     )
 
 
-def _program(config: Config) -> str:
-    has_bins = find_loss(config.loss).family == "histogram"
-    return f"{config.loss}, k = {config.n_bins}" if has_bins else config.loss
+def _program(setting: Setting) -> str:
+    loss = str(setting["loss"])
+    return f"{loss}, k = {setting['n_bins']}" if find_loss(loss).family == "histogram" else loss
 
 
 def _n_runs(plan: Plan, shards: Sequence[int]) -> int:

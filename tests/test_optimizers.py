@@ -1,0 +1,60 @@
+"""Optimizers against torch's and Stable-Baselines3's, step by step."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import torch
+from stable_baselines3.common.sb2_compat.rmsprop_tf_like import RMSpropTFLike
+
+from galton import A2C
+from galton.optimizers import OPTIMIZERS, Adam, AdamW, RMSprop, count
+
+RATE = 0.02
+THEIRS = {
+    Adam(RATE): lambda p: torch.optim.Adam(p, RATE, eps=1e-5),
+    AdamW(RATE, weight_decay=0.3): lambda p: torch.optim.AdamW(p, RATE, eps=1e-5, weight_decay=0.3),
+    RMSprop(RATE): lambda p: RMSpropTFLike(p, RATE, alpha=0.99, eps=1e-5),
+    RMSprop(RATE, rms_decay=0.5): lambda p: RMSpropTFLike(p, RATE, alpha=0.5, eps=1e-5),
+}
+
+
+@pytest.mark.parametrize(("ours", "theirs"), THEIRS.items())
+def test_twenty_steps_are_those_of_torch(ours, theirs):
+    rng = np.random.default_rng(0)
+    start = {"actor": rng.normal(size=(3, 4)).astype(np.float32), "critic": rng.normal(size=2).astype(np.float32)}
+    params, weights = start, [torch.nn.Parameter(torch.tensor(value)) for value in start.values()]
+    state, other = ours.init(params), theirs(weights)
+    for _ in range(20):
+        gradient = {name: rng.normal(size=value.shape).astype(np.float32) for name, value in start.items()}
+        params, state, norm = ours.step(params, state, jax.tree.map(jnp.asarray, gradient))
+        for weight, given in zip(weights, gradient.values(), strict=True):
+            weight.grad = torch.tensor(given)
+        expected = torch.nn.utils.clip_grad_norm_(weights, 0.5)
+        assert float(norm) == pytest.approx(float(expected), rel=1e-5)
+        other.step()
+    assert int(count(state)) == 20
+    for found, weight in zip(params.values(), weights, strict=True):
+        np.testing.assert_allclose(found, weight.detach(), rtol=1e-5, atol=1e-6)
+
+
+@pytest.mark.parametrize("name", OPTIMIZERS)
+def test_a_resumed_run_is_equal_to_the_bit(name, tmp_path):
+    own = {"optimizer": name, "n_bins": 9, "net_arch": (8,), "learning_rate": 0.01}
+    whole = A2C("lqr", "hl-gauss", **own).learn(200, progress_bar=False)
+    cut = A2C("lqr", "hl-gauss", **own).learn(100, progress_bar=False)
+    again = A2C.load(cut.save(tmp_path / "model"), "lqr").learn(100, progress_bar=False)
+    for ours, theirs in zip(jax.tree.leaves(whole.learner), jax.tree.leaves(again.learner), strict=True):
+        np.testing.assert_array_equal(ours, theirs)
+
+
+def test_the_decay_of_weights_is_a_number_of_each_run():
+    optimizer = AdamW(RATE, weight_decay=np.array([0.0, 0.5], np.float32))
+    params = {"critic": jnp.ones(3)}
+    gradient = {"critic": jnp.zeros(3)}
+
+    def moved(one):
+        return one.step(params, one.init(params), gradient)[0]["critic"]
+
+    one_each = jax.tree.map(lambda number: np.broadcast_to(np.float32(number), 2), optimizer)
+    np.testing.assert_allclose(jax.vmap(moved)(one_each)[:, 0], [1.0, 1 - RATE * 0.5], rtol=1e-6)

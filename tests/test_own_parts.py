@@ -1,0 +1,142 @@
+"""A part of one's own, with settings, is one file and a line: it is usable wherever the parts of Galton's are."""
+
+import importlib
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import jax
+import numpy as np
+import pytest
+
+import galton
+from galton import Model, UsageError
+from galton.agents import CHOICES, vocabulary
+from galton.benchmark import draws, reading
+from galton.deploy import export
+from galton.sweep.grid import expand
+from galton.sweep.plan import Plan
+from galton.sweep.shard import work
+from galton.sweep.store import Store
+from galton.sweep.study import Study
+from galton.types import Share
+
+FOLDERS = Path(__file__).parents[1] / "examples", Path(__file__).parent
+SMALL = {"n_steps": 10, "learning_rate": 0.01}
+OWN = {
+    "loss": ("new_loss", {"loss": "smoothed", "smoothing": 0.3, "n_bins": 9}),
+    "policy": ("new_policy", {"loss": "gaussian", "policy": "laplace", "log_b_init": 0.5}),
+    "critic": ("own_parts", {"critic": "huber", "huber_delta": 0.5, "n_bins": 9}),
+    "network": ("new_network", {"network": "fourier", "n_waves": 4, "frequency": 2.0, "n_bins": 9}),
+    "optimizer": ("own_parts", {"optimizer": "lion", "lion_memory": 0.9, "n_bins": 9}),
+    "algorithm": ("new_algorithm", {"algorithm": "awr", "awr_beta": 0.5, "n_repeats": 2, "n_bins": 9}),
+}
+"""The module that registers each, and the words that choose it and set what is its own."""
+NOT_EXPORTED = {"policy": "^policy is 'laplace', of which", "network": "^network is a Fourier, of which"}
+
+
+@pytest.fixture
+def registered(request, monkeypatch):
+    """The words of one of OWN, whose module is registered for this test alone."""
+    name, words = OWN[request.param]
+    before = [(choice.registry, dict(choice.registry)) for choice in CHOICES.values()]
+    for folder in FOLDERS:
+        monkeypatch.syspath_prepend(str(folder))
+    importlib.import_module(name)
+    yield request.param, name, words
+    del sys.modules[name]
+    for registry, known in before:
+        registry.clear()
+        registry.update(known)
+
+
+everywhere = pytest.mark.parametrize("registered", OWN, indirect=True)
+
+
+@everywhere
+def test_it_trains_is_saved_goes_on_and_is_exported_or_says_why_not(registered, tmp_path):
+    part, _, words = registered
+    model = Model("lqr", **{"loss": "hl-one-hot"} | words, **SMALL).learn(40, progress_bar=False)
+    assert words.items() <= model.settings.items()
+    path = model.save(tmp_path / "model")
+    again = Model.load(path, "lqr")
+    assert again.settings == model.settings
+    for one in (model, again):
+        one.learn(40, progress_bar=False)
+    for ours, theirs in zip(jax.tree.leaves(model.learner), jax.tree.leaves(again.learner), strict=True):
+        np.testing.assert_array_equal(ours, theirs)
+    if part in NOT_EXPORTED:
+        with pytest.raises(UsageError, match=NOT_EXPORTED[part]):
+            export(model, tmp_path / "policy.onnx")
+    else:
+        assert export(model, tmp_path / "policy.onnx").exists()
+
+
+@pytest.mark.parametrize("part", OWN)
+def test_its_settings_are_options_of_the_command_line(part, tmp_path):
+    name, words = OWN[part]
+    options = {"loss": "hl-one-hot", "algorithm": "a2c"} | words | SMALL
+    typed = [word for option, value in options.items() for word in (f"--{option.replace('_', '-')}", str(value))]
+    run = ["--steps", "20", "--logs", "1", "--eval-episodes", "1", "--out", tmp_path / "r", "--imports", name]
+    path = os.pathsep.join(map(str, (*FOLDERS, os.environ.get("PYTHONPATH", ""))))
+    command = [sys.executable, "-m", "galton", "train", "lqr", *typed, *map(str, run)]
+    done = subprocess.run(command, env=os.environ | {"PYTHONPATH": path}, capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stderr
+    told = json.loads((tmp_path / "r" / "config.json").read_text())
+    assert words.items() <= (told["config"] | told["hypers"] | {"loss": told["loss"], "algorithm": "awr"}).items()
+
+
+@pytest.mark.parametrize("registered", ["loss", "network"], indirect=True)
+def test_its_settings_are_axes_of_a_sweep_whose_plan_is_read_again(registered, tmp_path):
+    _, name, words = registered
+    axis = list(words)[1]
+    usual = vocabulary().usual[axis]
+    grid = expand([{"loss": "hl-one-hot"} | words | SMALL | {axis: [usual, words[axis]]}], {})
+    store = Store(str(tmp_path))
+    plan = Plan.create(Study("lqr", grid, 2, 20, logs=1, eval_episodes=0, imports=(name,)))
+    assert plan.n_shards == (1 if vocabulary().is_number(axis) else 2)
+    plan.save(store)
+    assert [axis in setting.record() for setting in Plan.load(store).study.settings] == [False, True]
+    assert Plan.load(store).names == plan.names
+    assert Plan.imports(store) == (name,)
+    assert work(store.url, 0).steps == 20 * len(plan.get(0).seeds)
+
+
+@pytest.mark.parametrize("registered", ["loss"], indirect=True)
+def test_its_settings_are_drawn_by_a_benchmark(registered):
+    _, name, words = registered
+    record = {
+        "imports": [name],
+        "budget": {"settings": 3},
+        "prior": {"learning_rate": {"log-uniform": [1e-3, 1e-1]}},
+        "methods": {
+            "plain": {"fixed": {"loss": "hl-one-hot"}},
+            "own": {"fixed": {"loss": words["loss"]}, "search": {"smoothing": {"uniform": [0.1, 0.4]}}},
+        },
+        "tasks": {"bandit": {"steps": 100}},
+    }
+    protocol = reading.of_record(record)
+    drawn = draws.draws(protocol)["own"]
+    settings = [draws.setting(protocol, protocol.methods[1], each, protocol.tasks[0], fresh=False) for each in drawn]
+    assert [setting.agent.loss.smoothing for setting in settings] == [each["smoothing"] for each in drawn]
+    assert len({setting["smoothing"] for setting in settings}) == 3
+
+
+def test_a_part_without_a_name_trains_and_says_why_it_is_not_saved(tmp_path):
+    class Halved(galton.losses.HLGauss):
+        """Half of HL-Gauss."""
+
+        share: Share = 0.5
+
+        def __call__(self, distribution, action):
+            return self.share * super().__call__(distribution, action)
+
+    model = galton.A2C("lqr", Halved(eta=2.0, share=0.25), n_bins=9).learn(40, progress_bar=False)
+    assert model.agent.loss.share == 0.25
+    assert "Halved(eta=2.0" in repr(model)
+    with pytest.raises(
+        UsageError, match=r"^loss is .*Halved\(eta=2.0, .*, and files hold names; give its class a line in"
+    ):
+        model.save(tmp_path / "model")
