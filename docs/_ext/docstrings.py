@@ -13,7 +13,7 @@ from sphinx import addnodes
 from sphinx.application import Sphinx
 from sphinx.ext.napoleon import Config, GoogleDocstring
 
-from galton import sweep, types
+from galton import sweep
 from galton.fields import annotations
 from galton.parts import Part
 
