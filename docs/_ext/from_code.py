@@ -6,6 +6,7 @@ or environments; `{paper-returns}` has the final training returns of some losses
 
 import functools
 import inspect
+import types
 import typing
 from collections.abc import Iterable
 from pathlib import Path
@@ -23,6 +24,8 @@ from galton.envs.registry import ENVS, make
 from galton.fields import AtLeast
 from galton.losses import LOSSES
 from galton.models.settings import usual
+from galton.networks import NETWORKS
+from galton.optimizers import OPTIMIZERS, Optimizer
 from galton.paper import reproduce, standings, tables
 from galton.paper.trained import Trained
 from galton.parts import Part, settings
@@ -51,7 +54,7 @@ def allowed(name: str) -> str:
     kind, details = typing.get_origin(annotation), typing.get_args(annotation)
     if kind is typing.Literal:
         return "One of " + ", ".join(f"`{word}`" for word in details) + "."
-    if kind is tuple:
+    if kind is tuple or (kind is types.UnionType and typing.get_origin(details[0]) is tuple):
         return "Whole numbers from 1."
     if kind is typing.Annotated:
         bound = details[1]
@@ -105,6 +108,22 @@ def critics() -> Rows:
     """CRITICS, each with its settings."""
     rows = [[f"`{name}`", critic.label, listed(settings(critic)), said(critic)] for name, critic in CRITICS.items()]
     return [["critic", "in figures", "settings of its own", "what it is"], *rows]
+
+
+def networks() -> Rows:
+    """NETWORKS, each with its settings."""
+    rows = [[f"`{name}`", kind.label, listed(settings(kind)), said(kind)] for name, kind in NETWORKS.items()]
+    return [["network", "in figures", "settings of its own", "what it is"], *rows]
+
+
+def optimizers() -> Rows:
+    """OPTIMIZERS, each with the settings that not every optimizer has."""
+    shared = settings(Optimizer)
+    rows = [
+        [f"`{name}`", kind.label, listed(each for each in settings(kind) if each not in shared), said(kind)]
+        for name, kind in OPTIMIZERS.items()
+    ]
+    return [["optimizer", "in figures", "settings of its own", "what it is"], *rows]
 
 
 def algorithms() -> Rows:
@@ -191,9 +210,11 @@ class Parameters(Table):
 
 
 class Registry(Table):
-    """`{registry} losses`, policies, algorithms or environments."""
+    """`{registry} losses`, and so on."""
 
-    KNOWN: typing.ClassVar = {f.__name__: f for f in (losses, policies, critics, algorithms, environments)}
+    KNOWN: typing.ClassVar = {
+        f.__name__: f for f in (losses, policies, critics, networks, optimizers, algorithms, environments)
+    }
 
     def rows(self) -> Rows:
         """The entries of the registry."""

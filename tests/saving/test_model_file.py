@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from gymnasium.spaces import Box, Dict, Discrete, MultiBinary, MultiDiscrete, Tuple
 
-from galton import A2C, CheckpointError
-from galton.saving import checkpoint, model_file
+from galton import A2C, CheckpointError, UsageError
+from galton.saving import checkpoint
 
 from ..models.tall import Tall
 
@@ -43,19 +43,6 @@ def change(name, f):
     return attack
 
 
-def training(step, keep_environments=False, **changes):
-    """Other sizes of rollouts, after so many steps."""
-
-    def attack(settings, arrays):
-        settings["config"].update(changes)
-        settings["step"] = step
-        arrays["run/step"] = np.array([step], arrays["run/step"].dtype)
-        for name in [name for name in arrays if name.startswith("environments/")]:
-            keep_environments or arrays.pop(name)
-
-    return attack
-
-
 def put(name, value):
     """One number of an array replaced."""
 
@@ -69,13 +56,6 @@ def put(name, value):
 KERNEL = "run/learner/params/actor/0/kernel"
 ADAM = "run/learner/optimizer"
 ATTACKS = {
-    "n_envs of no environments": training(0, n_envs=10**6),
-    "n_envs of no environments, trained": training(20 * 10**6, n_envs=10**6),
-    "n_steps of a new run": training(0, n_steps=10**6),
-    "n_steps of a new run with environments": training(0, n_steps=10**6, keep_environments=True),
-    "n_steps of a long run": training(10**9, n_steps=10**9, keep_environments=True),
-    "n_steps and n_envs": training(0, n_steps=10**4, n_envs=10**3),
-    "n_bins of long rollouts": training(0, n_steps=10**3, n_bins=10**5, loss="gaussian"),
     "parameter NaN": put(KERNEL, np.nan),
     "parameter infinite": put("run/learner/params/critic/1/bias", -np.inf),
     "moment NaN": put(f"{ADAM}/mu/actor/0/kernel", np.nan),
@@ -285,23 +265,18 @@ def test_statistics_that_mean_nothing_are_refused_by_name(normalised, tmp_path, 
         A2C.load(path)
 
 
-def test_a_large_training_is_saved_so_that_it_loads_and_a_short_file_may_not_call_for_it(model, tmp_path, monkeypatch):
-    monkeypatch.setattr(model_file, "SMALL", 100)
-    monkeypatch.setattr(model_file, "PER_NUMBER", 5)
-    with pytest.raises(CheckpointError, match="n_steps · n_envs is 20, which does not go with the rest of it"):
-        A2C.load(model)
-    loaded = A2C.load(A2C("lqr", "hl-gauss", n_bins=10, net_arch=(8,)).save(tmp_path / "large"), "lqr")
-    assert loaded.learn(20, progress_bar=False).num_timesteps == 20
+def test_a_training_that_no_memory_holds_is_refused_where_it_would_begin(model, tmp_path):
+    def attack(settings, arrays):
+        settings["config"].update(n_steps=10**8, n_envs=20)
+        settings["step"] = 0
+        arrays["run/step"] = np.zeros_like(arrays["run/step"])
+        for name in [name for name in arrays if name.startswith("environments/")]:
+            del arrays[name]
 
-
-@pytest.mark.parametrize("n_envs", [1, 300])
-def test_environments_in_the_file_count_for_themselves(tmp_path, n_envs):
-    made = A2C("lqr", "hl-gauss", n_bins=10, net_arch=(8,), n_envs=n_envs)
-    settings, arrays = checkpoint.read(made.save(tmp_path / "model"))
-    assert model_file.with_ballast(settings, arrays) is arrays
-    without = {name: array for name, array in arrays.items() if not name.startswith("environments/")}
-    more = model_file.training_size(settings, without) - model_file.training_size(settings, arrays)
-    assert more == 20_000 * n_envs
+    path = rewritten(model, tmp_path / "hostile", attack)
+    assert A2C.load(path).num_timesteps == 0
+    with pytest.raises(UsageError, match=r"^n_envs or n_steps is 20 or 100000000, too many: this needs"):
+        A2C.load(path, "lqr")
 
 
 @pytest.mark.parametrize(

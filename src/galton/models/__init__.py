@@ -1,6 +1,5 @@
 """What users hold: A2C and PPO, each one run on one environment, with the habits of Stable-Baselines3."""
 
-from collections.abc import Mapping
 from typing import Any
 
 from galton.algorithms import ALGORITHMS
@@ -23,29 +22,8 @@ class A2C(Model):
     others.
     """
 
-    def __init__(
-        self,
-        env: object,
-        loss: str | Loss | None = None,
-        *,
-        preset: str | None = None,
-        n_envs: int | None = None,
-        seed: int = 0,
-        env_kwargs: Mapping[str, object] | None = None,
-        verbose: int = 0,
-        **settings: Any,
-    ) -> None:
-        super().__init__(
-            env,
-            loss,
-            preset=preset,
-            algorithm="a2c",
-            n_envs=n_envs,
-            seed=seed,
-            env_kwargs=env_kwargs,
-            verbose=verbose,
-            **settings,
-        )
+    def __init__(self, env: object, loss: str | Loss | None = None, **settings: Any) -> None:
+        super().__init__(env, loss, algorithm="a2c", **settings)
 
 
 class PPO(Model):
@@ -61,29 +39,8 @@ class PPO(Model):
     others.
     """
 
-    def __init__(
-        self,
-        env: object,
-        loss: str | Loss | None = None,
-        *,
-        preset: str | None = None,
-        n_envs: int | None = None,
-        seed: int = 0,
-        env_kwargs: Mapping[str, object] | None = None,
-        verbose: int = 0,
-        **settings: Any,
-    ) -> None:
-        super().__init__(
-            env,
-            loss,
-            preset=preset,
-            algorithm="ppo",
-            n_envs=n_envs,
-            seed=seed,
-            env_kwargs=env_kwargs,
-            verbose=verbose,
-            **settings,
-        )
+    def __init__(self, env: object, loss: str | Loss | None = None, **settings: Any) -> None:
+        super().__init__(env, loss, algorithm="ppo", **settings)
 
 
 setattr(A2C, "__signature__", signature(ALGORITHMS["a2c"]))  # noqa: B010

@@ -89,7 +89,7 @@ class Taken(NamedTuple):
     def save(self, path: str | Path) -> Path:
         """Write it to one file as `Model.save` does, and return the file's path."""
         path = saved.with_suffix(Path(path))
-        checkpoint.write(path, self.settings, saved.with_ballast(self.settings, self.arrays))
+        checkpoint.write(path, self.settings, self.arrays)
         return path
 
 

@@ -19,10 +19,6 @@ from galton.saving.checkpoint import Settings
 
 MAX_BINS = 10**6
 """The most bins that settings may call for beyond the numbers in the file."""
-SMALL = 5 * 10**7
-"""How many numbers a training may always take, however short its file is: some hundred megabytes."""
-PER_NUMBER = 4_000
-"""How many more it may take for each number in the file."""
 
 EXAMPLE: Settings = {
     "class": "A2C",
@@ -111,9 +107,8 @@ def checked(path: Path, settings: Settings, arrays: dict[str, np.ndarray]) -> Se
 def check(settings: Settings, arrays: dict[str, np.ndarray]) -> Settings:
     """The settings with what they leave out filled in, once they are what `save` writes beside these arrays.
 
-    A size in them is one that the arrays have (spaces, layers, copies of an environment that tells its state), or one
-    that `training_size` counts (n_steps, n_envs, n_bins, n_epochs) and finds in proportion to the file. So a short
-    file never has much made, and nothing at all is made of a size before this.
+    A size in them that reading makes something of is one that the arrays have: spaces, layers, copies of an environment
+    that tells its state. What training would take is refused where it begins (`check_size`).
 
     Raises:
         NewerVersionError: a field that this version does not know.
@@ -150,7 +145,6 @@ def _fitting(settings: Settings, arrays: dict[str, np.ndarray]) -> dict[str, boo
         "log_interval": settings["log_interval"] > 0,
         "n_predictions": 0 <= settings["n_predictions"] < 2**32,
         "n_steps": size < 2**31,
-        "n_steps · n_envs": training_size(settings, arrays) <= max(SMALL, PER_NUMBER * n_numbers),
         "n_envs": length is None or length.shape == (1, config["n_envs"]),
         "n_bins": n_actions * config["n_bins"] <= max(n_numbers, MAX_BINS),
         **{name: _is_of_size(size, arrays, n_numbers) for name, size in _sizes(config).items()},
@@ -166,24 +160,6 @@ def _sizes(config: Settings) -> dict[str, int | list[int]]:
 def _is_of_size(size: int | list[int], arrays: dict[str, np.ndarray], n_numbers: int) -> bool:
     """Whether a file of these arrays may call for a network of this size."""
     return size <= n_numbers if isinstance(size, int) else len(size) <= len(arrays) and sum(size) <= n_numbers
-
-
-def training_size(settings: Settings, arrays: dict[str, np.ndarray]) -> int:
-    """About how many numbers training takes with these settings: in its rollouts, and in environments outside JAX."""
-    config = in_two(vocabulary().usual)["config"] | settings["config"]
-    n_actions, n_observations = _flat_size(settings["action_space"]), _flat_size(settings["observation_space"])
-    units = sum(sum(size) if isinstance(size, list) else size for size in _sizes(config).values())
-    per_step = 2 * n_observations + n_actions * config["n_bins"] + 2 * units + config["n_epochs"]
-    per_environment = 0 if "environments/length" in arrays else 20_000
-    return config["n_envs"] * (config["n_steps"] * (256 + per_step) + per_environment)
-
-
-def with_ballast(settings: Settings, arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """The arrays; where training takes more than a file of their size may call for, with zeros that make it longer."""
-    n_numbers = sum(array.size for array in arrays.values())
-    size = training_size(settings, arrays)
-    missing = math.ceil(size / PER_NUMBER) - n_numbers
-    return arrays if size <= SMALL or missing <= 0 else arrays | {"ballast": np.zeros(missing, np.uint8)}
 
 
 def words_of(settings: Settings) -> Fields:
