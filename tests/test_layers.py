@@ -19,7 +19,7 @@ RANKS = """
     types
     records
     parts
-    bins optimizers returns normalization
+    bins optimizers returns normalization schedules
     targets theory
     networks
     policies envs
@@ -40,7 +40,7 @@ RANKS = """
 # The core computes: beside the standard library it needs no more than these.
 CORE = """
     fields types records parts bins networks optimizers returns normalization targets theory policies losses critics
-    algorithms agents
+    schedules algorithms agents
 """
 CORE_LIBRARIES = "jax numpy optax jaxtyping"
 

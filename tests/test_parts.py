@@ -340,7 +340,7 @@ def test_an_agent_by_words_has_its_algorithms_usual_values_and_a_reader_has_not(
         ({"loss": "hl-gaus"}, "loss is 'hl-gaus'; choose from gaussian, hl-one-hot, hl-gauss, hl-gauss-centred; did y"),
         ({"critic": None}, "critic is None; "),
         ({"policy": HLGauss()}, "policy is HLGauss"),
-        ({"loss": HLGauss(), "eta_rule": "policy"}, "eta_rule is 'policy'; it goes with loss 'hl-gauss', "),
+        ({"loss": HLGauss(), "eta_rule": "policy"}, "eta_rule is 'policy' beside HLGauss(eta=0.25"),
     ],
 )
 def test_words_that_mean_nothing_are_refused(words, message):

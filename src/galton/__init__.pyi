@@ -10,6 +10,7 @@ from . import paper as paper
 from . import policies as policies
 from . import presets as presets
 from . import returns as returns
+from . import schedules as schedules
 from . import sweep as sweep
 from . import targets as targets
 from .agents import make_agent as make_agent

@@ -7,6 +7,7 @@ Every name belongs to the parts that have a setting of that name. Which parts th
 from collections.abc import Collection, Mapping
 from typing import Any, NamedTuple
 
+from galton import schedules
 from galton.algorithms import ALGORITHMS, CREDITS, ENTROPIES, Agent, Algorithm, Rollout, find_algorithm
 from galton.critics import CRITICS
 from galton.errors import UsageError, did_you_mean, require, unknown
@@ -14,7 +15,7 @@ from galton.fields import checked
 from galton.losses import LOSSES
 from galton.networks import NETWORKS
 from galton.optimizers import OPTIMIZERS
-from galton.parts import Part, is_number, settings, unusual
+from galton.parts import Part, Schedule, is_number, settings, unusual
 from galton.policies import POLICIES
 from galton.records import FIRST_FIELDS, Fields
 
@@ -184,10 +185,14 @@ def values_of(words: Words) -> Fields:
         if name not in known.usual:
             told = did_you_mean(name, known.usual) or f"; choose from {', '.join(sorted(known.usual))}"
             raise UsageError(f"{name!r} is no setting{told}")
-    return {
-        name: checked(name, value, known.annotations[name]) if name in known.annotations else _chosen(name, value)
-        for name, value in words.items()
-    }
+    return {name: _value(known, name, value) for name, value in words.items()}
+
+
+def _value(known: Vocabulary, name: str, value: Any) -> Any:
+    """What a word's value is by its annotation; a text in the place of a number is a schedule."""
+    if known.is_number(name) and isinstance(value, str | Schedule):
+        return schedules.read(name, value) if isinstance(value, str) else value
+    return checked(name, value, known.annotations[name]) if name in known.annotations else _chosen(name, value)
 
 
 def _chosen(word: str, value: Any) -> Any:
@@ -254,7 +259,7 @@ def written(words: Words) -> Fields:
     """
     for name, value in words.items():
         told = f"{name} is {value!r}, and files hold names; give its class a line in the registry of its kind"
-        require(not isinstance(value, Part), told)
+        require(not isinstance(value, Part) or isinstance(value, Schedule), told)
     usual = vocabulary().usual
     return {
         name: words.get(name, value)
@@ -269,7 +274,15 @@ def in_two(words: Words) -> dict[str, Fields]:
     config = {name: value for name, value in words.items() if not known.is_number(name)}
     return {
         "config": {name: list(value) if isinstance(value, tuple) else value for name, value in config.items()},
-        "hypers": {name: float(value) for name, value in words.items() if name not in config},
+        "hypers": {
+            name: schedules.told(value)
+            if isinstance(value, Schedule)
+            else value
+            if isinstance(value, str)
+            else float(value)
+            for name, value in words.items()
+            if name not in config
+        },
     }
 
 

@@ -13,8 +13,9 @@ import numpy as np
 import optax
 from jaxtyping import Array, Bool, Float, Int
 
+from galton.errors import require
 from galton.fields import Within
-from galton.parts import Part
+from galton.parts import Part, Schedule
 from galton.types import NotNegative, Number, Params, Positive, Share
 
 State = Any
@@ -34,6 +35,8 @@ class Optimizer(Part, abc.ABC):
     clip_separately: bool = False
     """Scale the gradients of actor and critic down to max_grad_norm each, not the two joined."""
 
+    fixed: ClassVar[tuple[str, ...]] = ("decay_steps",)
+
     @property
     @abc.abstractmethod
     def transformation(self) -> optax.GradientTransformation:
@@ -45,6 +48,11 @@ class Optimizer(Part, abc.ABC):
         own = self.transformation
         knows = bool(_counts(jax.eval_shape(own.init, {"any": jnp.zeros(1)})))
         return own if knows else optax.chain(own, optax.scale_by_schedule(lambda _: 1.0))
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        scheduled = isinstance(self.learning_rate, Schedule) and np.any(self.decay_steps)
+        require(not scheduled, f"decay_steps is {self.decay_steps} beside a schedule of learning_rate; leave it at 0")
 
     def init(self, params: Params) -> State:
         """What is remembered before the first step."""
@@ -89,6 +97,8 @@ class Optimizer(Part, abc.ABC):
         too: rate · (end − first step) / (end − begin).
         """
         last, over_all = end + rollout, np.isinf(self.decay_steps)
+        if not np.any(over_all):
+            return self
         rate, steps = (np.asarray(number, np.float32) for number in (self.learning_rate, self.decay_steps))
         return self.replace(
             learning_rate=rate * np.where(over_all, np.float32(last / (end - begin)), np.float32(1)),

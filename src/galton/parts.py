@@ -4,6 +4,7 @@ A part is a pytree. Its numbers and its own parts are leaves and branches, which
 an array `[R]`, one for each of R runs. All else is part of its structure, for which programs are compiled.
 """
 
+import abc
 import dataclasses
 import functools
 from typing import (
@@ -21,8 +22,9 @@ from typing import (
 
 import jax
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Float, Int
 
+from galton.errors import require
 from galton.fields import Within, annotations, checked
 
 PartT = TypeVar("PartT", bound="Part")
@@ -60,6 +62,8 @@ class Part:
 
     label: ClassVar[str] = ""
     """Its name in figures and tables."""
+    fixed: ClassVar[tuple[str, ...]] = ()
+    """Its numbers that no schedule may change."""
 
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
@@ -75,12 +79,17 @@ class Part:
                 checked(name, getattr(self, name), annotation)
         for name, annotation in settings(type(self)).items():
             value = getattr(self, name)
-            if not isinstance(value, _COMPUTED):
+            if isinstance(value, Schedule) and is_number(annotation):
+                require(name not in self.fixed, f"{name} is {value!r}; give one number, for it is a schedule's own")
+                for each in value.values():
+                    checked(f"a number of {name}", each, annotation)
+            elif not isinstance(value, _COMPUTED):
                 kept = checked(name, value, annotation)
                 whole = is_number(annotation) and isinstance(kept, int | np.integer)
                 object.__setattr__(self, name, float(kept) if whole else kept)
         if not any(isinstance(leaf, _COMPUTED) for leaf in jax.tree.leaves(self)):
-            self.check_own()
+            with jax.ensure_compile_time_eval():  # inside of a program as well
+                (self if isinstance(self, Schedule) else at(self, 0)).check_own()
 
     def check_own(self) -> None:
         """Raise UsageError for fields that don't go together."""
@@ -108,7 +117,7 @@ def is_number(annotation: Any) -> bool:
 
 def unusual(value: Any, usual: Any) -> str:
     """The first of a setting's values, one for each run, that is not the usual one, as it is told; empty for none."""
-    if isinstance(usual, tuple) or usual is None:
+    if isinstance(usual, tuple) or usual is None or isinstance(value, Part):
         return "" if value == usual else str(value)
     given = np.atleast_1d(usual if value is None else value)
     others = given[given != (given.dtype.type(usual) if given.dtype == np.float32 else usual)][:1]
@@ -166,3 +175,35 @@ def _unflatten(cls: type[PartT], structure: tuple[Any, ...], children: tuple[Any
     for name, value in (*zip(inside, children, strict=True), *zip(outside, structure, strict=True)):
         object.__setattr__(part, name, value)
     return part
+
+
+class Schedule(Part, abc.ABC):
+    """A number that changes with the environment steps of a run (`galton.schedules`)."""
+
+    @abc.abstractmethod
+    def __call__(self, step: Int[Array, ""] | int) -> Float[Array, "*runs"]:
+        """The number at this step."""
+
+    @abc.abstractmethod
+    def values(self) -> tuple[Any, ...]:
+        """The numbers between which it stays, to be checked as the number that it stands for."""
+
+    @property
+    def is_endless(self) -> bool:
+        """Whether it goes over all that is trained, which nobody knows before."""
+        return False
+
+    def over(self: PartT, begin: int, end: int) -> PartT:
+        """The same schedule where all that is trained goes from one step to another."""
+        del begin, end
+        return self
+
+
+def at(part: PartT, step: Int[Array, ""] | int) -> PartT:
+    """The part with its schedules' numbers at a step."""
+
+    def resolved(leaf: Any) -> Any:
+        return leaf(step) if isinstance(leaf, Schedule) else leaf
+
+    now: PartT = jax.tree.map(resolved, part, is_leaf=lambda leaf: isinstance(leaf, Schedule))
+    return now

@@ -13,7 +13,7 @@ import pytest
 import tyro
 
 from galton import UsageError
-from galton.agents import vocabulary
+from galton.agents import vocabulary, without_idle
 from galton.cli import _reading, _registry
 from galton.cli._options import folder_name
 from galton.types import Number
@@ -63,7 +63,8 @@ def test_options_make_the_training_itself_with_the_words_of_every_part():
     assert kind == "Training"
     assert options["loss"] == "gaussian"
     typed = {"loss": "gaussian", "n_bins": 7, "eta": 0.5}
-    assert options["training"]["words"] == vocabulary().usual | typed | {"net_arch": [64, 64]}
+    used = without_idle(vocabulary().usual | typed, vocabulary().usual)
+    assert options["training"]["words"] == used | {"net_arch": [64, 64]}
 
 
 def test_the_tasks_settings_are_the_defaults():

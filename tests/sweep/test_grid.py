@@ -102,7 +102,7 @@ def test_a_grid_is_read_from_toml(tmp_path):
         ("", "must hold one or more"),
         ("[[grid]", "can't be read as TOML"),
         ('[[grid]]\nlose = "gaussian"', "'lose' is no setting; did you mean loss?"),
-        ("[[grid]]\nwidth = 3", "'width' is no setting; choose from algorithm, batch_size"),
+        ("[[grid]]\nwidth = 3", "'width' is no setting; choose from activation, algorithm"),
         ('[[grid]]\nloss = "mse"', "loss is 'mse'; choose from gaussian"),
         ("[[grid]]\neta = []", "eta is an empty list"),
         ("[[grid]]\neta = [0.5, -1]", "eta is -1.0; it must be finite, and greater than 0"),

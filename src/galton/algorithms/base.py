@@ -100,14 +100,23 @@ class Agent(Part):
     """All parts of a run. Its numbers may be `[R]`, for R runs; programs are compiled once for each structure."""
 
     policy: Policy
+    """The distribution of actions."""
     loss: Loss
+    """What is minimised, weighted by the credit."""
     algorithm: Algorithm
+    """What is done with a rollout."""
     critic: Critic = SquaredErrorCritic()
+    """How values are learnt."""
     credit: Credit = Credit()
+    """What multiplies the loss of each action."""
     entropy: Entropy = Entropy()
+    """Whether the policy's entropy is held."""
     network: Network = MLP()
+    """The network of the actor, and that of the critic."""
     optimizer: Optimizer = Adam()
+    """How a gradient moves parameters."""
     rollout: Rollout = Rollout()
+    """How experience is collected."""
 
     def check_own(self) -> None:
         """Raise UsageError for parts that don't fit together."""

@@ -93,6 +93,7 @@ class HeldEntropy(Entropy):
 
     label: ClassVar[str] = "held"
     scalars: ClassVar[tuple[str, ...]] = ("entropy_share", "entropy_alpha")
+    fixed: ClassVar[tuple[str, ...]] = ("entropy_start", "entropy_end", "entropy_steps")
 
     entropy_start: Positive = 0.5
     """The target at the start, as the share of the box that a uniform policy of that entropy would fill in each

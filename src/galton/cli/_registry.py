@@ -60,17 +60,22 @@ def _integers(info: PrimitiveTypeInfo) -> PrimitiveConstructorSpec[tuple[int, ..
 
 
 @REGISTRY.primitive_rule
-def _one_number(info: PrimitiveTypeInfo) -> PrimitiveConstructorSpec[float] | None:
+def _one_number(info: PrimitiveTypeInfo) -> PrimitiveConstructorSpec[float | str] | None:
     """What may be one number or an array of them is one number here."""
     if {*get_args(info.type)} - {int, NoneType} != {*get_args(Number)}:
         return None
     return PrimitiveConstructorSpec(
         nargs=1,
         metavar="FLOAT",
-        instance_from_str=lambda words: float(words[0]),
-        is_instance=lambda value: isinstance(value, int | float),
+        instance_from_str=lambda words: _number(words[0]),
+        is_instance=lambda value: isinstance(value, int | float | str),
         str_from_instance=lambda value: [str(value)],
     )
+
+
+def _number(text: str) -> float | str:
+    """A number, or the words of a schedule, which `agents.read` checks."""
+    return text if "(" in text else float(text)
 
 
 @REGISTRY.primitive_rule

@@ -16,6 +16,7 @@ from galton.envs.host.observations import Observations
 from galton.errors import UsageError
 from galton.models import Model
 from galton.normalization import Normalizer
+from galton.parts import at
 
 OBSERVATION, ACTION = "observation", "action"
 """The names of the input and the output."""
@@ -60,7 +61,7 @@ def decide(model: Model) -> Decision:
     inputs = _normalised(graph, rows, model.learner.normalizer)
     features = BODIES[kind](graph, model.agent.network, params["actor"], inputs)
     outputs = linear(graph, params["actor"][-1], features, name="outputs")
-    chosen = ACTIONS[name](graph, outputs, model.agent.policy)
+    chosen = ACTIONS[name](graph, outputs, at(model.agent.policy, model.num_timesteps))
     low, high = bounds(model.actions)
     shaped = graph.add("Reshape", chosen.action, np.array([0, *low.shape]))
     graph.add("Min", graph.add("Max", shaped, low), high, name=ACTION)

@@ -10,17 +10,19 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
-from galton import sb3
+from galton import sb3, schedules
 from galton.agents import words_of
 from galton.algorithms import Agent, Rollout
 from galton.callbacks import Print
 from galton.errors import DivergenceError, WideGaussian, require, require_integer
 from galton.models.calls import Calls, next_call
 from galton.optimizers import Optimizer
+from galton.parts import Schedule, at
 from galton.training.log import Log
 from galton.training.pieces import Pieces
 from galton.training.population import Population
 from galton.training.remedy import outgrown, remedy
+from galton.training.run import over_all
 from galton.types import Learner
 
 
@@ -86,7 +88,7 @@ def learn(
     first, size, start = model.num_timesteps, model.agent.rollout.size, time.perf_counter()
     last, log_interval = first + n_updates * size, model.log_interval
     begin = first if decay_from is None else decay_from
-    optimizer = model.agent.optimizer.falling(begin, last, size)
+    optimizer = over_all(model.agent, begin, last).optimizer
     _tell_of_no_rate(optimizer, last, size)
     theirs, ours = _sorted_out(model, callback, printed, first, last)
     model.population.decay_over(begin, last)
@@ -108,7 +110,7 @@ def learn(
                 log["train/learning_rate"] = _rate(optimizer, step)
                 log = theirs.recorded(is_told) | log
                 most_clipped = log["train/edge_share"] > 0.5
-                if most_clipped and not told and (message := outgrown(model.agent, model.learner)):
+                if most_clipped and not told and (message := outgrown(at(model.agent, step), model.learner)):
                     warnings.warn(f"at step {step:,} {message}", WideGaussian, stacklevel=3)
                     told = True
                 going = ours.after(step, size, log, is_told) and going
@@ -124,7 +126,7 @@ def check_divergence(agent: Agent, population: Population) -> None:
     if step >= 0:
         raise DivergenceError(
             f"the gradient was not finite at step {step:,}; the model keeps the parameters before it. "
-            f"{remedy(agent, population.learner)}"
+            f"{remedy(at(agent, step), population.learner)}"
         )
 
 
@@ -143,13 +145,17 @@ def named(log: Log, step: int, seconds: float, first: int) -> dict[str, float]:
 
 def _rate(optimizer: Optimizer, step: int) -> float:
     """The learning rate of the update that ends at this step, as it is in float32."""
-    return float(np.float32(optimizer.learning_rate) * optimizer.remaining(step))
+    return float(np.float32(at(optimizer, step).learning_rate) * optimizer.remaining(step))
 
 
 def _tell_of_no_rate(optimizer: Optimizer, last: int, size: int) -> None:
     """Warn where updates up to the last step learn nothing, but for the last of a decay, as in SB3."""
     given, decay_steps = optimizer.learning_rate, optimizer.decay_steps
-    if np.float32(given) == 0:
+    if isinstance(given, Schedule):
+        if _rate(optimizer, last - size) or _rate(optimizer, size):
+            return
+        told = f"learning_rate is {schedules.told(given)}, 0 up to step {last:,}, so nothing is learnt"
+    elif np.float32(given) == 0:
         told = f"learning_rate is {given}, 0 in float32, so nothing is learnt; make the model with a greater one"
     elif _rate(optimizer, last - size) == 0 or _rate(optimizer, size) == 0:
         told = (

@@ -27,7 +27,7 @@ from galton.models.hints import refuse_policy, unexpected
 from galton.models.learning import check_divergence, learn, updates_for
 from galton.models.settings import all_words, unusual
 from galton.models.state import Arrays, Loaded, Run, parameters_of
-from galton.parts import Box
+from galton.parts import Box, at
 from galton.presets import find_preset
 from galton.records import Fields
 from galton.training.population import Population
@@ -237,9 +237,10 @@ class Model:
         del episode_start
         rows, single = self.observations.rows(observation)
         if deterministic:
-            action = exploit(self.agent, self.learner, rows)
+            action = exploit(at(self.agent, self.num_timesteps), self.learner, rows)
         else:
-            action = explore(self.agent, self.learner, rows, self.seed, self.n_predictions)
+            now = at(self.agent, self.num_timesteps)
+            action = explore(now, self.learner, rows, self.seed, self.n_predictions)
             self.n_predictions += 1
         actions = self.actions.to_env(action)
         return (actions[0, ...] if single else actions), state
@@ -270,7 +271,7 @@ class Model:
             return self.population.evaluate(n_episodes)[0]
         task = find(env, **(env_kwargs or {}))
         check_same_spaces(task, self.actions, self.observations)
-        about = (self.agent, self.learner, n_episodes, self.seed, self.num_timesteps)
+        about = (at(self.agent, self.num_timesteps), self.learner, n_episodes, self.seed, self.num_timesteps)
         return returns_on(task, *about, self._run.environments)
 
     def yardsticks(self, env: object = None, env_kwargs: Mapping[str, object] | None = None) -> Yardsticks:

@@ -8,7 +8,7 @@ from typing import Any
 from galton.agents import idle, vocabulary, without_idle, words_of
 from galton.algorithms import Agent, Algorithm
 from galton.errors import did_you_mean, require, require_integer
-from galton.models.hints import refuse_schedules, unexpected
+from galton.models.hints import as_schedule, unexpected
 from galton.presets import PAPER, Preset
 from galton.records import Fields
 from galton.tasks import settings_of
@@ -61,8 +61,8 @@ def all_words(
         if name not in known:
             known_ones = f"it takes {', '.join(known)}{did_you_mean(name, known)}"
             raise unexpected(algorithm.label, name, known_ones)
-    refuse_schedules(settings)
-    settings = settings | _as_sb3_writes_it(settings.get("net_arch"))
+    settings = {name: as_schedule(name, value) for name, value in settings.items()}
+    settings |= _as_sb3_writes_it(settings.get("net_arch"))
     copies = _usual(algorithm, env, preset)["n_envs"]
     n_envs = (ready or copies) if n_envs is None else n_envs
     given = known | settings

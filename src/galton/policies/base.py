@@ -6,7 +6,8 @@ from typing import ClassVar, Literal, Protocol, TypeVar, runtime_checkable
 import numpy as np
 from jaxtyping import Array, Bool, Float, Key, PyTree
 
-from galton.parts import Box, Part
+from galton.errors import require
+from galton.parts import Box, Part, Schedule, settings
 from galton.types import Params, Rule
 
 PolicyT = TypeVar("PolicyT", bound="Policy")
@@ -60,6 +61,15 @@ class Policy(Part, abc.ABC):
 
     box: Box | None = None
     """Where actions lie; a task sets it (`on`)."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name in settings(type(self)):
+            value = getattr(self, name)
+            endless = isinstance(value, Schedule) and value.is_endless
+            require(
+                not endless, f"{name} is {value!r}; say over how many steps, for a policy acts outside of training too"
+            )
 
     def on(self: PolicyT, box: Box) -> PolicyT:
         """The policy for actions in this box."""

@@ -121,7 +121,8 @@ def check(settings: Settings, arrays: dict[str, np.ndarray]) -> Settings:
         refuse_unknown(f"the checkpoint's {part}", settings[part], example[part])
         later = {name: value for name, value in example[part].items() if name not in FIRST_FIELDS}
         settings = settings | {part: later | settings[part]}
-    _check_like("settings", settings, example)
+    numbers = {name: 0.0 if isinstance(value, str) else value for name, value in settings["hypers"].items()}
+    _check_like("settings", settings | {"hypers": numbers}, example)  # a text is a schedule, which `read` checks
     config = settings["config"]
     for name, fits in _fitting(settings, arrays).items():
         if not fits:

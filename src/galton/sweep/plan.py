@@ -156,7 +156,12 @@ class Plan:
         start, stop = self.bounds[index : index + 2].tolist()
         setting, trial, seeds = (column[start:stop] for column in (self.setting, self.trial, self.seed))
         settings = [self.study.settings[i] for i in setting.tolist()]
-        numbers = {name for one in settings for name in one.record() if vocabulary().is_number(name)}
+        numbers = {
+            name
+            for one in settings
+            for name, value in one.record().items()
+            if vocabulary().is_number(name) and not isinstance(value, str)
+        }
         columns = {name: np.array([one[name] for one in settings], np.float32) for name in numbers}
         return Shard(index, read(settings[0].record() | columns), setting, trial, seeds, self.names[index])
 

@@ -47,7 +47,8 @@ def collect(store: Store, plan: Plan) -> pa.Table:
     require(bool(parts), f"out is {store.url}, where no shard is done yet")
     runs = pa.concat_tables(same_columns(parts)).sort_by([("setting", "ascending"), ("trial", "ascending")])
     records = filled([setting.record() for setting in plan.study.settings], vocabulary().usual)
-    settings = pa.Table.from_pylist(records)
+    mixed = {name for record in records for name, value in record.items() if isinstance(value, str)}  # schedules, too
+    settings = pa.Table.from_pylist([r | {name: str(r[name]) for name in mixed} for r in records])
     return pa.table(
         {f"setting.{name}": settings.column(name).take(runs.column("setting")) for name in settings.column_names}
         | {name: runs.column(name) for name in runs.column_names}

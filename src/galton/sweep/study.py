@@ -9,12 +9,13 @@ from typing import Annotated, Any
 
 import numpy as np
 
+from galton import schedules
 from galton.agents import parts_of, read, values_of, vocabulary, written
 from galton.algorithms import Agent
 from galton.errors import require
 from galton.fields import AtLeast, as_numbers, check_fields, checked
 from galton.losses import find_loss
-from galton.parts import settings
+from galton.parts import Schedule, settings
 from galton.policies import POLICIES
 from galton.records import FIRST_FIELDS, Fields, filled, refuse_unknown
 from galton.training.train import log_plan
@@ -37,6 +38,9 @@ class Setting(Mapping[str, Any]):
     def __init__(self, words: Mapping[str, Any]) -> None:
         known, given = vocabulary(), values_of(words)
         for name in (name for name in given if known.is_number(name)):
+            if isinstance(given[name], Schedule):
+                given[name] = schedules.told(given[name])
+                continue
             require(np.ndim(given[name]) == 0, f"{name} is {given[name]}; give one number")
             given[name] = float(as_numbers(name, given[name]))
         if given.get("policy", "auto") == find_loss(str(given.get("loss", known.usual["loss"]))).policy:
@@ -85,9 +89,11 @@ class Setting(Mapping[str, Any]):
 
     @functools.cached_property
     def program(self) -> Program:
-        """What it is compiled for: all that is no number."""
+        """What it is compiled for: all that is no number, and schedules."""
         known = vocabulary()
-        return tuple((name, value) for name, value in self._record.items() if not known.is_number(name))
+        return tuple(
+            (name, value) for name, value in self._record.items() if isinstance(value, str) or not known.is_number(name)
+        )
 
     @property
     def rollout_size(self) -> int:
@@ -240,7 +246,7 @@ def _settings(same: Fields, different: dict[str, list[object]]) -> Iterator[Sett
 def _column(name: str, values: list[object]) -> list[object]:
     """The values of one setting, each of those that differ checked once, and numbers all at once."""
     known = vocabulary()
-    if known.is_number(name):
+    if known.is_number(name) and not any(isinstance(value, str) for value in values):
         return np.asarray(checked(name, values, known.annotations[name]), np.float64).tolist()
-    found = {repr(value): values_of({name: value})[name] for value in values}
+    found = {repr(value): Setting({name: value})[name] for value in values}
     return [found[repr(value)] for value in values]

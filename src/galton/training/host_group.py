@@ -15,11 +15,12 @@ from galton.envs.host.moves import Watch
 from galton.envs.host.observations import Observations
 from galton.errors import BrokenEnvironmentError, SharedEnvironment
 from galton.normalization import from_origin_on_host
+from galton.parts import at
 from galton.policies.correlation import nothing_before
 from galton.training.evaluate import LIMIT_IT, LONG, copies, play
 from galton.training.host_programs import host_programs
 from galton.training.log import Finished, Log
-from galton.training.run import RunState, Snapshot, Tree, reseeded, with_keys, without_keys
+from galton.training.run import RunState, Snapshot, Tree, over_all, reseeded, with_keys, without_keys
 from galton.training.yardsticks import N_EPISODES, Yardsticks, yardsticks
 from galton.types import Learner, Params, Rule, Transition
 
@@ -47,7 +48,8 @@ class Group:
         self._device, self._seeds = device, seeds
         self._shape, self._n_threads = (len(seeds), agent.rollout.n_envs), n_threads
         self._sizes = Observations(task.name, task.observation_space).size, len(agent.low)
-        self._programs = host_programs(jax.tree.structure(agent))
+        self._programs, self._acting = (host_programs(jax.tree.structure(each)) for each in (agent, at(agent, 0)))
+        self._is_scheduled = self._acting is not self._programs
         self._evaluator: HostEnvironments | None = None
         self._evaluator_episodes = 0
         self._interrupted = False
@@ -81,8 +83,12 @@ class Group:
 
     def decay_over(self, begin: int, end: int) -> None:
         """Let learning rates that fall over all that is trained (decay_steps = inf) fall from one step to another."""
-        optimizer = self._agent.optimizer.falling(begin, end, self._agent.rollout.size)
-        self._numbers = self._place(jax.tree.leaves(self._agent.replace(optimizer=optimizer)))
+        self._numbers = self._place(jax.tree.leaves(over_all(self._agent, begin, end)))
+
+    @property
+    def _now(self) -> PyTree[Array]:
+        """The numbers of what acts: those of schedules are what they are at this step."""
+        return self._programs.now(self._numbers, self.runs.step) if self._is_scheduled else self._numbers
 
     def warm_up(self) -> None:
         """Compile what training runs, by a first call of each program on numbers of no meaning."""
@@ -92,7 +98,7 @@ class Group:
         noise = self._programs.prepare(self._numbers, runs)
         params = _acting(runs.learner.params)
         before = self._noise_before()
-        self._programs.act(self._numbers, params, runs.learner.normalizer, zeros, noise, self._times[0], *before)
+        self._acting.act(self._now, params, runs.learner.normalizer, zeros, noise, self._times[0], *before)
         reward = np.zeros(self._shape, np.float32)
         self._receive(runs.learner, Steps(zeros, zeros, reward, reward > 0, reward > 0), reward > 0)
         runs = self._programs.learn(self._numbers, runs, self._batch, self._empty_finished())
@@ -127,11 +133,12 @@ class Group:
         """T steps of the P · N environments; numpy arrays `[P, T, N, ...]`."""
         batch, finished = self._empty_batch(), self._empty_finished()
         noise, learner = self._programs.prepare(self._numbers, self.runs), self.runs.learner
+        now = self._now
         params = _acting(learner.params)
         for t, device_t in enumerate(self._times):
             moved = self._from_origin(self._observation)
-            sampled, normalised, self._noise = self._programs.act(
-                self._numbers, params, learner.normalizer, moved, noise, device_t, *self._noise_before()
+            sampled, normalised, self._noise = self._acting.act(
+                now, params, learner.normalizer, moved, noise, device_t, *self._noise_before()
             )
             action = np.asarray(sampled)
             observation = moved if normalised is None else np.asarray(normalised)
@@ -177,9 +184,7 @@ class Group:
         if not (rollout.normalize_observation or rollout.normalize_reward):
             return learner, steps.reward, steps.final_observation
         moved = map(self._from_origin, (steps.final_observation, steps.observation))
-        normalizer, reward, final = self._programs.receive(
-            self._numbers, learner.normalizer, steps.reward, done, *moved
-        )
+        normalizer, reward, final = self._acting.receive(self._now, learner.normalizer, steps.reward, done, *moved)
         return learner._replace(normalizer=normalizer), np.asarray(reward), np.asarray(final)
 
     def log(self, begin_next: bool = True) -> Log:
@@ -208,10 +213,11 @@ class Group:
         for i, layers in enumerate(self._evaluator.layers):
             trained = i // n_episodes * n_envs + i % n_episodes % n_envs
             carry(self.environments.layers[trained], self._at_first[trained], layers)
-        learner, exploit = self.runs.learner, host_programs(jax.tree.structure(self._agent.acting_by(rule))).exploit
+        learner, structure = self.runs.learner, jax.tree.structure(at(self._agent.acting_by(rule), 0))
+        now, exploit = self._now, host_programs(structure).exploit
 
         def act(observation: np.ndarray) -> np.ndarray:
-            action = np.asarray(exploit(self._numbers, learner, self._from_origin(self._split(observation))))
+            action = np.asarray(exploit(now, learner, self._from_origin(self._split(observation))))
             return action.reshape(len(observation), -1)
 
         seeds = self._environment_seeds(1, int(self.runs.step[0]), n=n_episodes)

@@ -9,6 +9,7 @@ from jaxtyping import Array, PyTree
 from galton import normalization
 from galton.algorithms import Agent, actor_critic
 from galton.normalization import Normalizer
+from galton.parts import at
 from galton.policies.correlation import continued
 from galton.training.evaluate import deterministic_action
 from galton.training.log import Finished, Log
@@ -39,6 +40,8 @@ class HostPrograms(NamedTuple):
     """(agent, runs, batch `[P, T, N]`, finished) → runs."""
     log: Callable[..., tuple[RunState, Log]]
     """(agent, runs, batch) → runs and logs."""
+    now: Callable[..., list[Array]]
+    """(agent, steps `[P]`) → the numbers of the same agent without its schedules."""
     exploit: Callable[..., Array]
     """(agent, learners, observations from the origin `[P, n, o]`) → deterministic actions."""
 
@@ -93,6 +96,9 @@ def host_programs(structure: Any) -> HostPrograms:
     def log(numbers: Numbers, run: RunState, batch: Transition) -> tuple[RunState, Log]:
         return read_log(agent_of(numbers), run, batch)
 
+    def now(numbers: Numbers, step: Array) -> Numbers:
+        return jax.tree.leaves(at(agent_of(numbers), step))
+
     def exploit(numbers: Numbers, learner: Learner, observation: Array) -> Array:
         return deterministic_action(agent_of(numbers), learner, observation)
 
@@ -105,5 +111,6 @@ def host_programs(structure: Any) -> HostPrograms:
         jax.jit(jax.vmap(receive)),
         jax.jit(over_runs(side_by_side, learn_of, (0, 0, 0, 0))),
         jax.jit(jax.vmap(log)),
+        jax.jit(jax.vmap(now)),
         jax.jit(jax.vmap(exploit)),
     )

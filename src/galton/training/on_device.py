@@ -15,6 +15,7 @@ from jaxtyping import Array, Float, Int, UInt
 from galton import normalization
 from galton.algorithms import Agent
 from galton.envs.base import Environment
+from galton.parts import at
 from galton.policies.correlation import nothing_before
 from galton.training.evaluate import evaluate
 from galton.training.log import Log
@@ -26,6 +27,7 @@ from galton.training.run import (
     Tree,
     begin,
     learn,
+    over_all,
     over_runs,
     read_log,
     reseeded,
@@ -46,7 +48,8 @@ class DeviceState(NamedTuple):
 
 def iteration(env: Environment, agent: Agent, state: DeviceState, noise: Noise) -> tuple[DeviceState, Transition]:
     """One round of the training loop: act for n_steps steps, then learn from them. The rollout is returned too."""
-    episodes, learner, batch, finished = rollout(env, agent, state.run.learner, state.episodes, noise)
+    now = at(agent, state.run.step)
+    episodes, learner, batch, finished = rollout(env, now, state.run.learner, state.episodes, noise)
     run = learn(agent, state.run._replace(learner=learner), batch, finished)
     return DeviceState(run, episodes), batch
 
@@ -141,8 +144,7 @@ class DevicePopulation:
 
     def decay_over(self, begin: int, end: int) -> None:
         """Let learning rates that fall over all that is trained (decay_steps = inf) fall from one step to another."""
-        optimizer = self._given.optimizer.falling(begin, end, self._given.rollout.size)
-        self._agent = self._place(self._given.replace(optimizer=optimizer))
+        self._agent = self._place(over_all(self._given, begin, end))
 
     def compile(self) -> None:
         """Compile what training runs, unless that is done."""
@@ -255,7 +257,7 @@ def _compile_evaluation(
     start = time.perf_counter()
 
     def program(agent: Agent, key: Array, step: Array, learner: Learner) -> Array:
-        return evaluate(jax.random.fold_in(key, step), env, agent, learner, n_episodes)
+        return evaluate(jax.random.fold_in(key, step), env, at(agent, step), learner, n_episodes)
 
     run = _placed(jax.eval_shape(_begin_all(env, on_runs), agent, _seeds(agent)).run, on_runs)
     compiled = (

@@ -12,7 +12,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Int, Key, PyTree, UInt
 
+from galton import schedules
 from galton.algorithms import Agent, actor_critic
+from galton.parts import at
 from galton.training.diagnosis import diagnose
 from galton.training.log import Finished, Log, Tally, nothing, summarise, tally
 from galton.types import Learner, Transition
@@ -51,7 +53,7 @@ def keys_of(seed: UInt[Array, ""]) -> Key[Array, "4"]:
 def begin(agent: Agent, observation_size: int, seed: UInt[Array, ""]) -> tuple[RunState, Array]:
     """A new run, and the key of its first episodes. Not under vmap (see `init_mlp`)."""
     init_key, episodes_key, key, evaluation_key = keys_of(seed)
-    learner = actor_critic.init(init_key, agent, observation_size)
+    learner = actor_critic.init(init_key, at(agent, 0), observation_size)
     empty = nothing(agent.scalars)
     return RunState(learner, key, evaluation_key, jnp.int32(0), jnp.int32(-1), empty), episodes_key
 
@@ -66,7 +68,8 @@ def learn(agent: Agent, run: RunState, batch: Transition, finished: Finished) ->
     frozen = run.diverged_at >= 0
     step = run.step + agent.rollout.size
     key = jax.random.fold_in(rollout_key(run), _OF_UPDATES)
-    now = agent.replace(optimizer=agent.optimizer.at(step, frozen), entropy=agent.entropy.at(step, frozen))
+    now = at(agent, step)
+    now = now.replace(optimizer=now.optimizer.at(step, frozen), entropy=now.entropy.at(step, frozen))
     learner, told = now.algorithm.update(now, run.learner, batch, key)
     finite = jnp.isfinite(told["grad_norm"])
     before, after = (of.memory["algorithm"] for of in (run.learner, learner))
@@ -82,9 +85,15 @@ def learn(agent: Agent, run: RunState, batch: Transition, finished: Finished) ->
 def read_log(agent: Agent, run: RunState, batch: Transition) -> tuple[RunState, Log]:
     """The log of the updates since the last one, the last of them on this batch; evaluation is the caller's."""
     names = agent.scalars
-    log = summarise(run.tally, names, diagnose(agent, run.learner, batch))
+    log = summarise(run.tally, names, diagnose(at(agent, run.step), run.learner, batch))
     log = jax.tree.map(lambda x: jnp.where(run.diverged_at < 0, x, jnp.nan), log)
     return run._replace(tally=nothing(names)), log
+
+
+def over_all(agent: Agent, begin: int, end: int) -> Agent:
+    """The agent whose numbers that change over all that is trained change from one step to another."""
+    spread = schedules.over(agent, begin, end)
+    return spread.replace(optimizer=spread.optimizer.falling(begin, end, agent.rollout.size))
 
 
 def over_runs(side_by_side: bool, f: Callable[..., Tree], in_axes: Sequence[int | None]) -> Callable[..., Tree]:

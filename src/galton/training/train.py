@@ -4,6 +4,7 @@ import contextlib
 import dataclasses
 import time
 from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 import jax
 import numpy as np
@@ -185,19 +186,22 @@ def _check_numbers(agent: Agent, n_runs: int) -> None:
     """Raise UsageError for anything but an agent whose numbers are one each, or one for each run."""
     checked("agent", agent, Agent)
     for path, numbers in jax.tree_util.tree_leaves_with_path(agent):
-        name, shape = path[-1].name, np.shape(numbers)
+        name, shape = _named(path), np.shape(numbers)
         require(
             shape in ((), (n_runs,)), f"{name} has shape {shape}; it must be a number, or [{n_runs}]: one for each run"
         )
+
+
+def _named(path: Sequence[Any]) -> str:
+    """The setting at a place in an agent; of a schedule its number."""
+    return ".".join(key.name for key in path[1:])
 
 
 def check_one_run(agent: Agent) -> None:
     """Raise UsageError for anything but an agent whose numbers are one each."""
     checked("agent", agent, Agent)
     for path, value in jax.tree_util.tree_leaves_with_path(agent):
-        require(
-            np.ndim(value) == 0, f"{path[-1].name} is {value}; give one number (train alone takes one for each run)"
-        )
+        require(np.ndim(value) == 0, f"{_named(path)} is {value}; give one number (train alone takes one for each run)")
 
 
 def check_seed(seed: int) -> None:

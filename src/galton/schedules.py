@@ -1,0 +1,162 @@
+"""Schedules: numbers that change with the environment steps of a run, in the place of any that stays.
+
+Each has a word too, for command lines and files: `linear(3e-4, 0, 1e6)` is `Linear(3e-4, 0, 1e6)`.
+"""
+
+import ast
+import dataclasses
+from typing import Annotated, Any, TypeVar
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from galton.errors import UsageError, require
+from galton.fields import Within
+from galton.parts import Part, Schedule
+from galton.types import Finite, NotNegative, Number
+
+TreeT = TypeVar("TreeT", bound=Part)
+Steps = Annotated[Number, Within(lambda x: x > 0, "greater than 0, or inf for all steps that are trained")]
+
+
+class Between(Schedule):
+    """A schedule from one number to another, which then stays."""
+
+    start: Finite = 0.0
+    """The number at the first step."""
+    end: Finite = 0.0
+    """The number in the end."""
+    steps: Steps = float("inf")
+    """Environment steps from start to end; inf: all that are trained, which `learn` and `train` know."""
+    begin: NotNegative = 0.0
+    """The environment step where it begins."""
+
+    def values(self) -> tuple[Any, ...]:
+        """Both numbers, between which all others lie."""
+        return self.start, self.end
+
+    def done(self, step: Int[Array, ""] | int) -> Float[Array, "*runs"]:
+        """The share of the way that is behind at this step."""
+        return jnp.clip((step - jnp.asarray(self.begin)) / self.steps, 0.0, 1.0)
+
+    @property
+    def is_endless(self) -> bool:
+        """Whether it goes over all that is trained."""
+        return bool(np.any(np.isinf(self.steps)))
+
+    def over(self, begin: int, end: int) -> "Between":
+        """The schedule that goes from one step to another if it goes over all that is trained."""
+        whole = np.isinf(self.steps)
+        return self.replace(
+            begin=np.where(whole, np.float32(begin), np.asarray(self.begin, np.float32)),
+            steps=np.where(whole, np.float32(end - begin), np.asarray(self.steps, np.float32)),
+        )
+
+
+class Linear(Between):
+    """A number that goes from start to end linearly."""
+
+    label = "linear"
+
+    def __call__(self, step: Int[Array, ""] | int) -> Float[Array, "*runs"]:
+        """The number at this step."""
+        number: Array = self.start + (jnp.asarray(self.end) - self.start) * self.done(step)
+        return number
+
+
+class Cosine(Between):
+    """A number that goes from start to end along half a cosine (Loshchilov & Hutter, 2017)."""
+
+    label = "cosine"
+
+    def __call__(self, step: Int[Array, ""] | int) -> Float[Array, "*runs"]:
+        """The number at this step."""
+        left = (1 + jnp.cos(jnp.pi * self.done(step))) / 2
+        number: Array = self.end + (jnp.asarray(self.start) - self.end) * left
+        return number
+
+
+class Step(Schedule):
+    """A number that is one up to a step, and another from there on; both may be schedules of their own."""
+
+    label = "step"
+
+    before: Finite = 0.0
+    """The number before that step."""
+    after: Finite = 0.0
+    """The number from that step on."""
+    at_step: NotNegative = 0.0
+    """The environment step."""
+
+    def values(self) -> tuple[Any, ...]:
+        """Both numbers, or those of both schedules."""
+        return tuple(
+            value
+            for each in (self.before, self.after)
+            for value in (each.values() if isinstance(each, Schedule) else [each])
+        )
+
+    def __call__(self, step: Int[Array, ""] | int) -> Float[Array, "*runs"]:
+        """The number at this step."""
+        before, after = (
+            each(step) if isinstance(each, Schedule) else jnp.asarray(each) for each in (self.before, self.after)
+        )
+        return jnp.where(step < self.at_step, before, after)
+
+    @property
+    def is_endless(self) -> bool:
+        """Whether one of its schedules goes over all that is trained."""
+        return any(each.is_endless for each in (self.before, self.after) if isinstance(each, Schedule))
+
+    def over(self, begin: int, end: int) -> "Step":
+        """The same of schedules that go over all that is trained."""
+        spread = {
+            name: value.over(begin, end) if isinstance(value := getattr(self, name), Schedule) else value
+            for name in ("before", "after")
+        }
+        return self.replace(**spread)
+
+
+SCHEDULES: dict[str, type[Schedule]] = {"linear": Linear, "cosine": Cosine, "step": Step}
+
+
+def over(tree: TreeT, begin: int, end: int) -> TreeT:
+    """A part whose schedules that go over all that is trained go from one step to another."""
+
+    def spanned(leaf: Any) -> Any:
+        return leaf.over(begin, end) if isinstance(leaf, Schedule) else leaf
+
+    spread: TreeT = jax.tree.map(spanned, tree, is_leaf=lambda leaf: isinstance(leaf, Schedule))
+    return spread
+
+
+def read(name: str, text: str) -> Schedule:
+    """The schedule that a text describes, as `told` writes it.
+
+    Raises:
+        UsageError: it describes none.
+    """
+    wrong = f"{name} is {text!r}; it must be a number, or a schedule such as linear(3e-4, 0, 1e6)"
+    try:
+        return _made(ast.parse(text.strip(), mode="eval").body)
+    except UsageError as error:
+        raise UsageError(f"{name} is {text!r}: {error}") from None
+    except (SyntaxError, ValueError, TypeError, KeyError, RecursionError, MemoryError):
+        raise UsageError(wrong) from None
+
+
+def _made(node: ast.expr) -> Any:
+    if not isinstance(node, ast.Call):
+        return float(ast.literal_eval(node)) if not isinstance(node, ast.Name) else {"inf": float("inf")}[node.id]
+    require(isinstance(node.func, ast.Name) and not node.keywords, "give its numbers in order, without names")
+    assert isinstance(node.func, ast.Name)
+    return SCHEDULES[node.func.id](*map(_made, node.args))
+
+
+def told(schedule: Schedule) -> str:
+    """The text of a schedule, which `read` understands."""
+    values = [getattr(schedule, field.name) for field in dataclasses.fields(schedule)]
+    shown = [told(value) if isinstance(value, Schedule) else repr(float(value)) for value in values]
+    return f"{schedule.label}({', '.join(shown)})"

@@ -1,0 +1,170 @@
+"""Schedules against Optax's, in a run, in files and on the command line."""
+
+import json
+import math
+
+import jax
+import numpy as np
+import optax
+import pytest
+
+import galton
+from galton import A2C, PPO, UsageError, make_agent, schedules
+from galton.agents import read, words_of
+from galton.parts import at
+from galton.schedules import Cosine, Linear, Step
+from galton.sweep.grid import expand
+from galton.sweep.plan import Plan
+from galton.sweep.results import collect
+from galton.sweep.shard import work
+from galton.sweep.store import Store
+from galton.sweep.study import Setting, Study
+
+SMALL = {"n_bins": 9, "net_arch": (8,), "loss": "hl-gauss"}
+
+
+@pytest.mark.parametrize(
+    ("ours", "theirs"),
+    [
+        (Linear(0.3, 0.1, 100), optax.linear_schedule(0.3, 0.1, 100)),
+        (Linear(0.3, 0.1, 100, 50), optax.linear_schedule(0.3, 0.1, 100, transition_begin=50)),
+        (Cosine(0.3, 0.03, 100), optax.cosine_decay_schedule(0.3, 100, alpha=0.1)),
+        (Step(0.3, 0.1, 60), optax.piecewise_constant_schedule(0.3, {60: 1 / 3})),
+        (
+            Step(Linear(0.0, 0.3, 20), Cosine(0.3, 0.0, 80, 20), 20),
+            optax.warmup_cosine_decay_schedule(0.0, 0.3, 20, 100),
+        ),
+    ],
+)
+def test_a_number_at_each_step_is_optaxs(ours, theirs):
+    for step in (0, 1, 19, 20, 21, 50, 59, 60, 99, 100, 150, 10**6):
+        assert float(ours(step)) == pytest.approx(float(theirs(step)), abs=1e-6), step
+
+
+@pytest.mark.parametrize(
+    "schedule", [Linear(3e-4, 0.0), Cosine(1e-3, 1e-4, 1e6, 10.0), Step(Linear(0.0, 1e-3, 10.0), 1e-4, 500.0)]
+)
+def test_a_schedule_comes_back_from_its_text(schedule):
+    assert schedules.read("learning_rate", schedules.told(schedule)) == schedule
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["0.1x", "linear", "linear(", "linear(a)", "cubic(1, 2)", "linear(1, 2, 3, 4, 5)", "__import__('os')", "1(2)"],
+)
+def test_a_text_that_describes_none_is_refused_with_what_would(text):
+    with pytest.raises(
+        UsageError, match=r"^learning_rate is .*(must be a number, or a schedule such as|give its numbers)"
+    ):
+        read({"learning_rate": text})
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ({"learning_rate": Linear(1.0, -1.0)}, "a number of learning_rate is -1.0; it must be finite, and 0 or more"),
+        (
+            {"learning_rate": "linear(1, 0, 0)"},
+            r"learning_rate is 'linear\(1, 0, 0\)': steps is 0.0; it must be greater",
+        ),
+        ({"decay_steps": Linear(1.0, 2.0)}, "decay_steps is Linear.*; give one number"),
+        ({"learning_rate": Linear(1.0, 0.0), "decay_steps": 9}, "decay_steps is 9.0 beside a schedule"),
+        ({"policy": "smoothed", "eta": Linear(1.0, 0.5)}, "eta is Linear.*; say over how many steps"),
+        ({"n_bins": Linear(10, 20)}, "n_bins is Linear.*; it must be an integer"),
+        ({"eta": Step(1.0, 0.0, 5)}, "a number of eta is 0.0"),
+    ],
+)
+def test_what_no_schedule_can_be_is_refused(words, message):
+    with pytest.raises(UsageError, match=f"^{message}"):
+        make_agent(**words)
+
+
+def test_an_agents_numbers_at_a_step_and_its_words():
+    agent = make_agent(**SMALL, eta=Linear(2.0, 0.5, 100), learning_rate=Cosine(1e-2, 0.0, 100))
+    assert float(at(agent, 50).loss.eta) == 1.25
+    assert float(at(agent, 50).optimizer.learning_rate) == pytest.approx(5e-3)
+    assert read(words_of(agent)) == agent
+
+
+@pytest.mark.parametrize("env", ["lqr", "Pendulum-v1"])
+def test_a_constant_schedule_is_the_number_and_one_that_changes_is_not(env):
+    own = {"learning_rate": 1e-2, "eta": 2.0, "gamma": 0.9}
+    plain, constant, other = (
+        A2C(env, **SMALL, **words, n_steps=10).learn(40, progress_bar=False)
+        for words in (
+            own,
+            {name: Linear(value, value, 20) for name, value in own.items()},
+            {name: Linear(value, value / 2, 20) for name, value in own.items()},
+        )
+    )
+    for ours, theirs in zip(jax.tree.leaves(plain.learner), jax.tree.leaves(constant.learner), strict=True):
+        np.testing.assert_allclose(ours, theirs, rtol=1e-5, atol=1e-6)
+    assert not np.allclose(plain.get_parameters()["actor"][0]["kernel"], other.get_parameters()["actor"][0]["kernel"])
+
+
+def test_a_policys_floor_rises_in_training_in_evaluation_and_in_predictions():
+    def actions(floor):
+        model = A2C("lqr", "gaussian", net_arch=(), log_std_init=-5.0, log_std_min=floor, learning_rate=1e-9, seed=1)
+        model.learn(400, progress_bar=False)
+        sampled = np.array([model.predict(np.zeros(2))[0] for _ in range(200)])
+        log = model.population.log(begin_next=False)
+        return sampled.std(), float(log.scalars["sigma"][0])
+
+    for found, expected in zip(actions(Linear(-5.0, -1.0, 200)), actions(-1.0), strict=True):
+        assert found == pytest.approx(expected, rel=1e-5)
+    assert actions(Step(-5.0, -1.0, 10_000))[0] < 0.02
+
+
+def test_a_run_with_schedules_resumed_in_the_middle_is_equal_to_the_bit(tmp_path):
+    own = {"learning_rate": Cosine(1e-2, 1e-3, 400), "eta": Step(2.0, 0.5, 200), "ent_coef": Linear(0.1, 0.0, 300)}
+    whole = A2C("lqr", **SMALL, **own).learn(400, progress_bar=False)
+    half = A2C("lqr", **SMALL, **own).learn(200, progress_bar=False)
+    again = A2C.load(half.save(tmp_path / "model"), "lqr")
+    assert again.settings == half.settings
+    again.learn(200, progress_bar=False)
+    for ours, theirs in zip(jax.tree.leaves(whole.learner), jax.tree.leaves(again.learner), strict=True):
+        np.testing.assert_array_equal(ours, theirs)
+
+
+def test_a_function_of_what_remains_is_understood_where_it_is_linear():
+    model = PPO("lqr", "gaussian", n_steps=64, learning_rate=lambda left: 1e-3 * left, clip_range=lambda _: 0.1)
+    assert model.settings["learning_rate"] == Linear(1e-3, 0.0)
+    assert model.settings["clip_range"] == 0.1
+    rates = []
+    model.learn(256, lambda _, log: rates.append(log["train/learning_rate"]) and None, progress_bar=False)
+    np.testing.assert_allclose(rates, [7.5e-4, 5e-4, 2.5e-4, 0.0], atol=1e-9)  # as SB3's
+    with pytest.raises(
+        UsageError, match=r"^learning_rate is <function .*is understood if it is linear; write another as"
+    ):
+        PPO("lqr", "gaussian", learning_rate=lambda left: 1e-3 * left**2)
+
+
+def test_runs_of_a_population_have_schedules_of_their_own():
+    rates = np.array([1e-2, 1e-3], np.float32)
+    both = galton.train("lqr", make_agent(**SMALL, learning_rate=Linear(rates, 0.0)), [0, 0], 100, n_eval_episodes=0)
+    for i, rate in enumerate(rates):
+        alone = galton.train("lqr", make_agent(**SMALL, learning_rate=Linear(rate, 0.0)), [0], 100, n_eval_episodes=0)
+        for ours, theirs in zip(
+            jax.tree.leaves(both.learner.params), jax.tree.leaves(alone.learner.params), strict=True
+        ):
+            np.testing.assert_allclose(ours[i], theirs[0], rtol=1e-4, atol=1e-6)
+
+
+def test_a_schedule_is_a_point_of_a_sweep(tmp_path):
+    grid = expand([SMALL | {"learning_rate": [1e-3, "linear(1e-2, 0)", "linear(1e-2, 0, inf)"]}], {})
+    assert len(grid) == 2  # the last two are one
+    store = Store(str(tmp_path))
+    plan = Plan.create(Study("lqr", grid, 2, 40, logs=1, eval_episodes=0))
+    plan.save(store)
+    assert Plan.load(store).study.settings == grid
+    assert plan.n_shards == 2
+    for index in range(2):
+        work(store.url, index)
+    told = collect(store, Plan.load(store)).column("setting.learning_rate").to_pylist()
+    assert told == ["0.001"] * 2 + ["linear(0.01, 0.0, inf, 0.0)"] * 2
+    assert Setting(grid[1].record()).name == grid[1].name
+    assert json.loads(json.dumps(grid[1].record()))["learning_rate"] == told[-1]
+
+
+def test_infinity_stays_what_it_is_where_it_is_no_schedule():
+    assert make_agent(algorithm="ppo", target_kl=math.inf).algorithm.target_kl == math.inf
