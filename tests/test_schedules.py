@@ -50,11 +50,22 @@ def test_a_schedule_comes_back_from_its_text(schedule):
 
 @pytest.mark.parametrize(
     "text",
-    ["0.1x", "linear", "linear(", "linear(a)", "cubic(1, 2)", "linear(1, 2, 3, 4, 5)", "__import__('os')", "1(2)"],
+    [
+        "0.1",
+        "0.1x",
+        "linear",
+        "linear(",
+        "linear(a)",
+        "cubic(1, 2)",
+        "linear(1, 2, 3, 4, 5)",
+        "__import__('os')",
+        "1(2)",
+    ],
 )
 def test_a_text_that_describes_none_is_refused_with_what_would(text):
     with pytest.raises(
-        UsageError, match=r"^learning_rate is .*(must be a number, or a schedule such as|give its numbers)"
+        UsageError,
+        match=r"^learning_rate is .*must be a number, or a schedule such as",
     ):
         read({"learning_rate": text})
 
@@ -65,7 +76,7 @@ def test_a_text_that_describes_none_is_refused_with_what_would(text):
         ({"learning_rate": Linear(1.0, -1.0)}, "a number of learning_rate is -1.0; it must be finite, and 0 or more"),
         (
             {"learning_rate": "linear(1, 0, 0)"},
-            r"learning_rate is 'linear\(1, 0, 0\)': steps is 0.0; it must be greater",
+            r"learning_rate is 'linear\(1, 0, 0\)'; it must be a number, or",
         ),
         ({"decay_steps": Linear(1.0, 2.0)}, "decay_steps is Linear.*; give one number"),
         ({"learning_rate": Linear(1.0, 0.0), "decay_steps": 9}, "decay_steps is 9.0 beside a schedule"),

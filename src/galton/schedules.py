@@ -4,6 +4,7 @@ Each has a word too, for command lines and files: `linear(3e-4, 0, 1e6)` is `Lin
 """
 
 import ast
+import contextlib
 import dataclasses
 from typing import Annotated, Any, TypeVar
 
@@ -12,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from galton.errors import UsageError, require
+from galton.errors import UsageError
 from galton.fields import Within
 from galton.parts import Part, Schedule
 from galton.types import Finite, NotNegative, Number
@@ -119,6 +120,8 @@ class Step(Schedule):
         return self.replace(**spread)
 
 
+LONGEST = 500
+"""Characters of a text at most."""
 SCHEDULES: dict[str, type[Schedule]] = {"linear": Linear, "cosine": Cosine, "step": Step}
 
 
@@ -133,25 +136,24 @@ def over(tree: TreeT, begin: int, end: int) -> TreeT:
 
 
 def read(name: str, text: str) -> Schedule:
-    """The schedule that a text describes, as `told` writes it.
+    """The schedule that a text describes, as `told` writes it: its numbers in order, without names.
 
     Raises:
         UsageError: it describes none.
     """
-    wrong = f"{name} is {text!r}; it must be a number, or a schedule such as linear(3e-4, 0, 1e6)"
-    try:
-        return _made(ast.parse(text.strip(), mode="eval").body)
-    except UsageError as error:
-        raise UsageError(f"{name} is {text!r}: {error}") from None
-    except (SyntaxError, ValueError, TypeError, KeyError, RecursionError, MemoryError):
-        raise UsageError(wrong) from None
+    made = None
+    with contextlib.suppress(SyntaxError, ValueError, TypeError, KeyError, RecursionError, MemoryError):
+        made = _made(ast.parse(text[:LONGEST].strip(), mode="eval").body)
+    if not isinstance(made, Schedule):
+        raise UsageError(f"{name} is {text!r}; it must be a number, or a schedule such as linear(3e-4, 0, 1e6)")
+    return made
 
 
 def _made(node: ast.expr) -> Any:
     if not isinstance(node, ast.Call):
         return float(ast.literal_eval(node)) if not isinstance(node, ast.Name) else {"inf": float("inf")}[node.id]
-    require(isinstance(node.func, ast.Name) and not node.keywords, "give its numbers in order, without names")
-    assert isinstance(node.func, ast.Name)
+    if not isinstance(node.func, ast.Name) or node.keywords:
+        raise SyntaxError
     return SCHEDULES[node.func.id](*map(_made, node.args))
 
 
