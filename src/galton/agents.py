@@ -274,16 +274,15 @@ def in_two(words: Words) -> dict[str, Fields]:
     config = {name: value for name, value in words.items() if not known.is_number(name)}
     return {
         "config": {name: list(value) if isinstance(value, tuple) else value for name, value in config.items()},
-        "hypers": {
-            name: schedules.told(value)
-            if isinstance(value, Schedule)
-            else value
-            if isinstance(value, str)
-            else float(value)
-            for name, value in words.items()
-            if name not in config
-        },
+        "hypers": {name: _number(value) for name, value in words.items() if name not in config},
     }
+
+
+def _number(value: Any) -> float | str:
+    """A number, or the text of a schedule."""
+    if isinstance(value, Schedule):
+        return schedules.told(value)
+    return value if isinstance(value, str) else float(value)
 
 
 def idle(words: Words, fields: Collection[str] = tuple(CHOICES)) -> set[str]:

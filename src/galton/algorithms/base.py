@@ -2,7 +2,7 @@
 
 import abc
 from collections.abc import Mapping
-from typing import Annotated, Any, ClassVar, TypeVar
+from typing import Annotated, Any, ClassVar, Literal, TypeVar
 
 import numpy as np
 from jaxtyping import Array, Float, Key, PyTree
@@ -37,9 +37,20 @@ class Rollout(Part):
     """Standardise observations by running statistics, clipped to ±10."""
     normalize_reward: bool = False
     """Divide rewards by the running standard deviation of the discounted return, clipped to ±10."""
+    resets: Literal["fresh", "pool", "first"] = "fresh"
+    """Where episodes of an environment in JAX begin: each in a state of its own, of which n_steps · n_envs are drawn
+    for each rollout; in one of reset_pool states that are drawn for it; or where the copy's first episode began. The
+    first costs as many resets as steps, the last none."""
+    reset_pool: Count = 64
+    """States that are drawn for each rollout where episodes begin in one of a pool (resets)."""
     noise_correlation: Correlation = 0.0
     """How the noise of an action is correlated with that of the step before, ρ, while an episode lasts; 0: not at all.
     The noise of each step by itself is distributed as without it."""
+
+    def check_own(self) -> None:
+        """Raise UsageError for a pool that nothing uses."""
+        unused = self.resets != "pool" and self.reset_pool != Rollout.reset_pool
+        require(not unused, f"reset_pool is {self.reset_pool}; it has no use with resets at {self.resets!r}")
 
     @property
     def size(self) -> int:

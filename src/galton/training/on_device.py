@@ -94,6 +94,8 @@ def begin_on_device(env: Environment, agent: Agent, seed: UInt[Array, ""]) -> De
     n_envs = agent.rollout.n_envs
     before = nothing_before(agent.policy, (n_envs,), agent.rollout.noise_correlation)
     episodes = start_episodes(episodes_key, env, n_envs)._replace(noise=before)
+    if agent.rollout.resets == "first":
+        episodes = episodes._replace(first=episodes.env)
     first = jax.vmap(env.observe)(episodes.env)
     learner = run.learner._replace(normalizer=normalization.begin(run.learner.normalizer, first))
     return DeviceState(run._replace(learner=learner), episodes)

@@ -14,6 +14,7 @@ from galton.envs.find import find
 from galton.envs.host.action_box import ActionBox
 from galton.envs.host.base import HostEnvironments, HostTask
 from galton.envs.host.observations import IMAGE_REMEDY, has_image
+from galton.errors import require
 from galton.parts import Box
 from galton.training.log import Log
 from galton.training.on_device import DevicePopulation
@@ -125,6 +126,8 @@ def populate(
     agent = jax.tree.map(lambda number: np.broadcast_to(number, len(seeds)), agent.on(box_of(found)))
     if isinstance(found, Environment):
         return DevicePopulation(found, agent, seeds, devices)
+    resets = agent.rollout.resets
+    require(resets == "fresh", f"resets is {resets!r}, but {found.name} is no environment in JAX and resets itself")
     return HostPopulation(found, agent, seeds, devices)
 
 

@@ -1,5 +1,6 @@
 """Steps of N environments in pure JAX under one policy, as one scan."""
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import jax
@@ -7,7 +8,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int, Key, PyTree
 
 from galton import normalization
-from galton.algorithms import Agent, actor_critic
+from galton.algorithms import Agent, Rollout, actor_critic
 from galton.envs.base import Environment
 from galton.policies.correlation import continued
 from galton.training.log import Finished
@@ -25,6 +26,8 @@ class EpisodeState(NamedTuple):
     """Reward collected so far in this episode."""
     noise: PyTree[Array] = ()
     """What the noise of the next actions goes on from, each leaf `[N, ...]`; () where noise is not correlated."""
+    first: PyTree[Array] = ()
+    """Where each copy's first episode began, each leaf `[N, ...]`; () where its later ones begin elsewhere."""
 
 
 def start_episodes(key: Key[Array, ""], env: Environment, n_envs: int) -> EpisodeState:
@@ -41,7 +44,8 @@ class Noise(NamedTuple):
     step: PyTree[Array]
     """What the environments' steps need, each leaf `[T, N, ...]`."""
     fresh_states: PyTree[Array]
-    """Where the next episode starts should one end here, each leaf `[T, N, ...]`."""
+    """Where the next episode starts should one end here, each leaf `[T, N, ...]`; of a pool, each leaf `[P, ...]`; ()
+    where each copy begins again as it first did."""
 
 
 def draw_noise(key: Key[Array, ""], env: Environment, agent: Agent) -> Noise:
@@ -51,14 +55,34 @@ def draw_noise(key: Key[Array, ""], env: Environment, agent: Agent) -> Noise:
     return Noise(
         agent.policy.noise(action_key, batch),
         jax.vmap(jax.vmap(env.noise))(jax.random.split(step_key, batch)),
-        jax.vmap(jax.vmap(env.reset))(jax.random.split(reset_key, batch)),
+        _fresh_states(reset_key, env, agent.rollout),
     )
+
+
+def _fresh_states(key: Key[Array, ""], env: Environment, rollout: Rollout) -> PyTree[Array]:
+    if rollout.resets == "first":
+        return ()
+    if rollout.resets == "pool":
+        return jax.vmap(env.reset)(jax.random.split(key, rollout.reset_pool))
+    return jax.vmap(jax.vmap(env.reset))(jax.random.split(key, (rollout.n_steps, rollout.n_envs)))
+
+
+def _beginnings(noise: Noise, rollout: Rollout) -> tuple[Noise, Callable[[EpisodeState, PyTree[Array]], PyTree[Array]]]:
+    """The noise of each step, and what makes of it and of the episodes the states where the next ones begin."""
+    if rollout.resets == "first":
+        return noise, lambda episodes, _: episodes.first
+    if rollout.resets == "fresh":
+        return noise, lambda _, fresh: fresh
+    turn = jnp.arange(rollout.size).reshape(rollout.n_steps, rollout.n_envs) % rollout.reset_pool
+    pool = noise.fresh_states
+    return noise._replace(fresh_states=turn), lambda _, chosen: jax.tree.map(lambda x: x[chosen], pool)
 
 
 def rollout(
     env: Environment, agent: Agent, learner: Learner, episodes: EpisodeState, noise: Noise
 ) -> tuple[EpisodeState, Learner, Transition, Finished]:
     """T steps of each environment, reset where an episode ends; the learner's statistics grow on the way."""
+    noise, beginning = _beginnings(noise, agent.rollout)
 
     def observed(normalizer: normalization.Normalizer, states: PyTree[Array]) -> Array:
         return normalization.from_origin(normalizer, jax.vmap(env.observe)(states))
@@ -81,11 +105,12 @@ def rollout(
         done = terminated | truncated
         following = EpisodeState(
             jax.vmap(lambda d, fresh, state: jax.tree.map(lambda f, s: jnp.where(d, f, s), fresh, state))(
-                done, noise.fresh_states, states
+                done, beginning(episodes, noise.fresh_states), states
             ),
             jnp.where(done, 0, length),
             jnp.where(done, 0.0, collected),
             z,
+            episodes.first,
         )
         normalizer, reward, next_observation = normalization.receive(
             normalizer,
