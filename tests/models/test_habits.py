@@ -239,12 +239,6 @@ def test_a_target_kl_of_none_is_off_as_in_sb3():
     assert PPO("lqr", **SMALL, batch_size=5, target_kl=None).settings["target_kl"] == math.inf
 
 
-@pytest.mark.parametrize("name", ["learning_rate", "clip_range"])
-def test_a_schedule_is_told_what_there_is_in_its_place(name):
-    with pytest.raises(UsageError, match=f"{name} is <function .*; it must be a number, .*decay_steps=N"):
-        PPO("lqr", **SMALL, **{name: lambda left: left * 1e-3})
-
-
 @pytest.mark.parametrize("method", ["learn", "evaluate", "advance", "set_parameters", "set_random_seed"])
 def test_without_an_environment_it_says_how_to_give_one(method, tmp_path):
     model = A2C.load(A2C("bandit", **SMALL).save(tmp_path / "model"))
