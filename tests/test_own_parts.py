@@ -140,3 +140,14 @@ def test_a_part_without_a_name_trains_and_says_why_it_is_not_saved(tmp_path):
         UsageError, match=r"^loss is .*Halved\(eta=2.0, .*, and files hold names; give its class a line in"
     ):
         model.save(tmp_path / "model")
+
+
+def test_parts_are_given_beside_what_a_preset_or_a_task_has_for_everybody():
+    model = galton.A2C("lqr", optimizer=galton.optimizers.AdamW(learning_rate=1e-3))
+    assert model.settings["learning_rate"] == 1e-3
+    assert galton.PPO("lqr", optimizer=galton.optimizers.AdamW()).settings["optimizer"] == "adamw"
+    assert galton.A2C("bandit", "gaussian", network=galton.networks.SimBa(simba_width=4)).settings["simba_width"] == 4
+    with pytest.raises(UsageError, match=r"^learning_rate is 0\.1 beside AdamW"):
+        galton.A2C("lqr", optimizer=galton.optimizers.AdamW(), learning_rate=0.1)
+    with pytest.raises(UsageError, match=r"^loss is GaussianPolicy.*; it must be of type Loss"):
+        galton.make_agent(loss=galton.policies.GaussianPolicy())

@@ -177,5 +177,77 @@ def test_a_schedule_is_a_point_of_a_sweep(tmp_path):
     assert json.loads(json.dumps(grid[1].record()))["learning_rate"] == told[-1]
 
 
+@pytest.mark.parametrize(
+    "points",
+    [
+        {"learning_rate": "linear(1e-2, 0)"},
+        {"algorithm": "ppo", "n_steps": 20, "batch_size": [5, 10], "n_epochs": [1, 2], "ratio": ["auto", "true"]},
+        {"network": "simba", "simba_width": [4, 8]},
+        {"net_arch": [[4], [8]], "critic_arch": [[4], []]},
+        {"resets": "pool", "reset_pool": [4, 8]},
+        {"optimizer": "adamw", "weight_decay": [0.1, "linear(0.1, 0)"]},
+        {"entropy_target": True, "entropy_rate": [0.1, "step(0.1, 0.2, 50)"]},
+        {"weighting": "awr", "temperature": [0.5, 2]},
+    ],
+)
+def test_a_study_comes_back_from_its_record_whatever_it_varies(points):
+    study = Study("lqr", expand([{"loss": "hl-gauss", "n_bins": 9} | points], {}), 1, 40)
+    again = Study.of_record(json.loads(json.dumps(study.record())))
+    assert again == study
+    assert [setting.name for setting in again.settings] == [setting.name for setting in study.settings]
+    assert all(setting.brief() for setting in study.settings)
+    Plan.create(study)
+
+
+@pytest.mark.parametrize("name", ["log_std_init", "weight_decay"])
+def test_a_model_whose_beginning_is_scheduled_is_loaded(name, tmp_path):
+    own = {"optimizer": "adamw", name: Linear(0.1, 0.0, 100)}
+    model = A2C("lqr", "gaussian", net_arch=(4,), **own).learn(40, progress_bar=False)
+    again = A2C.load(model.save(tmp_path / "model"), "lqr")
+    assert again.settings == model.settings
+
+
+def test_a_presets_decay_gives_way_to_a_schedule_that_is_given():
+    for rate in (Linear(3e-4, 0.0), "linear(3e-4, 0)", lambda left: 3e-4 * left):
+        assert PPO("lqr", learning_rate=rate).settings["learning_rate"] == Linear(3e-4, 0.0)
+    with pytest.raises(UsageError, match=r"^decay_steps is 10\.0 beside a schedule"):
+        PPO("lqr", learning_rate=Linear(3e-4, 0.0), decay_steps=10)
+
+
+def test_an_endless_schedule_keeps_its_own_beginning():
+    spread = Linear(1.0, 0.0, begin=100).over(0, 200)
+    assert [float(spread(step)) for step in (0, 100, 150, 200)] == [1.0, 1.0, 0.5, 0.0]
+
+
+@pytest.mark.parametrize(("rate", "calls"), [(Linear(1e-2, 0.0), [20]), (Linear(1e-2, 0.0, 40), [40, 40])])
+def test_a_call_that_learns_nothing_says_so(rate, calls):
+    model = A2C("lqr", **SMALL, learning_rate=rate)
+    for n in calls[:-1]:
+        model.learn(n, progress_bar=False)
+    with pytest.warns(UserWarning, match=r"^learning_rate is Linear.*, 0 from step \d+ to \d+, so nothing is learnt"):
+        model.learn(calls[-1], progress_bar=False)
+
+
+def test_a_schedule_without_a_name_trains_and_says_why_it_is_not_saved(tmp_path):
+    class Halved(Linear):
+        """Half of a linear schedule."""
+
+        def __call__(self, step):
+            return super().__call__(step) / 2
+
+    model = A2C("lqr", **SMALL, learning_rate=Halved(1e-2, 1e-3, 100)).learn(40, progress_bar=False)
+    with pytest.raises(
+        UsageError, match=r"^a schedule is .*, and files hold names; give its class a line in SCHEDULES"
+    ):
+        model.save(tmp_path / "model")
+
+
+def test_a_list_of_numbers_is_one_for_each_run():
+    agent = make_agent(**SMALL, eta=[1.0, 2.0], learning_rate=Linear([1e-2, 1e-3], 0.0))
+    assert galton.train("lqr", agent, [0, 1], 40, n_eval_episodes=0).agent.loss.eta.tolist() == [1.0, 2.0]
+    with pytest.raises(UsageError, match=r"^learning_rate\.start is .*; give one number"):
+        A2C("lqr", **SMALL, learning_rate=Linear([1e-2, 1e-3], 0.0))
+
+
 def test_infinity_stays_what_it_is_where_it_is_no_schedule():
     assert make_agent(algorithm="ppo", target_kl=math.inf).algorithm.target_kl == math.inf

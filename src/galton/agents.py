@@ -5,13 +5,13 @@ Every name belongs to the parts that have a setting of that name. Which parts th
 """
 
 from collections.abc import Collection, Mapping
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 from galton import schedules
 from galton.algorithms import ALGORITHMS, CREDITS, ENTROPIES, Agent, Algorithm, Rollout, find_algorithm
 from galton.critics import CRITICS
 from galton.errors import UsageError, did_you_mean, require, unknown
-from galton.fields import checked
+from galton.fields import annotations, checked
 from galton.losses import LOSSES
 from galton.networks import NETWORKS
 from galton.optimizers import OPTIMIZERS
@@ -218,7 +218,8 @@ def _found(words: Words) -> dict[str, Part | type[Part]]:
         name = words.get(word, usual)
         if word == "policy" and name == "auto":
             name = found["loss"].policy
-        found[field] = name if isinstance(name, Part) else registry[_key(word, name, registry)]
+        kind = annotations(cast("Any", Agent))[field]
+        found[field] = checked(word, name, kind) if isinstance(name, Part) else registry[_key(word, name, registry)]
     return found
 
 
@@ -307,13 +308,19 @@ def idle(words: Words, fields: Collection[str] = tuple(CHOICES)) -> set[str]:
 
 
 def without_idle(words: Words, usual: Words) -> Fields:
-    """The words without those of other networks, critics and so on that nobody has said; loss and policy may be others.
+    """The words without those that nobody has said and that go with other networks, critics and so on, or with no part.
+
+    Those of other losses and policies stay. A part that is given has its own settings, and a learning rate that is a
+    schedule has no other decay.
 
     Args:
         words: some of which are what a task or a preset has for everybody.
         usual: these; a word that has its value there was not said.
     """
     unused = idle(words, [field for field in CHOICES if field not in ("loss", "policy")])
+    unused |= {name for part in words.values() if isinstance(part, Part) for name in settings(type(part))}
+    if isinstance(words.get("learning_rate"), str | Schedule):
+        unused.add("decay_steps")
     return {name: value for name, value in words.items() if name not in unused or value != usual.get(name)}
 
 

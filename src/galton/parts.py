@@ -85,8 +85,11 @@ class Part:
                     checked(f"a number of {name}", each, annotation)
             elif not isinstance(value, _COMPUTED):
                 kept = checked(name, value, annotation)
-                whole = is_number(annotation) and isinstance(kept, int | np.integer)
-                object.__setattr__(self, name, float(kept) if whole else kept)
+                if is_number(annotation) and isinstance(kept, int | np.integer):
+                    kept = float(kept)
+                elif is_number(annotation) and isinstance(kept, list | tuple):
+                    kept = np.asarray(kept, np.float32)
+                object.__setattr__(self, name, kept)
         if not any(isinstance(leaf, _COMPUTED) for leaf in jax.tree.leaves(self)):
             with jax.ensure_compile_time_eval():  # inside of a program as well
                 (self if isinstance(self, Schedule) else at(self, 0)).check_own()

@@ -6,7 +6,7 @@ Each has a word too, for command lines and files: `linear(3e-4, 0, 1e6)` is `Lin
 import ast
 import contextlib
 import dataclasses
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, ClassVar, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -19,11 +19,14 @@ from galton.parts import Part, Schedule
 from galton.types import Finite, NotNegative, Number
 
 TreeT = TypeVar("TreeT", bound=Part)
+Number_ = Annotated[Number, Within(lambda x: ~np.isnan(x), "a number")]
 Steps = Annotated[Number, Within(lambda x: x > 0, "greater than 0, or inf for all steps that are trained")]
 
 
 class Between(Schedule):
     """A schedule from one number to another, which then stays."""
+
+    fixed: ClassVar[tuple[str, ...]] = ("start", "end", "steps", "begin")
 
     start: Finite = 0.0
     """The number at the first step."""
@@ -49,11 +52,10 @@ class Between(Schedule):
 
     def over(self, begin: int, end: int) -> "Between":
         """The schedule that goes from one step to another if it goes over all that is trained."""
-        whole = np.isinf(self.steps)
-        return self.replace(
-            begin=np.where(whole, np.float32(begin), np.asarray(self.begin, np.float32)),
-            steps=np.where(whole, np.float32(end - begin), np.asarray(self.steps, np.float32)),
-        )
+        whole, own = np.isinf(self.steps), np.asarray(self.begin, np.float32)
+        first = np.where(whole, np.maximum(own, np.float32(begin)), own)
+        steps = np.where(whole, np.maximum(np.float32(end) - first, 1), np.asarray(self.steps, np.float32))
+        return self.replace(begin=first, steps=steps)
 
 
 class Linear(Between):
@@ -84,9 +86,9 @@ class Step(Schedule):
 
     label = "step"
 
-    before: Finite = 0.0
+    before: Number_ = 0.0
     """The number before that step."""
-    after: Finite = 0.0
+    after: Number_ = 0.0
     """The number from that step on."""
     at_step: NotNegative = 0.0
     """The environment step."""
@@ -158,7 +160,10 @@ def _made(node: ast.expr) -> Any:
 
 
 def told(schedule: Schedule) -> str:
-    """The text of a schedule, which `read` understands."""
+    """The text of a schedule, which `read` understands; UsageError for one that has no name."""
     values = [getattr(schedule, field.name) for field in dataclasses.fields(schedule)]
     shown = [told(value) if isinstance(value, Schedule) else repr(float(value)) for value in values]
-    return f"{schedule.label}({', '.join(shown)})"
+    names = [name for name, kind in SCHEDULES.items() if kind is type(schedule)]
+    if not names:
+        raise UsageError(f"a schedule is {schedule!r}, and files hold names; give its class a line in SCHEDULES")
+    return f"{names[0]}({', '.join(shown)})"

@@ -59,7 +59,7 @@ def _source(model: Model) -> dict[str, object]:
     return {
         "env": model.env_name,
         "algorithm": settings["algorithm"],
-        "loss": settings["loss"],
+        "loss": settings["loss"] if isinstance(settings["loss"], str) else type(settings["loss"]).__name__,
         "policy": policy_name(model.agent),
         "seed": int(model.seed),
         "steps": int(model.num_timesteps),

@@ -14,7 +14,7 @@ from galton.envs.host.action_box import ActionBox
 from galton.envs.host.observations import Observations
 from galton.envs.host.space_json import from_json, to_json
 from galton.errors import CheckpointError, UsageError, require
-from galton.parts import Box
+from galton.parts import Box, at
 from galton.saving import checkpoint
 from galton.saving import model_file as saved
 from galton.saving.result_folder import MODEL
@@ -150,7 +150,7 @@ def learner_of(model: ModelFile, arrays: dict[str, np.ndarray]) -> Learner:
     try:
         checkpoint.check_numbers(arrays, "run/learner/", never_negative=("count", "nu", "variance", "n"))
         agent, size = model.agent, model.observations.size
-        one = jax.eval_shape(lambda key: actor_critic.init(key, agent, size), jax.random.key(0))
+        one = jax.eval_shape(lambda key: actor_critic.init(key, at(agent, 0), size), jax.random.key(0))
         like = {"run": {"learner": jax.tree.map(lambda x: jax.ShapeDtypeStruct((1, *x.shape), x.dtype), one)}}
         # NamedTuples and dictionaries have the same names in a checkpoint.
         learner = checkpoint.unflatten(_by_todays_names(arrays), like)["run"]["learner"]

@@ -10,7 +10,7 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
-from galton import sb3, schedules
+from galton import sb3
 from galton.agents import words_of
 from galton.algorithms import Agent, Rollout
 from galton.callbacks import Print
@@ -89,7 +89,7 @@ def learn(
     last, log_interval = first + n_updates * size, model.log_interval
     begin = first if decay_from is None else decay_from
     optimizer = over_all(model.agent, begin, last).optimizer
-    _tell_of_no_rate(optimizer, last, size)
+    _tell_of_no_rate(optimizer, first, last, size)
     theirs, ours = _sorted_out(model, callback, printed, first, last)
     model.population.decay_over(begin, last)
     with compiling(printed):
@@ -148,13 +148,13 @@ def _rate(optimizer: Optimizer, step: int) -> float:
     return float(np.float32(at(optimizer, step).learning_rate) * optimizer.remaining(step))
 
 
-def _tell_of_no_rate(optimizer: Optimizer, last: int, size: int) -> None:
+def _tell_of_no_rate(optimizer: Optimizer, first: int, last: int, size: int) -> None:
     """Warn where updates up to the last step learn nothing, but for the last of a decay, as in SB3."""
     given, decay_steps = optimizer.learning_rate, optimizer.decay_steps
     if isinstance(given, Schedule):
-        if _rate(optimizer, last - size) or _rate(optimizer, size):
+        if _rate(optimizer, first + size) or _rate(optimizer, max(first + size, last - size)):
             return
-        told = f"learning_rate is {schedules.told(given)}, 0 up to step {last:,}, so nothing is learnt"
+        told = f"learning_rate is {given!r}, 0 from step {first:,} to {last:,}, so nothing is learnt"
     elif np.float32(given) == 0:
         told = f"learning_rate is {given}, 0 in float32, so nothing is learnt; make the model with a greater one"
     elif _rate(optimizer, last - size) == 0 or _rate(optimizer, size) == 0:

@@ -61,7 +61,8 @@ def all_words(
         if name not in known:
             known_ones = f"it takes {', '.join(known)}{did_you_mean(name, known)}"
             raise unexpected(algorithm.label, name, known_ones)
-    settings = {name: as_schedule(name, value) for name, value in settings.items()}
+    is_number = vocabulary().is_number
+    settings = {name: as_schedule(name, value) if is_number(name) else value for name, value in settings.items()}
     settings |= _as_sb3_writes_it(settings.get("net_arch"))
     copies = _usual(algorithm, env, preset)["n_envs"]
     n_envs = (ready or copies) if n_envs is None else n_envs
@@ -71,7 +72,8 @@ def all_words(
     if n_envs != copies > 1 and "n_steps" not in settings:
         given["n_steps"] = _as_long(copies * known["n_steps"], n_envs, given.get("batch_size", 1))
     given |= {"loss": preset.loss, "n_envs": n_envs, "algorithm": algorithm.name}
-    return without_idle(given, known)
+    usual_ones = {name: value for name, value in known.items() if name not in settings}
+    return without_idle(given, usual_ones)
 
 
 def _as_sb3_writes_it(net_arch: Any) -> Fields:

@@ -54,15 +54,16 @@ def bases(points: Sequence[Mapping[str, object]], given: Sequence[Mapping[str, o
     choices = [tuple(values_of({word: fields.get(word, usual[word]) for word in usual}).values()) for fields in whole]
     unused = {choice: idle(dict(zip(("loss", "policy"), choice, strict=True))) for choice in dict.fromkeys(choices)}
     nobodys = set.intersection(*unused.values()) if unused else set()
-    for base, choice in zip(given, choices, strict=True):
+    for base, point, choice in zip(given, points, choices, strict=True):
         own = unused[choice] - nobodys
+        own |= {"decay_steps"} if isinstance(point.get("learning_rate"), str) else set()
         yield {name: value for name, value in base.items() if name not in own or may_idle(name, value)}
 
 
 def _axis(name: str, value: object) -> Sequence[object]:
     if not isinstance(value, list | tuple):
         return [value]
-    if name == "net_arch":
+    if name in ("net_arch", "critic_arch"):
         return value if value and isinstance(value[0], list | tuple) else [value]
     require(len(value) > 0, f"{name} is an empty list; give at least one value")
     return value

@@ -38,16 +38,14 @@ class Setting(Mapping[str, Any]):
     def __init__(self, words: Mapping[str, Any]) -> None:
         known, given = vocabulary(), values_of(words)
         for name in (name for name in given if known.is_number(name)):
-            if isinstance(given[name], Schedule):
-                given[name] = schedules.told(given[name])
-                continue
-            require(np.ndim(given[name]) == 0, f"{name} is {given[name]}; give one number")
-            given[name] = float(as_numbers(name, given[name]))
+            if not isinstance(given[name], Schedule):
+                require(np.ndim(given[name]) == 0, f"{name} is {given[name]}; give one number")
+                given[name] = float(as_numbers(name, given[name]))
         if given.get("policy", "auto") == find_loss(str(given.get("loss", known.usual["loss"]))).policy:
             given["policy"] = "auto"  # the same setting has one name
         if given.get("policy", "auto") in ("auto", *POLICIES):  # of one that nobody has registered nothing is known
             parts_of(given)["critic"].check(given.get("normalize_reward", known.usual["normalize_reward"]))
-        self._record = written(given)
+        self._record = written(_as_told(given))
 
     @classmethod
     def of_checked(cls, words: Mapping[str, Any]) -> "Setting":
@@ -103,18 +101,27 @@ class Setting(Mapping[str, Any]):
     def brief(self) -> str:
         """What the grids vary of its loss, in a line."""
         loss, policy = find_loss(self["loss"]), POLICIES.get(self["policy"])
-        parts = [f"learning rate {self['learning_rate']:.3g}"]
+        parts = [f"learning rate {_shown(self['learning_rate'])}"]
         parts += [f"k {self['n_bins']}"] if loss.family == "histogram" else []
         own = {*settings(loss), *(settings(policy) if policy else ())}
-        parts += [f"η {self['eta']:.3g}"] if "eta" in own else []
+        parts += [f"η {_shown(self['eta'])}"] if "eta" in own else []
         later = [(name, value) for name, value in self._record.items() if name not in FIRST_FIELDS]
-        parts += [f"{name} {value:.3g}" if isinstance(value, float) else f"{name} {value}" for name, value in later]
+        parts += [f"{name} {_shown(value)}" for name, value in later]
         return ", ".join(parts)
 
     @functools.cached_property
     def name(self) -> str:
         """A hash of its record: the same in every study that holds it, and in every version of Galton."""
         return hashlib.sha256(canonical(self.record()).encode()).hexdigest()[:16]
+
+
+def _as_told(words: Fields) -> Fields:
+    """The words with schedules as their texts, which files and hashes are made of."""
+    return {name: schedules.told(value) if isinstance(value, Schedule) else value for name, value in words.items()}
+
+
+def _shown(value: object) -> str:
+    return f"{value:.3g}" if isinstance(value, float) else f"{value}"
 
 
 Natural = Annotated[int, AtLeast(0)]
@@ -237,7 +244,7 @@ def _by_field(records: list[Fields]) -> dict[str, dict[str, object]]:
 
 def _settings(same: Fields, different: dict[str, list[object]]) -> Iterator[Setting]:
     """The settings that `_by_field` took apart; UsageError for a value out of range."""
-    same = values_of(same)
+    same = _as_told(values_of(same))
     columns = {name: _column(name, values) for name, values in different.items()}
     for values in zip(*columns.values(), strict=True) if columns else [()]:
         yield Setting.of_checked(same | dict(zip(columns, values, strict=True)))
@@ -248,5 +255,5 @@ def _column(name: str, values: list[object]) -> list[object]:
     known = vocabulary()
     if known.is_number(name) and not any(isinstance(value, str) for value in values):
         return np.asarray(checked(name, values, known.annotations[name]), np.float64).tolist()
-    found = {repr(value): Setting({name: value})[name] for value in values}
+    found = {repr(value): _as_told(values_of({name: value}))[name] for value in values}
     return [found[repr(value)] for value in values]

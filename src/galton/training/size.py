@@ -13,7 +13,7 @@ from galton.envs.host.base import HostTask
 from galton.envs.host.observations import Observations
 from galton.errors import require
 from galton.networks import Network
-from galton.parts import settings
+from galton.parts import at, settings
 
 COPY = 1_000
 """Bytes that a copy of an environment outside JAX has at least."""
@@ -54,7 +54,7 @@ def _sizes(network: Network) -> str:
 
 
 def _n_parameters(network: Network, n_in: int, n_out: int, *, of_critic: bool) -> int:
-    of_one = jax.tree.map(lambda number: np.ravel(number)[0], network)
+    of_one = at(jax.tree.map(lambda number: np.ravel(number)[0], network), 0)
     made = jax.eval_shape(lambda key: of_one.init(key, n_in, n_out, 1.0, of_critic), jax.random.key(0))
     return sum(math.prod(leaf.shape) for leaf in jax.tree.leaves(made))
 
