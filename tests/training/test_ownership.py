@@ -263,8 +263,8 @@ def test_a_move_in_the_middle_of_a_rollout_stops_training():
         return learner
 
     lone.population.compile()
-    programs = lone.population._groups[0]._programs
-    lone.population._groups[0]._programs = programs._replace(act=lambda *a: (rude(None), programs.act(*a))[1])
+    programs = lone.population._groups[0]._acting
+    lone.population._groups[0]._acting = programs._replace(act=lambda *a: (rude(None), programs.act(*a))[1])
     with pytest.raises(BrokenEnvironmentError, match="Clock was reset or stepped by somebody else in the middle of a"):
         learn(lone, 4)
 
