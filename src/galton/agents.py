@@ -21,8 +21,6 @@ from galton.records import FIRST_FIELDS, Fields
 
 Words = Mapping[str, Any]
 """Settings by name; those that are left out have their usual values."""
-Kinds = dict[str, type[Part]]
-"""The class of each part of an agent, by the agent's field."""
 
 
 class Choice(NamedTuple):
@@ -30,11 +28,11 @@ class Choice(NamedTuple):
 
     word: str
     registry: Mapping[Any, type[Part]]
-    """What there is to choose from."""
+    """The classes to choose from, by name."""
     usual: Any
     """The value that nobody has to say."""
     meaning: str
-    """What help says of it."""
+    """The sentence that help says of it."""
 
 
 CHOICES: dict[str, Choice] = {
@@ -79,7 +77,7 @@ class Vocabulary(NamedTuple):
     usual: Fields
     """The value of each that nobody has to say, in the order in which files have them."""
     annotations: dict[str, Any]
-    """What the value of each setting may be."""
+    """Each setting's annotation, by which its values are checked."""
 
     def is_number(self, word: str) -> bool:
         """Say whether a word is a number, which programs take as data."""
@@ -189,7 +187,7 @@ def values_of(words: Words) -> Fields:
 
 
 def _value(known: Vocabulary, name: str, value: Any) -> Any:
-    """What a word's value is by its annotation; a text in the place of a number is a schedule."""
+    """A word's value as its annotation has it; a text in the place of a number is a schedule."""
     if known.is_number(name) and isinstance(value, str | Schedule):
         return schedules.read(name, value) if isinstance(value, str) else value
     return checked(name, value, known.annotations[name]) if name in known.annotations else _chosen(name, value)
@@ -200,15 +198,6 @@ def _chosen(word: str, value: Any) -> Any:
     registry = next(choice.registry for choice in CHOICES.values() if choice.word == word)
     named = isinstance(value, str) and True not in registry
     return value if isinstance(value, Part) or named else _key(word, value, registry)
-
-
-def kinds(words: Words) -> Kinds:
-    """The class of each part that these words choose, whether they fit together or not.
-
-    Raises:
-        UsageError: an unknown name.
-    """
-    return {field: type(part) if isinstance(part, Part) else part for field, part in _found(words).items()}
 
 
 def _found(words: Words) -> dict[str, Part | type[Part]]:
@@ -247,7 +236,7 @@ def words_of(agent: Agent) -> Fields:
 
 
 def policy_name(agent: Agent) -> str:
-    """What an agent's policy is called in POLICIES; the name of its class where it is not there."""
+    """The key in POLICIES of an agent's policy; the name of its class where it is not there."""
     policy = type(agent.policy)
     return next((str(name) for name, kind in POLICIES.items() if kind is policy), policy.__name__)
 
@@ -336,11 +325,12 @@ def _whose(name: str, words: Words) -> str:
     """Which parts have a setting, and which are there instead."""
     owners: list[str] = []
     instead: list[str] = []
+    found = _found(words)
     for field, (word, registry, usual, _) in CHOICES.items():
         having = [repr(key) for key, kind in registry.items() if name in settings(kind)]
         if having:
             owners.append(f"{word} {', '.join(having)}")
-            there = kinds(words)[field]
+            there = found[field] if isinstance(found[field], type) else type(found[field])
             key = next((key for key, kind in registry.items() if kind is there), words.get(word, usual))
             instead.append(repr(key) if not instead else f"{word} {key!r}")
     return f"goes with {' or '.join(owners)}, not {' and '.join(instead)}"

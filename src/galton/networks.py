@@ -144,7 +144,7 @@ class FlaxNetwork(Network):
         return [variables, last_layer(last, n_features, n_out, last_scale)]
 
     def features(self, layers: Layers, x: Float[Array, "*batch n_in"]) -> Float[Array, "*batch hidden"]:
-        """The module's features."""
+        """The features are what the module makes of the inputs."""
         features: Array = self.module.apply(layers[0], x)
         return features
 

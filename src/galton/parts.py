@@ -202,8 +202,16 @@ class Schedule(Part, abc.ABC):
         return self
 
 
+def has_schedules(part: Part) -> bool:
+    """Say whether one of a part's numbers is a schedule, or one of those of its own parts."""
+    inside = (value for value in vars(part).values() if isinstance(value, Part))
+    return any(isinstance(value, Schedule) or has_schedules(value) for value in inside)
+
+
 def at(part: PartT, step: Int[Array, ""] | int) -> PartT:
-    """The part with its schedules' numbers at a step."""
+    """The part with its schedules' numbers at a step; itself where it has none."""
+    if not has_schedules(part):
+        return part
 
     def resolved(leaf: Any) -> Any:
         return leaf(step) if isinstance(leaf, Schedule) else leaf

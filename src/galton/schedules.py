@@ -91,7 +91,7 @@ class Step(Schedule):
     after: Number_ = 0.0
     """The number from that step on."""
     at_step: NotNegative = 0.0
-    """The environment step."""
+    """The environment step from which the number is the second one."""
 
     def values(self) -> tuple[Any, ...]:
         """Both numbers, or those of both schedules."""

@@ -7,7 +7,7 @@ from jaxtyping import Array, Key
 
 from galton.algorithms import actor_critic
 from galton.algorithms.actor_critic import Objective, flatten
-from galton.algorithms.base import CHOICES, Agent, Algorithm, Scalars
+from galton.algorithms.base import CARRIED_OUT, Agent, Algorithm, Scalars
 from galton.types import Learner, Params, Transition
 
 
@@ -17,7 +17,7 @@ class A2C(Algorithm):
     name: ClassVar[str] = "a2c"
     label: ClassVar[str] = "A2C"
     scalars: ClassVar[tuple[str, ...]] = actor_critic.SCALARS
-    choices: ClassVar[tuple[str, ...]] = CHOICES
+    choices: ClassVar[tuple[str, ...]] = CARRIED_OUT
 
     def update(self, agent: Agent, learner: Learner, batch: Transition, key: Key[Array, ""]) -> tuple[Learner, Scalars]:
         """The learner after the step, and what it tells."""

@@ -38,7 +38,7 @@ class Rollout(Part):
     normalize_reward: bool = False
     """Divide rewards by the running standard deviation of the discounted return, clipped to ±10."""
     resets: Literal["fresh", "pool", "first"] = "fresh"
-    """Where episodes of an environment in JAX begin: each in a state of its own, of which n_steps · n_envs are drawn
+    """The beginnings of episodes in JAX: each in a state of its own, of which n_steps · n_envs are drawn
     for each rollout; in one of reset_pool states that are drawn for it; or where the copy's first episode began. The
     first costs as many resets as steps, the last none."""
     reset_pool: Count = 64
@@ -74,7 +74,7 @@ class Algorithm(Part, abc.ABC):
     """Whether a processor core updates many runs at once. Where a single update has large matrix products of its own,
     one run after the other is faster. Other devices always take all at once."""
     choices: ClassVar[tuple[str, ...]] = ()
-    """Which of CHOICES it carries out."""
+    """Those of CARRIED_OUT that it carries out."""
 
     gamma: Share = 0.99
     """The discount of later rewards, γ."""
@@ -86,7 +86,7 @@ class Algorithm(Part, abc.ABC):
     """Weight of the entropy bonus."""
 
     def init(self, agent: "Agent", params: Params) -> PyTree[Array]:
-        """What the algorithm remembers before its first update; it is `learner.memory["algorithm"]` from there on."""
+        """An algorithm begins with this memory, which is `learner.memory["algorithm"]` from there on."""
         del agent, params
         return ()
 
@@ -103,7 +103,7 @@ class Algorithm(Part, abc.ABC):
         """Raise UsageError for an agent that it can't train."""
 
 
-CHOICES = ("negative_target", "weighting", "entropy_target")
+CARRIED_OUT = ("negative_target", "weighting", "entropy_target")
 """The settings that an algorithm carries out, and not a loss or a policy alone."""
 
 
@@ -113,21 +113,21 @@ class Agent(Part):
     policy: Policy
     """The distribution of actions."""
     loss: Loss
-    """What is minimised, weighted by the credit."""
+    """The loss that is minimised, weighted by the credit."""
     algorithm: Algorithm
-    """What is done with a rollout."""
+    """The update that is made of a rollout."""
     critic: Critic = SquaredErrorCritic()
-    """How values are learnt."""
+    """The way in which values are learnt."""
     credit: Credit = Credit()
-    """What multiplies the loss of each action."""
+    """The weight of each action's loss."""
     entropy: Entropy = Entropy()
-    """Whether the policy's entropy is held."""
+    """The hold of the policy's entropy, or none."""
     network: Network = MLP()
     """The network of the actor, and that of the critic."""
     optimizer: Optimizer = Adam()
-    """How a gradient moves parameters."""
+    """The step that a gradient makes of parameters."""
     rollout: Rollout = Rollout()
-    """How experience is collected."""
+    """The experience that is collected for each update."""
 
     def check_own(self) -> None:
         """Raise UsageError for parts that don't fit together."""

@@ -24,7 +24,7 @@ from jaxtyping import Array, Bool, Float, Int, Key
 
 from galton.algorithms import actor_critic
 from galton.algorithms.actor_critic import Objective, by_sign, flatten
-from galton.algorithms.base import CHOICES, Agent, Algorithm, Scalars
+from galton.algorithms.base import CARRIED_OUT, Agent, Algorithm, Scalars
 from galton.errors import require
 from galton.fields import Within
 from galton.losses import cross_entropy
@@ -72,7 +72,7 @@ class PPO(Algorithm):
     }
     log_interval: ClassVar[int] = 1
     side_by_side: ClassVar[bool] = False
-    choices: ClassVar[tuple[str, ...]] = CHOICES
+    choices: ClassVar[tuple[str, ...]] = CARRIED_OUT
 
     n_epochs: Count = 10
     """How often it goes through a rollout."""

@@ -24,7 +24,7 @@ _ACTIVATIONS: dict[str, Callable[[Graph, str], str]] = {
 
 
 def linear(graph: Graph, layer: Params, x: str, name: str | None = None) -> str:
-    """A linear layer."""
+    """The outputs of a linear layer, without an activation."""
     return graph.add("Add", graph.add("MatMul", x, np.asarray(layer["kernel"])), np.asarray(layer["bias"]), name=name)
 
 

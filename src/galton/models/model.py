@@ -27,7 +27,7 @@ from galton.models.hints import refuse_policy, unexpected
 from galton.models.learning import check_divergence, learn, updates_for
 from galton.models.settings import all_words, unusual
 from galton.models.state import Arrays, Loaded, Run, parameters_of
-from galton.parts import Box, at
+from galton.parts import Box, at, has_schedules
 from galton.presets import find_preset
 from galton.records import Fields
 from galton.training.population import Population
@@ -119,6 +119,11 @@ class Model:
         what = f"{self.settings['loss']} on {self.env_name}"
         said = ", ".join([what, *(f"{name}={value!r}" for name, value in told.items())])
         return f"<galton.{type(self).__name__}: {said}, {self.num_timesteps:,} steps>"
+
+    @property
+    def _now(self) -> Agent:
+        """The agent with the numbers of this step, which takes a while to look up and only schedules need."""
+        return at(self.agent, self.num_timesteps) if has_schedules(self.agent) else self.agent
 
     @property
     def settings(self) -> Fields:
@@ -237,10 +242,9 @@ class Model:
         del episode_start
         rows, single = self.observations.rows(observation)
         if deterministic:
-            action = exploit(at(self.agent, self.num_timesteps), self.learner, rows)
+            action = exploit(self._now, self.learner, rows)
         else:
-            now = at(self.agent, self.num_timesteps)
-            action = explore(now, self.learner, rows, self.seed, self.n_predictions)
+            action = explore(self._now, self.learner, rows, self.seed, self.n_predictions)
             self.n_predictions += 1
         actions = self.actions.to_env(action)
         return (actions[0, ...] if single else actions), state
@@ -271,7 +275,7 @@ class Model:
             return self.population.evaluate(n_episodes)[0]
         task = find(env, **(env_kwargs or {}))
         check_same_spaces(task, self.actions, self.observations)
-        about = (at(self.agent, self.num_timesteps), self.learner, n_episodes, self.seed, self.num_timesteps)
+        about = (self._now, self.learner, n_episodes, self.seed, self.num_timesteps)
         return returns_on(task, *about, self._run.environments)
 
     def yardsticks(self, env: object = None, env_kwargs: Mapping[str, object] | None = None) -> Yardsticks:
