@@ -112,6 +112,7 @@ class Model:
     def _describe(self, agent: Agent, seed: int, actions: ActionBox, observations: Observations) -> None:
         """Become the model of this agent, without a run yet."""
         self.agent, self.seed, self.actions, self.observations = agent, seed, actions, observations
+        self._is_scheduled = has_schedules(agent)
         self._interval, self.verbose, self.n_predictions = self.agent.algorithm.log_interval, 0, 0
 
     def __repr__(self) -> str:
@@ -123,7 +124,7 @@ class Model:
     @property
     def _now(self) -> Agent:
         """The agent with the numbers of this step, which takes a while to look up and only schedules need."""
-        return at(self.agent, self.num_timesteps) if has_schedules(self.agent) else self.agent
+        return at(self.agent, self.num_timesteps) if self._is_scheduled else self.agent
 
     @property
     def settings(self) -> Fields:
