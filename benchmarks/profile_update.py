@@ -23,8 +23,9 @@ from sides import write
 
 import galton
 from galton.algorithms import actor_critic
+from galton.envs.jax_task import JaxTask
 from galton.training.on_device import begin_on_device
-from galton.training.population import box_of, populate
+from galton.training.population import populate
 from galton.training.rollout import draw_noise, rollout
 from galton.training.run import learn
 
@@ -67,20 +68,20 @@ def main():
         os.sched_setaffinity(0, {0})
     galton.use_all_cores()
 
-    env = galton.envs.MountainCar()
+    task = JaxTask(galton.envs.MountainCar())
     one = galton.make_agent(loss=arguments.loss, n_bins=arguments.n_bins, learning_rate=1e-8)
-    agents = jax.tree.map(lambda number: jnp.full(RUNS, number), one.on(box_of(env)))
+    agents = jax.tree.map(lambda number: jnp.full(RUNS, number), one.on(task.actions.box))
     seeds = jnp.arange(RUNS, dtype=jnp.uint32)
-    begin = jax.jit(lambda *runs: lax.map(lambda run: begin_on_device(env, *run), runs))
+    begin = jax.jit(lambda *runs: lax.map(lambda run: begin_on_device(task, *run), runs))
     state = begin(agents, seeds)
 
     def draw(key, agent):
-        return draw_noise(key, env, agent)
+        return draw_noise(key, task, agent)
 
     noise = jax.jit(jax.vmap(draw))(state.run.key, agents)
 
     def act(episodes, run, noise, agent):
-        return rollout(env, agent, run.learner, episodes, noise)
+        return rollout(task, agent, run.learner, episodes, noise)
 
     episodes, _, batch, finished = jax.jit(jax.vmap(act))(state.episodes, state.run, noise, agents)
 
@@ -101,7 +102,7 @@ def main():
         params, optimizer, _ = agent.optimizer.step(learner.params, learner.optimizer, learner.params)
         return learner._replace(params=params, optimizer=optimizer)
 
-    whole = populate(env, one, range(RUNS), jax.devices()[:1])
+    whole = populate(task, one, range(RUNS), jax.devices()[:1])
     times = []
     for _ in range(6):  # the first one is not counted
         start = time.perf_counter()

@@ -13,7 +13,6 @@ import galton
 from galton import make_agent, normalization
 from galton.envs import find
 from galton.training.on_host import HostPopulation
-from galton.training.population import box_of
 
 N = 3
 receive = jax.jit(normalization.receive)
@@ -181,7 +180,7 @@ def test_what_is_off_costs_and_changes_nothing(flags):
 def test_the_host_loop_records_standardised_observations():
     task = find(lambda: gymnasium.wrappers.TimeLimit(Drift(), 100))
     agent = make_agent(loss="gaussian", n_envs=2, n_steps=50, net_arch=(4,), normalize_observation=True)
-    agent = jax.tree.map(lambda number: np.full(1, number, np.float32), agent).on(box_of(task))
+    agent = jax.tree.map(lambda number: np.full(1, number, np.float32), agent).on(task.actions.box)
     population = HostPopulation(task, agent, [0], jax.devices())
     population.advance(20)
     moments = population.learner.normalizer.observation

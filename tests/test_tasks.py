@@ -22,7 +22,7 @@ def settings_alone(monkeypatch):
 def test_a_task_is_what_its_environment_says(name):
     task = TASKS[name]
     assert task.in_jax == (task.env in ENVS)
-    space = find(task.env).action_low if task.in_jax else gymnasium.make(task.env).action_space.low
+    space = find(task.env).actions.low if task.in_jax else gymnasium.make(task.env).action_space.low
     assert space.shape == (task.d,)
 
 

@@ -21,14 +21,13 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
-from galton.envs.base import Environment
 from galton.envs.find import find
-from galton.envs.fitting import check_same_spaces
+from galton.envs.task import check_same_spaces
 from galton.errors import UsageError, is_number, require, require_integer
 from galton.extras import needed
 from galton.saving import files
 from galton.saving.model_file import best_before
-from galton.training.evaluate import Kept
+from galton.training.evaluate import Kept, kept
 from galton.training.yardsticks import Yardsticks
 
 Log = dict[str, float]
@@ -99,7 +98,7 @@ class Evaluate:
         else:
             task = find(self.env, **(self.env_kwargs or {}))
             check_same_spaces(task, model.actions, model.observations)
-            self._on = (task if isinstance(task, Environment) else Kept(task, self.n_episodes),)
+            self._on = (kept(task, self.n_episodes),)
         if self.best_model is not None:
             path = Path(self.best_model)
             files.check_place("best_model", path)

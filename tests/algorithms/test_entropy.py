@@ -1,6 +1,5 @@
 """An entropy that is held: what it is told as, what decides α, and that targets are reached in any unit of reward."""
 
-import dataclasses
 import math
 
 import jax
@@ -13,8 +12,7 @@ from galton import A2C, POLICIES, PPO, train
 from galton.agents import read
 from galton.algorithms import actor_critic, ppo
 from galton.algorithms.entropy import Entropy, HeldEntropy, log_share
-from galton.envs.find import find
-from galton.envs.rescaled import Rescaled
+from galton.envs.registry import make
 from galton.training.run import begin, learn
 
 from ..agents import agent as agent_on
@@ -241,15 +239,15 @@ def test_a_run_with_a_held_entropy_logs_it_and_goes_on_exactly(tmp_path):
     assert "run/learner/memory/entropy" not in without._run.arrays
 
 
-@dataclasses.dataclass(frozen=True)
-class Paid(Rescaled):
-    """An environment in another currency."""
+def paid(record, rate):
+    """The record in another currency."""
 
-    rate: float = 1.0
+    def step(self, *about):
+        state, reward, terminated = super(kind, self).step(*about)
+        return state, jnp.float32(rate) * reward, terminated
 
-    def step(self, state, action, noise):
-        state, reward, terminated = super().step(state, action, noise)
-        return state, jnp.float32(self.rate) * reward, terminated
+    kind = type("Paid", (record,), {"step": step})
+    return kind()
 
 
 @pytest.mark.slow
@@ -275,7 +273,7 @@ def test_the_target_is_reached_without_retuning_where_rewards_differ_a_millionfo
     """With raw advantages the unit of reward is in them, and α std(A) takes it out of the bonus alone."""
     words = {"loss": loss, "n_bins": 50, "clip_separately": True, "normalize_advantage": standardised}
     words |= {"learning_rate": 2e-3, "log_std_init": -0.5, "entropy_steps": 60_000.0}
-    found = shares(Paid(find(task), 1.0, RATES[task]), words, 100_000).mean(1)
+    found = shares(paid(type(make(task)), RATES[task]), words, 100_000).mean(1)
     np.testing.assert_allclose(found, 0.05, rtol=0.1)
     promise = "A held entropy is reached on four tasks whose rewards differ a millionfold, with one setting."
     error = float(np.max(np.abs(found / 0.05 - 1)))

@@ -14,7 +14,7 @@ from gymnasium.spaces import Discrete
 from galton import UsageError
 from galton.envs import LQR, Bandit, Environment, MountainCar
 from galton.envs.find import find
-from galton.envs.rescaled import Rescaled
+from galton.envs.jax_task import JaxTask
 
 from .host.walks import Walk
 
@@ -32,7 +32,7 @@ def without(*names):
 def test_a_record_with_all_members_is_taken_as_it_is():
     whole = without()
     assert isinstance(whole, Environment)
-    assert find(whole) is whole
+    assert find(whole).record is whole
 
 
 @pytest.mark.parametrize("name", MEMBERS)
@@ -152,7 +152,7 @@ def test_box2d_is_imported_where_warnings_are_errors():
     """In a process of its own: Box2D's warning of itself, as an error, ends the process."""
     if importlib.util.find_spec("Box2D") is None:
         pytest.skip("Box2D is not installed")
-    code = "from galton.envs.find import find; print(find('LunarLander-v3', continuous=True).observation_space)"
+    code = "from galton.envs.find import find; print(find('LunarLander-v3', continuous=True).observations.space)"
     done = subprocess.run([sys.executable, "-W", "error", "-c", code], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
 
@@ -174,8 +174,8 @@ env_kwargs = { max_episode_steps = 200, noise_std = 0.0, action_scale = 2.0 }
 
 def test_a_name_with_the_constants_of_a_toml_file_is_the_record_with_them():
     bandit, lqr, longer = (find(task["env"], **task["env_kwargs"]) for task in tomllib.loads(IN_TOML)["task"])
-    assert bandit == Bandit(d=16)
-    assert lqr == LQR(R=0.01 * np.eye(2))
-    assert longer == Rescaled(LQR(max_episode_steps=200, noise_std=0.0), 2.0)
+    assert bandit == JaxTask(Bandit(d=16))
+    assert (lqr := lqr.record) == LQR(R=0.01 * np.eye(2))
+    assert longer == JaxTask(LQR(max_episode_steps=200, noise_std=0.0), 2.0)
     assert hash(lqr) == hash(LQR(R=0.01 * np.eye(2)))
     assert lqr.rest_return - lqr.random_return < 0.4 * (lqr.optimal_return - lqr.random_return)

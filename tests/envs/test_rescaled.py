@@ -7,6 +7,7 @@ import pytest
 
 import galton
 from galton.envs.find import find
+from galton.envs.lqr import LQR
 from galton.errors import UsageError
 
 
@@ -53,14 +54,14 @@ def test_a_gaussian_in_units_of_the_box_learns_the_same_to_the_bit(env):
 
 
 def test_what_is_done_is_the_action_over_the_scale():
-    plain, wide = find("lqr"), find("lqr", action_scale=4.0)
+    plain, wide = LQR(), find("lqr", action_scale=4.0)
     state, noise, action = jnp.array([0.5, -0.25]), jnp.zeros(2), jnp.array([0.75, -0.5])
     for ours, theirs in zip(wide.step(state, 4 * action, noise), plain.step(state, action, noise), strict=True):
         np.testing.assert_array_equal(ours, theirs)
-    np.testing.assert_array_equal(wide.action_high, [4.0, 4.0])
-    assert (wide.optimal_return, wide.max_episode_steps) == (plain.optimal_return, plain.max_episode_steps)
+    np.testing.assert_array_equal(wide.actions.high, [4.0, 4.0])
+    assert wide.record == plain
     task = find("Pendulum-v1", action_scale=2.0)
-    assert (task.action_space.low, task.action_space.high) == (-4.0, 4.0)
+    assert (task.actions.space.low, task.actions.space.high) == (-4.0, 4.0)
     twins = task.make(1), find("Pendulum-v1").make(1)
     for envs in twins:
         envs.reset(np.array([1], np.uint32))
@@ -68,10 +69,8 @@ def test_what_is_done_is_the_action_over_the_scale():
     np.testing.assert_array_equal(mine.reward, theirs.reward)
 
 
+@pytest.mark.parametrize("env", ["lqr", "Pendulum-v1", "Reacher-v5"])
 @pytest.mark.parametrize("scale", [0, -1.0, float("inf"), float("nan"), True, "8", None])
-def test_a_scale_that_is_no_positive_number_is_refused(scale):
-    if scale is None:
-        assert find("lqr", action_scale=None) == find("lqr")
-        return
+def test_a_scale_that_is_no_positive_number_is_refused(env, scale):
     with pytest.raises(UsageError, match=r"action_scale is .*; it must be a finite number greater than 0"):
-        find("lqr", action_scale=scale)
+        find(env, action_scale=scale)

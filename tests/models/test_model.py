@@ -49,7 +49,7 @@ def test_any_kind_of_environment_trains(make, n_envs):
 
 
 def test_keyword_arguments_reach_the_environment():
-    assert A2C("lqr", **SMALL, env_kwargs={"max_episode_steps": 7}).env == LQR(max_episode_steps=7)
+    assert A2C("lqr", **SMALL, env_kwargs={"max_episode_steps": 7}).env.record == LQR(max_episode_steps=7)
 
 
 def test_learn_rounds_up_to_whole_updates_and_adds_up():

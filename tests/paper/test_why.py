@@ -16,7 +16,7 @@ from . import made_up
 
 @pytest.mark.parametrize("task", [task for task in TASKS if TASKS[task].in_jax and TASKS[task].at_rest is not None])
 def test_what_doing_nothing_earns(task):
-    env = find(TASKS[task].env)
+    env = find(TASKS[task].env).record
     n_episodes = 2_000 if task == "lqr" else 20
 
     def episode(key):

@@ -13,6 +13,7 @@ import pytest
 
 from galton import make_agent
 from galton.envs import find
+from galton.envs.jax_task import JaxTask
 from galton.parts import Box
 from galton.training.on_device import DevicePopulation, begin_on_device, iteration
 from galton.training.population import populate
@@ -58,11 +59,11 @@ def by_hand(agent, seed, draw):
         yield state, batch
 
 
-PROGRAMS = [jax.jit(functools.partial(f, Slide())) for f in (begin_on_device, iteration)]
+PROGRAMS = [jax.jit(functools.partial(f, JaxTask(Slide()))) for f in (begin_on_device, iteration)]
 
 
 def of_the_device(agent, run):
-    return draw_noise(rollout_key(run), Slide(), agent)
+    return draw_noise(rollout_key(run), JaxTask(Slide()), agent)
 
 
 def of_the_host(agent, run):

@@ -9,7 +9,7 @@ import pytest
 
 from galton import A2C, UsageError
 from galton.envs import LQR
-from galton.envs.base import Environment
+from galton.envs.jax_task import JaxTask
 from galton.training.rollout import draw_noise
 
 SMALL = {"loss": "hl-one-hot", "n_bins": 5, "net_arch": (), "n_envs": 3, "n_steps": 7}
@@ -38,7 +38,7 @@ class Told(LQR):
 def starts(resets, n_updates, **own):
     """Where the episodes of each rollout began, `[updates, T, N, o]`."""
     model = A2C(Told(), resets=resets, **SMALL, **own)
-    assert isinstance(model.env, Environment)
+    assert isinstance(model.env, JaxTask)
     found = []
     for _ in range(n_updates):
         model.advance(1)
@@ -81,7 +81,7 @@ def test_a_run_is_resumed_to_the_bit(resets, tmp_path):
 def test_a_pool_of_every_step_resets_as_often_as_fresh_states_and_no_more():
     def drawn(**own):
         agent = A2C(Told(), **SMALL, **own).agent
-        shapes = jax.eval_shape(lambda: draw_noise(jax.random.key(0), Told(), agent).fresh_states)
+        shapes = jax.eval_shape(lambda: draw_noise(jax.random.key(0), JaxTask(Told()), agent).fresh_states)
         return sum(int(jnp.prod(jnp.array(leaf.shape[:-1]))) for leaf in jax.tree.leaves(shapes)) // 2
 
     assert [drawn(), drawn(resets="pool", reset_pool=5), drawn(resets="first")] == [21, 5, 0]

@@ -10,6 +10,7 @@ import pytest
 
 from galton.algorithms import actor_critic
 from galton.envs import Bandit
+from galton.envs.jax_task import JaxTask
 from galton.training.rollout import EpisodeState, draw_noise, rollout, start_episodes
 
 from ..agents import agent as agent_in
@@ -23,10 +24,10 @@ def played():
     """An agent, who acted, and what came of it in episodes that are two steps old."""
     agent = agent_in({"loss": "gaussian", "n_steps": T, "n_envs": N, "net_arch": (8,)}, low=LOW, high=HIGH)
     learner = actor_critic.init(jax.random.key(0), agent, 3)
-    noise = draw_noise(jax.random.key(1), Slide(), agent)
-    fresh = start_episodes(jax.random.key(2), Slide(), N)
+    noise = draw_noise(jax.random.key(1), JaxTask(Slide()), agent)
+    fresh = start_episodes(jax.random.key(2), JaxTask(Slide()), N)
     old = EpisodeState(fresh.env.at[:, 2].set(0.25), fresh.length + 2, fresh.undiscounted_return + 5)
-    program = jax.jit(functools.partial(rollout, Slide()))
+    program = jax.jit(functools.partial(rollout, JaxTask(Slide())))
     return agent, learner, noise, program(agent, learner, old, noise)
 
 
@@ -78,8 +79,9 @@ def test_a_step_that_ends_by_itself_at_the_time_limit_is_no_time_limit():
 
     agent = agent_in({"loss": "gaussian", "n_steps": LIMIT, "n_envs": 2, "net_arch": ()}, low=LOW, high=HIGH)
     learner = actor_critic.init(jax.random.key(0), agent, 3)
-    noise, begun = draw_noise(jax.random.key(1), Ending(), agent), start_episodes(jax.random.key(2), Ending(), 2)
-    *_, batch, finished = rollout(Ending(), agent, learner, begun, noise)
+    task = JaxTask(Ending())
+    noise, begun = draw_noise(jax.random.key(1), task, agent), start_episodes(jax.random.key(2), task, 2)
+    *_, batch, finished = rollout(task, agent, learner, begun, noise)
     np.testing.assert_array_equal(batch.terminated.sum(0), [1, 1])
     np.testing.assert_array_equal(finished.length[-1], [LIMIT, LIMIT])
     assert not batch.truncated.any()
@@ -88,12 +90,12 @@ def test_a_step_that_ends_by_itself_at_the_time_limit_is_no_time_limit():
 def test_an_episode_begins_where_the_noise_says():
     env = Slide(max_episode_steps=1)
     agent = agent_in({"loss": "gaussian", "n_steps": 4, "n_envs": 2, "net_arch": ()}, low=LOW, high=HIGH)
-    noise = draw_noise(jax.random.key(0), env, agent)
+    noise = draw_noise(jax.random.key(0), JaxTask(env), agent)
     starts = jnp.arange(24.0).reshape(4, 2, 3)
     noise = noise._replace(fresh_states=starts)
     learner = actor_critic.init(jax.random.key(1), agent, 3)
-    begun = start_episodes(jax.random.key(2), env, 2)
-    episodes, _, batch, _ = rollout(env, agent, learner, begun, noise)
+    begun = start_episodes(jax.random.key(2), JaxTask(env), 2)
+    episodes, _, batch, _ = rollout(JaxTask(env), agent, learner, begun, noise)
     np.testing.assert_array_equal(batch.observation[1:], starts[:-1])
     np.testing.assert_array_equal(episodes.env, starts[-1])
 
@@ -110,7 +112,7 @@ def test_actions_steps_and_starts_are_drawn_apart():
             return jax.random.normal(key, (3,))
 
     agent = agent_in({"loss": "gaussian", "n_steps": 6, "n_envs": 4, "net_arch": ()}, low=LOW, high=HIGH)
-    drawn = [np.ravel(leaf) for leaf in draw_noise(jax.random.key(0), Drawn(), agent)]
+    drawn = [np.ravel(leaf) for leaf in draw_noise(jax.random.key(0), JaxTask(Drawn()), agent)]
     together = np.concatenate(drawn)
     assert len(np.unique(together)) == together.size
 
@@ -120,7 +122,7 @@ def test_noise_has_a_key_of_its_own_for_each_step_and_copy():
     agent = agent_in(
         {"loss": "hl-gauss", "n_steps": 6, "n_envs": 4, "net_arch": ()}, low=env.action_low, high=env.action_high
     )
-    noise = draw_noise(jax.random.key(0), env, agent)
+    noise = draw_noise(jax.random.key(0), JaxTask(env), agent)
     assert noise.action.shape == (6, 4, 2)
     for leaf in (noise.action, *jax.tree.leaves(noise.step)):
         assert len(np.unique(leaf)) == leaf.size

@@ -76,9 +76,8 @@ def test_a_limit_that_is_set_counts(monkeypatch):
 
 def test_what_it_counts_is_what_a_model_has():
     """The parameters and Adam's moments, of a policy that is one number for each action entry."""
-    env = find("lqr")
-    d, o = size._widths(env)
-    made = agent({"loss": "gaussian", "net_arch": (5, 7)}, low=env.action_low, high=env.action_high)
+    actions, d, o = find("lqr").actions, 2, 2
+    made = agent({"loss": "gaussian", "net_arch": (5, 7)}, low=actions.low, high=actions.high)
     params = jax.eval_shape(lambda key: actor_critic.init(key, made, o), jax.random.key(0)).params
     n = sum(array.size for name in ("actor", "critic") for layer in params[name] for array in layer.values())
     counted = [size._n_parameters(made.network, o, outputs, of_critic=outputs == 1) for outputs in (d, 1)]

@@ -8,7 +8,6 @@ from gymnasium.spaces import Box
 import galton
 from galton.callbacks import Evaluate
 from galton.envs.find import find
-from galton.envs.fitting import spaces_of
 from galton.training.yardsticks import N_EPISODES, SEED, Yardsticks, logged, nothing, yardsticks_on
 
 SETTINGS = {"n_steps": 8, "net_arch": (4,)}
@@ -35,8 +34,7 @@ class Summing(gymnasium.Env):
 
 def on(env):
     task = find(env)
-    actions, _ = spaces_of(task)
-    return yardsticks_on(task, actions.low, actions.high)
+    return yardsticks_on(task, task.actions.low, task.actions.high)
 
 
 def begins():

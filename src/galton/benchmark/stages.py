@@ -12,7 +12,6 @@ from galton.envs.registry import is_known, read_constants
 from galton.errors import UsageError
 from galton.sweep.study import Setting, Study
 from galton.training.log import MEAN_ACTION_RETURN
-from galton.training.population import box_of
 from galton.training.train import log_points
 
 Stage = Literal["tuning", "fresh", "held-out"]
@@ -111,7 +110,7 @@ def check(protocol: Protocol, drawn: Draws) -> None:
     for part in [*tuning(protocol, drawn), *afterwards(protocol, drawn, selected)]:
         where = f"tasks.{part.task.name}"
         try:
-            box = box_of(find(part.task.env, **read_constants(part.studies[0].env_kwargs)))
+            box = find(part.task.env, **read_constants(part.studies[0].env_kwargs)).actions.box
         except UsageError as error:
             raise UsageError(f"{where}: {error}") from None
         for entry in {entry.setting.program: entry for entry in part.entries}.values():

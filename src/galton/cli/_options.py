@@ -14,10 +14,9 @@ from galton.agents import in_two, values_of, vocabulary, written
 from galton.algorithms import ALGORITHMS, Agent, find_algorithm
 from galton.cli._modules import search_here
 from galton.cli._words import Fills, Settings
-from galton.envs.base import Environment
 from galton.envs.find import find
-from galton.envs.host.base import HostTask
 from galton.envs.registry import ENVS, find_task, is_known, read_constants
+from galton.envs.task import Task
 from galton.errors import require
 from galton.losses import LOSSES
 from galton.models.settings import all_words
@@ -104,7 +103,7 @@ class Training:
 
     def run(
         self,
-        env: Environment | HostTask,
+        env: Task,
         agent: Agent,
         seeds: Sequence[int],
         meanwhile: Callable[[int], None],
@@ -120,7 +119,7 @@ class Training:
             meanwhile=meanwhile,
         )
 
-    def find(self, name: str) -> Environment | HostTask:
+    def find(self, name: str) -> Task:
         """The environment of a name that was typed, made with these keyword arguments."""
         if ":" in name:
             search_here()

@@ -16,6 +16,7 @@ from galton.cli._parsing import TrainingOptions, parse
 from galton.cli._progress import live_progress
 from galton.devices import use_all_cores
 from galton.envs.base import Environment
+from galton.envs.jax_task import JaxTask
 from galton.envs.registry import read_constants
 from galton.errors import require, require_integer, require_word
 from galton.losses import LOSSES
@@ -25,7 +26,6 @@ from galton.saving.result_folder import CURVES, FIGURE, SUMMARY, result_folder, 
 from galton.sweep.grid import bases
 from galton.sweep.study import Setting
 from galton.tasks import task_of
-from galton.training.population import box_of
 from galton.training.size import check_size
 from galton.training.train import Result
 
@@ -65,10 +65,10 @@ def main(arguments: Sequence[str]) -> None:
     training, seeds = options.training, range(options.seeds)
     use_all_cores()  # before the environment's module computes something
     env = training.find(options.env)
-    known = env if isinstance(env, Environment) else None
+    known = env.record if isinstance(env, JaxTask) else None
     out = options.out or Path("runs", f"compare-{folder_name(options.env, options.algorithm)}")
     settings = _settings(compared)
-    agents = [setting.agent.on(box_of(env)) for setting in settings.values()]
+    agents = [setting.agent.on(env.actions.box) for setting in settings.values()]
     for agent in agents:  # before so many seeds are counted
         check_size(env, agent, len(seeds), training.eval_episodes)
     training.check(seeds)

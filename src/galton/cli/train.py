@@ -29,10 +29,10 @@ from galton.cli._options import (
 from galton.cli._parsing import TrainingOptions, parse
 from galton.cli._progress import Show, live_progress
 from galton.devices import use_all_cores
-from galton.envs.base import Environment
 from galton.envs.find import find
-from galton.envs.host.base import HostTask
+from galton.envs.jax_task import JaxTask
 from galton.envs.registry import is_known, read_constants
+from galton.envs.task import Task
 from galton.errors import DivergenceError, UsageError, require
 from galton.losses import find_loss
 from galton.models import InexactResume, Model
@@ -135,11 +135,11 @@ def _agent(options: Options) -> Agent:
     return read(options.training.words | {"loss": options.loss})
 
 
-def _new(options: Options, env: Environment | HostTask) -> Model:
+def _new(options: Options, env: Task) -> Model:
     return Model.of(env, _agent(options), options.seed)
 
 
-def _resumed(options: Options, env: Environment | HostTask) -> Model:
+def _resumed(options: Options, env: Task) -> Model:
     out = options.folder
     with warnings.catch_warnings(record=True) as told:
         warnings.simplefilter("always", InexactResume)
@@ -164,14 +164,14 @@ def _resumed(options: Options, env: Environment | HostTask) -> Model:
     return model
 
 
-def _environments(options: Options, env: Environment | HostTask) -> tuple[object, object]:
+def _environments(options: Options, env: Task) -> tuple[object, object]:
     """The environment of the run that is there, and the one that is asked for: equal, unless they are two."""
     settings = read_settings(options.folder)
     name, constants = settings.get("env"), settings.get("env_kwargs")
     if not isinstance(name, str) or not isinstance(constants, dict):
         return None, None  # nobody knows; the model itself tells of other spaces
     constants = read_constants(json.dumps(constants))
-    if isinstance(env, Environment) and is_known(name):
+    if isinstance(env, JaxTask) and is_known(name):
         return find(name, **constants), env
     asked = short_name(options.env.rpartition(":")[2]), read_constants(options.training.env_kwargs)
     return (short_name(name.rpartition(":")[2]), constants), asked

@@ -16,11 +16,11 @@ from galton.cli import _film as film
 from galton.cli._modules import Imports, import_typed
 from galton.cli._reading import read_options
 from galton.cli._runs import environment_of, model_of
-from galton.envs.fitting import check_same_spaces
 from galton.envs.host.answers import FAULTS, blame, one_flag, one_number, parts
 from galton.envs.host.gymnasium import GymnasiumTask
 from galton.envs.host.mujoco_log import mujoco_warns
 from galton.envs.registry import is_known
+from galton.envs.task import check_same_spaces
 from galton.errors import UsageError, require, require_integer
 from galton.extras import check_named
 from galton.models import Model

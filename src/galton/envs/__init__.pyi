@@ -7,3 +7,4 @@ from .lqr import LQR as LQR
 from .mountain_car import MountainCar as MountainCar
 from .registry import ENVS as ENVS
 from .registry import make as make
+from .task import Task as Task

@@ -1,7 +1,7 @@
 """The task that a user means: by a name, an id, a function, or an environment that is already there."""
 
 import contextlib
-from collections.abc import Mapping
+from typing import Any
 
 import gymnasium
 from gymnasium.envs.registration import find_highest_version, get_env_id, parse_env_id
@@ -9,20 +9,20 @@ from gymnasium.envs.registration import find_highest_version, get_env_id, parse_
 from galton.envs import registry
 from galton.envs.base import Environment
 from galton.envs.host.answers import shown
-from galton.envs.host.base import HostTask
 from galton.envs.host.gymnasium import GymnasiumTask
 from galton.envs.host.vector import VectorTask, is_sb3
-from galton.envs.rescaled import rescaled
-from galton.errors import UsageError, did_you_mean, require
+from galton.envs.jax_task import JaxTask
+from galton.envs.task import Task
+from galton.errors import UsageError, did_you_mean, is_number, require
 from galton.extras import check_named, needed, require_libraries
 
 
-def find(env: object, **kwargs: object) -> Environment | HostTask:
-    """One of our records, or a task outside JAX.
+def find(env: object, **kwargs: object) -> Task:
+    """What can be trained on, of whatever a user gives.
 
     Args:
         env: a name in ENVS, a Gymnasium id (also `module:Id`), a function that makes a Gymnasium environment,
-            a Gymnasium environment or vector environment, an SB3 VecEnv, one of our records, or a task.
+            a Gymnasium environment or vector environment, an SB3 VecEnv, a record in pure JAX, or what this made.
         kwargs: the constants of a name or an id; of any, `action_scale` makes the box that policies see so many times
             as large, and what is done there the action over it.
 
@@ -30,16 +30,17 @@ def find(env: object, **kwargs: object) -> Environment | HostTask:
         UsageError: something else, or an environment that Galton can't use, with the reason.
     """
     if isinstance(env, str):
-        scale = kwargs.pop("action_scale", None)
-        found = _find_by_name(env, kwargs)
-        return found if scale is None else rescaled(found, scale)
+        scale: Any = kwargs.get("action_scale", 1.0)
+        fits = is_number(scale) and 0 < scale < float("inf")
+        require(fits, f"action_scale is {scale!r}; it must be a finite number greater than 0")
+        return _find_by_name(env, kwargs)
     require(
         not kwargs,
         f"env_kwargs is {kwargs}; it goes with a name or an id, not with an environment that is there",
     )
-    if isinstance(env, Environment | HostTask):
+    if isinstance(env, Environment | Task):
         require(not isinstance(env, type), f"env is {shown(env)}, a class; give what it makes, by calling it")
-        return env
+        return JaxTask(env) if isinstance(env, Environment) else env
     if isinstance(env, gymnasium.vector.VectorEnv) or is_sb3(env):
         return VectorTask(env)
     if isinstance(env, gymnasium.Env) or callable(env):
@@ -51,9 +52,10 @@ def find(env: object, **kwargs: object) -> Environment | HostTask:
     )
 
 
-def _find_by_name(name: str, kwargs: Mapping[str, object]) -> Environment | HostTask:
+def _find_by_name(name: str, kwargs: dict[str, Any]) -> Task:
     if registry.is_known(name):
-        return registry.make(name, **kwargs)
+        scale = kwargs.pop("action_scale", 1.0)
+        return JaxTask(registry.make(name, **kwargs), scale)
     _refuse_unversioned(name)
     try:
         return _find_mujoco(name, kwargs) or GymnasiumTask(name, **kwargs)
@@ -92,7 +94,7 @@ def _comes_from(name: str, package: str) -> bool:
     return spec is not None and str(spec.entry_point).startswith(f"gymnasium.envs.{package}.")
 
 
-def _find_mujoco(name: str, kwargs: Mapping[str, object]) -> HostTask | None:
+def _find_mujoco(name: str, kwargs: dict[str, Any]) -> Task | None:
     """The batched task of that id, if there is one."""
     if not _comes_from(name, "mujoco"):
         return None

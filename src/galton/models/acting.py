@@ -8,9 +8,10 @@ from jaxtyping import Array, Float
 
 from galton import normalization
 from galton.algorithms import Agent, actor_critic
-from galton.envs.base import Environment
-from galton.envs.host.base import HostEnvironments, HostTask
+from galton.envs.host.base import HostEnvironments
 from galton.envs.host.carried import take_statistics
+from galton.envs.jax_task import JaxTask
+from galton.envs.task import Task
 from galton.normalization import from_origin_on_host
 from galton.training.evaluate import Kept, copies, deterministic_action, evaluate, play
 from galton.types import Learner
@@ -32,7 +33,7 @@ def explore(agent: Agent, learner: Learner, rows: Rows, seed: int, n: int) -> Fl
 
 
 def returns_on(
-    task: Environment | HostTask,
+    task: Task,
     agent: Agent,
     learner: Learner,
     n_episodes: int,
@@ -45,7 +46,7 @@ def returns_on(
     Seed and step of the model decide on the episodes. Wrappers that normalise observations do so by the statistics of
     what the model is trained on.
     """
-    if isinstance(task, Environment):
+    if isinstance(task, JaxTask):
         key = jax.random.fold_in(jax.random.key(seed), step)
         return np.asarray(_evaluated(key, task, agent, learner, n_episodes))
     n_copies = task.given or n_episodes
@@ -62,7 +63,7 @@ def returns_on(
 
 
 _deterministic = jax.jit(deterministic_action)
-_evaluated = jax.jit(evaluate, static_argnames=("env", "n_episodes"))
+_evaluated = jax.jit(evaluate, static_argnames="n_episodes")
 
 
 @jax.jit

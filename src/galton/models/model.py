@@ -13,12 +13,11 @@ from jaxtyping import Float
 from galton import sb3
 from galton.agents import read, words_of
 from galton.algorithms import Agent, find_algorithm
-from galton.envs.base import Environment
 from galton.envs.find import find
-from galton.envs.fitting import check_copies, check_same_spaces, given, spaces_of
 from galton.envs.host.action_box import ActionBox
-from galton.envs.host.base import HostTask, Space
+from galton.envs.host.base import Space
 from galton.envs.host.observations import Observations
+from galton.envs.task import Task, check_copies, check_same_spaces
 from galton.errors import UsageError, require, require_integer
 from galton.losses import Loss
 from galton.models import file
@@ -27,7 +26,7 @@ from galton.models.hints import refuse_policy, unexpected
 from galton.models.learning import check_divergence, learn, updates_for
 from galton.models.settings import all_words, unusual
 from galton.models.state import Arrays, Loaded, Run, parameters_of
-from galton.parts import Box, at, has_schedules
+from galton.parts import at, has_schedules
 from galton.presets import find_preset
 from galton.records import Fields
 from galton.training.population import Population
@@ -90,7 +89,7 @@ class Model:
         refuse_policy(type(self).__name__, env, loss)
         task = find(env, **(env_kwargs or {}))
         chosen = find_preset(preset, loss, algorithm)
-        words = all_words(find_algorithm(algorithm), chosen, n_envs, settings, env, given(task))
+        words = all_words(find_algorithm(algorithm), chosen, n_envs, settings, env, task.given)
         self._begin(task, read(words), seed)
         self.verbose = verbose
 
@@ -101,12 +100,11 @@ class Model:
         model._begin(find(env), agent, seed)
         return model
 
-    def _begin(self, task: Environment | HostTask, agent: Agent, seed: int) -> None:
+    def _begin(self, task: Task, agent: Agent, seed: int) -> None:
         check_one_run(agent)
         check_copies(task, agent.rollout.n_envs)
         check_seed(seed)
-        actions, observations = spaces_of(task)
-        self._describe(agent.on(Box.of(actions.low, actions.high)), seed, actions, observations)
+        self._describe(agent.on(task.actions.box), seed, task.actions, task.observations)
         self._run: Run | Loaded = Run(task, self.agent, seed)
 
     def _describe(self, agent: Agent, seed: int, actions: ActionBox, observations: Observations) -> None:
@@ -132,8 +130,8 @@ class Model:
         return words_of(self.agent)
 
     @property
-    def env(self) -> Environment | HostTask | None:
-        """The environment; None for a model that was loaded without one."""
+    def env(self) -> Task | None:
+        """The environment, as `galton.envs.find` made it; None for a model that was loaded without one."""
         return self._run.task
 
     @property
@@ -247,7 +245,7 @@ class Model:
         else:
             action = explore(self._now, self.learner, rows, self.seed, self.n_predictions)
             self.n_predictions += 1
-        actions = self.actions.to_env(action)
+        actions = self.actions.clip(action)
         return (actions[0, ...] if single else actions), state
 
     def evaluate(
@@ -336,7 +334,7 @@ class Model:
             warnings.warn(message, file.InexactResume, stacklevel=2)
         return model
 
-    def _go_on(self, task: Environment | HostTask, path: Path, arrays: Arrays) -> str:
+    def _go_on(self, task: Task, path: Path, arrays: Arrays) -> str:
         """Go on with a run on this environment where the arrays of a file are; why not exactly, or nothing."""
         check_copies(task, self.agent.rollout.n_envs)
         check_same_spaces(task, self.actions, self.observations)

@@ -9,8 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from galton.algorithms import Agent
-from galton.envs.base import Environment
-from galton.envs.host.base import HostEnvironments, HostTask
+from galton.envs.host.base import HostEnvironments
+from galton.envs.task import Task
 from galton.errors import UsageError, require
 from galton.models import file
 from galton.normalization import Moments
@@ -72,7 +72,7 @@ class Run:
     It raises what `populate` does.
     """
 
-    def __init__(self, task: Environment | HostTask, agent: Agent, seed: int) -> None:
+    def __init__(self, task: Task, agent: Agent, seed: int) -> None:
         self.task = task
         self.population: Population = populate(task, agent, [seed])
         self._learner: Learner | None = None
@@ -80,7 +80,7 @@ class Run:
     @property
     def env_name(self) -> str:
         """What messages and files call the environment."""
-        return str(getattr(self.task, "name", None) or type(self.task).__name__)
+        return self.task.name
 
     @property
     def step(self) -> int:

@@ -12,6 +12,7 @@ from jaxtyping import Array, Float, Key
 
 from galton.agents import make_agent
 from galton.algorithms import Agent, actor_critic
+from galton.envs.jax_task import JaxTask
 from galton.envs.registry import make
 from galton.losses import LOSSES, surrogate
 from galton.networks import mlp
@@ -19,7 +20,7 @@ from galton.paper.sweeps import Budget
 from galton.policies import Distribution, Gaussian
 from galton.tasks import TASKS
 from galton.theory import gradient_bound, output_lipschitz, regression_bound
-from galton.training.population import box_of, populate
+from galton.training.population import populate
 from galton.training.rollout import EpisodeState, draw_noise, rollout
 from galton.types import Learner, Params, Transition
 
@@ -142,9 +143,9 @@ def collect(budget: Budget) -> pa.Table:
 
 
 def _collect(task: str, loss: str, effort: Effort) -> pa.Table:
-    env = make(TASKS[task].env)
+    env = JaxTask(make(TASKS[task].env))
     plain = make_agent(loss=loss, **({"eta": ETAS[loss]} if loss in ETAS else {}))
-    agent = plain.on(box_of(env))
+    agent = plain.on(env.actions.box)
     readings = list(READINGS) if loss == "gaussian" else [""]
 
     def look(run: tuple[Key[Array, ""], Learner, EpisodeState]) -> dict[str, Sample]:

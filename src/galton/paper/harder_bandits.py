@@ -8,7 +8,6 @@ import numpy as np
 
 from galton.analysis.statistics import Comparison, against, compare
 from galton.bins import Bins
-from galton.envs.base import Environment
 from galton.envs.find import find
 from galton.losses import LOSSES
 from galton.page.page import Claim
@@ -170,7 +169,6 @@ def stops_at_the_next_bin(trained: Trained) -> Claim:
 
 def _cost_of_the_next_bin(bandit: Summary) -> float:
     """The most that a bin beside the best one costs: its centre is up to one and a half widths away, squared."""
-    env = find(bandit.study.env)
-    assert isinstance(env, Environment)
+    actions = find(bandit.study.env).actions
     n_bins = bandit.best["hl-one-hot"].setting["n_bins"]
-    return float((1.5 * Bins(env.action_low, env.action_high, n_bins).width.max()) ** 2)
+    return float((1.5 * Bins(actions.low, actions.high, n_bins).width.max()) ** 2)

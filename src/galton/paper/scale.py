@@ -9,6 +9,7 @@ from jaxtyping import Float
 from galton.analysis.comparison import rest_of
 from galton.envs.base import Environment
 from galton.envs.find import find
+from galton.envs.jax_task import JaxTask
 from galton.envs.lqr import LQR
 from galton.envs.registry import read_constants
 from galton.paper.summary import Summary
@@ -39,7 +40,7 @@ class Scale(NamedTuple):
 @functools.cache
 def _environment(task: str, constants: str) -> Environment | None:
     env = find(TASKS[task].env, **read_constants(constants)) if TASKS[task].in_jax else None
-    return env if isinstance(env, Environment) else None
+    return env.record if isinstance(env, JaxTask) else None
 
 
 def optimum(task: str, constants: str = "{}") -> float | None:

@@ -7,15 +7,14 @@ import numpy as np
 from gymnasium.spaces import Box
 from gymnasium.wrappers import TimeLimit
 
-from galton.envs.base import Environment
 from galton.envs.find import find
-from galton.envs.fitting import spaces_of
 from galton.envs.host.action_box import ActionBox
-from galton.envs.host.base import HostEnvironments, HostTask
+from galton.envs.host.base import HostEnvironments
 from galton.envs.host.carried import statistics_of
-from galton.envs.host.observations import IMAGE_REMEDY, Observations, has_image
+from galton.envs.host.observations import IMAGE_REMEDY, Observations
 from galton.envs.host.vector import VectorTask
-from galton.envs.on_host import RecordEnvironments
+from galton.envs.jax_task import JaxTask
+from galton.envs.task import Task
 from galton.errors import BrokenEnvironmentError, UsageError
 from galton.training.evaluate import copies
 from galton.training.probe import Played, Repeated, Spread, aliases, played, repeated
@@ -86,22 +85,19 @@ def check_env(env: object, env_kwargs: Mapping[str, object] | None = None) -> Ch
 
 def _findings(env: object, env_kwargs: Mapping[str, object]) -> Iterator[Finding]:
     task = find(env, **env_kwargs)
-    actions, observations = spaces_of(task)
     yield _kind(task)
-    yield _actions(actions)
-    yield _observations(observations)
-    n_copies = 1 if isinstance(task, Environment) else task.given or 1
-    envs = RecordEnvironments(task) if isinstance(task, Environment) else copies(task, n_copies)
+    yield _actions(task.actions)
+    yield _observations(task.observations)
+    n_copies = task.given or 1
+    envs = copies(task, n_copies)
     try:
-        yield from _played(task, envs, n_copies, actions)
+        yield from _played(task, envs, n_copies)
     finally:
         envs.close()
 
 
-def _played(
-    task: Environment | HostTask, envs: HostEnvironments, n_copies: int, actions: ActionBox
-) -> Iterator[Finding]:
-    seeds, box = np.random.SeedSequence(SEED).generate_state(n_copies), (actions.low, actions.high)
+def _played(task: Task, envs: HostEnvironments, n_copies: int) -> Iterator[Finding]:
+    seeds, box = np.random.SeedSequence(SEED).generate_state(n_copies), (task.actions.low, task.actions.high)
     yield from _repeated(repeated(envs, seeds, lambda: at_random(*box), nothing(*box)))
     rest, random = (played(envs, seeds, act(*box), N_EPISODES, SECONDS) for act in (nothing, at_random))
     layers = envs.layers[0] if envs.layers else []
@@ -125,9 +121,9 @@ def _played(
     yield _speed(task, random, n_copies)
 
 
-def _kind(task: Environment | HostTask) -> Finding:
-    if isinstance(task, Environment):
-        return Finding("environment", f"{type(task).__name__}, a record in JAX")
+def _kind(task: Task) -> Finding:
+    if isinstance(task, JaxTask):
+        return Finding("environment", f"{task.name}, a record in JAX")
     if isinstance(task, VectorTask):
         return Finding(
             "environment",
@@ -148,7 +144,7 @@ def _actions(actions: ActionBox) -> Finding:
 def _observations(observations: Observations) -> Finding:
     kind, size = type(observations.space).__name__, observations.size
     shape = f" of shape {observations.space.shape}" if isinstance(observations.space, Box) else ""
-    remedy = IMAGE_REMEDY if has_image(observations.space) else ""
+    remedy = IMAGE_REMEDY if observations.has_image else ""
     return Finding("observations", f"{kind}{shape}, seen as a vector of {_count(size, 'number')}", remedy)
 
 
@@ -164,10 +160,10 @@ def _repeated(found: Repeated) -> Iterator[Finding]:
         yield Finding("seeds", f"the same seed gives another {what}, so no run can be repeated", remedy)
 
 
-def _limit(task: Environment | HostTask, layers: list[object]) -> int | None:
+def _limit(task: Task, layers: list[object]) -> int | None:
     """The time limit, where one is told."""
     limits = [layer._max_episode_steps for layer in layers if isinstance(layer, TimeLimit)]
-    return min(limits) if limits else getattr(task, "max_episode_steps", None)
+    return min(limits) if limits else getattr(getattr(task, "record", task), "max_episode_steps", None)
 
 
 def _time(limit: int | None, *plays: Played) -> Iterator[Finding]:
@@ -231,8 +227,8 @@ def _aliasing(found: bool) -> Finding:
     return Finding("arrays", told, remedy if found else "")
 
 
-def _resume(task: Environment | HostTask, envs: HostEnvironments) -> Finding:
-    if isinstance(task, Environment) or envs.get_state() is not None:
+def _resume(task: Task, envs: HostEnvironments) -> Finding:
+    if isinstance(task, JaxTask) or envs.get_state() is not None:
         return Finding("resume", "exact: episodes go on where they were")
     remedy = "exact where it and its wrappers have get_state and set_state (docs/own_environment.md)"
     return Finding(
@@ -240,8 +236,8 @@ def _resume(task: Environment | HostTask, envs: HostEnvironments) -> Finding:
     )
 
 
-def _speed(task: Environment | HostTask, play: Played, n_copies: int) -> Finding:
-    if isinstance(task, Environment):
+def _speed(task: Task, play: Played, n_copies: int) -> Finding:
+    if isinstance(task, JaxTask):
         return Finding("speed", "that of the compiled program: no step goes through Python")
     rate = n_copies * play.n_steps / max(play.seconds, 1e-9)
     of = "one copy" if n_copies == 1 else f"{n_copies} copies together"

@@ -10,9 +10,10 @@ from jaxtyping import Array, Float, Integer, Key, PyTree
 
 from galton import normalization
 from galton.algorithms import Agent, actor_critic
-from galton.envs.base import Environment
-from galton.envs.host.base import HostEnvironments, HostTask
+from galton.envs.host.base import HostEnvironments
 from galton.envs.host.carried import frozen, has_no_limit
+from galton.envs.jax_task import JaxTask
+from galton.envs.task import Task
 from galton.errors import BrokenEnvironmentError, require
 from galton.training.rollout import start_episodes
 from galton.types import Learner
@@ -38,7 +39,7 @@ def deterministic_action(
     return actor_critic.distribution(agent, learner.params, normalised).deterministic_action()
 
 
-def copies(task: HostTask, n_copies: int, n_threads: int = 1) -> HostEnvironments:
+def copies(task: Task, n_copies: int, n_threads: int = 1) -> HostEnvironments:
     """That many copies of a task to evaluate on; UsageError if training has one of them."""
     envs = task.make(n_copies, n_threads)
     if any(moves.are_watched for moves in envs.moves):
@@ -53,14 +54,14 @@ def copies(task: HostTask, n_copies: int, n_threads: int = 1) -> HostEnvironment
 
 
 class Kept:
-    """A task with the copies of it to evaluate on, made once for many evaluations; it is a HostTask that has these.
+    """A task with the copies of it to evaluate on, made once for many evaluations; it is a Task that has these.
 
     Of an environment that was given these are all that there are: episodes follow one another on them.
     """
 
-    def __init__(self, task: HostTask, n_episodes: int) -> None:
+    def __init__(self, task: Task, n_episodes: int) -> None:
         self.name, self.n_threads, self.given = task.name, task.n_threads, task.given or n_episodes
-        self.action_space, self.observation_space = task.action_space, task.observation_space
+        self.actions, self.observations = task.actions, task.observations
         self._envs = copies(task, self.given)
 
     def make(self, n_copies: int, n_threads: int = 1) -> HostEnvironments:
@@ -72,6 +73,11 @@ class Kept:
     def close(self) -> None:
         """Close the copies that Galton made."""
         self._envs.close()
+
+
+def kept(task: Task, n_episodes: int) -> Task:
+    """A task for many evaluations of so many episodes; one in JAX needs no copies to be kept."""
+    return task if isinstance(task, JaxTask) else Kept(task, n_episodes)
 
 
 def play(
@@ -126,11 +132,11 @@ def play(
 
 
 def evaluate(
-    key: Key[Array, ""], env: Environment, agent: Agent, learner: Learner, n_episodes: int
+    key: Key[Array, ""], task: JaxTask, agent: Agent, learner: Learner, n_episodes: int
 ) -> Float[Array, " n_episodes"]:
     """Undiscounted returns of whole episodes under the deterministic action, stepped side by side."""
     reset_key, step_key = jax.random.split(key)
-    start = start_episodes(reset_key, env, n_episodes)
+    start, env = start_episodes(reset_key, task, n_episodes), task.record
     noise = jax.vmap(jax.vmap(env.noise))(jax.random.split(step_key, (env.max_episode_steps, n_episodes)))
 
     def running(carry: Carry) -> Array:
@@ -141,8 +147,7 @@ def evaluate(
         states, returns, active, t = carry
         moved = normalization.from_origin(learner.normalizer, jax.vmap(env.observe)(states))
         action = deterministic_action(agent, learner, moved)
-        action = jnp.clip(action, env.action_low, env.action_high)
-        states, reward, terminated = jax.vmap(env.step)(states, action, jax.tree.map(lambda x: x[t], noise))
+        states, reward, terminated = jax.vmap(task.step)(states, action, jax.tree.map(lambda x: x[t], noise))
         return states, returns + jnp.where(active, reward, 0.0), active & ~terminated, t + 1
 
     first = (start.env, start.undiscounted_return, jnp.ones(n_episodes, bool), jnp.int32(0))

@@ -9,10 +9,10 @@ import numpy as np
 from jaxtyping import Array, Float, PyTree, UInt
 
 from galton.algorithms import Agent
-from galton.envs.host.base import HostEnvironments, HostTask, Steps
+from galton.envs.host.base import HostEnvironments, Steps
 from galton.envs.host.carried import MOMENTS, carry, plain_data, set_moments, statistics_of
 from galton.envs.host.moves import Watch
-from galton.envs.host.observations import Observations
+from galton.envs.task import Task
 from galton.errors import BrokenEnvironmentError, SharedEnvironment
 from galton.normalization import from_origin_on_host
 from galton.parts import at
@@ -38,7 +38,7 @@ class Group:
 
     def __init__(
         self,
-        task: HostTask,
+        task: Task,
         agent: Agent,
         seeds: UInt[np.ndarray, " P"],
         device: jax.Device,
@@ -47,7 +47,7 @@ class Group:
         self._task, self._agent = task, agent
         self._device, self._seeds = device, seeds
         self._shape, self._n_threads = (len(seeds), agent.rollout.n_envs), n_threads
-        self._sizes = Observations(task.name, task.observation_space).size, len(agent.low)
+        self._sizes = task.observations.size, len(agent.low)
         self._programs, self._acting = (host_programs(jax.tree.structure(each)) for each in (agent, at(agent, 0)))
         self._is_scheduled = self._acting is not self._programs
         self._evaluator: HostEnvironments | None = None

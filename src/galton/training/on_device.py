@@ -14,7 +14,7 @@ from jaxtyping import Array, Float, Int, UInt
 
 from galton import normalization
 from galton.algorithms import Agent
-from galton.envs.base import Environment
+from galton.envs.jax_task import JaxTask
 from galton.parts import at
 from galton.policies.correlation import nothing_before
 from galton.training.evaluate import evaluate
@@ -46,16 +46,16 @@ class DeviceState(NamedTuple):
     episodes: EpisodeState
 
 
-def iteration(env: Environment, agent: Agent, state: DeviceState, noise: Noise) -> tuple[DeviceState, Transition]:
+def iteration(task: JaxTask, agent: Agent, state: DeviceState, noise: Noise) -> tuple[DeviceState, Transition]:
     """One round of the training loop: act for n_steps steps, then learn from them. The rollout is returned too."""
     now = at(agent, state.run.step)
-    episodes, learner, batch, finished = rollout(env, now, state.run.learner, state.episodes, noise)
+    episodes, learner, batch, finished = rollout(task, now, state.run.learner, state.episodes, noise)
     run = learn(agent, state.run._replace(learner=learner), batch, finished)
     return DeviceState(run, episodes), batch
 
 
 def iterate(
-    env: Environment, agent: Agent, state: DeviceState, n_updates: Int[Array, ""]
+    task: JaxTask, agent: Agent, state: DeviceState, n_updates: Int[Array, ""]
 ) -> tuple[DeviceState, Transition]:
     """Train one run for n_updates; its last rollout, which the log looks at, is returned too.
 
@@ -68,17 +68,17 @@ def iterate(
     def block(carry: tuple[Array, DeviceState, Transition]) -> tuple[Array, DeviceState, Transition]:
         done, state, batch = carry
         keys = jax.vmap(functools.partial(rollout_key, state.run))(jnp.arange(n_drawn) * batch_size)
-        noise = jax.vmap(lambda key: draw_noise(key, env, agent))(keys)
+        noise = jax.vmap(lambda key: draw_noise(key, task, agent))(keys)
         n = jnp.minimum(n_drawn, n_updates - done)
         state, batch = jax.lax.fori_loop(
             0,
             n,
-            lambda i, carry: iteration(env, agent, carry[0], jax.tree.map(lambda x: x[i], noise)),
+            lambda i, carry: iteration(task, agent, carry[0], jax.tree.map(lambda x: x[i], noise)),
             (state, batch),
         )
         return done + n, state, batch
 
-    shape = jax.eval_shape(lambda: iteration(env, agent, state, draw_noise(state.run.key, env, agent))[1])
+    shape = jax.eval_shape(lambda: iteration(task, agent, state, draw_noise(state.run.key, task, agent))[1])
     nothing = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), shape)
     _, state, batch = jax.lax.while_loop(lambda carry: carry[0] < n_updates, block, (jnp.int32(0), state, nothing))
     return state, batch
@@ -88,41 +88,43 @@ _STEPS_DRAWN = 2048
 """How many environment steps a block has noise for: 16 rollouts, or fewer where they are long."""
 
 
-def begin_on_device(env: Environment, agent: Agent, seed: UInt[Array, ""]) -> DeviceState:
+def begin_on_device(task: JaxTask, agent: Agent, seed: UInt[Array, ""]) -> DeviceState:
     """A new run at the start of its first episodes; the statistics have counted their observations."""
-    run, episodes_key = begin(agent, len(env.observation_low), seed)
+    run, episodes_key = begin(agent, len(task.record.observation_low), seed)
     n_envs = agent.rollout.n_envs
     before = nothing_before(agent.policy, (n_envs,), agent.rollout.noise_correlation)
-    episodes = start_episodes(episodes_key, env, n_envs)._replace(noise=before)
+    episodes = start_episodes(episodes_key, task, n_envs)._replace(noise=before)
     if agent.rollout.resets == "first":
         episodes = episodes._replace(first=episodes.env)
-    first = jax.vmap(env.observe)(episodes.env)
+    first = jax.vmap(task.record.observe)(episodes.env)
     learner = run.learner._replace(normalizer=normalization.begin(run.learner.normalizer, first))
     return DeviceState(run._replace(learner=learner), episodes)
 
 
 class DevicePopulation:
-    """R runs on an Environment record. They are split evenly over devices, the last repeated to fill up.
+    """R runs on an environment in JAX. They are split evenly over devices, the last repeated to fill up.
 
     Args:
-        env: a hashable record of constants.
+        task: what to train on.
         agent: whose numbers are `[R]` each.
         seeds: one for each run, 0 … 2³² − 1.
         devices: what to compute on.
     """
 
-    def __init__(self, env: Environment, agent: Agent, seeds: Sequence[int], devices: Sequence[jax.Device]) -> None:
-        self._env, self._n_runs = env, len(seeds)
+    def __init__(self, task: JaxTask, agent: Agent, seeds: Sequence[int], devices: Sequence[jax.Device]) -> None:
+        self._n_runs = len(seeds)
         n_devices = min(len(devices), self._n_runs)
         self._padded = np.minimum(np.arange(math.ceil(self._n_runs / n_devices) * n_devices), self._n_runs - 1)
         self._on_runs = NamedSharding(Mesh(devices[:n_devices], "runs"), PartitionSpec("runs"))
         self._given = jax.tree.map(lambda number: np.asarray(number, np.float32)[self._padded], agent)
-        self._agent, self._shapes = self._place(self._given), _shapes(self._given)
+        everywhere = NamedSharding(self._on_runs.mesh, PartitionSpec())
+        self._task: JaxTask = jax.device_put(task, everywhere)
+        self._agent, self._shapes = self._place(self._given), (_shapes(task), _shapes(self._given))
         self._programs: _Programs | None = None
         start = time.perf_counter()
-        begin_all = _compile_begin(env, self._shapes, self._on_runs)
+        begin_all = _compile_begin(*self._shapes, self._on_runs)
         self.compile_seconds = time.perf_counter() - start
-        self._state = self._place(begin_all(self._given, np.asarray(seeds, np.uint32)[self._padded]))
+        self._state = self._place(begin_all(self._task, self._given, np.asarray(seeds, np.uint32)[self._padded]))
         self._batch: Transition | None = None
 
     @property
@@ -152,14 +154,14 @@ class DevicePopulation:
         """Compile what training runs, unless that is done."""
         if self._programs is None:
             start = time.perf_counter()
-            self._programs = _compile(self._env, self._shapes, self._on_runs)
+            self._programs = _compile(*self._shapes, self._on_runs)
             self.compile_seconds += time.perf_counter() - start
 
     def advance(self, n_updates: int) -> None:
         """Train all runs for so many updates each; they are done when it returns."""
         self.compile()
         assert self._programs
-        self._state, self._batch = self._programs.advance(self._agent, self._state, np.int32(n_updates))
+        self._state, self._batch = self._programs.advance(self._task, self._agent, self._state, np.int32(n_updates))
         jax.block_until_ready(self._state.run.step)
 
     def log(self, begin_next: bool = True) -> Log:
@@ -173,16 +175,16 @@ class DevicePopulation:
     def evaluate(self, n_episodes: int, rule: Rule | None = None) -> Float[np.ndarray, "R n_episodes"]:
         """Undiscounted returns of whole episodes without exploration."""
         run, agent = self._state.run, self._agent.acting_by(rule)
-        program, seconds = _compile_evaluation(self._env, _shapes(agent), n_episodes, self._on_runs)
+        program, seconds = _compile_evaluation(self._shapes[0], _shapes(agent), n_episodes, self._on_runs)
         self.compile_seconds += seconds()
-        return np.asarray(self._fetch(program(agent, run.evaluation_key, run.step, run.learner)))
+        return np.asarray(self._fetch(program(self._task, agent, run.evaluation_key, run.step, run.learner)))
 
     def check_evaluation(self, n_episodes: int) -> None:
         """Nothing to check: there are as many copies of the environment as one wants."""
 
     def yardsticks(self) -> Yardsticks:
         """What doing nothing and random actions return."""
-        return yardsticks_on(self._env, self._agent.low, self._agent.high)
+        return yardsticks_on(self._task, self._agent.low, self._agent.high)
 
     def put(self, learner: Learner) -> None:
         """Go on with something else learnt, each leaf `[R, ...]`."""
@@ -220,60 +222,62 @@ class DevicePopulation:
 
 class _Programs(NamedTuple):
     advance: Callable[..., tuple[DeviceState, Transition]]
-    """(agents, states, number of updates) → states and the last rollouts."""
+    """(task, agents, states, number of updates) → states and the last rollouts."""
     log: Callable[..., tuple[RunState, Log]]
     """(agents, runs, the last rollouts) → runs and logs."""
 
 
 @kept
 def _compile_begin(
-    env: Environment, agent: Agent, on_runs: NamedSharding
-) -> Callable[[Agent, UInt[np.ndarray, " R"]], DeviceState]:
-    """The program that makes new runs, for an agent with numbers of these shapes."""
-    return jax.jit(_begin_all(env, on_runs)).lower(agent, _seeds(agent)).compile()
+    task: JaxTask, agent: Agent, on_runs: NamedSharding
+) -> Callable[[JaxTask, Agent, UInt[np.ndarray, " R"]], DeviceState]:
+    """The program that makes new runs, for a task and an agent with numbers of these shapes."""
+    return jax.jit(_begin_all(on_runs)).lower(task, agent, _seeds(agent)).compile()
 
 
 @kept
-def _compile(env: Environment, agent: Agent, on_runs: NamedSharding) -> _Programs:
-    """The programs that train, for an agent with numbers of these shapes."""
-    axes = (0, 0, None)
-    of_runs = over_runs(agent.algorithm.side_by_side, functools.partial(iterate, env), axes)
+def _compile(task: JaxTask, agent: Agent, on_runs: NamedSharding) -> _Programs:
+    """The programs that train, for a task and an agent with numbers of these shapes."""
+    axes = (None, 0, 0, None)
+    of_runs = over_runs(agent.algorithm.side_by_side, iterate, axes)
     advance = _on_all_devices(of_runs, on_runs, axes)
     log = _on_all_devices(jax.vmap(read_log), on_runs, (0, 0, 0))
 
-    state = _placed(jax.eval_shape(_begin_all(env, on_runs), agent, _seeds(agent)), on_runs)
+    state = _placed(jax.eval_shape(_begin_all(on_runs), task, agent, _seeds(agent)), on_runs)
     agent = _placed(agent, on_runs)
     n = jax.ShapeDtypeStruct((), jnp.int32)
-    batch = _placed(jax.eval_shape(advance, agent, state, n)[1], on_runs)
+    batch = _placed(jax.eval_shape(advance, task, agent, state, n)[1], on_runs)
     return _Programs(
-        jax.jit(advance).lower(agent, state, n).compile(),
+        jax.jit(advance).lower(task, agent, state, n).compile(),
         jax.jit(log).lower(agent, state.run, batch).compile(),
     )
 
 
 @kept
 def _compile_evaluation(
-    env: Environment, agent: Agent, n_episodes: int, on_runs: NamedSharding
+    task: JaxTask, agent: Agent, n_episodes: int, on_runs: NamedSharding
 ) -> tuple[Callable[..., Array], Callable[[], float]]:
     """The compiled evaluation, and a function that tells the seconds it took to compile at its first call only."""
     start = time.perf_counter()
 
-    def program(agent: Agent, key: Array, step: Array, learner: Learner) -> Array:
-        return evaluate(jax.random.fold_in(key, step), env, at(agent, step), learner, n_episodes)
+    def program(task: JaxTask, agent: Agent, key: Array, step: Array, learner: Learner) -> Array:
+        return evaluate(jax.random.fold_in(key, step), task, at(agent, step), learner, n_episodes)
 
-    run = _placed(jax.eval_shape(_begin_all(env, on_runs), agent, _seeds(agent)).run, on_runs)
+    axes = (None, 0, 0, 0, 0)
+    run = _placed(jax.eval_shape(_begin_all(on_runs), task, agent, _seeds(agent)).run, on_runs)
     compiled = (
-        jax.jit(_on_all_devices(jax.vmap(program), on_runs, (0, 0, 0, 0)))
-        .lower(_placed(agent, on_runs), run.evaluation_key, run.step, run.learner)
+        jax.jit(_on_all_devices(jax.vmap(program, axes), on_runs, axes))
+        .lower(task, _placed(agent, on_runs), run.evaluation_key, run.step, run.learner)
         .compile()
     )
     seconds = [time.perf_counter() - start]
     return compiled, lambda: seconds.pop() if seconds else 0.0
 
 
-def _shapes(agent: Agent) -> Agent:
-    """The agent with the shapes of its numbers: what programs are compiled for."""
-    return jax.tree.map(lambda number: jax.ShapeDtypeStruct(number.shape, number.dtype), agent)
+def _shapes(tree: Tree) -> Tree:
+    """A task or an agent with the shapes of its numbers: what programs are compiled for."""
+    shapes: Tree = jax.tree.map(lambda number: jax.ShapeDtypeStruct(number.shape, number.dtype), tree)
+    return shapes
 
 
 def _seeds(agent: Agent) -> jax.ShapeDtypeStruct:
@@ -281,12 +285,11 @@ def _seeds(agent: Agent) -> jax.ShapeDtypeStruct:
     return jax.ShapeDtypeStruct(jax.tree.leaves(agent)[0].shape, jnp.uint32)
 
 
-def _begin_all(env: Environment, on_runs: NamedSharding) -> Callable[[Agent, UInt[Array, " R"]], DeviceState]:
+def _begin_all(on_runs: NamedSharding) -> Callable[[JaxTask, Agent, UInt[Array, " R"]], DeviceState]:
     """Make new runs: all at once, but on a CPU one after the other, without a batch axis (see `init_mlp`)."""
-    begin = functools.partial(begin_on_device, env)
     if on_runs.mesh.devices.flat[0].platform != "cpu":
-        return jax.vmap(begin)
-    return lambda agent, seeds: jax.lax.map(lambda run: begin(*run), (agent, seeds))
+        return jax.vmap(begin_on_device, (None, 0, 0))
+    return lambda task, agent, seeds: jax.lax.map(lambda run: begin_on_device(task, *run), (agent, seeds))
 
 
 def _on_all_devices(

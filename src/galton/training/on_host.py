@@ -14,7 +14,8 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from galton.algorithms import Agent
-from galton.envs.host.base import HostEnvironments, HostTask
+from galton.envs.host.base import HostEnvironments
+from galton.envs.task import Task
 from galton.training.host_group import Group
 from galton.training.log import Log
 from galton.training.run import Snapshot, Tree
@@ -25,7 +26,7 @@ Answer = TypeVar("Answer")
 
 
 class HostPopulation:
-    """R runs with N copies of a HostTask each, dealt to groups that train without waiting for each other.
+    """R runs with N copies of a task each, dealt to groups that train without waiting for each other.
 
     Args:
         task: what to train on.
@@ -38,7 +39,7 @@ class HostPopulation:
         BrokenEnvironmentError: an environment broke in its first reset.
     """
 
-    def __init__(self, task: HostTask, agent: Agent, seeds: Sequence[int], devices: Sequence[jax.Device]) -> None:
+    def __init__(self, task: Task, agent: Agent, seeds: Sequence[int], devices: Sequence[jax.Device]) -> None:
         n_groups = min(task.n_threads, len(devices), len(seeds))
         self._slices = [slice(part[0], part[-1] + 1) for part in np.array_split(np.arange(len(seeds)), n_groups)]
         self._groups: list[Group] = []

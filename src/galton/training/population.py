@@ -9,13 +9,11 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from galton.algorithms import Agent
-from galton.envs.base import Environment
 from galton.envs.find import find
-from galton.envs.host.action_box import ActionBox
-from galton.envs.host.base import HostEnvironments, HostTask
-from galton.envs.host.observations import IMAGE_REMEDY, has_image
+from galton.envs.host.base import HostEnvironments
+from galton.envs.host.observations import IMAGE_REMEDY
+from galton.envs.jax_task import JaxTask
 from galton.errors import require
-from galton.parts import Box
 from galton.training.log import Log
 from galton.training.on_device import DevicePopulation
 from galton.training.on_host import HostPopulation
@@ -120,26 +118,13 @@ def populate(
     """
     check_process()
     keep_programs()
-    found, devices = find(env), devices or jax.devices()
-    check_size(found, agent, len(seeds))
-    _warn_of_images(found, agent)
-    agent = jax.tree.map(lambda number: np.broadcast_to(number, len(seeds)), agent.on(box_of(found)))
-    if isinstance(found, Environment):
-        return DevicePopulation(found, agent, seeds, devices)
+    task, devices = find(env), devices or jax.devices()
+    check_size(task, agent, len(seeds))
+    if task.observations.has_image and not agent.rollout.normalize_observation:
+        warnings.warn(f"{task.name} observes {task.observations.space}: {IMAGE_REMEDY}", stacklevel=2)
+    agent = jax.tree.map(lambda number: np.broadcast_to(number, len(seeds)), agent.on(task.actions.box))
+    if isinstance(task, JaxTask):
+        return DevicePopulation(task, agent, seeds, devices)
     resets = agent.rollout.resets
-    require(resets == "fresh", f"resets is {resets!r}, but {found.name} is no environment in JAX and resets itself")
-    return HostPopulation(found, agent, seeds, devices)
-
-
-def _warn_of_images(env: Environment | HostTask, agent: Agent) -> None:
-    """Warn where raw images go into networks that were not made for them."""
-    if isinstance(env, HostTask) and has_image(env.observation_space) and not agent.rollout.normalize_observation:
-        warnings.warn(f"{env.name} observes {env.observation_space}: {IMAGE_REMEDY}", stacklevel=3)
-
-
-def box_of(env: Environment | HostTask) -> Box:
-    """The box of an environment's actions, in float32; UsageError if it is not finite."""
-    if isinstance(env, Environment):
-        return Box.of(np.asarray(env.action_low, np.float32), np.asarray(env.action_high, np.float32))
-    box = ActionBox(env.name, env.action_space)
-    return Box.of(np.asarray(box.low, np.float32), np.asarray(box.high, np.float32))
+    require(resets == "fresh", f"resets is {resets!r}, but {task.name} is no environment in JAX and resets itself")
+    return HostPopulation(task, agent, seeds, devices)

@@ -10,6 +10,7 @@ from jaxtyping import Array, Float, Int, Key, PyTree
 from galton import normalization
 from galton.algorithms import Agent, Rollout, actor_critic
 from galton.envs.base import Environment
+from galton.envs.jax_task import JaxTask
 from galton.policies.correlation import continued
 from galton.training.log import Finished
 from galton.types import Learner, Transition
@@ -30,9 +31,9 @@ class EpisodeState(NamedTuple):
     """Where each copy's first episode began, each leaf `[N, ...]`; () where its later ones begin elsewhere."""
 
 
-def start_episodes(key: Key[Array, ""], env: Environment, n_envs: int) -> EpisodeState:
+def start_episodes(key: Key[Array, ""], task: JaxTask, n_envs: int) -> EpisodeState:
     """N environments at the start of an episode."""
-    states = jax.vmap(env.reset)(jax.random.split(key, n_envs))
+    states = jax.vmap(task.record.reset)(jax.random.split(key, n_envs))
     return EpisodeState(states, jnp.zeros(n_envs, jnp.int32), jnp.zeros(n_envs))
 
 
@@ -48,14 +49,14 @@ class Noise(NamedTuple):
     where each copy begins again as it first did."""
 
 
-def draw_noise(key: Key[Array, ""], env: Environment, agent: Agent) -> Noise:
+def draw_noise(key: Key[Array, ""], task: JaxTask, agent: Agent) -> Noise:
     """Draw the noise of one rollout: T = n_steps steps of N = n_envs environments."""
     batch = (agent.rollout.n_steps, agent.rollout.n_envs)
     action_key, step_key, reset_key = jax.random.split(key, 3)
     return Noise(
         agent.policy.noise(action_key, batch),
-        jax.vmap(jax.vmap(env.noise))(jax.random.split(step_key, batch)),
-        _fresh_states(reset_key, env, agent.rollout),
+        jax.vmap(jax.vmap(task.record.noise))(jax.random.split(step_key, batch)),
+        _fresh_states(reset_key, task.record, agent.rollout),
     )
 
 
@@ -79,10 +80,10 @@ def _beginnings(noise: Noise, rollout: Rollout) -> tuple[Noise, Callable[[Episod
 
 
 def rollout(
-    env: Environment, agent: Agent, learner: Learner, episodes: EpisodeState, noise: Noise
+    task: JaxTask, agent: Agent, learner: Learner, episodes: EpisodeState, noise: Noise
 ) -> tuple[EpisodeState, Learner, Transition, Finished]:
     """T steps of each environment, reset where an episode ends; the learner's statistics grow on the way."""
-    noise, beginning = _beginnings(noise, agent.rollout)
+    env, (noise, beginning) = task.record, _beginnings(noise, agent.rollout)
 
     def observed(normalizer: normalization.Normalizer, states: PyTree[Array]) -> Array:
         return normalization.from_origin(normalizer, jax.vmap(env.observe)(states))
@@ -96,8 +97,7 @@ def rollout(
             agent.policy, noise.action, episodes.noise, episodes.length == 0, agent.rollout.noise_correlation
         )
         action = actor_critic.act(agent, learner.params, observation, explored)
-        clipped = jnp.clip(action, env.action_low, env.action_high)
-        states, reward, terminated = jax.vmap(env.step)(episodes.env, clipped, noise.step)
+        states, reward, terminated = jax.vmap(task.step)(episodes.env, action, noise.step)
 
         length = episodes.length + 1
         collected = episodes.undiscounted_return + reward

@@ -7,10 +7,8 @@ import numpy as np
 
 from galton.algorithms import Agent
 from galton.devices import memory
-from galton.envs.base import Environment
-from galton.envs.host.action_box import ActionBox
-from galton.envs.host.base import HostTask
-from galton.envs.host.observations import Observations
+from galton.envs.jax_task import JaxTask
+from galton.envs.task import Task
 from galton.errors import require
 from galton.networks import Network
 from galton.parts import at, settings
@@ -19,18 +17,18 @@ COPY = 1_000
 """Bytes that a copy of an environment outside JAX has at least."""
 
 
-def check_size(env: Environment | HostTask, agent: Agent, n_runs: int, n_eval_episodes: int = 0) -> None:
+def check_size(task: Task, agent: Agent, n_runs: int, n_eval_episodes: int = 0) -> None:
     """Raise UsageError where this process can't have the memory that training would need, and say what to lower.
 
     Args:
-        env: what is trained on.
+        task: what is trained on.
         agent: of every run.
         n_runs: how many there are, one for each of `seeds`.
         n_eval_episodes: of each evaluation.
     """
-    outside, room = not isinstance(env, Environment), memory()
+    outside, room = not isinstance(task, JaxTask), memory()
     n_envs, n_steps = agent.rollout.n_envs, agent.rollout.n_steps
-    d, o = _widths(env)
+    d, o = len(task.actions.low), task.observations.size
     step = 4 * (2 * o + d + 1)
     numbers = _n_parameters(agent.network, o, d, of_critic=False) + _n_parameters(agent.network, o, 1, of_critic=True)
     parts = {
@@ -57,10 +55,3 @@ def _n_parameters(network: Network, n_in: int, n_out: int, *, of_critic: bool) -
     of_one = at(jax.tree.map(lambda number: np.ravel(number)[0], network), 0)
     made = jax.eval_shape(lambda key: of_one.init(key, n_in, n_out, 1.0, of_critic), jax.random.key(0))
     return sum(math.prod(leaf.shape) for leaf in jax.tree.leaves(made))
-
-
-def _widths(env: Environment | HostTask) -> tuple[int, int]:
-    """How many numbers an action and an observation have."""
-    if isinstance(env, Environment):
-        return len(env.action_low), len(env.observation_low)
-    return len(ActionBox(env.name, env.action_space).low), Observations(env.name, env.observation_space).size

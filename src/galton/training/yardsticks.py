@@ -7,9 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from galton.envs.base import Environment
-from galton.envs.host.base import HostEnvironments, HostTask
-from galton.envs.on_host import RecordEnvironments
+from galton.envs.host.base import HostEnvironments
+from galton.envs.task import Task
 from galton.training.evaluate import Kept, copies, play
 
 N_EPISODES = 3
@@ -75,15 +74,13 @@ def yardsticks(name: str, envs: HostEnvironments, n_copies: int, low: Bound, hig
     return Yardsticks(*map(float, means))
 
 
-def yardsticks_on(task: Environment | HostTask, low: Bound, high: Bound) -> Yardsticks:
+def yardsticks_on(task: Task, low: Bound, high: Bound) -> Yardsticks:
     """Play both on copies of an environment, or on those given.
 
     Raises:
         UsageError: an environment that is being trained on and can't be copied.
         BrokenEnvironmentError: as `yardsticks`.
     """
-    if isinstance(task, Environment):
-        return yardsticks(type(task).__name__, RecordEnvironments(task), N_EPISODES, low, high)
     n_copies = task.given or N_EPISODES
     envs = copies(task, n_copies)
     try:

@@ -16,8 +16,8 @@ COPIES = 4
 
 def actions(task, rng):
     """A little beyond the box, so that clipping is seen."""
-    low, high = task.action_space.low, task.action_space.high
-    return rng.uniform(1.2 * low, 1.2 * high, (COPIES, *task.action_space.shape)).astype(np.float32)
+    low, high = task.actions.space.low, task.actions.space.high
+    return rng.uniform(1.2 * low, 1.2 * high, (COPIES, *task.actions.space.shape)).astype(np.float32)
 
 
 SHORT = ("Ant-v5", "Humanoid-v5", "InvertedDoublePendulum-v5", "Pusher-v5", "Swimmer-v5", "Walker2d-v5")
@@ -147,9 +147,9 @@ def test_the_documents_list_each_task_with_its_sizes():
     assert found.keys() == MUJOCO_FUNCTIONS.keys()
     for name, (actions_told, observations, steps, ends) in found.items():
         task = find(name)
-        low, high = task.action_space.low, task.action_space.high
+        low, high = task.actions.space.low, task.actions.space.high
         assert actions_told == f"{len(low)} in [{low.min():g}, {high.max():g}]"
-        assert (observations, steps) == (str(task.observation_space.shape[0]), str(task.max_episode_steps))
+        assert (observations, steps) == (str(task.observations.space.shape[0]), str(task.max_episode_steps))
         assert (ends == "never") == (MUJOCO_FUNCTIONS[name].ended is None)
 
 

@@ -1,12 +1,14 @@
 """Gymnasium's action spaces as the boxes that policies act in."""
 
 import dataclasses
+import functools
 from typing import Any
 
 import numpy as np
 from gymnasium.spaces import Box
 from jaxtyping import Float
 
+from galton import parts
 from galton.bins import Bins
 from galton.errors import UsageError, require
 
@@ -16,24 +18,37 @@ LEAST_SPAN = 1e-30
 
 @dataclasses.dataclass(frozen=True)
 class ActionBox:
-    """A checked action space.
+    """A checked action space: an environment's own, or that in other units.
 
     Raises:
         UsageError: a space that isn't a Box with finite bounds in every dimension.
     """
 
     name: str
-    space: Any
+    own: Any
+    """The environment's own space."""
+    scale: float = 1.0
+    """How many times the environment's action a policy's is. By a power of two, floating point changes no bit but the
+    exponent: a policy that is told its box alone must then learn the same."""
 
     def __post_init__(self) -> None:
+        _check_kind(f"{self.name} has actions {self.own}", self.own)
         actions = f"{self.name} has actions {self.space}"
-        _check_kind(actions, self.space)
         _check_bounds(actions, self.space)
         self._check_float32(actions)
         try:
             Bins(self.low, self.high, 2)
         except UsageError as error:
             raise UsageError(f"{actions}: {error}") from None
+
+    @functools.cached_property
+    def space(self) -> Any:
+        """The box that policies see."""
+        if self.scale == 1:
+            return self.own
+        kind = np.promote_types(self.own.dtype, np.float32)
+        low, high = (bound.astype(kind) * np.float32(self.scale) for bound in (self.own.low, self.own.high))
+        return Box(low, high, dtype=kind.type)
 
     @property
     def low(self) -> Float[np.ndarray, " d"]:
@@ -45,12 +60,18 @@ class ActionBox:
         """The upper bounds, flat and in float32."""
         return self.space.high.astype(np.float32).ravel()
 
+    @property
+    def box(self) -> parts.Box:
+        """The bounds as an agent knows them."""
+        return parts.Box.of(self.low, self.high)
+
+    def clip(self, action: Float[np.ndarray, "*batch d"]) -> np.ndarray:
+        """A policy's action, clipped into the exact bounds, in the space's shape and precision; a copy."""
+        return _clipped(action, self.space)
+
     def to_env(self, action: Float[np.ndarray, "*batch d"]) -> np.ndarray:
-        """Clipped into the exact bounds, in the environment's shape and precision; a copy."""
-        space = self.space
-        with np.errstate(over="ignore"):  # the bounds take care of it
-            shaped = action.reshape((*action.shape[:-1], *space.shape)).astype(space.dtype)
-        return np.asarray(np.minimum(np.maximum(shaped, space.low), space.high))
+        """What the environment does: the action over the scale, clipped into its own bounds, in its own precision."""
+        return _clipped(action if self.scale == 1 else action / np.float32(self.scale), self.own)
 
     def _check_float32(self, actions: str) -> None:
         low, high = self.space.low, self.space.high
@@ -65,6 +86,12 @@ class ActionBox:
             f"{actions}, which is too narrow for float32; wrap the environment so that it takes larger actions "
             "(gymnasium.wrappers.RescaleAction)",
         )
+
+
+def _clipped(action: Float[np.ndarray, "*batch d"], space: Box) -> np.ndarray:
+    with np.errstate(over="ignore"):  # the bounds take care of it
+        shaped = action.reshape((*action.shape[:-1], *space.shape)).astype(space.dtype)
+    return np.asarray(np.minimum(np.maximum(shaped, space.low), space.high))
 
 
 def _check_kind(actions: str, space: object) -> None:

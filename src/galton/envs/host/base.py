@@ -1,11 +1,10 @@
-"""What a task outside JAX has to offer."""
+"""Copies of a task that are stepped from Python."""
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import gymnasium
 import numpy as np
-from gymnasium.spaces import Box
 from jaxtyping import Bool, Float, Integer
 
 from galton.envs.host.moves import Moves
@@ -15,7 +14,7 @@ Space = gymnasium.Space[Any]
 
 
 class Steps(NamedTuple):
-    """One step of M environments outside JAX; numpy arrays."""
+    """One step of M copies; numpy arrays."""
 
     observation: Float[np.ndarray, "M o"]
     """What to act on next: where an episode ended, the first observation of the next."""
@@ -28,7 +27,7 @@ class Steps(NamedTuple):
 
 @runtime_checkable
 class HostEnvironments(Protocol):
-    """M copies of a task outside JAX, stepped together. Observations are flat, in float32 or float64.
+    """M copies of a task, stepped together from Python. Observations are flat, in float32 or float64.
 
     Every method raises BrokenEnvironmentError, which names the copy, where one raises or returns what it must not.
     """
@@ -54,36 +53,4 @@ class HostEnvironments(Protocol):
         """Go on from there, without a reset."""
 
     def close(self) -> None:
-        """Let go of what `HostTask.make` made."""
-
-
-@runtime_checkable
-class HostTask(Protocol):
-    """A task outside JAX, before any copy of it exists."""
-
-    @property
-    def name(self) -> str:
-        """What messages call the task."""
-
-    @property
-    def action_space(self) -> Box:
-        """One copy's action space, as Gymnasium describes it."""
-
-    @property
-    def observation_space(self) -> Space:
-        """One copy's observation space, as Gymnasium describes it."""
-
-    @property
-    def n_threads(self) -> int:
-        """How many threads may step different copies at once."""
-
-    @property
-    def given(self) -> int | None:
-        """How many copies the user gave ready-made, which then are all that there are; None if `make` makes them."""
-
-    def make(self, n_copies: int, n_threads: int = 1) -> HostEnvironments:
-        """That many copies, stepped on that many threads.
-
-        Raises:
-            UsageError: more than there are.
-        """
+        """Let go of what `Task.make` made."""

@@ -41,6 +41,7 @@ class GymnasiumTask:
     Args:
         source: an id (`module:Id` imports the module first), a function without arguments that returns an
             environment, or an environment.
+        action_scale: how many times the environment's action a policy's is.
         kwargs: for `gymnasium.make`, where source is an id.
 
     Raises:
@@ -49,7 +50,7 @@ class GymnasiumTask:
 
     n_threads = 1
 
-    def __init__(self, source: str | Env | Callable[[], object], **kwargs: Any) -> None:
+    def __init__(self, source: str | Env | Callable[[], object], *, action_scale: float = 1.0, **kwargs: Any) -> None:
         self._given = source if isinstance(source, gymnasium.Env) else None
         self.given: int | None = None if self._given is None else 1
         self._made: list[weakref.ref[Env]] = []
@@ -67,11 +68,9 @@ class GymnasiumTask:
         if self.name in _NAMELESS:
             self.name = type(first.unwrapped).__name__
         self._by_id = isinstance(source, str)
-        self.action_space: Any = first.action_space
-        self.observation_space = first.observation_space
         with self._closing_at_failure([first]):
-            self._actions = ActionBox(self.name, self.action_space)
-            self._observations = Observations(self.name, self.observation_space)
+            self.actions = ActionBox(self.name, first.action_space, action_scale)
+            self.observations = Observations(self.name, first.observation_space)
         self._spare.append(first)
         if self._given is None:  # one that nobody came to need
             weakref.finalize(self, _close, self._spare).atexit = False
@@ -83,7 +82,7 @@ class GymnasiumTask:
         with self._closing_at_failure(envs):
             envs.extend(self._spare.pop() if self._spare else self._make_another() for _ in range(n_copies))
             moves = () if self._by_id else moves_of(envs)  # what a function returns the user may hold too
-        return GymnasiumEnvs(self.name, envs, self._actions, self._observations, self._given, moves)
+        return GymnasiumEnvs(self.name, envs, self.actions, self.observations, self._given, moves)
 
     def _make_another(self) -> Env:
         env = self._check(try_to_make(self.name, self._make))
@@ -91,8 +90,8 @@ class GymnasiumTask:
             if self._given is not None:
                 refuse_different(self.name, layers_of(self._given), self._as_given, layers_of(env))
             for kind, first, other in (
-                ("actions", self.action_space, env.action_space),
-                ("observations", self.observation_space, env.observation_space),
+                ("actions", self.actions.own, env.action_space),
+                ("observations", self.observations.space, env.observation_space),
             ):
                 require(first == other, f"{self.name}'s copies differ: one has {kind} {first}, another {other}")
         return env

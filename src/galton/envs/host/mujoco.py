@@ -14,6 +14,7 @@ from galton.envs.host.base import Steps
 from galton.envs.host.moves import Moves
 from galton.envs.host.mujoco_functions import MUJOCO_FUNCTIONS
 from galton.envs.host.mujoco_parts import Constants, Matrix, Rows
+from galton.envs.host.observations import Observations
 from galton.envs.host.simulation import Batched, Looped, Simulations
 from galton.envs.host.state import generator_state, set_generator_state
 from galton.errors import BrokenEnvironmentError
@@ -28,15 +29,15 @@ class MujocoTask:
 
     given: int | None = None
 
-    def __init__(self, name: str, **kwargs: Any) -> None:
+    def __init__(self, name: str, *, action_scale: float = 1.0, **kwargs: Any) -> None:
         self.name, self.n_threads = name, n_cores()
         self.functions = MUJOCO_FUNCTIONS[name]
         made = try_to_make(name, functools.partial(gymnasium.make, name, **kwargs))
         self.constants: Constants = made.unwrapped
         assert made.spec is not None
         self.max_episode_steps = made.spec.max_episode_steps
-        self.action_space: Any = made.action_space
-        self.observation_space = made.observation_space
+        self.actions = ActionBox(name, made.action_space, action_scale)
+        self.observations = Observations(name, made.observation_space)
 
     def make(self, n_copies: int, n_threads: int = 1) -> "MujocoEnvs":
         """That many simulations, stepped on that many threads."""
@@ -51,7 +52,7 @@ class MujocoEnvs:
 
     def __init__(self, task: MujocoTask, n_copies: int, n_threads: int) -> None:
         self._task, self._functions, self._constants = task, task.functions, task.constants
-        self._actions = ActionBox(task.name, task.action_space)
+        self._actions = task.actions
         n_threads = min(n_threads, n_copies)
         kind: type[Simulations] = Looped if "cfrc_ext" in self._functions.fields else Batched
         self._simulations = kind(self._constants.model, n_copies, n_threads, self._functions.fields)

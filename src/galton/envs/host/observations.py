@@ -47,6 +47,11 @@ class Observations:
         """How many entries the flat vector has."""
         return int(flatdim(self.space))
 
+    @property
+    def has_image(self) -> bool:
+        """Whether there is a Box of bytes in three dimensions in it, as images are."""
+        return _has_image(self.space)
+
     @functools.cached_property
     def dtype(self) -> np.dtype[np.floating[Any]]:
         """Vectors hold float32 where that has all numbers of the space, else float64."""
@@ -142,12 +147,11 @@ def _lengths(observation: Any, space: Space) -> set[int]:
     return {len(observation)}
 
 
-def has_image(space: object) -> bool:
-    """Whether a space is or holds a Box of bytes in three dimensions, as images are."""
+def _has_image(space: object) -> bool:
     if isinstance(space, Dict):
-        return any(map(has_image, space.spaces.values()))
+        return any(map(_has_image, space.spaces.values()))
     if isinstance(space, Tuple):
-        return any(map(has_image, space.spaces))
+        return any(map(_has_image, space.spaces))
     return isinstance(space, Box) and space.dtype == np.uint8 and len(space.shape) == 3
 
 

@@ -44,9 +44,7 @@ class VectorTask:
             )
         kind = "single_" if isinstance(source, VectorEnv) else ""
         spaces: list[Any] = [getattr(source, f"{kind}{name}_space", None) for name in ("action", "observation")]
-        self.action_space, self.observation_space = spaces
-        self._actions = ActionBox(self.name, self.action_space)
-        self._observations = Observations(self.name, self.observation_space)
+        self.actions, self.observations = ActionBox(self.name, spaces[0]), Observations(self.name, spaces[1])
 
     def make(self, n_copies: int, n_threads: int = 1) -> VectorEnvs:
         """The vector environment itself, which has as many copies as it has."""
@@ -59,7 +57,7 @@ class VectorTask:
         )
         of_gymnasium = isinstance(self.source, VectorEnv)
         reset, step = (reset_gymnasium, step_gymnasium) if of_gymnasium else (reset_sb3, step_sb3)
-        return VectorEnvs(self.name, self.source, self._actions, self._observations, reset, step)
+        return VectorEnvs(self.name, self.source, self.actions, self.observations, reset, step)
 
 
 def reset_gymnasium(envs: VectorEnvs, seeds: list[int]) -> object:

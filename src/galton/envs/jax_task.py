@@ -1,0 +1,205 @@
+"""Environments in pure JAX as tasks, and their steps from Python: for what is played outside the training loop."""
+
+import dataclasses
+from collections.abc import Hashable, Sequence
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from gymnasium.spaces import Box
+from jaxtyping import Array, Bool, Float, Int, Integer, Key, PyTree
+
+from galton.envs.base import Environment
+from galton.envs.host.action_box import ActionBox
+from galton.envs.host.base import Steps
+from galton.envs.host.moves import Moves
+from galton.envs.host.observations import Observations
+from galton.errors import UsageError
+
+
+@jax.tree_util.register_pytree_node_class
+class JaxTask:
+    """An environment in pure JAX, whose steps are part of the compiled training loop.
+
+    It is a pytree. The JAX arrays in the fields of a dataclass, or in a record that is a pytree itself, are its leaves,
+    and so arguments of the programs. All else is its structure, for which programs are compiled.
+
+    Args:
+        record: the environment.
+        action_scale: how many times the environment's action a policy's is.
+
+    Raises:
+        UsageError: a record with something in it that can't be hashed, or spaces that Galton can't use.
+    """
+
+    record: Environment
+    given: int | None = None
+    n_threads = 1
+
+    def __init__(self, record: Environment, action_scale: float = 1.0) -> None:
+        self._arrays, self._rest = _taken_apart(record)
+        self.record, self.action_scale = record, action_scale
+        _ = self.actions, self.observations
+        try:
+            hash(self._rest)
+        except TypeError as error:
+            raise UsageError(
+                f"env is {self.name}, a record whose structure can't be hashed, as a key of compiled programs must be "
+                f"({error}); give it tuples for lists, and arrays as jax.numpy makes them"
+            ) from None
+
+    @property
+    def name(self) -> str:
+        """What messages and files call it."""
+        return str(getattr(self.record, "name", None) or type(self.record).__name__)
+
+    @property
+    def actions(self) -> ActionBox:
+        """The box that policies act in."""
+        return ActionBox(self.name, Box(self.record.action_low, self.record.action_high), self.action_scale)
+
+    @property
+    def observations(self) -> Observations:
+        """What a copy shows."""
+        return Observations(self.name, Box(self.record.observation_low, self.record.observation_high))
+
+    def make(self, n_copies: int, n_threads: int = 1) -> "RecordEnvironments":
+        """As many copies as they get seeds, to step from Python: each step is a call of a compiled program."""
+        del n_copies, n_threads
+        return RecordEnvironments(self)
+
+    def step(
+        self, state: PyTree[Array], action: Float[Array, " d"], noise: PyTree[Array]
+    ) -> tuple[PyTree[Array], Float[Array, ""], Bool[Array, ""]]:
+        """One step of the record under a policy's action, clipped into the box."""
+        low, high, scale = self.record.action_low, self.record.action_high, np.float32(self.action_scale)
+        if scale == 1:
+            return self.record.step(state, jnp.clip(action, low, high), noise)
+        return self.record.step(state, jnp.clip(action, low * scale, high * scale) / scale, noise)
+
+    def __eq__(self, other: object) -> bool:
+        """Whether the same programs serve both, on equal arrays."""
+        if not isinstance(other, JaxTask) or self._structure != other._structure:
+            return False
+        return all(map(np.array_equal, self._arrays, other._arrays))
+
+    def __hash__(self) -> int:
+        return hash(self._structure)
+
+    @property
+    def _structure(self) -> tuple["_Rest", float]:
+        return self._rest, self.action_scale
+
+    def tree_flatten(self) -> tuple[tuple[Any, ...], Hashable]:
+        """The arrays of the record, and all else."""
+        return self._arrays, self._structure
+
+    @classmethod
+    def tree_unflatten(cls, structure: tuple["_Rest", float], arrays: tuple[Any, ...]) -> "JaxTask":
+        """The task with these in the place of the arrays."""
+        task = cls.__new__(cls)
+        task._arrays, (task._rest, task.action_scale) = tuple(arrays), structure
+        task.record = task._rest.filled(arrays)
+        return task
+
+
+@dataclasses.dataclass(frozen=True)
+class _Rest:
+    """A record without its arrays."""
+
+    kind: type | None
+    """The dataclass whose fields these are; None where the structure makes the record."""
+    structure: Any
+    leaves: tuple[Hashable, ...]
+    """What is no array; ... where one was."""
+
+    def filled(self, arrays: Sequence[Any]) -> Any:
+        """The record with these arrays."""
+        given = iter(arrays)
+        whole = jax.tree.unflatten(self.structure, [next(given) if leaf is ... else leaf for leaf in self.leaves])
+        if self.kind is None:
+            return whole
+        record: Any = object.__new__(self.kind)
+        for name, value in whole.items():
+            object.__setattr__(record, name, value)
+        return record
+
+
+def _taken_apart(record: Environment) -> tuple[tuple[Array, ...], _Rest]:
+    """The JAX arrays of a record, and all else; a record without any stays whole."""
+    kind = type(record) if jax.tree_util.all_leaves([record]) and dataclasses.is_dataclass(record) else None
+    fields = {field.name: getattr(record, field.name) for field in dataclasses.fields(kind)} if kind else record
+    leaves, structure = jax.tree.flatten(fields)
+    arrays = tuple(leaf for leaf in leaves if isinstance(leaf, jax.Array))
+    if not arrays:
+        return (), _Rest(None, _LEAF, (record,))
+    return arrays, _Rest(kind, structure, tuple(... if isinstance(leaf, jax.Array) else leaf for leaf in leaves))
+
+
+_LEAF = jax.tree.structure(0)
+
+
+class RecordEnvironments:
+    """M copies of an environment in pure JAX, as HostEnvironments: they begin new episodes where one ended."""
+
+    moves: Sequence[Moves] = ()
+    layers: Sequence[list[Any]] = ()
+
+    def __init__(self, task: JaxTask) -> None:
+        self._task = task
+
+    def reset(self, seeds: Integer[np.ndarray, " M"]) -> Float[np.ndarray, "M o"]:
+        """Begin episodes; a copy's seed decides all of its future."""
+        self._keys = jax.vmap(jax.random.key)(jnp.asarray(seeds, jnp.uint32))
+        self._state, observation = _reset(self._task, self._keys)
+        self._length, self._n_steps = jnp.zeros(len(seeds), jnp.int32), 0
+        return np.asarray(observation)
+
+    def step(self, action: Float[np.ndarray, "M d"]) -> Steps:
+        """Act, clipped into the box."""
+        self._n_steps += 1
+        keys = (self._keys, jnp.int32(self._n_steps))
+        self._state, self._length, steps = _step(self._task, self._state, self._length, jnp.asarray(action), *keys)
+        return Steps(*map(np.asarray, steps))
+
+    def get_state(self) -> None:
+        """None, since training has states of its own."""
+
+    def set_state(self, state: dict[str, np.ndarray]) -> None:
+        """Always a UsageError, since `get_state` tells none."""
+        del state
+        raise UsageError("a record stepped from Python can't be put into a state")
+
+    def close(self) -> None:
+        """Do nothing, since environments in JAX hold nothing open."""
+
+
+@jax.jit
+def _reset(task: JaxTask, keys: Key[Array, " M"]) -> tuple[PyTree[Array], Float[Array, "M o"]]:
+    states = jax.vmap(task.record.reset)(keys)
+    return states, jax.vmap(task.record.observe)(states)
+
+
+@jax.jit
+def _step(
+    task: JaxTask,
+    states: PyTree[Array],
+    lengths: Int[Array, " M"],
+    actions: Float[Array, "M d"],
+    keys: Key[Array, " M"],
+    n_steps: Int[Array, ""],
+) -> tuple[PyTree[Array], Int[Array, " M"], tuple[Array, ...]]:
+    env = task.record
+
+    def one(
+        state: PyTree[Array], length: Array, action: Array, key: Array
+    ) -> tuple[PyTree[Array], Array, tuple[Array, ...]]:
+        noise_key, reset_key = jax.random.split(jax.random.fold_in(key, n_steps))
+        state, reward, terminated = task.step(state, action, env.noise(noise_key))
+        final, truncated = env.observe(state), ~terminated & (length + 1 >= env.max_episode_steps)
+        ended = terminated | truncated
+        state = jax.tree.map(lambda fresh, old: jnp.where(ended, fresh, old), env.reset(reset_key), state)
+        return state, jnp.where(ended, 0, length + 1), (env.observe(state), final, reward, terminated, truncated)
+
+    return jax.vmap(one)(states, lengths, actions, keys)

@@ -1,0 +1,60 @@
+"""What can be trained on, before any copy of it exists."""
+
+from typing import Protocol, runtime_checkable
+
+from galton.envs.host.action_box import ActionBox
+from galton.envs.host.base import HostEnvironments
+from galton.envs.host.observations import Observations
+from galton.envs.host.space_json import to_json
+from galton.errors import require
+
+
+@runtime_checkable
+class Task(Protocol):
+    """What `galton.envs.find` makes of an environment, whatever it is: a JaxTask, or one whose steps go through Python.
+
+    Its spaces are checked: Galton can use them.
+    """
+
+    @property
+    def name(self) -> str:
+        """What messages and files call it."""
+
+    @property
+    def actions(self) -> ActionBox:
+        """The box that policies act in."""
+
+    @property
+    def observations(self) -> Observations:
+        """What a copy shows."""
+
+    @property
+    def n_threads(self) -> int:
+        """How many threads may step different copies at once."""
+
+    @property
+    def given(self) -> int | None:
+        """How many copies the user gave ready-made, which then are all that there are; None if `make` makes them."""
+
+    def make(self, n_copies: int, n_threads: int = 1) -> HostEnvironments:
+        """That many copies to step from Python, on that many threads.
+
+        Raises:
+            UsageError: more than there are.
+        """
+
+
+def check_same_spaces(task: Task, actions: ActionBox, observations: Observations) -> None:
+    """Raise UsageError unless an environment has the spaces of the model's own."""
+    for kind, own, other in (("actions", actions, task.actions), ("observations", observations, task.observations)):
+        same = to_json(own.space) == to_json(other.space)  # the order of a Dict's keys matters too
+        require(same, f"env has {kind} {other.space}; the model's are {own.space}")
+
+
+def check_copies(task: Task, n_envs: int) -> None:
+    """Raise UsageError for another number of copies than was given ready-made."""
+    require(
+        task.given in (None, n_envs),
+        f"n_envs is {n_envs}, but {'one environment was' if task.given == 1 else f'{task.given} were'} given; "
+        "leave n_envs out, or give an id or a function that makes the environment",
+    )

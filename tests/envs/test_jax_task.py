@@ -1,0 +1,124 @@
+"""Environments in pure JAX as tasks, and stepped from Python."""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import galton
+from galton.envs.bandit import Bandit
+from galton.envs.base import box
+from galton.envs.find import find
+from galton.envs.jax_task import JaxTask, RecordEnvironments
+from galton.envs.lqr import LQR
+from galton.errors import UsageError
+from galton.training import on_device
+
+SEEDS = np.array([3, 7])
+
+
+def test_steps_are_the_records_and_actions_are_clipped():
+    env, action = LQR(), np.array([[0.3, -0.2], [5.0, 0.1]], np.float32)
+    envs = RecordEnvironments(JaxTask(env))
+    first = envs.reset(SEEDS)
+    for i, seed in enumerate(SEEDS):
+        state = env.reset(jax.random.key(seed))
+        np.testing.assert_allclose(first[i], env.observe(state), rtol=1e-6)
+    steps = envs.step(action)
+    noise_key, _ = jax.random.split(jax.random.fold_in(jax.random.key(7), 1))
+    state, reward, _ = env.step(state, jnp.array([1.0, 0.1]), env.noise(noise_key))
+    np.testing.assert_allclose(steps.final_observation[1], env.observe(state), rtol=1e-6)
+    np.testing.assert_allclose(steps.reward[1], reward, rtol=1e-6)
+    np.testing.assert_array_equal(steps.observation, steps.final_observation)
+
+
+def test_an_episode_is_cut_at_its_limit_and_another_begins():
+    envs = RecordEnvironments(JaxTask(LQR(max_episode_steps=3)))
+    envs.reset(SEEDS)
+    ends = [envs.step(np.zeros((2, 2), np.float32)) for _ in range(7)]
+    assert [bool(steps.truncated.all()) for steps in ends] == [False, False, True, False, False, True, False]
+    assert not any(steps.terminated.any() for steps in ends)
+    assert (ends[2].observation != ends[2].final_observation).any(1).all()
+
+
+def test_what_terminates_is_not_truncated():
+    envs = RecordEnvironments(JaxTask(Bandit(d=2)))
+    envs.reset(SEEDS)
+    steps = envs.step(np.zeros((2, 2), np.float32))
+    assert steps.terminated.all()
+    assert not steps.truncated.any()
+
+
+@dataclasses.dataclass(frozen=True)
+class Aim:
+    """One step: the reward is less than 0 by the distance from a target that the record holds, times a weight."""
+
+    target: object
+    weights: object = (1.0, 1.0)
+
+    max_episode_steps = 1
+    action_low, action_high = box(-1.0, 2), box(1.0, 2)
+    observation_low, observation_high = box(0.0, 1), box(1.0, 1)
+    optimal_return = random_return = None
+
+    def reset(self, key):
+        return jnp.ones(1)
+
+    def noise(self, key):
+        return ()
+
+    def step(self, state, action, noise):
+        return state, -(jnp.array(self.weights) * jnp.abs(action - jnp.array(self.target))).sum(), jnp.array(True)
+
+    def observe(self, state):
+        return state
+
+
+@jax.tree_util.register_pytree_node_class
+class Registered(Aim):
+    """The same as a pytree, whose weights are a part of its structure."""
+
+    def tree_flatten(self):
+        return (self.target,), self.weights
+
+    @classmethod
+    def tree_unflatten(cls, weights, children):
+        return cls(children[0], weights)
+
+
+AGENT = galton.make_agent(loss="hl-one-hot", n_bins=5, n_steps=4, n_envs=2, net_arch=(4,))
+
+
+@pytest.mark.parametrize("kind", [Aim, Registered])
+def test_arrays_of_a_record_are_arguments_of_its_programs(kind):
+    """Records that differ in them share their programs, and learn what records of numbers learn."""
+    targets = [(0.5, -0.5), (-1.0, 0.25)]
+    compiled = on_device._compile.cache_info
+
+    def trained(env):
+        return galton.train(env, AGENT, [1, 2], 80, n_logs=2, n_eval_episodes=2)
+
+    before = compiled().misses
+    results = [trained(kind(jnp.array(target))) for target in targets]
+    assert compiled().misses == before + 1
+    for target, result in zip(targets, results, strict=True):
+        fixed = trained(Aim(target))
+        for ours, theirs in zip(jax.tree.leaves(result.learner), jax.tree.leaves(fixed.learner), strict=True):
+            np.testing.assert_allclose(ours, theirs, rtol=1e-5, atol=1e-6)
+    assert not np.array_equal(results[0].log.evaluation_return, results[1].log.evaluation_return)
+
+
+def test_tasks_are_equal_where_their_records_are():
+    held, tuples = (find(Aim(kind((0.5, -0.5)))) for kind in (jnp.array, tuple))
+    assert held == find(Aim(jnp.array((0.5, -0.5))))
+    assert held not in (tuples, find(Aim(jnp.array((0.5, 0.5)))), find(Aim(jnp.array((0.5, -0.5)), (1.0, 2.0))))
+    assert tuples == find(Aim((0.5, -0.5)))
+    assert tuples not in (find(Aim((0.5, 0.5))), JaxTask(Aim((0.5, -0.5)), 2.0), Aim((0.5, -0.5)))
+
+
+@pytest.mark.parametrize("target", [[0.5, -0.5], np.array([0.5, -0.5])])
+def test_a_record_that_holds_what_can_not_be_hashed_is_told_the_remedy(target):
+    with pytest.raises(UsageError, match=r"env is Aim, a record whose structure can't be hashed, .*jax\.numpy makes"):
+        find(Aim(target))
