@@ -127,7 +127,6 @@ WRONG = [
     (["export", "nowhere"], "run is nowhere, which does not exist"),
     (["export", "."], "run is ., which holds no model.safetensors; name a run folder of `galton train`, or a"),
     (["export", "nowhere", "--format", "torch"], "--format is 'torch'; choose from onnx, card"),
-    (["export", "nowhere", "--push", "pendulum"], "--push is 'pendulum'; it must be OWNER/NAME"),
     (["watch", "nowhere", "--seed", "-1"], "--seed is -1; it must be an integer of at least 0"),
     (["watch", "nowhere", "--seed", "4294967295", "--episodes", "2"], "--seed is 4294967296; it must be less than 2³²"),
 ]

@@ -65,7 +65,6 @@ FEW = [
     "5",
 ]
 EXPORT = "import galton.deploy; galton.deploy.export(galton.A2C('bandit'), 'policy')"
-UPLOAD = "from galton.deploy import hub; hub.upload('ada/pendulum', {})"
 WANDB = "import galton; galton.callbacks.WeightsAndBiases()"
 
 CORE = [
@@ -98,7 +97,6 @@ CORE = [
     (["benchmark", "my.toml"], 2, f"galton: benchmark needs pyarrow and matplotlib: {STUDIES}"),
     (["export", "run", "--format", "onnx"], 2, f"galton: the format onnx needs onnx: {extras.installing('onnx')}\n"),
     (EXPORT, f"MissingExtraError: the format onnx needs onnx: {extras.installing('onnx')}", ""),
-    (UPLOAD, f"MissingExtraError: push needs huggingface_hub: {extras.installing('hub')}", ""),
     (WANDB, f"MissingExtraError: WeightsAndBiases needs wandb: {extras.installing('wandb')}", ""),
     (
         "import galton; galton.sweep",
@@ -181,12 +179,12 @@ def test_only_this_file_says_how_to_install_an_extra():
 
 
 INSTALLED = {
-    "an editable folder": ({"url": "file://PLACE", "dir_info": {"editable": True}}, "pip install -e 'PLACE[hub]'"),
-    "a folder": ({"url": "file://PLACE", "dir_info": {}}, "pip install 'PLACE[hub]'"),
-    "a wheel": ({"url": "file://PLACE/galton.whl", "archive_info": {}}, "pip install 'PLACE/galton.whl[hub]'"),
-    "a folder that is gone": ({"url": "file://PLACE/gone", "dir_info": {}}, "pip install 'galton[hub]'"),
-    "a repository": ({"url": "https://example.org/galton.git", "vcs_info": {}}, "pip install 'galton[hub]'"),
-    "an index": (None, "pip install 'galton[hub]'"),
+    "an editable folder": ({"url": "file://PLACE", "dir_info": {"editable": True}}, "pip install -e 'PLACE[video]'"),
+    "a folder": ({"url": "file://PLACE", "dir_info": {}}, "pip install 'PLACE[video]'"),
+    "a wheel": ({"url": "file://PLACE/galton.whl", "archive_info": {}}, "pip install 'PLACE/galton.whl[video]'"),
+    "a folder that is gone": ({"url": "file://PLACE/gone", "dir_info": {}}, "pip install 'galton[video]'"),
+    "a repository": ({"url": "https://example.org/galton.git", "vcs_info": {}}, "pip install 'galton[video]'"),
+    "an index": (None, "pip install 'galton[video]'"),
 }
 """What pip notes of where Galton came from, and the command that installs an extra from there."""
 
@@ -204,7 +202,7 @@ def test_an_extra_is_installed_from_where_galton_came(came, tmp_path, monkeypatc
             return noted and json.dumps(noted).replace("PLACE", urllib.request.pathname2url(str(place)))
 
     monkeypatch.setattr(importlib.metadata, "distribution", lambda _: Installed(place))
-    assert extras.installing("hub") == told.replace("PLACE", str(place))
+    assert extras.installing("video") == told.replace("PLACE", str(place))
 
 
 def test_where_nothing_is_installed_an_extra_has_the_name_of_the_package(monkeypatch):
@@ -212,7 +210,7 @@ def test_where_nothing_is_installed_an_extra_has_the_name_of_the_package(monkeyp
         raise importlib.metadata.PackageNotFoundError(name)
 
     monkeypatch.setattr(importlib.metadata, "distribution", distribution)
-    assert extras.installing("hub") == "pip install 'galton[hub]'"
+    assert extras.installing("video") == "pip install 'galton[video]'"
 
 
 def test_a_library_that_is_there_and_can_not_be_loaded_is_told_with_the_cause():

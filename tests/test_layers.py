@@ -54,7 +54,7 @@ COMMAND_LINE_LIBRARIES = {
 }
 
 # Libraries of an extra, each of which one file alone imports.
-EXTRAS = {"onnx": "deploy/encoding.py", "huggingface_hub": "deploy/hub.py"}
+EXTRAS = {"onnx": "deploy/encoding.py"}
 
 
 def modules():

@@ -26,7 +26,6 @@ LIBRARIES = {
     "PIL": "video",
     "pygame": "video",
     "onnx": "onnx",
-    "huggingface_hub": "hub",
     "wandb": "wandb",
     "dask_jobqueue": "cluster",
     "distributed": "cluster",

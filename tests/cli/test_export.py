@@ -9,7 +9,6 @@ import pytest
 
 from galton import A2C, UsageError, callbacks
 from galton.cli import export
-from galton.deploy import hub
 from galton.models import Model
 
 COMMAND = "galton train Pendulum-v1 --loss hl-gauss --n-bins 5"
@@ -33,24 +32,11 @@ def run(made, tmp_path):
     return shutil.copytree(made, tmp_path / "run")
 
 
-@pytest.fixture
-def pushed(monkeypatch):
-    """What would have gone to the Hub."""
-    found = []
-
-    def upload(repository, contents):
-        found.append((repository, contents))
-        return f"https://hub.example/{repository}"
-
-    monkeypatch.setattr(hub, "upload", upload)
-    return found
-
-
 def written(folder, before=("best_model.safetensors", "config.json", "metrics.jsonl", "model.safetensors")):
     return sorted({path.name for path in folder.iterdir()} - set(before))
 
 
-def test_a_run_becomes_a_policy_and_a_contract_that_says_where_it_came_from(run, capsys, pushed):
+def test_a_run_becomes_a_policy_and_a_contract_that_says_where_it_came_from(run, capsys):
     export.main([str(run), "--format", "onnx"])
     assert written(run) == ["policy.json", "policy.onnx"]
     source = json.loads((run / "policy.json").read_text())["source"]
@@ -58,7 +44,6 @@ def test_a_run_becomes_a_policy_and_a_contract_that_says_where_it_came_from(run,
     assert source["steps"] == 100
     assert onnxruntime.InferenceSession(run / "policy.onnx").get_inputs()[0].shape == ["batch", 3]
     assert f"policy: {run / 'policy.onnx'}" in capsys.readouterr().out
-    assert not pushed
 
 
 def test_onnx_is_what_it_writes_by_default(run):
@@ -83,23 +68,6 @@ def test_the_best_model_is_exported_by_its_name_to_a_folder_of_its_own(run):
     assert source["steps"] == Model.load(run / "best_model.safetensors").num_timesteps
 
 
-def test_a_push_has_both_formats_and_the_model(run, pushed, capsys):
-    export.main([str(run), "--push", "ada/pendulum"])
-    ((repository, contents),) = pushed
-    assert repository == "ada/pendulum"
-    assert sorted(contents) == ["README.md", "model.safetensors", "policy.json", "policy.onnx"]
-    assert contents["README.md"] == (run / "model_card.md").read_bytes()
-    assert contents["model.safetensors"] == (run / "model.safetensors").read_bytes()
-    assert "pushed: https://hub.example/ada/pendulum" in capsys.readouterr().out
-
-
-def test_the_model_that_is_pushed_has_the_name_that_its_card_says(run, pushed):
-    export.main([str(run / "best_model.safetensors"), "--push", "ada/pendulum"])
-    ((_, contents),) = pushed
-    assert 'Model.load("model.safetensors")' in contents["README.md"].decode()
-    assert contents["model.safetensors"] == (run / "best_model.safetensors").read_bytes()
-
-
 def test_an_export_again_replaces_its_files(run):
     for _ in range(2):
         export.main([str(run), "--format", "onnx", "card"])
@@ -112,21 +80,19 @@ WRONG = {
     "a long name": (["x" * 300], "^(run|path) is x"),
     "no format": (["{run}", "--format", "torch"], "format is 'torch'; choose from onnx, card"),
     "none": (["{run}", "--format"], "format is empty; choose from onnx, card"),
-    "no owner": (["{run}", "--push", "pendulum"], "push is 'pendulum'; it must be OWNER/NAME"),
     "out is a file": (["{run}", "--out", "{run}/config.json"], "out is .*config.json, which is a file; name a folder"),
     "a card of a model": (["{run}/../alone/model", "--format", "card"], "beside which there is no config.json; a card"),
 }
 
 
 @pytest.mark.parametrize("name", WRONG)
-def test_what_can_not_be_exported_is_named_and_nothing_is_written(name, run, pushed, tmp_path):
+def test_what_can_not_be_exported_is_named_and_nothing_is_written(name, run, tmp_path):
     words, message = WRONG[name]
     (tmp_path / "alone").mkdir()
     shutil.copy(run / "model.safetensors", tmp_path / "alone")
     with pytest.raises(UsageError, match=message):
         export.main([word.replace("{run}", str(run)) for word in words])
     assert written(run) == written(tmp_path / "alone") == []
-    assert not pushed
 
 
 def test_a_model_without_a_run_can_be_exported(run, tmp_path):

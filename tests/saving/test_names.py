@@ -17,7 +17,7 @@ from galton.cli.compare import Options as Compare
 from galton.cli.report import write
 from galton.cli.sweep.run import Options as Sweeping
 from galton.cli.train import Options as Train
-from galton.deploy import export, hub
+from galton.deploy import export
 from galton.envs.registry import ENVS
 from galton.paper import report
 from galton.paper.registry import FIGURES
@@ -160,9 +160,3 @@ def test_a_path_that_no_disk_has_is_refused_by_name(what, path, model, tmp_path,
     with pytest.raises(UsageError, match=r"^(path|folder|out|best_model) is "):
         WRITERS[what](model, path)
     assert not [found for found in tmp_path.rglob("*") if found.is_file()]
-
-
-@pytest.mark.parametrize("name", [*ODD, "a/..", "../a/b", "a/b/c", "a/-b", "-a/b", "a b/c", f"{'a' * 97}/b", "a/b\n"])
-def test_a_repository_has_a_plain_name(name):
-    with pytest.raises(UsageError, match=r"push is .*; it must be OWNER/NAME"):
-        hub.check_repository(name)

@@ -12,11 +12,11 @@ from galton.cli._metrics import points
 from galton.cli._modules import Imports, import_typed
 from galton.cli._reading import read_options
 from galton.cli._runs import model_of
-from galton.deploy import card, export, hub
+from galton.deploy import card, export
 from galton.errors import UsageError, require, unknown
 from galton.models import Model
 from galton.saving import files
-from galton.saving.result_folder import CARD, CONFIG, CONTRACT, METRICS, MODEL, POLICY, read_settings
+from galton.saving.result_folder import CARD, CONFIG, CONTRACT, METRICS, POLICY, read_settings
 
 FORMATS = ("onnx", "card")
 
@@ -32,23 +32,17 @@ class Options:
     imports: Imports = ()
     out: Path | None = None
     """The folder to write into; by default the one of the model."""
-    push: Annotated[str | None, tyro.conf.arg(metavar="OWNER/NAME")] = None
-    """Write both formats, and upload them and the model to this repository of the Hugging Face Hub. A new one is
-    private."""
 
 
 def main(arguments: Sequence[str]) -> None:
-    """Write the files, and upload them if that is asked for."""
+    """Write the files that are asked for."""
     options = read_options(Options, "export", arguments)
     import_typed(options.imports)
     for name in options.format:
         if name not in FORMATS:
             raise unknown("format", name, FORMATS)
     require(len(options.format) > 0, f"format is empty; choose from {', '.join(FORMATS)}")
-    if options.push is not None:
-        hub.check_repository(options.push)
-    formats = FORMATS if options.push is not None else options.format
-    file = model_of(options.run)
+    formats, file = options.format, model_of(options.run)
     model, settings = Model.load(file), _settings(file, "card" in formats)
     out = options.out or file.parent
     require(not out.exists() or out.is_dir(), f"out is {out}, which is a file; name a folder")
@@ -59,10 +53,6 @@ def main(arguments: Sequence[str]) -> None:
         print(f"policy: {path}\ncontract: {path.with_suffix('.json')}")
     if "card" in formats:
         print(f"card: {_write_card(out / CARD, card.card(model, settings, points(file.with_name(METRICS))))}")
-    if options.push is not None:
-        names = {POLICY: out / POLICY, CONTRACT: out / CONTRACT, "README.md": out / CARD, MODEL: file}
-        contents = {name: files.read(path, files.DATA) for name, path in names.items()}
-        print(f"pushed: {hub.upload(options.push, contents)}")
 
 
 def _settings(file: Path, needed: bool) -> dict[str, object]:
