@@ -11,10 +11,11 @@ import numpy as np
 import pytest
 
 from galton import UsageError
-from galton.agents import CHOOSING, read, values_of, vocabulary
+from galton.agents import read
 from galton.fields import AtLeast
 from galton.sweep.grid import expand
 from galton.sweep.study import Setting
+from galton.words import CHOOSING, values_of, vocabulary
 
 
 def bound(annotation):

@@ -25,6 +25,7 @@ RANKS = """
     policies envs
     losses critics
     tasks presets algorithms
+    words
     agents
     saving
     training
@@ -40,7 +41,7 @@ RANKS = """
 # The core computes: beside the standard library it needs no more than these.
 CORE = """
     fields types records parts bins networks optimizers returns normalization targets theory policies losses critics
-    schedules algorithms agents
+    schedules algorithms words agents
 """
 CORE_LIBRARIES = "jax numpy optax jaxtyping"
 

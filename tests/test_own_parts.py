@@ -13,7 +13,6 @@ import pytest
 
 import galton
 from galton import Model, UsageError
-from galton.agents import CHOICES, vocabulary
 from galton.benchmark import draws, reading
 from galton.deploy import export
 from galton.sweep.grid import expand
@@ -22,6 +21,7 @@ from galton.sweep.shard import work
 from galton.sweep.store import Store
 from galton.sweep.study import Study
 from galton.types import Share
+from galton.words import CHOICES, vocabulary
 
 FOLDERS = Path(__file__).parents[1] / "examples", Path(__file__).parent
 SMALL = {"n_steps": 10, "learning_rate": 0.01}

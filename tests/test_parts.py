@@ -12,12 +12,13 @@ import pytest
 
 import galton
 from galton import LOSSES, Agent, UsageError, make_agent, parts
-from galton.agents import CHOICES, CHOOSING, MAY_IDLE, read, vocabulary, words_of, written
+from galton.agents import read, words_of, written
 from galton.algorithms import ALGORITHMS, Rollout
 from galton.fields import annotations
 from galton.losses import HLGauss, HLOneHot
 from galton.policies import GaussianPolicy, HistogramPolicy, SmoothedPolicy
 from galton.types import Count, Positive
+from galton.words import CHOICES, CHOOSING, MAY_IDLE, vocabulary
 
 from .agents import agent
 

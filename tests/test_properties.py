@@ -14,7 +14,7 @@ from hypothesis.extra import numpy as hnp
 
 import galton
 from galton import CheckpointError, UsageError
-from galton.agents import read, vocabulary
+from galton.agents import read
 from galton.envs.host.action_box import ActionBox
 from galton.envs.host.observations import Observations
 from galton.envs.host.space_json import from_json, to_json
@@ -23,6 +23,7 @@ from galton.sweep.grid import read_grid
 from galton.sweep.plan import Plan
 from galton.sweep.store import Store
 from galton.sweep.study import Setting, Study
+from galton.words import vocabulary
 
 DTYPES = st.sampled_from([np.float16, np.float32, np.float64])
 SHAPES = hnp.array_shapes(min_dims=0, max_dims=3, max_side=4)

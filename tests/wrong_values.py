@@ -14,11 +14,12 @@ from pathlib import Path
 import numpy as np
 
 from galton import UsageError
-from galton.agents import CHOICES, CHOOSING, read, vocabulary
+from galton.agents import read
 from galton.algorithms import Rollout
 from galton.parts import settings
 from galton.sweep.grid import read_grid
 from galton.sweep.study import Setting
+from galton.words import CHOICES, CHOOSING, vocabulary
 
 KNOWN = vocabulary()
 NUMBERS = [name for name in KNOWN.usual if KNOWN.is_number(name)]

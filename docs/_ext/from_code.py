@@ -17,7 +17,6 @@ from sphinx.application import Sphinx
 from sphinx.pycode import ModuleAnalyzer
 from sphinx.util.docutils import SphinxDirective
 
-from galton.agents import CHOICES, vocabulary
 from galton.algorithms import ALGORITHMS, Algorithm, Rollout
 from galton.critics import CRITICS
 from galton.envs.registry import ENVS, make
@@ -30,6 +29,7 @@ from galton.paper import reproduce, standings, tables
 from galton.paper.trained import Trained
 from galton.parts import Part, settings
 from galton.policies import POLICIES
+from galton.words import CHOICES, vocabulary
 
 RESULTS = Path(__file__).parents[2] / "results" / "paper"
 Rows = list[list[str]]

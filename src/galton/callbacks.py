@@ -15,7 +15,7 @@ import math
 import time
 import warnings
 import weakref
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
@@ -23,7 +23,7 @@ import numpy as np
 
 from galton.envs.find import find
 from galton.envs.task import check_same_spaces
-from galton.errors import UsageError, is_number, require, require_integer
+from galton.errors import is_number, require, require_integer
 from galton.extras import needed
 from galton.saving import files
 from galton.saving.model_file import best_before
@@ -42,12 +42,10 @@ class Model(Protocol):
     def num_timesteps(self) -> int:
         """Environment steps so far."""
 
-    def evaluate(
-        self, n_episodes: int, env: object = None, env_kwargs: Mapping[str, object] | None = None
-    ) -> np.ndarray:
+    def evaluate(self, n_episodes: int, env: object = None, env_kwargs: Any = None) -> np.ndarray:
         """Undiscounted returns of whole episodes without exploration."""
 
-    def yardsticks(self, env: object = None, env_kwargs: Mapping[str, object] | None = None) -> Yardsticks:
+    def yardsticks(self, env: object = None, env_kwargs: Any = None) -> Yardsticks:
         """What doing nothing and random actions return."""
 
     def save(self, path: str | Path) -> Path:
@@ -223,10 +221,9 @@ class Print:
 
     def __call__(self, model: Model, log: Log) -> None:
         """Print those of SHOWN that are known."""
-        known = [
-            f"{name.split('/')[1]} {log[name]:,.6g}" for name in self.SHOWN if math.isfinite(log.get(name, math.nan))
-        ]
-        print(f"step {model.num_timesteps:,}:", ", ".join(known), flush=True)
+        known = [name for name in self.SHOWN if math.isfinite(log.get(name, math.nan))]
+        told = ", ".join(f"{name.split('/')[1]} {log[name]:,.6g}" for name in known)
+        print(f"step {model.num_timesteps:,}: {told}", flush=True)
 
 
 class JSONLines:
@@ -234,7 +231,7 @@ class JSONLines:
 
     def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
-        with _written("path", self.path):
+        with files.named("path", self.path):
             self.path.parent.mkdir(parents=True, exist_ok=True)
             self.path.open("a").close()
 
@@ -242,7 +239,7 @@ class JSONLines:
         """Append this log point to the file as a whole line, or raise UsageError and leave the file as it was."""
         del model
         known = {name: value if math.isfinite(value) else None for name, value in log.items()}
-        with _written("path", self.path):
+        with files.named("path", self.path):
             files.append_line(self.path, json.dumps(known))
 
 
@@ -254,7 +251,7 @@ class TensorBoard:
 
         # tensorboardX's SummaryWriter writes in a thread, where a full disk would end nothing but the thread.
         self.folder = folder
-        with _written("folder", folder):
+        with files.named("folder", folder):
             Path(folder).mkdir(parents=True, exist_ok=True)
             self._writer = EventsWriter(f"{folder}/events")
         weakref.finalize(self, _close, self._writer)
@@ -264,7 +261,7 @@ class TensorBoard:
         from tensorboardX.proto.event_pb2 import Event
         from tensorboardX.summary import scalar
 
-        with _written("folder", self.folder):
+        with files.named("folder", self.folder):
             for name, value in log.items():
                 if math.isfinite(value):
                     event = Event(summary=scalar(name, value), step=model.num_timesteps, wall_time=time.time())
@@ -276,16 +273,6 @@ def _close(writer: Any) -> None:
     """Close a file that nobody writes any more; what a full disk did not take has been told."""
     with contextlib.suppress(OSError, ValueError):
         writer.close()
-
-
-@contextlib.contextmanager
-def _written(name: str, path: str | Path) -> Iterator[None]:
-    """Turn the error of a file that can't be written into one that calls its path by this name, and says what to do."""
-    files.check_text(name, path)
-    try:
-        yield
-    except OSError as error:
-        raise UsageError(f"{name} is {path}, which can't be written: {error.strerror}; name another") from None
 
 
 class WeightsAndBiases:

@@ -11,8 +11,8 @@ import torch
 from torch import distributions
 from torch.nn.functional import logsigmoid, softplus
 
-from galton.agents import vocabulary
 from galton.algorithms import ppo
+from galton.words import vocabulary
 
 from .minibatches import HIGH, LOW, NUMBERS, SIZE, K, N, T, agent_of, fresh, moved, rollout_of
 

@@ -13,10 +13,10 @@ import pytest
 import tyro
 
 from galton import UsageError
-from galton.agents import vocabulary, without_idle
 from galton.cli import _reading, _registry
 from galton.cli._options import folder_name
 from galton.types import Number
+from galton.words import vocabulary, without_idle
 
 
 class Grown(NamedTuple):

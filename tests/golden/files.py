@@ -8,7 +8,7 @@ from pathlib import Path
 import jax
 import numpy as np
 
-from galton.agents import idle
+from galton.words import idle
 
 V1, V2, V3 = (Path(__file__).parent / version for version in ("v1", "v2", "v3"))
 CLOSE = {"rtol": 1e-4, "atol": 1e-5}

@@ -13,11 +13,12 @@ import pytest
 from stable_baselines3.common.vec_env import DummyVecEnv
 
 from galton import A2C, ALGORITHMS, PPO, UsageError
-from galton.agents import read, vocabulary, words_of
+from galton.agents import read, words_of
 from galton.cli._options import Training
 from galton.models import Model
 from galton.optimizers import Adam
 from galton.presets import CLASSIFICATION, GAUSSIAN, PAPER, PRESETS, RECOMMENDED, Preset, find_preset
+from galton.words import vocabulary
 
 from .tall import Tall
 

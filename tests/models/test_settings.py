@@ -6,9 +6,9 @@ import pytest
 from stable_baselines3.common.vec_env import DummyVecEnv
 
 from galton import A2C, ALGORITHMS, PPO, UsageError
-from galton.agents import usual_of, vocabulary
 from galton.envs import LQR
 from galton.parts import settings
+from galton.words import usual_of, vocabulary
 
 from .tall import Tall
 

@@ -7,13 +7,13 @@ import numpy as np
 from jaxtyping import Float
 from scipy.stats import qmc
 
-from galton.agents import usual_of
 from galton.benchmark.priors import Priors
 from galton.benchmark.protocol import Method, Protocol, Task
 from galton.errors import UsageError
 from galton.records import Fields
 from galton.sweep.grid import task_defaults
 from galton.sweep.study import Setting
+from galton.words import usual_of
 
 Quantiles = dict[str, Float[np.ndarray, " n"]]
 """Where in its prior each draw of a field lies, by field; each n-th of a prior has one."""

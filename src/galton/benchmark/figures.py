@@ -6,7 +6,6 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from galton.agents import CHOICES
 from galton.analysis.plots import colors_of, draw_marks, draw_series, finish, label_rows, over_steps, panels
 from galton.analysis.scales import fit_curves
 from galton.analysis.statistics import Interval, mean_interval
@@ -14,6 +13,7 @@ from galton.benchmark import tables
 from galton.benchmark.found import Found
 from galton.benchmark.protocol import Method
 from galton.benchmark.stages import Role, Stage
+from galton.words import CHOICES
 
 _SERIES: dict[tuple[Stage, Role], tuple[str, str, str]] = {
     ("fresh", "shared"): ("tuning tasks, one setting for all", "o", "#0072B2"),

@@ -5,8 +5,8 @@ import math
 from collections.abc import Collection, Mapping
 from typing import Any
 
-from galton.agents import vocabulary
 from galton.errors import UsageError, did_you_mean, require
+from galton.words import vocabulary
 
 Record = Mapping[str, Any]
 """A TOML file, or a table of it."""

@@ -7,7 +7,6 @@ import json
 from collections.abc import Collection, Mapping
 from typing import Annotated, Any, Literal
 
-from galton.agents import CHOICES, idle
 from galton.benchmark.priors import Prior, Priors, Record
 from galton.errors import UsageError, require
 from galton.fields import Within
@@ -16,6 +15,7 @@ from galton.policies import POLICIES
 from galton.sweep.grid import MOST_SETTINGS
 from galton.sweep.study import Natural
 from galton.types import Count
+from galton.words import CHOICES, idle
 
 MOST_STEPS = 2_000_000_000
 """How many environment steps a run may have; it counts them in 32 bits."""

@@ -9,12 +9,12 @@ from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
-from galton.agents import vocabulary
 from galton.benchmark.priors import Record, check_names, read_table
 from galton.benchmark.protocol import Budget, Method, Protocol, Selection, Task, check
 from galton.errors import UsageError, require, require_integer, unknown
 from galton.fields import annotations, checked
 from galton.saving import files
+from galton.words import vocabulary
 
 TABLES = ("budget", "selection", "fixed", "prior", "methods", "tasks")
 """The tables of a file."""

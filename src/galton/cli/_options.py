@@ -10,7 +10,7 @@ from typing import Annotated
 
 import tyro
 
-from galton.agents import in_two, values_of, vocabulary, written
+from galton.agents import in_two, written
 from galton.algorithms import ALGORITHMS, Agent, find_algorithm
 from galton.cli._modules import search_here
 from galton.cli._words import Fills, Settings
@@ -24,6 +24,7 @@ from galton.presets import PAPER, PRESETS, Preset
 from galton.records import Fields
 from galton.tasks import task_of
 from galton.training.train import Result, check_arguments, train
+from galton.words import values_of, vocabulary
 
 EnvName = Annotated[
     str,

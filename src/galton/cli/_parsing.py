@@ -9,7 +9,6 @@ from typing import Annotated, Any, TypeVar
 import tyro
 from tyro.constructors import ConstructorRegistry, StructConstructorSpec, StructFieldSpec, StructTypeInfo
 
-from galton.agents import CHOICES, Choice, vocabulary, without_idle
 from galton.algorithms import Rollout
 from galton.cli._modules import import_typed
 from galton.cli._options import Training
@@ -19,6 +18,7 @@ from galton.cli._words import Without
 from galton.errors import UsageError
 from galton.parts import Part, settings
 from galton.presets import PAPER, Preset, find_preset
+from galton.words import CHOICES, Choice, vocabulary, without_idle
 
 OptionsT = TypeVar("OptionsT")
 

@@ -52,7 +52,7 @@ def options_of(record: type) -> dict[str, str]:
             inner |= {field: option for field, option in options_of(kind).items() if field not in hidden}
             continue
         if any(isinstance(mark, Settings) for mark in marks):
-            from galton.agents import vocabulary
+            from galton.words import vocabulary
 
             inner |= {word: "--" + word.replace("_", "-") for word in vocabulary().usual}
             continue

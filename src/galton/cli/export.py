@@ -13,7 +13,7 @@ from galton.cli._modules import Imports, import_typed
 from galton.cli._reading import read_options
 from galton.cli._runs import model_of
 from galton.deploy import card, export
-from galton.errors import UsageError, require, unknown
+from galton.errors import require, unknown
 from galton.models import Model
 from galton.saving import files
 from galton.saving.result_folder import CARD, CONFIG, CONTRACT, METRICS, POLICY, read_settings
@@ -52,7 +52,10 @@ def main(arguments: Sequence[str]) -> None:
         path = export(model, out / POLICY, _origin(file, settings))
         print(f"policy: {path}\ncontract: {path.with_suffix('.json')}")
     if "card" in formats:
-        print(f"card: {_write_card(out / CARD, card.card(model, settings, points(file.with_name(METRICS))))}")
+        text = card.card(model, settings, points(file.with_name(METRICS)))
+        with files.named("out", out):
+            files.write(out / CARD, text.encode())
+        print(f"card: {out / CARD}")
 
 
 def _settings(file: Path, needed: bool) -> dict[str, object]:
@@ -67,11 +70,3 @@ def _origin(file: Path, settings: dict[str, object]) -> dict[str, object]:
     """Where the policy came from, as far as its model does not say it."""
     model = {"model": file.name, "model_sha256": hashlib.sha256(files.read(file, files.DATA)).hexdigest()}
     return {name: value for name, value in settings.items() if name in ("env", "env_kwargs", "command")} | model
-
-
-def _write_card(path: Path, text: str) -> Path:
-    try:
-        files.write(path, text.encode())
-    except OSError as error:
-        raise UsageError(f"out is {path.parent}, which can't be written: {error.strerror}; name another") from None
-    return path

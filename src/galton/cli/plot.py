@@ -12,7 +12,7 @@ from galton.analysis.plots import color, draw_series, finish, fit, images, over_
 from galton.analysis.statistics import Interval
 from galton.cli._metrics import STEP, points
 from galton.cli._reading import read_options
-from galton.errors import UsageError, require
+from galton.errors import require
 from galton.saving import files
 from galton.saving.result_folder import METRICS
 
@@ -55,8 +55,6 @@ def main(arguments: Sequence[str]) -> None:
         over_steps(panel, last)
         fit(panel, means)
     finish(figure, axes)
-    try:
+    with files.named("out", options.out):
         files.write(options.out, images(figure)[options.out.suffix])
-    except OSError as error:
-        raise UsageError(f"out is {options.out}, which can't be written: {error.strerror}; name another") from None
     print(f"figure: {options.out}")

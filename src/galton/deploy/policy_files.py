@@ -7,7 +7,7 @@ from pathlib import Path
 from galton.deploy.contract import contract
 from galton.deploy.decision import decide
 from galton.deploy.encoding import encode
-from galton.errors import UsageError, require
+from galton.errors import require
 from galton.models import Model
 from galton.saving import files
 
@@ -39,9 +39,7 @@ def export(model: Model, path: str | Path, origin: Mapping[str, object] | None =
     content = encode(decision)
     terms = contract(model, decision, path.name, content, origin or {})
     text = json.dumps(terms, indent=2, allow_nan=False, ensure_ascii=False) + "\n"
-    try:
+    with files.named("path", path):
         files.write(path, content)
         files.write(path.with_suffix(".json"), text.encode(errors="backslashreplace"))  # which is how JSON writes them
-    except OSError as error:
-        raise UsageError(f"path is {path}, which can't be written: {error.strerror}; name another") from None
     return path

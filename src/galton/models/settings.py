@@ -5,13 +5,14 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from galton.agents import idle, vocabulary, without_idle, words_of
+from galton.agents import words_of
 from galton.algorithms import Agent, Algorithm
 from galton.errors import did_you_mean, require, require_integer
 from galton.models.hints import as_schedule, unexpected
 from galton.presets import PAPER, Preset
 from galton.records import Fields
 from galton.tasks import settings_of
+from galton.words import idle, vocabulary, without_idle
 
 
 def usual(algorithm: type[Algorithm], env: object = None, preset: Preset = Preset(PAPER)) -> Fields:  # noqa: B008

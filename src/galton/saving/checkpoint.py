@@ -15,7 +15,7 @@ from jaxtyping import PyTree
 from safetensors import SafetensorError
 from safetensors.numpy import load, save
 
-from galton.errors import CheckpointError, UsageError, in_a_line, require
+from galton.errors import CheckpointError, in_a_line, require
 from galton.saving import files
 from galton.saving.provenance import version
 
@@ -42,10 +42,8 @@ def write(path: Path, settings: Settings, arrays: dict[str, np.ndarray]) -> None
         f"the checkpoint is too large: {len(content):,} bytes of at most {MAX_FILE:,}, "
         f"{len(text):,} of settings of about {MAX_HEADER:,}; make the networks or spaces smaller",
     )
-    try:
+    with files.named("path", path):
         files.write(path, content)
-    except OSError as error:
-        raise UsageError(f"path is {path}, which can't be written: {error.strerror}; name another") from None
 
 
 def read(path: Path) -> tuple[Settings, dict[str, np.ndarray]]:

@@ -133,15 +133,23 @@ def check_name(name: str, path: Path) -> None:
     )
 
 
+@contextlib.contextmanager
+def named(name: str, path: str | Path) -> Iterator[None]:
+    """Turn the error of a path that can't be written into a UsageError that calls it by this name."""
+    check_text(name, path)
+    try:
+        yield
+    except OSError as error:
+        raise UsageError(f"{name} is {path}, which can't be written: {error.strerror}; name another") from None
+
+
 def check_place(name: str, path: Path) -> None:
     """Raise UsageError, which calls the path by this name, where no file can be made; its folder is."""
     check_name(name, path)
-    try:
+    with named(name, path):
         path.parent.mkdir(parents=True, exist_ok=True)
         path.exists()  # an error for a name that is too long
         writable = os.access(path.parent, os.W_OK)
-    except OSError as error:
-        raise UsageError(f"{name} is {path}, which can't be written: {error.strerror}; name another") from None
     require(writable, f"{name} is {path}, which can't be written: its folder is read-only; name another")
 
 

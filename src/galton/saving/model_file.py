@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from galton.agents import in_two, read, vocabulary
+from galton.agents import in_two, read
 from galton.agents import words_of as words_of_agent
 from galton.algorithms import Agent, find_algorithm
 from galton.envs.host.answers import shown
@@ -16,6 +16,7 @@ from galton.parts import settings as settings_of
 from galton.records import FIRST_FIELDS, Fields, refuse_unknown
 from galton.saving import checkpoint, files
 from galton.saving.checkpoint import Settings
+from galton.words import vocabulary
 
 MAX_BINS = 10**6
 """The most bins that settings may call for beyond the numbers in the file."""

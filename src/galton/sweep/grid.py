@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from galton.agents import CHOICES, idle, may_idle, values_of
 from galton.errors import UsageError, did_you_mean, require, require_integer
 from galton.losses import LOSSES
 from galton.parts import settings
@@ -17,6 +16,7 @@ from galton.records import Fields
 from galton.saving import files
 from galton.sweep.study import Setting
 from galton.tasks import settings_of, task_of
+from galton.words import CHOICES, idle, may_idle, values_of
 
 MOST_SETTINGS = 100_000
 """The most points that a block of a grid may have, or settings that are drawn of a loss; ten short lists make more."""

@@ -12,7 +12,7 @@ import numpy as np
 import pyarrow as pa
 from jaxtyping import Int, UInt
 
-from galton.agents import read, vocabulary
+from galton.agents import read
 from galton.algorithms import Agent
 from galton.envs.registry import is_known
 from galton.errors import NewerVersionError, UsageError, in_a_line, require, require_integer
@@ -21,6 +21,7 @@ from galton.sweep import columns
 from galton.sweep.parquet import from_bytes, record_of, to_bytes, with_record
 from galton.sweep.store import Store, checksum
 from galton.sweep.study import Program, Setting, Study, canonical
+from galton.words import vocabulary
 
 FILE = "plan.parquet"
 MOST_RUNS = 100_000

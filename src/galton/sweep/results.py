@@ -8,7 +8,6 @@ import numpy as np
 import pyarrow as pa
 from jaxtyping import Float
 
-from galton.agents import vocabulary
 from galton.errors import UsageError, require
 from galton.records import filled
 from galton.sweep.parquet import to_bytes
@@ -16,6 +15,7 @@ from galton.sweep.plan import Plan
 from galton.sweep.shard import finished, read
 from galton.sweep.store import Store
 from galton.sweep.study import Setting, Study
+from galton.words import vocabulary
 
 FILE = "results.parquet"
 

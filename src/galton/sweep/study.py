@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import numpy as np
 
 from galton import schedules
-from galton.agents import parts_of, read, values_of, vocabulary, written
+from galton.agents import parts_of, read, written
 from galton.algorithms import Agent
 from galton.errors import require
 from galton.fields import AtLeast, as_numbers, check_fields, checked
@@ -20,6 +20,7 @@ from galton.policies import POLICIES
 from galton.records import FIRST_FIELDS, Fields, filled, refuse_unknown
 from galton.training.train import log_plan
 from galton.types import Count
+from galton.words import values_of, vocabulary
 
 Program = tuple[tuple[str, Any], ...]
 """Settings that are no numbers, with their names."""

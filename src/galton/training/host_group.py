@@ -9,19 +9,21 @@ import numpy as np
 from jaxtyping import Array, Float, PyTree, UInt
 
 from galton.algorithms import Agent
-from galton.envs.host.base import HostEnvironments, Steps
-from galton.envs.host.carried import MOMENTS, carry, plain_data, set_moments, statistics_of
+from galton.envs.host.base import Steps
+from galton.envs.host.carried import MOMENTS, plain_data, set_moments, statistics_of
 from galton.envs.host.moves import Watch
 from galton.envs.task import Task
 from galton.errors import BrokenEnvironmentError, SharedEnvironment
 from galton.normalization import from_origin_on_host
 from galton.parts import at
 from galton.policies.correlation import nothing_before
-from galton.training.evaluate import LIMIT_IT, LONG, copies, play
+from galton.training.evaluate import LIMIT_IT, LONG
+from galton.training.host_arrays import empty_batch, empty_finished, environment_seeds
+from galton.training.host_evaluation import Evaluator
 from galton.training.host_programs import host_programs
 from galton.training.log import Finished, Log
 from galton.training.run import RunState, Snapshot, Tree, over_all, reseeded, with_keys, without_keys
-from galton.training.yardsticks import N_EPISODES, Yardsticks, yardsticks
+from galton.training.yardsticks import Yardsticks
 from galton.types import Learner, Params, Rule, Transition
 
 
@@ -37,27 +39,22 @@ class Group:
     """
 
     def __init__(
-        self,
-        task: Task,
-        agent: Agent,
-        seeds: UInt[np.ndarray, " P"],
-        device: jax.Device,
-        n_threads: int,
+        self, task: Task, agent: Agent, seeds: UInt[np.ndarray, " P"], device: jax.Device, n_threads: int
     ) -> None:
         self._task, self._agent = task, agent
         self._device, self._seeds = device, seeds
-        self._shape, self._n_threads = (len(seeds), agent.rollout.n_envs), n_threads
+        self._shape = (len(seeds), agent.rollout.n_envs)
+        self._whole = (len(seeds), agent.rollout.n_steps, agent.rollout.n_envs)
         self._sizes = task.observations.size, len(agent.low)
         self._programs, self._acting = (host_programs(jax.tree.structure(each)) for each in (agent, at(agent, 0)))
         self._is_scheduled = self._acting is not self._programs
-        self._evaluator: HostEnvironments | None = None
-        self._evaluator_episodes = 0
+        self.evaluator = Evaluator(task, len(seeds), n_threads)
         self._interrupted = False
         """Whether an exception left the environments in the middle of a rollout."""
         self._observation = np.zeros((*self._shape, self._sizes[0]), np.float32)
         self._length = np.zeros(self._shape, np.int32)
         self._numbers = self._place(jax.tree.leaves(agent))
-        self._batch = self._empty_batch()
+        self._batch = empty_batch(self._whole, *self._sizes)
         self.environments = task.make(len(seeds) * agent.rollout.n_envs, n_threads)
         self._watch = Watch(self.environments.moves)
 
@@ -73,7 +70,7 @@ class Group:
 
     def reset(self) -> None:
         """Begin the first episodes of training, whose observations the statistics count."""
-        self._start(self.environments.reset(self._environment_seeds(0)))
+        self._start(self.environments.reset(environment_seeds(self._seeds, self._shape[1], 0)))
         self._at_first = [plain_data(layers) for layers in self.environments.layers]
         if self._agent.rollout.normalize_observation:
             origin = self._place(self._observation[:, 0].astype(np.float32))
@@ -101,7 +98,7 @@ class Group:
         self._acting.act(self._now, params, runs.learner.normalizer, zeros, noise, self._times[0], *before)
         reward = np.zeros(self._shape, np.float32)
         self._receive(runs.learner, Steps(zeros, zeros, reward, reward > 0, reward > 0), reward > 0)
-        runs = self._programs.learn(self._numbers, runs, self._batch, self._empty_finished())
+        runs = self._programs.learn(self._numbers, runs, self._batch, empty_finished(self._whole))
         jax.block_until_ready(self._programs.log(self._numbers, runs, self._batch))
 
     def advance(self, n_updates: int) -> None:
@@ -131,7 +128,7 @@ class Group:
 
     def _rollout(self) -> tuple[Transition, Finished]:
         """T steps of the P · N environments; numpy arrays `[P, T, N, ...]`."""
-        batch, finished = self._empty_batch(), self._empty_finished()
+        batch, finished = empty_batch(self._whole, *self._sizes), empty_finished(self._whole)
         noise, learner = self._programs.prepare(self._numbers, self.runs), self.runs.learner
         now = self._now
         params = _acting(learner.params)
@@ -194,25 +191,8 @@ class Group:
             self.runs = runs
         return log
 
-    def make_evaluator(self, n_episodes: int) -> None:
-        """Make the copies of the task that evaluation plays on; they are kept from one evaluation to the next."""
-        if self._evaluator is None or self._evaluator_episodes != n_episodes:
-            if self._evaluator:
-                self._evaluator.close()
-                self._evaluator = None
-            self._evaluator = copies(self._task, len(self._seeds) * n_episodes, self._n_threads)
-            self._evaluator_episodes = n_episodes
-
     def evaluate(self, n_episodes: int, rule: Rule | None = None) -> Float[np.ndarray, "P n_episodes"]:
-        """Undiscounted returns of whole episodes of the deterministic policy, on the copies made for them.
-
-        Each copy is what one of training's is by now: with its statistics, and whatever else it has been given.
-        """
-        assert self._evaluator
-        n_envs = self._shape[1]
-        for i, layers in enumerate(self._evaluator.layers):
-            trained = i // n_episodes * n_envs + i % n_episodes % n_envs
-            carry(self.environments.layers[trained], self._at_first[trained], layers)
+        """Undiscounted returns of whole episodes of the deterministic policy."""
         learner, structure = self.runs.learner, jax.tree.structure(at(self._agent.acting_by(rule), 0))
         now, exploit = self._now, host_programs(structure).exploit
 
@@ -220,16 +200,12 @@ class Group:
             action = np.asarray(exploit(now, learner, self._from_origin(self._split(observation))))
             return action.reshape(len(observation), -1)
 
-        seeds = self._environment_seeds(1, int(self.runs.step[0]), n=n_episodes)
-        return self._split(play(self._task.name, self._evaluator, seeds, act, len(seeds)))
+        seeds = environment_seeds(self._seeds, n_episodes, 1, int(self.runs.step[0]))
+        return self._split(self.evaluator.evaluate(self.environments.layers, self._at_first, seeds, act))
 
     def yardsticks(self) -> Yardsticks:
         """What doing nothing and random actions return, on the copies that evaluation plays on."""
-        if self._evaluator is None:
-            self.make_evaluator(N_EPISODES)
-        assert self._evaluator
-        n_copies = len(self._seeds) * self._evaluator_episodes
-        return yardsticks(self._task.name, self._evaluator, n_copies, self._agent.low, self._agent.high)
+        return self.evaluator.yardsticks(self._agent.low, self._agent.high)
 
     def put(self, learner: Learner) -> None:
         """Go on with something else learnt, each leaf `[P, ...]`."""
@@ -293,8 +269,7 @@ class Group:
         """Let go of the environments, those of evaluation too."""
         self._watch.end()
         self.environments.close()
-        if self._evaluator:
-            self._evaluator.close()
+        self.evaluator.close()
 
     def _from_origin(self, observation: Float[np.ndarray, "P n o"]) -> Float[np.ndarray, "P n o"]:
         """Observations as the programs take them."""
@@ -302,20 +277,13 @@ class Group:
 
     def _start_anew(self) -> None:
         """Begin new episodes in the middle of a run, with seeds that its step decides."""
-        self._start(self.environments.reset(self._environment_seeds(2, int(self.runs.step[0]))))
+        self._start(self.environments.reset(environment_seeds(self._seeds, self._shape[1], 2, int(self.runs.step[0]))))
         self._interrupted = False
 
     def _start(self, observation: np.ndarray) -> None:
         self._observation = self._split(observation)
-        self._length = np.zeros(self._shape, np.int32)
-        self._return = np.zeros(self._shape)
+        self._length, self._return = np.zeros(self._shape, np.int32), np.zeros(self._shape)
         self._watch.begin()
-
-    def _environment_seeds(self, *purpose: int, n: int | None = None) -> np.ndarray:
-        """Seeds for n copies of each run, by default N; purpose 0 is training, 1 evaluation, 2 starting anew."""
-        n = self._shape[1] if n is None else n
-        sequences = [np.random.SeedSequence((int(seed), *purpose)) for seed in self._seeds]
-        return np.concatenate([sequence.generate_state(n) for sequence in sequences])
 
     def _place(self, tree: Tree) -> Tree:
         placed: Tree = jax.device_put(tree, self._device)
@@ -325,17 +293,6 @@ class Group:
         """One row per copy as an array `[P, copies of a run, ...]`."""
         n_runs = self._shape[0]
         return rows.reshape(n_runs, len(rows) // n_runs, *rows.shape[1:])
-
-    def _empty_batch(self) -> Transition:
-        o, d = self._sizes
-        empty = self._empty
-        return Transition(empty(o), empty(d), empty(), empty(o), empty(dtype=bool), empty(dtype=bool))
-
-    def _empty_finished(self) -> Finished:
-        return Finished(self._empty(dtype=bool), self._empty(), self._empty(dtype=np.int32))
-
-    def _empty(self, *entries: int, dtype: type = np.float32) -> Any:
-        return np.zeros((self._shape[0], self._agent.rollout.n_steps, self._shape[1], *entries), dtype)
 
 
 def _acting(params: Params) -> Params:

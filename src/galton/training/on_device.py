@@ -243,10 +243,10 @@ def _compile(task: JaxTask, agent: Agent, on_runs: NamedSharding) -> _Programs:
     advance = _on_all_devices(of_runs, on_runs, axes)
     log = _on_all_devices(jax.vmap(read_log), on_runs, (0, 0, 0))
 
-    state = _placed(jax.eval_shape(_begin_all(on_runs), task, agent, _seeds(agent)), on_runs)
-    agent = _placed(agent, on_runs)
+    state = _shapes(jax.eval_shape(_begin_all(on_runs), task, agent, _seeds(agent)), on_runs)
+    agent = _shapes(agent, on_runs)
     n = jax.ShapeDtypeStruct((), jnp.int32)
-    batch = _placed(jax.eval_shape(advance, task, agent, state, n)[1], on_runs)
+    batch = _shapes(jax.eval_shape(advance, task, agent, state, n)[1], on_runs)
     return _Programs(
         jax.jit(advance).lower(task, agent, state, n).compile(),
         jax.jit(log).lower(agent, state.run, batch).compile(),
@@ -264,19 +264,19 @@ def _compile_evaluation(
         return evaluate(jax.random.fold_in(key, step), task, at(agent, step), learner, n_episodes)
 
     axes = (None, 0, 0, 0, 0)
-    run = _placed(jax.eval_shape(_begin_all(on_runs), task, agent, _seeds(agent)).run, on_runs)
+    run = _shapes(jax.eval_shape(_begin_all(on_runs), task, agent, _seeds(agent)).run, on_runs)
     compiled = (
         jax.jit(_on_all_devices(jax.vmap(program, axes), on_runs, axes))
-        .lower(task, _placed(agent, on_runs), run.evaluation_key, run.step, run.learner)
+        .lower(task, _shapes(agent, on_runs), run.evaluation_key, run.step, run.learner)
         .compile()
     )
     seconds = [time.perf_counter() - start]
     return compiled, lambda: seconds.pop() if seconds else 0.0
 
 
-def _shapes(tree: Tree) -> Tree:
-    """A task or an agent with the shapes of its numbers: what programs are compiled for."""
-    shapes: Tree = jax.tree.map(lambda number: jax.ShapeDtypeStruct(number.shape, number.dtype), tree)
+def _shapes(tree: Tree, on_runs: NamedSharding | None = None) -> Tree:
+    """The shapes of numbers, which programs are compiled for, each split over devices along its first axis or not."""
+    shapes: Tree = jax.tree.map(lambda x: jax.ShapeDtypeStruct(x.shape, x.dtype, sharding=on_runs), tree)
     return shapes
 
 
@@ -298,9 +298,3 @@ def _on_all_devices(
     """A function of the runs of a device, for those of all devices. An argument without an axis is shared."""
     specs = tuple(PartitionSpec() if axis is None else on_runs.spec for axis in in_axes)
     return jax.shard_map(f, mesh=on_runs.mesh, in_specs=specs, out_specs=on_runs.spec, check_vma=False)
-
-
-def _placed(shapes: Tree, on_runs: NamedSharding) -> Tree:
-    """The same shapes, each split over devices along its first axis."""
-    placed: Tree = jax.tree.map(lambda x: jax.ShapeDtypeStruct(x.shape, x.dtype, sharding=on_runs), shapes)
-    return placed

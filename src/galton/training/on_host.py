@@ -107,7 +107,7 @@ class HostPopulation:
     def check_evaluation(self, n_episodes: int) -> None:
         """Make the copies that evaluation plays on, and keep them for it; UsageError if there can be none."""
         for group in self._groups:
-            group.make_evaluator(n_episodes)
+            group.evaluator.make(n_episodes)
 
     def yardsticks(self) -> Yardsticks:
         """What doing nothing and random actions return, on the copies that evaluation plays on."""

@@ -1,0 +1,133 @@
+"""A model as one looks at it: its agent, its spaces, where it stands and what it has learnt."""
+
+from typing import Any, TypeVar
+
+import gymnasium
+
+from galton.agents import words_of
+from galton.algorithms import Agent
+from galton.envs.host.action_box import ActionBox
+from galton.envs.host.base import Space
+from galton.envs.host.observations import Observations
+from galton.envs.task import Task
+from galton.models.settings import unusual
+from galton.models.state import Loaded, Run, parameters_of
+from galton.parts import at, has_schedules
+from galton.records import Fields
+from galton.training.population import Population
+from galton.training.train import check_seed
+from galton.types import Learner, Params
+
+BaseT = TypeVar("BaseT", bound="Base")
+
+
+class Base:
+    """A model, of which a subclass says how it is made and what it does."""
+
+    _run: Run | Loaded
+
+    def _describe(self, agent: Agent, seed: int, actions: ActionBox, observations: Observations) -> None:
+        """Become the model of this agent, without a run yet."""
+        self.agent, self.seed, self.actions, self.observations = agent, seed, actions, observations
+        self._is_scheduled = has_schedules(agent)
+        self._interval, self.verbose, self.n_predictions = self.agent.algorithm.log_interval, 0, 0
+
+    def __repr__(self) -> str:
+        told = {"n_envs": self.agent.rollout.n_envs} | unusual(self.agent) | {"seed": self.seed}
+        what = f"{self.settings['loss']} on {self.env_name}"
+        said = ", ".join([what, *(f"{name}={value!r}" for name, value in told.items())])
+        return f"<galton.{type(self).__name__}: {said}, {self.num_timesteps:,} steps>"
+
+    @property
+    def _now(self) -> Agent:
+        """The agent with the numbers of this step, which takes a while to look up and only schedules need."""
+        return at(self.agent, self.num_timesteps) if self._is_scheduled else self.agent
+
+    @property
+    def settings(self) -> Fields:
+        """The settings of its agent by name, as keyword arguments; those that none of its parts has are left out."""
+        return words_of(self.agent)
+
+    @property
+    def env(self) -> Task | None:
+        """The environment, as `galton.envs.find` made it; None for a model that was loaded without one."""
+        return self._run.task
+
+    @property
+    def env_name(self) -> str:
+        """What messages and files call the environment."""
+        return self._run.env_name
+
+    @property
+    def action_space(self) -> gymnasium.spaces.Box:
+        """The actions as Gymnasium describes them."""
+        return self.actions.space
+
+    @property
+    def observation_space(self) -> Space:
+        """The observations as Gymnasium describes them."""
+        return self.observations.space
+
+    @property
+    def num_timesteps(self) -> int:
+        """How many environment steps the run has taken, all copies together."""
+        return self._run.step
+
+    @property
+    def log_interval(self) -> int:
+        """How many environment steps lie between two log points, all copies together, as `learn` was last told."""
+        return self._interval * self.agent.rollout.size
+
+    @property
+    def learner(self) -> Learner:
+        """What was learnt: parameters, Adam's moments and the statistics that normalise."""
+        return self._run.learner
+
+    @property
+    def population(self) -> Population:
+        """The one run, as training sees it; UsageError for a model without an environment."""
+        return self._run.population
+
+    def set_random_seed(self, seed: int) -> None:
+        """Draw all that is random from here on from another seed; episodes that have begun go on as they are."""
+        check_seed(seed)
+        self.population.reseed([seed])
+        self.seed, self.n_predictions = seed, 0
+
+    def get_parameters(self) -> Params:
+        """A copy of the networks' parameters: `actor`, `critic` and, for the Gaussian, `log_std`, as numpy arrays.
+
+        A model that normalises has its statistics with them, under `normalizer`: mean, variance and n (how many were
+        seen) of what `Normalizer` names, and the origin that observations are counted from.
+        """
+        return parameters_of(self.learner)
+
+    def set_parameters(self, parameters: Params) -> None:
+        """Go on with other parameters, such as another model's, and its statistics; Adam's moments stay.
+
+        A model that normalises warns where the statistics are missing, and keeps its own.
+
+        Raises UsageError for other names or shapes than its own, and for numbers that are not finite.
+        """
+        self._run.set_parameters(parameters)
+
+    def close(self) -> None:
+        """Close the environments that the model made. Nobody has to: they are closed too once nobody holds the model.
+
+        One that was given ready-made is its owner's, and stays open.
+        """
+        self._run.close()
+
+    def __copy__(self: BaseT) -> BaseT:
+        """Another view of the same run, as `copy.copy` makes of any object."""
+        model = type(self).__new__(type(self))
+        vars(model).update(vars(self))
+        return model
+
+    def __reduce__(self) -> Any:
+        """TypeError for pickle and deepcopy, which says what to do: environments and programs can't be taken along."""
+        name = type(self).__name__
+        raise TypeError(
+            f"a {name} can't be pickled or copied, for it holds environments and compiled programs; save(path) writes "
+            f"all that it has learnt, and {name}.load(path, env) makes another that goes on from there"
+        )

@@ -1,0 +1,64 @@
+"""The copies of a task outside JAX that evaluation plays on, made once for many evaluations."""
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float, Integer
+
+from galton.envs.host.base import HostEnvironments
+from galton.envs.host.carried import carry
+from galton.envs.task import Task
+from galton.training.evaluate import copies, play
+from galton.training.yardsticks import N_EPISODES, Bound, Yardsticks, yardsticks
+
+
+class Evaluator:
+    """Copies for n episodes of each of P runs; they are made by `make`, and kept as long as n stays the same."""
+
+    def __init__(self, task: Task, n_runs: int, n_threads: int) -> None:
+        self._task, self._n_runs, self._n_threads = task, n_runs, n_threads
+        self._envs: HostEnvironments | None = None
+        self._n_episodes = 0
+
+    def make(self, n_episodes: int) -> HostEnvironments:
+        """The copies for so many episodes of each run; UsageError if there can be none."""
+        if self._envs is None or self._n_episodes != n_episodes:
+            self.close()
+            self._envs = copies(self._task, self._n_runs * n_episodes, self._n_threads)
+            self._n_episodes = n_episodes
+        return self._envs
+
+    def evaluate(
+        self,
+        trained: Sequence[list[Any]],
+        at_first: Sequence[Any],
+        seeds: Integer[np.ndarray, " M"],
+        act: Callable[[Float[np.ndarray, "M o"]], Float[np.ndarray, "M d"]],
+    ) -> Float[np.ndarray, " M"]:
+        """Undiscounted returns of an episode on each copy, once it is what one of training's is by now.
+
+        Args:
+            trained: the layers of the copies of all runs that are trained on, from whose statistics and attributes
+                those of evaluation are made.
+            at_first: what these had in their attributes at first.
+            seeds: one for each episode, run after run.
+            act: gives their actions.
+        """
+        n, n_envs = (len(of_all) // self._n_runs for of_all in (seeds, trained))
+        envs = self.make(n)
+        for i, layers in enumerate(envs.layers):
+            copy = i // n * n_envs + i % n % n_envs
+            carry(trained[copy], at_first[copy], layers)
+        return play(self._task.name, envs, seeds, act, len(seeds))
+
+    def yardsticks(self, low: Bound, high: Bound) -> Yardsticks:
+        """What doing nothing and random actions return on these copies."""
+        envs = self.make(self._n_episodes or N_EPISODES)
+        return yardsticks(self._task.name, envs, self._n_runs * self._n_episodes, low, high)
+
+    def close(self) -> None:
+        """Close the copies, if there are any."""
+        if self._envs:
+            self._envs.close()
+            self._envs = None
