@@ -83,17 +83,11 @@ class Bins:
             centers = np.linspace(low64, high64, n_bins, axis=-1)
             middles = (centers[:, 1:] + centers[:, :-1]) / 2
             edges = np.concatenate([low64[:, None], middles, high64[:, None]], axis=-1)
-        for name, value in {
-            "low": low64,
-            "high": high64,
-            "edges": edges,
-            "edges_rest": edges - edges.astype(dtype),
-            "centers": centers,
-            "width": width,
-        }.items():
-            object.__setattr__(self, name, value.astype(dtype))
-        object.__setattr__(self, "n_bins", n_bins)
-        object.__setattr__(self, "bin_centers", bin_centers)
+        arrays = {"low": low64, "high": high64, "edges": edges, "centers": centers, "width": width}
+        arrays["edges_rest"] = edges - edges.astype(dtype)
+        own = {name: value.astype(dtype) for name, value in arrays.items()}
+        for name, value in (own | {"n_bins": n_bins, "bin_centers": bin_centers}).items():
+            object.__setattr__(self, name, value)
 
     def encode(self, action: Float[Array, "*batch d"]) -> Int[Array, "*batch d"]:
         """The index, 0 … k − 1, of the bin that holds each entry of an action.

@@ -94,10 +94,9 @@ def learn(
     model.population.decay_over(begin, last)
     with compiling(printed):
         model.population.compile()
-    pieces, told = Pieces(model.advance), False
+    pieces, told, going, step = Pieces(model.advance), False, True, first
     with _progress(progress_bar, str(words_of(model.agent)["loss"]), last - first) as show:
         theirs.start()
-        going, step = True, first
         while going and step < last:
             stop = min(last, *(next_call(step, every, size) for every in (log_interval, *ours.intervals)))
             pieces.train(1 if theirs else (stop - step) // size)
@@ -109,8 +108,8 @@ def learn(
                 log = named(model.population.log(begin_next=is_log_point), step, seconds, first)
                 log["train/learning_rate"] = _rate(optimizer, step)
                 log = theirs.recorded(is_told) | log
-                most_clipped = log["train/edge_share"] > 0.5
-                if most_clipped and not told and (message := outgrown(at(model.agent, step), model.learner)):
+                most_clipped = log["train/edge_share"] > 0.5 and not told
+                if most_clipped and (message := outgrown(at(model.agent, step), model.learner)):
                     warnings.warn(f"at step {step:,} {message}", WideGaussian, stacklevel=3)
                     told = True
                 going = ours.after(step, size, log, is_told) and going

@@ -171,7 +171,7 @@ def _collect(task: str, loss: str, effort: Effort) -> pa.Table:
             tables.append(pa.table(columns | {name: np.ravel(x) for name, x in samples._asdict().items()}))
 
     growing = np.geomspace(effort.steps // agent.rollout.n_steps, 1, effort.points - 1).round().astype(int)
-    population = populate(env, jax.tree.map(np.float32, plain), range(effort.seeds))
+    population = populate(env, plain, range(effort.seeds))
     try:
         for n_updates in np.diff(sorted({0, *growing.tolist()}), prepend=0):
             population.advance(int(n_updates))

@@ -1,6 +1,7 @@
 """The compiled programs with which a population trains on environments outside JAX."""
 
-from collections.abc import Callable
+import functools
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import jax
@@ -12,10 +13,10 @@ from galton.normalization import Normalizer
 from galton.parts import at
 from galton.policies.correlation import continued
 from galton.training.evaluate import deterministic_action
-from galton.training.log import Finished, Log
+from galton.training.log import Log
 from galton.training.programs import kept
 from galton.training.run import RunState, begin, learn, over_runs, read_log, rollout_key
-from galton.types import Learner, Params, Transition
+from galton.types import Params
 
 
 class HostPrograms(NamedTuple):
@@ -54,63 +55,61 @@ Numbers = list[Array]
 def host_programs(structure: Any) -> HostPrograms:
     """The programs that train agents of this tree structure, made once for each."""
 
-    def agent_of(numbers: Numbers) -> Agent:
+    def agent_of(numbers: Sequence[Any]) -> Agent:
         return jax.tree.unflatten(structure, numbers)
+
+    def of(function: Callable[..., Any]) -> Callable[..., Any]:
+        """The function of an agent as one of its leaves."""
+        return functools.wraps(function)(lambda numbers, *others: function(agent_of(numbers), *others))
 
     def begin_all(numbers: Numbers, size: int, seeds: Array) -> RunState:
         return jax.lax.map(lambda run: begin(agent_of(run[0]), size, run[1])[0], (numbers, seeds))
 
-    def observe(run: RunState, observation: Array) -> RunState:
-        learner = run.learner._replace(normalizer=normalization.observe(run.learner.normalizer, observation))
-        return run._replace(learner=learner)
-
-    def prepare(numbers: Numbers, run: RunState) -> PyTree[Array]:
-        agent = agent_of(numbers)
-        return agent.policy.noise(rollout_key(run), (agent.rollout.n_steps, agent.rollout.n_envs))
-
-    def act(
-        numbers: Numbers,
-        params: Params,
-        normalizer: Normalizer,
-        observation: Array,
-        noise: PyTree[Array],
-        t: Array,
-        before: PyTree[Array],
-        begins: Array | tuple[()],
-    ) -> tuple[Array, Array | None, PyTree[Array]]:
-        agent = agent_of(numbers)
-        normalised = normalization.observation(normalizer, observation)
-        drawn = jax.tree.map(lambda x: jax.lax.dynamic_index_in_dim(x, t, keepdims=False), noise)
-        now, after = continued(agent.policy, drawn, before, begins, agent.rollout.noise_correlation)
-        action = actor_critic.act(agent, params, normalised, now)
-        return action, normalised if agent.rollout.normalize_observation else None, after
-
-    def receive(
-        numbers: Numbers, normalizer: Normalizer, reward: Array, done: Array, final: Array, following: Array
-    ) -> tuple[Normalizer, Array, Array]:
-        return normalization.receive(normalizer, reward, done, final, following, agent_of(numbers).algorithm.gamma)
-
-    def learn_of(numbers: Numbers, run: RunState, batch: Transition, finished: Finished) -> RunState:
-        return learn(agent_of(numbers), run, batch, finished)
-
-    def log(numbers: Numbers, run: RunState, batch: Transition) -> tuple[RunState, Log]:
-        return read_log(agent_of(numbers), run, batch)
-
-    def now(numbers: Numbers, step: Array) -> Numbers:
-        return jax.tree.leaves(at(agent_of(numbers), step))
-
-    def exploit(numbers: Numbers, learner: Learner, observation: Array) -> Array:
-        return deterministic_action(agent_of(numbers), learner, observation)
-
-    side_by_side = jax.tree.unflatten(structure, range(structure.num_leaves)).algorithm.side_by_side
+    side_by_side = agent_of(range(structure.num_leaves)).algorithm.side_by_side
     return HostPrograms(
         jax.jit(begin_all, static_argnums=1),
-        jax.jit(jax.vmap(observe)),
-        jax.jit(jax.vmap(prepare)),
-        jax.jit(jax.vmap(act, (0, 0, 0, 0, 0, None, 0, 0))),
-        jax.jit(jax.vmap(receive)),
-        jax.jit(over_runs(side_by_side, learn_of, (0, 0, 0, 0))),
-        jax.jit(jax.vmap(log)),
-        jax.jit(jax.vmap(now)),
-        jax.jit(jax.vmap(exploit)),
+        jax.jit(jax.vmap(_observe)),
+        jax.jit(jax.vmap(of(_prepare))),
+        jax.jit(jax.vmap(of(_act), (0, 0, 0, 0, 0, None, 0, 0))),
+        jax.jit(jax.vmap(of(_receive))),
+        jax.jit(over_runs(side_by_side, of(learn), (0, 0, 0, 0))),
+        jax.jit(jax.vmap(of(read_log))),
+        jax.jit(jax.vmap(of(_now))),
+        jax.jit(jax.vmap(of(deterministic_action))),
     )
+
+
+def _observe(run: RunState, observation: Array) -> RunState:
+    learner = run.learner._replace(normalizer=normalization.observe(run.learner.normalizer, observation))
+    return run._replace(learner=learner)
+
+
+def _prepare(agent: Agent, run: RunState) -> PyTree[Array]:
+    return agent.policy.noise(rollout_key(run), (agent.rollout.n_steps, agent.rollout.n_envs))
+
+
+def _act(
+    agent: Agent,
+    params: Params,
+    normalizer: Normalizer,
+    observation: Array,
+    noise: PyTree[Array],
+    t: Array,
+    before: PyTree[Array],
+    begins: Array | tuple[()],
+) -> tuple[Array, Array | None, PyTree[Array]]:
+    normalised = normalization.observation(normalizer, observation)
+    drawn = jax.tree.map(lambda x: jax.lax.dynamic_index_in_dim(x, t, keepdims=False), noise)
+    now, after = continued(agent.policy, drawn, before, begins, agent.rollout.noise_correlation)
+    action = actor_critic.act(agent, params, normalised, now)
+    return action, normalised if agent.rollout.normalize_observation else None, after
+
+
+def _receive(
+    agent: Agent, normalizer: Normalizer, reward: Array, done: Array, final: Array, following: Array
+) -> tuple[Normalizer, Array, Array]:
+    return normalization.receive(normalizer, reward, done, final, following, agent.algorithm.gamma)
+
+
+def _now(agent: Agent, step: Array) -> Numbers:
+    return jax.tree.leaves(at(agent, step))

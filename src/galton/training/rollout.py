@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int, Key, PyTree
+from jaxtyping import Array, Bool, Float, Int, Key, PyTree
 
 from galton import normalization
 from galton.algorithms import Agent, Rollout, actor_critic
@@ -79,6 +79,15 @@ def _beginnings(noise: Noise, rollout: Rollout) -> tuple[Noise, Callable[[Episod
     return noise._replace(fresh_states=turn), lambda _, chosen: jax.tree.map(lambda x: x[chosen], pool)
 
 
+def _begun_anew(done: Bool[Array, " N"], fresh: PyTree[Array], states: PyTree[Array]) -> PyTree[Array]:
+    """The states, but fresh ones where an episode has ended."""
+    return jax.vmap(lambda d, f, s: jax.tree.map(lambda f, s: jnp.where(d, f, s), f, s))(done, fresh, states)
+
+
+Carry = tuple[EpisodeState, normalization.Normalizer]
+"""What a rollout carries from step to step."""
+
+
 def rollout(
     task: JaxTask, agent: Agent, learner: Learner, episodes: EpisodeState, noise: Noise
 ) -> tuple[EpisodeState, Learner, Transition, Finished]:
@@ -88,9 +97,7 @@ def rollout(
     def observed(normalizer: normalization.Normalizer, states: PyTree[Array]) -> Array:
         return normalization.from_origin(normalizer, jax.vmap(env.observe)(states))
 
-    def step(
-        carry: tuple[EpisodeState, normalization.Normalizer], noise: Noise
-    ) -> tuple[tuple[EpisodeState, normalization.Normalizer], tuple[Transition, Finished]]:
+    def step(carry: Carry, noise: Noise) -> tuple[Carry, tuple[Transition, Finished]]:
         episodes, normalizer = carry
         observation = normalization.observation(normalizer, observed(normalizer, episodes.env))
         explored, z = continued(
@@ -98,15 +105,11 @@ def rollout(
         )
         action = actor_critic.act(agent, learner.params, observation, explored)
         states, reward, terminated = jax.vmap(task.step)(episodes.env, action, noise.step)
-
-        length = episodes.length + 1
-        collected = episodes.undiscounted_return + reward
+        length, collected = episodes.length + 1, episodes.undiscounted_return + reward
         truncated = (length >= env.max_episode_steps) & ~terminated
         done = terminated | truncated
         following = EpisodeState(
-            jax.vmap(lambda d, fresh, state: jax.tree.map(lambda f, s: jnp.where(d, f, s), fresh, state))(
-                done, beginning(episodes, noise.fresh_states), states
-            ),
+            _begun_anew(done, beginning(episodes, noise.fresh_states), states),
             jnp.where(done, 0, length),
             jnp.where(done, 0.0, collected),
             z,
@@ -120,8 +123,8 @@ def rollout(
             observed(normalizer, following.env),
             agent.algorithm.gamma,
         )
-        transition = Transition(observation, action, reward, next_observation, terminated, truncated)
-        return (following, normalizer), (transition, Finished(done, collected, length))
+        told = Transition(observation, action, reward, next_observation, terminated, truncated)
+        return (following, normalizer), (told, Finished(done, collected, length))
 
     (episodes, normalizer), (transitions, finished) = jax.lax.scan(step, (episodes, learner.normalizer), noise)
     return episodes, learner._replace(normalizer=normalizer), transitions, finished
