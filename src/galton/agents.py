@@ -9,7 +9,7 @@ from galton.errors import require
 from galton.parts import Part, Schedule, settings, unusual
 from galton.policies import POLICIES
 from galton.records import FIRST_FIELDS, Fields
-from galton.words import CHOICES, Words, chosen, idle, refuse_idle, usual_of, values_of, vocabulary
+from galton.words import CHOICES, Words, chosen, from_sb3, idle, refuse_idle, usual_of, values_of, vocabulary
 
 
 def make_agent(**words: Any) -> Agent:
@@ -18,12 +18,14 @@ def make_agent(**words: Any) -> Agent:
     Args:
         words: the settings of all parts by name, such as n_bins=50 or eta=2.0, and the words that choose parts: loss,
             policy, critic, algorithm, weighting, entropy_target, network and optimizer, each a name or a part itself.
-            A number may be an array `[R]`, one for each of R runs.
+            A number may be an array `[R]`, one for each of R runs. What SB3 writes otherwise is understood: a number as
+            a linear function of what remains of training, target_kl=None, net_arch={"pi": [...], "vf": [...]}.
 
     Raises:
         UsageError: an unknown name, a value out of range, parts that don't fit together, or a setting that none of the
             parts has.
     """
+    words = from_sb3(words)
     usual = usual_of(words.get("algorithm", CHOICES["algorithm"].usual))
     others = idle(words).union(*(settings(type(part)) for part in words.values() if isinstance(part, Part)))
     return read({name: value for name, value in usual.items() if name not in others} | words)

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from galton.errors import UsageError
+from galton.errors import UsageError, require
 from galton.fields import Within
 from galton.parts import Part, Schedule
 from galton.types import Finite, NotNegative, Number
@@ -167,3 +167,24 @@ def told(schedule: Schedule) -> str:
     if not names:
         raise UsageError(f"a schedule is {schedule!r}, and files hold names; give its class a line in SCHEDULES")
     return f"{names[0]}({', '.join(shown)})"
+
+
+def of_remaining(name: str, value: Any) -> Any:
+    """The schedule of one of SB3's, a function of what remains of training, 1 to 0; anything else as it is.
+
+    Raises:
+        UsageError: the function is not linear.
+    """
+    if not callable(value) or isinstance(value, Schedule):
+        return value
+    try:
+        start, end = float(value(1.0)), float(value(0.0))
+        linear = all(np.isclose(value(left), end + left * (start - end)) for left in np.linspace(0.05, 0.95, 19))
+    except (TypeError, ValueError):
+        linear = False
+    require(
+        linear,
+        f"{name} is {value!r}; it must be a number or a schedule. A function of what remains of training is understood "
+        "if it is linear; write another as galton.schedules.Cosine or Step, of environment steps",
+    )
+    return Linear(start, end) if start != end else start

@@ -4,6 +4,7 @@ Every name belongs to the parts that have a setting of that name. Which parts th
 `policy`, `critic`, `algorithm` and the other words of CHOICES.
 """
 
+import math
 from collections.abc import Collection, Mapping
 from typing import Any, NamedTuple, cast
 
@@ -119,6 +120,26 @@ def _vocabulary(kinds: Collection[type[Part]]) -> Vocabulary:
 def usual_of(algorithm: Any) -> Fields:
     """The settings whose usual value is another one under this algorithm; UsageError lists the names for none such."""
     return dict(algorithm.defaults if isinstance(algorithm, Algorithm) else find_algorithm(algorithm).defaults)
+
+
+def from_sb3(words: Words) -> Fields:
+    """The words, where some may be written as SB3 has them.
+
+    That is a linear function of what remains of training in the place of a number, target_kl=None, and
+    net_arch={"pi": [...], "vf": [...]}.
+
+    Raises:
+        UsageError: a function that is not linear, or a net_arch for other networks.
+    """
+    known, net_arch = vocabulary(), words.get("net_arch")
+    found = {name: schedules.of_remaining(name, v) if known.is_number(name) else v for name, v in words.items()}
+    if found.get("target_kl", math.inf) is None:
+        found["target_kl"] = math.inf
+    if isinstance(net_arch, Mapping):
+        both = set(net_arch) == {"pi", "vf"}
+        require(both, f"net_arch is {net_arch!r}; give one list for both networks, or a list for each of pi and vf")
+        found |= {"net_arch": net_arch["pi"], "critic_arch": net_arch["vf"]}
+    return found
 
 
 def values_of(words: Words) -> Fields:

@@ -5,7 +5,7 @@ import sys
 import pytest
 from stable_baselines3.common.vec_env import DummyVecEnv
 
-from galton import A2C, ALGORITHMS, PPO, UsageError
+from galton import A2C, ALGORITHMS, PPO, Model, UsageError, algorithms, make_agent, schedules
 from galton.envs import LQR
 from galton.parts import settings
 from galton.words import usual_of, vocabulary
@@ -130,3 +130,22 @@ def test_numbers_of_numpy_are_saved_and_wrong_types_are_named_where_annotations_
 def test_a_misspelt_setting_is_told_which_was_probably_meant():
     with pytest.raises(TypeError, match=r"argument 'learning_rat'; .*; did you mean learning_rate\?$"):
         A2C("lqr", learning_rat=0.1)
+
+
+def test_an_algorithm_itself_is_taken_with_its_numbers():
+    own = algorithms.PPO(clip_range=0.1, batch_size=16, gae_lambda=0.95)
+    model = Model("lqr", "hl-gauss", algorithm=own, net_arch=(4,), n_bins=5, n_steps=16)
+    assert model.settings == PPO("lqr", "hl-gauss", clip_range=0.1, batch_size=16, **SIZES).settings
+    with pytest.raises(UsageError, match=r"clip_range is 0\.3 beside PPO\(.*; give it to the part"):
+        Model("lqr", "hl-gauss", algorithm=own, clip_range=0.3, **SIZES)
+
+
+SIZES = {"net_arch": (4,), "n_bins": 5, "n_steps": 16}
+
+
+def test_an_agent_of_words_is_told_as_sb3_tells_it():
+    theirs = {"net_arch": {"pi": [4], "vf": [8]}, "target_kl": None, "learning_rate": lambda left: 3e-4 * left}
+    ours = {"net_arch": (4,), "critic_arch": (8,), "learning_rate": schedules.Linear(3e-4, 0.0)}
+    assert make_agent(algorithm="ppo", **theirs) == make_agent(algorithm="ppo", **ours)
+    with pytest.raises(UsageError, match=r"clip_range is .*; it must be a number or a schedule"):
+        make_agent(algorithm="ppo", clip_range=lambda left: left**2)

@@ -1,12 +1,6 @@
 """What somebody who comes from Stable-Baselines3 types first, and what to type here."""
 
-from typing import Any
-
-import numpy as np
-
 from galton.errors import require
-from galton.parts import Part
-from galton.schedules import Linear
 
 POLICIES = ("MlpPolicy", "CnnPolicy", "MultiInputPolicy", "MlpLstmPolicy")
 """The names that SB3's models take before the environment."""
@@ -40,27 +34,6 @@ def refuse_policy(model: str, env: object, loss: object) -> None:
     """Raise UsageError where a model was given SB3's policy in the place of the environment."""
     given, first = isinstance(env, str) and env in POLICIES, "env" if loss is None else repr(loss)
     require(not given, f"env is {env!r}; {model} takes no such policy: {model}({first}, ...) is enough")
-
-
-def as_schedule(name: str, value: Any) -> Any:
-    """The schedule of one of SB3's, a function of what remains of training, 1 to 0; anything else as it is.
-
-    Raises:
-        UsageError: the function is not linear.
-    """
-    if not callable(value) or isinstance(value, Part):
-        return value
-    try:
-        start, end = float(value(1.0)), float(value(0.0))
-        linear = all(np.isclose(value(left), end + left * (start - end)) for left in np.linspace(0.05, 0.95, 19))
-    except (TypeError, ValueError):
-        linear = False
-    require(
-        linear,
-        f"{name} is {value!r}; it must be a number or a schedule. A function of what remains of training is understood "
-        "if it is linear; write another as galton.schedules.Cosine or Step, of environment steps",
-    )
-    return Linear(start, end) if start != end else start
 
 
 def unexpected(function: str, name: str, known: str = "") -> TypeError:

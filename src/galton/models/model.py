@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from galton import sb3
 from galton.agents import read
-from galton.algorithms import Agent, find_algorithm
+from galton.algorithms import Agent, Algorithm, find_algorithm
 from galton.envs.find import find
 from galton.envs.task import Task, check_copies, check_same_spaces
 from galton.errors import require, require_integer
@@ -40,7 +40,7 @@ class Model(Base):
         loss: a key of LOSSES, or a loss itself such as `HLGauss(eta=2.0)`; None for the preset's.
         preset: a key of PRESETS, what the other settings begin with. None is "paper" where a loss is named, and else
             the algorithm's usual one: "gaussian" for PPO, and "classification" for A2C (docs/which_policy.md).
-        algorithm: a key of ALGORITHMS.
+        algorithm: a key of ALGORITHMS, or an algorithm itself such as `PPO(clip_range=0.1)`.
         n_envs: copies of the environment; None for the preset's number, or for as many as were given ready-made.
         seed: of everything random; the same seed gives the same run.
         env_kwargs: keyword arguments for an id or a name.
@@ -60,7 +60,7 @@ class Model(Base):
         loss: str | Loss | None = None,
         *,
         preset: str | None = None,
-        algorithm: str = "a2c",
+        algorithm: str | Algorithm = "a2c",
         n_envs: int | None = None,
         seed: int = 0,
         env_kwargs: Mapping[str, object] | None = None,
@@ -69,8 +69,9 @@ class Model(Base):
     ) -> None:
         refuse_policy(type(self).__name__, env, loss)
         task = find(env, **(env_kwargs or {}))
-        chosen = find_preset(preset, loss, algorithm)
-        words = all_words(find_algorithm(algorithm), chosen, n_envs, settings, env, task.given)
+        chosen = algorithm if isinstance(algorithm, Algorithm) else find_algorithm(algorithm)
+        found = find_preset(preset, loss, chosen.name)
+        words = all_words(chosen, found, n_envs, settings, env, task.given)
         self._begin(task, read(words), seed)
         self.verbose = verbose
 

@@ -2,30 +2,36 @@
 
 import inspect
 import math
-from collections.abc import Mapping
 from typing import Any
 
 from galton.agents import words_of
 from galton.algorithms import Agent, Algorithm
-from galton.errors import did_you_mean, require, require_integer
-from galton.models.hints import as_schedule, unexpected
+from galton.errors import did_you_mean, require_integer
+from galton.models.hints import unexpected
 from galton.presets import PAPER, Preset
 from galton.records import Fields
 from galton.tasks import settings_of
-from galton.words import idle, vocabulary, without_idle
+from galton.words import from_sb3, idle, vocabulary, without_idle
+
+Choice = type[Algorithm] | Algorithm
+"""An algorithm of ALGORITHMS, or one whose numbers are its own."""
 
 
-def usual(algorithm: type[Algorithm], env: object = None, preset: Preset = Preset(PAPER)) -> Fields:  # noqa: B008
+def _word(algorithm: Choice) -> Any:
+    return algorithm if isinstance(algorithm, Algorithm) else algorithm.name
+
+
+def usual(algorithm: Choice, env: object = None, preset: Preset = Preset(PAPER)) -> Fields:  # noqa: B008
     """The settings that an algorithm knows, with the values that nobody has to name.
 
     A named task's go before the preset's, and the preset's before the algorithm's. The loss, the algorithm and n_envs
     have arguments of their own.
     """
-    elsewhere = {"loss", "algorithm", "n_envs", *idle({"algorithm": algorithm.name}, ["algorithm"])}
+    elsewhere = {"loss", "algorithm", "n_envs", *idle({"algorithm": _word(algorithm)}, ["algorithm"])}
     return {name: value for name, value in _usual(algorithm, env, preset).items() if name not in elsewhere}
 
 
-def _usual(algorithm: type[Algorithm], env: object, preset: Preset) -> Fields:
+def _usual(algorithm: Choice, env: object, preset: Preset) -> Fields:
     """All settings of all parts."""
     plain = vocabulary().usual | dict(algorithm.defaults)
     task = plain | settings_of(env) | dict(algorithm.defaults)
@@ -36,7 +42,7 @@ def _usual(algorithm: type[Algorithm], env: object, preset: Preset) -> Fields:
 
 
 def all_words(
-    algorithm: type[Algorithm],
+    algorithm: Choice,
     preset: Preset,
     n_envs: int | None,
     settings: Fields,
@@ -62,28 +68,16 @@ def all_words(
         if name not in known:
             known_ones = f"it takes {', '.join(known)}{did_you_mean(name, known)}"
             raise unexpected(algorithm.label, name, known_ones)
-    is_number = vocabulary().is_number
-    settings = {name: as_schedule(name, value) if is_number(name) else value for name, value in settings.items()}
-    settings |= _as_sb3_writes_it(settings.get("net_arch"))
+    settings = from_sb3(settings)
     copies = _usual(algorithm, env, preset)["n_envs"]
     n_envs = (ready or copies) if n_envs is None else n_envs
     given = known | settings
-    if given.get("target_kl", math.inf) is None:  # as SB3 has it
-        given["target_kl"] = math.inf
     if n_envs != copies > 1 and "n_steps" not in settings:
-        given["n_steps"] = _as_long(copies * known["n_steps"], n_envs, given.get("batch_size", 1))
-    given |= {"loss": preset.loss, "n_envs": n_envs, "algorithm": algorithm.name}
+        own = vars(algorithm) if isinstance(algorithm, Algorithm) else given
+        given["n_steps"] = _as_long(copies * known["n_steps"], n_envs, own.get("batch_size", 1))
+    given |= {"loss": preset.loss, "n_envs": n_envs, "algorithm": _word(algorithm)}
     usual_ones = {name: value for name, value in known.items() if name not in settings}
     return without_idle(given, usual_ones)
-
-
-def _as_sb3_writes_it(net_arch: Any) -> Fields:
-    """The words of net_arch={"pi": [...], "vf": [...]}; nothing for anything else."""
-    if not isinstance(net_arch, Mapping):
-        return {}
-    both = set(net_arch) == {"pi", "vf"}
-    require(both, f"net_arch is {net_arch!r}; give one list for both networks, or a list for each of pi and vf")
-    return {"net_arch": net_arch["pi"], "critic_arch": net_arch["vf"]}
 
 
 def _as_long(rollout: int, n_envs: Any, batch_size: Any) -> int:
@@ -96,7 +90,7 @@ def _as_long(rollout: int, n_envs: Any, batch_size: Any) -> int:
 
 def unusual(agent: Agent) -> Fields:
     """The settings of an agent that are not its algorithm's usual ones."""
-    own, known = words_of(agent), usual(type(agent.algorithm))
+    own, known = words_of(agent), usual(agent.algorithm)
     return {name: own[name] for name, value in known.items() if name in own and own[name] != value}
 
 
