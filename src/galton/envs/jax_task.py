@@ -49,6 +49,10 @@ class JaxTask:
                 f"({error}); give it tuples for lists, and arrays as jax.numpy makes them"
             ) from None
 
+    def __repr__(self) -> str:
+        scaled = "" if self.action_scale == 1 else f" with actions times {self.action_scale:g}"
+        return f"{self.record!r}{scaled}"
+
     @property
     def name(self) -> str:
         """What messages and files call it."""
