@@ -74,7 +74,7 @@ class Algorithm(Part, abc.ABC):
     """Whether a processor core updates many runs at once. Where a single update has large matrix products of its own,
     one run after the other is faster. Other devices always take all at once."""
     choices: ClassVar[tuple[str, ...]] = ()
-    """Those of CARRIED_OUT that it carries out."""
+    """The choices of CARRIED_OUT that it carries out."""
 
     gamma: Share = 0.99
     """The discount of later rewards, γ."""

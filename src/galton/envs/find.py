@@ -18,7 +18,7 @@ from galton.extras import check_named, needed, require_libraries
 
 
 def find(env: object, **kwargs: object) -> Task:
-    """What can be trained on, of whatever a user gives.
+    """The task of whatever a user gives: a name, an id, an environment, a function that makes one.
 
     Args:
         env: a name in ENVS, a Gymnasium id (also `module:Id`), a function that makes a Gymnasium environment,

@@ -27,7 +27,7 @@ class JaxTask:
 
     Args:
         record: the environment.
-        action_scale: how many times the environment's action a policy's is.
+        action_scale: the factor by which a policy's action is larger than the environment's.
 
     Raises:
         UsageError: a record with something in it that can't be hashed, or spaces that Galton can't use.
@@ -55,7 +55,7 @@ class JaxTask:
 
     @property
     def name(self) -> str:
-        """What messages and files call it."""
+        """The name that messages and files have for it."""
         return str(getattr(self.record, "name", None) or type(self.record).__name__)
 
     @property
@@ -65,7 +65,7 @@ class JaxTask:
 
     @property
     def observations(self) -> Observations:
-        """What a copy shows."""
+        """The observations that a copy shows."""
         return Observations(self.name, Box(self.record.observation_low, self.record.observation_high))
 
     def make(self, n_copies: int, n_threads: int = 1) -> "RecordEnvironments":
@@ -83,7 +83,7 @@ class JaxTask:
         return self.record.step(state, jnp.clip(action, low * scale, high * scale) / scale, noise)
 
     def __eq__(self, other: object) -> bool:
-        """Whether the same programs serve both, on equal arrays."""
+        """Say whether the same programs serve both, on equal arrays."""
         if not isinstance(other, JaxTask) or self._structure != other._structure:
             return False
         return all(map(np.array_equal, self._arrays, other._arrays))

@@ -1,4 +1,4 @@
-"""What can be trained on, before any copy of it exists."""
+"""A task can be trained on; no copy of it exists yet."""
 
 from typing import Protocol, runtime_checkable
 
@@ -11,14 +11,14 @@ from galton.errors import require
 
 @runtime_checkable
 class Task(Protocol):
-    """What `galton.envs.find` makes of an environment, whatever it is: a JaxTask, or one whose steps go through Python.
+    """A task is what `galton.envs.find` makes of any environment: a JaxTask, or one whose steps go through Python.
 
     Its spaces are checked: Galton can use them.
     """
 
     @property
     def name(self) -> str:
-        """What messages and files call it."""
+        """The name that messages and files have for it."""
 
     @property
     def actions(self) -> ActionBox:
@@ -26,15 +26,15 @@ class Task(Protocol):
 
     @property
     def observations(self) -> Observations:
-        """What a copy shows."""
+        """The observations that a copy shows."""
 
     @property
     def n_threads(self) -> int:
-        """How many threads may step different copies at once."""
+        """The number of threads that may step different copies at once."""
 
     @property
     def given(self) -> int | None:
-        """How many copies the user gave ready-made, which then are all that there are; None if `make` makes them."""
+        """The number of copies that the user gave ready-made, which then are all; None if `make` makes them."""
 
     def make(self, n_copies: int, n_threads: int = 1) -> HostEnvironments:
         """That many copies to step from Python, on that many threads.

@@ -55,7 +55,7 @@ class Base:
 
     @property
     def env_name(self) -> str:
-        """What messages and files call the environment."""
+        """The name that messages and files have for the environment."""
         return self._run.env_name
 
     @property
@@ -70,12 +70,12 @@ class Base:
 
     @property
     def num_timesteps(self) -> int:
-        """How many environment steps the run has taken, all copies together."""
+        """The environment steps that the run has taken, all copies together."""
         return self._run.step
 
     @property
     def log_interval(self) -> int:
-        """How many environment steps lie between two log points, all copies together, as `learn` was last told."""
+        """The environment steps between two log points, all copies together, as `learn` was last told."""
         return self._interval * self.agent.rollout.size
 
     @property

@@ -28,8 +28,8 @@ class ActionBox:
     own: Any
     """The environment's own space."""
     scale: float = 1.0
-    """How many times the environment's action a policy's is. By a power of two, floating point changes no bit but the
-    exponent: a policy that is told its box alone must then learn the same."""
+    """The factor by which a policy's action is larger than the environment's. By a power of two, floating point changes
+    no bit but the exponent: a policy that is told its box alone must then learn the same."""
 
     def __post_init__(self) -> None:
         _check_kind(f"{self.name} has actions {self.own}", self.own)
@@ -70,7 +70,7 @@ class ActionBox:
         return _clipped(action, self.space)
 
     def to_env(self, action: Float[np.ndarray, "*batch d"]) -> np.ndarray:
-        """What the environment does: the action over the scale, clipped into its own bounds, in its own precision."""
+        """The environment takes the action over the scale, clipped into its own bounds, in its own precision."""
         return _clipped(action if self.scale == 1 else action / np.float32(self.scale), self.own)
 
     def _check_float32(self, actions: str) -> None:

@@ -41,7 +41,7 @@ class GymnasiumTask:
     Args:
         source: an id (`module:Id` imports the module first), a function without arguments that returns an
             environment, or an environment.
-        action_scale: how many times the environment's action a policy's is.
+        action_scale: the factor by which a policy's action is larger than the environment's.
         kwargs: for `gymnasium.make`, where source is an id.
 
     Raises:

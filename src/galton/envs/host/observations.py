@@ -49,7 +49,7 @@ class Observations:
 
     @property
     def has_image(self) -> bool:
-        """Whether there is a Box of bytes in three dimensions in it, as images are."""
+        """Say whether a Box of bytes in three dimensions is in it, as images are."""
         return _has_image(self.space)
 
     @functools.cached_property
