@@ -5,7 +5,7 @@ OUT ?= runs/demo
 BIN = $(VENV)/bin
 PIP = $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
 
-.PHONY: demo test test-all fuzz trust mutants coverage lint docs bench package lowest matrix audit clean
+.PHONY: demo paper test test-studies test-all fuzz trust mutants coverage lint docs bench package lowest matrix audit clean
 
 COMPARE = $(BIN)/galton compare --losses gaussian hl-one-hot hl-gauss hl-gauss-centred --overwrite
 demo: $(VENV)/installed  ## Classification against regression, three times: tables and figures in runs/demo.
@@ -16,9 +16,14 @@ demo: $(VENV)/installed  ## Classification against regression, three times: tabl
 	@echo "3 of 3. The LQR, 100 steps an episode: doing nothing earns -26.03, the optimum is -9.77."
 	$(COMPARE) lqr --out $(OUT)/lqr
 
+WHAT ?= all
+BUDGET ?= small
+paper: $(VENV)/installed-dev  ## The paper's figures and page, from training on: WHAT of them, with a BUDGET, in runs/paper.
+	$(BIN)/python -m studies.paper reproduce $(WHAT) --budget $(BUDGET)
+
 # Programs that tests compile more than once, in several processes, are compiled once.
-test test-all trust mutants coverage: export JAX_COMPILATION_CACHE_DIR = $(abspath $(VENV))/jax-cache
-test test-all trust mutants coverage: export JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS = 0.1
+test test-studies test-all trust mutants coverage: export JAX_COMPILATION_CACHE_DIR = $(abspath $(VENV))/jax-cache
+test test-studies test-all trust mutants coverage: export JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS = 0.1
 # A file stays in one process, which then makes its fixtures and compiles its programs once. The slowest are told.
 PYTEST = $(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder --durations 15 --durations-min 1
 # What compiles for seconds to run for milliseconds is not worth optimising, but for the tests that are marked so.
@@ -31,8 +36,11 @@ test: lint $(VENV)/browser  ## Lint, types and the tests that take seconds.
 	$(UNOPTIMISED) $(PYTEST) -m "not slow and not optimised"
 	$(PYTEST) -m "optimised and not slow" $$(grep -rl mark.optimised --include "test_*.py" tests)
 
+test-studies: $(VENV)/installed-dev  ## The tests of the paper's study that take seconds.
+	$(UNOPTIMISED) $(PYTEST) -m "not slow" studies/tests
+
 test-all: lint $(VENV)/browser  ## All tests, the long learning claims included, compiled as users compile.
-	$(PYTEST)
+	$(PYTEST) tests studies/tests
 
 SECONDS ?= 120
 TARGETS ?=
@@ -42,7 +50,7 @@ fuzz: $(VENV)/installed-dev  ## Readers of files under strange ones, SECONDS for
 # About two hours on two cores. With TESTS=tests/test_resume.py only what that file measures.
 trust: $(VENV)/browser  ## Measure every promise of docs/trust.md again: results/trust and the page.
 	rm -rf build/trust
-	GALTON_TRUST=build/trust $(BIN)/python -m pytest -n auto $(TESTS)
+	GALTON_TRUST=build/trust $(BIN)/python -m pytest -n auto $(or $(TESTS),tests studies/tests)
 	$(if $(TESTS),,$(MAKE) mutants coverage package lowest matrix)
 	$(if $(TESTS),,$(BIN)/python benchmarks/starting.py)
 	$(BIN)/python -m tests.trust build/trust

@@ -7,7 +7,6 @@ schedule of Galton's and as the new one.
 import jax.numpy as jnp
 
 import galton
-from galton.parts import Schedule
 from galton.schedules import SCHEDULES, Linear, Steps
 from galton.types import Finite
 

@@ -12,8 +12,6 @@ import pytest
 
 import galton
 from galton.envs.lqr import LQR
-from galton.page import quotes
-from galton.paper import reproduce, tables
 
 ROOT = Path(__file__).parents[1]
 SOURCE = Path(galton.__file__).parent
@@ -36,7 +34,7 @@ def check_is_there(name):
 
 @pytest.mark.parametrize(("equation", "functions", "tests"), EQUATIONS)
 def test_an_equation_is_where_the_page_says(equation, functions, tests):
-    names = re.findall(r"`([\w./]+)`", functions) + re.findall(r"`(tests/[\w./]+)`", tests)
+    names = re.findall(r"`([\w./]+)`", functions) + re.findall(r"`((?:studies/)?tests/[\w./]+)`", tests)
     assert len(names) >= 2
     for name in names:
         check_is_there(name)
@@ -82,15 +80,6 @@ def test_the_page_has_the_returns_of_each_lqr():
         random, rest, best = lqr.random_return, at_rest(lqr), lqr.optimal_return
         expected = [f"{random:.2f}", f"{rest:.2f}", f"{best:.2f}", f"{(rest - random) / (best - random):.0%}"]
         assert [cell.strip() for cell in rows[name]] == expected
-
-
-def test_tables_of_results_are_quoted_as_they_were_made():
-    folder = str(ROOT / "results" / "paper")
-    known = tables.tables(reproduce.load(folder))
-    for path in (ROOT / "README.md", ROOT / "docs" / "why.md"):
-        text = path.read_text()
-        assert "<!-- table: " in text
-        assert quotes.filled(text, known.get) == text, f"python -m galton.paper.tables {folder} {path}"
 
 
 def test_readme_quotes_the_demo_as_it_was_run():

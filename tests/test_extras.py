@@ -74,8 +74,6 @@ CORE = [
     (["compare", "bandit"], 2, f"galton: compare needs pyarrow and matplotlib: {STUDIES}"),
     (["sweep", "bandit"], 2, f"galton: sweep needs pyarrow and fsspec: {STUDIES}"),
     (["sweep", "status", "x"], 2, f"galton: sweep needs pyarrow and fsspec: {STUDIES}"),
-    (["reproduce", "figure-3"], 2, f"galton: reproduce needs pyarrow and fsspec: {STUDIES}"),
-    (["report", "x"], 2, f"galton: report needs pyarrow and matplotlib: {STUDIES}"),
     (
         ["watch", "run", "--out", "x.mp4"],
         2,

@@ -34,7 +34,7 @@ RANKS = """
     analysis sweep
     deploy
     page
-    paper benchmark
+    benchmark
     cli
 """
 
@@ -48,9 +48,9 @@ CORE_LIBRARIES = "jax numpy optax jaxtyping"
 # Libraries of the command line and of many runs, and the folders and files outside it that may import them too.
 COMMAND_LINE = "cli"
 COMMAND_LINE_LIBRARIES = {
-    "matplotlib": ["analysis", "page", "paper", "benchmark"],  # which draw
-    "pyarrow": ["analysis", "paper", "sweep", "benchmark"],  # which keep what thousands of runs told
-    "rich": ["models/learning.py"],  # the progress bar of `learn`
+    "matplotlib": ["analysis", "page", "benchmark"],  # which draw
+    "pyarrow": ["analysis", "sweep", "benchmark"],  # which keep what thousands of runs told
+    "rich": ["models/learning.py", "sweep/view.py"],  # which show progress
     "tyro": [],
 }
 

@@ -18,7 +18,6 @@ from safetensors.numpy import load_file
 
 import galton
 from galton import A2C, PPO, CheckpointError, NewerVersionError
-from galton.paper.summary import Summary
 from galton.saving import checkpoint
 from galton.sweep.plan import Plan
 from galton.sweep.store import Store
@@ -120,9 +119,8 @@ def test_a_model_goes_on_where_its_algorithm_has_learnt_to_tell_more(written, na
 
 
 def test_finished_shards_count_and_stand_in_one_table_with_new_ones(written):
-    _, first, grown = written
+    *_, grown = written
     assert grown["sweep"]["counted"] == [0]
-    assert grown["sweep"]["summary"] == first["settings"]
     columns = grown["sweep"]["columns"]
     assert columns["setting"] == [0, 0, 4, 4]
     for name in ("newer_scalar", "newer_diagnosis", "entropy"):
@@ -143,7 +141,6 @@ def test_files_with_a_field_that_this_version_does_not_know_are_called_newer(new
     refused(field, lambda: A2C.load(folder / "a2c.safetensors"))
     refused(field, lambda: PPO.load(folder / "ppo.safetensors", "bandit"))
     refused(field, lambda: Plan.load(Store(str(folder / "sweep"))))
-    refused(field, lambda: Summary.load(Store(str(folder)), "summary.parquet"))
 
 
 def test_a_setting_of_a_checkpoint_that_this_version_does_not_know_is_called_newer(written, tmp_path):

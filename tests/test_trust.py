@@ -16,7 +16,7 @@ def test_a_record_is_complete_and_its_test_exists(name):
     check(name, record)
     path, _, function = record.test.partition("::")
     assert (ROOT / path).is_file(), f"{name} names {path}"
-    assert path.startswith("tests/") or record == outside()[name], "python -m tests.trust"
+    assert path.startswith(("tests/", "studies/tests/")) or record == outside()[name], "python -m tests.trust"
     if function:
         functions = {node.name for node in ast.walk(ast.parse((ROOT / path).read_text())) if hasattr(node, "name")}
         assert function in functions, f"{path} has no {function}"

@@ -1,6 +1,6 @@
 """What one version of Galton writes: `python tests/writer.py FOLDER [EARLIER] [field=value ...]`.
 
-A plan with a finished shard, a summary of it and a model of each algorithm, all of them with those settings, and
+A plan with a finished shard and a model of each algorithm, all of them with those settings, and
 names.json, which says how everything is called. What an EARLIER version wrote is read first, and gone on with.
 """
 
@@ -10,7 +10,6 @@ import sys
 from pathlib import Path
 
 import galton
-from galton.paper.summary import Summary
 from galton.sweep.plan import Plan
 from galton.sweep.results import collect
 from galton.sweep.shard import finished, work
@@ -38,17 +37,10 @@ def study(**fields):
     return Study("bandit", settings, 2, 32, logs=2, eval_episodes=1)
 
 
-def summarise(plan, store, folder):
-    results = collect(store, plan)
-    Summary.of_results(plan.study, results, {}).save(Store(str(folder)), "summary.parquet")
-    return results
-
-
 def write_sweep(folder, fields):
     store, plan = Store(str(folder / "sweep")), Plan.create(study(**fields), 2)
     plan.save(store)
     work(store.url, 0)
-    summarise(plan, store, folder)
     return {
         "settings": [setting.name for setting in plan.study.settings],
         "seeds": plan.seed.tolist(),
@@ -72,12 +64,10 @@ def go_on_with_a_sweep(earlier, folder):
     before = list(finished(store, plan))
     assert plan.names == Plan.create(study(), 2).names
     work(store.url, 4)
-    results = summarise(plan, store, folder)
-    summary = Summary.load(Store(str(earlier)), "summary.parquet")
+    results = collect(store, plan)
     return {
         "counted": before,
         "columns": {name: results.column(name).to_pylist() for name in results.column_names},
-        "summary": [setting.name for setting in summary.study.settings],
     }
 
 

@@ -17,9 +17,9 @@ PARTS = {
     ".py": "modules",
     ".pyi": "stubs, from which names are loaded and types are read",
     ".typed": "the mark that Galton has types",
-    ".css": "the page of `galton report`",
-    ".jinja": "the page of `galton report`",
-    ".js": "the page of `galton report`",
+    ".css": "the page of `galton benchmark`",
+    ".jinja": "the page of `galton benchmark`",
+    ".js": "the page of `galton benchmark`",
 }
 """What a wheel may hold under galton/, by the ending of the file."""
 BESIDE = {"LICENSE", "METADATA", "RECORD", "WHEEL", "entry_points.txt"}

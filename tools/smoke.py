@@ -63,8 +63,6 @@ STUDIES = [
     Call(("python", "-c", GRID), ""),
     Call(f"galton sweep bandit --grid grid.toml {SWEEP} --out sweep", "sweep"),
     Call("galton sweep status sweep", "done"),
-    Call("galton reproduce bandit --budget smoke --workers 1 --out paper", "figures and the page"),
-    Call("galton report paper", "figures and the page: paper/index.html"),
 ]
 
 SMOKE = {
@@ -89,8 +87,6 @@ SMOKE = {
 MISSING = [
     Call("galton compare bandit", r"^galton: compare needs .*: pip install .*\[studies\]'$", 2),
     Call("galton sweep bandit", r"^galton: sweep needs .*: pip install .*\[studies\]'$", 2),
-    Call("galton reproduce figure-3", r"^galton: reproduce needs .*: pip install .*\[studies\]'$", 2),
-    Call("galton report paper", r"^galton: report needs .*: pip install .*\[studies\]'$", 2),
     Call("galton watch run", r"^galton: .* needs imageio_ffmpeg: pip install .*\[video\]'$", 2),
     Call("galton train Reacher-v5", r"^galton: .* needs mujoco and imageio: pip install .*\[mujoco\]'$", 2),
     Call("galton benchmark my.toml", r"^galton: benchmark needs .*: pip install .*\[studies\]'$", 2),

@@ -25,11 +25,11 @@ from galton.losses import LOSSES
 from galton.models.settings import usual
 from galton.networks import NETWORKS
 from galton.optimizers import OPTIMIZERS, Optimizer
-from galton.paper import reproduce, standings, tables
-from galton.paper.trained import Trained
 from galton.parts import Part, settings
 from galton.policies import POLICIES
 from galton.words import CHOICES, vocabulary
+from studies.paper import reproduce, standings, tables
+from studies.paper.trained import Trained
 
 RESULTS = Path(__file__).parents[2] / "results" / "paper"
 Rows = list[list[str]]

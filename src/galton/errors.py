@@ -6,6 +6,18 @@ from collections.abc import Collection, Iterable
 
 import numpy as np
 
+MALFORMED = (
+    KeyError,
+    TypeError,
+    ValueError,
+    AttributeError,
+    IndexError,
+    OverflowError,
+    MemoryError,
+    RecursionError,
+)
+"""The errors that come of settings and arrays which Galton did not write."""
+
 
 class UsageError(ValueError):
     """A wrong argument: the message names it, its value and what would have been right."""

@@ -15,7 +15,8 @@ from jaxtyping import Array, Float, Int
 
 from galton.errors import UsageError, require
 from galton.fields import Within
-from galton.parts import Part, Schedule
+from galton.parts import Part
+from galton.parts import Schedule as Schedule
 from galton.types import Finite, NotNegative, Number
 
 TreeT = TypeVar("TreeT", bound=Part)

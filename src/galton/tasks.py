@@ -12,6 +12,7 @@ class Task(NamedTuple):
     env: str
     """One of ENVS, or a Gymnasium id."""
     title: str
+    """Its name in figures."""
     d: int = 0
     """Action dimensions; 0 where they are not known."""
     in_jax: bool = True
@@ -29,6 +30,7 @@ class Task(NamedTuple):
     n_logs: int = 100
     """How many points a learning curve has, each with an evaluation."""
     n_eval_episodes: int = 10
+    """How many episodes each evaluation has."""
     at_rest: float | None = None
     """The mean return of the action 0 from the first step to the last, where a figure shows it."""
     solved: float | None = None
@@ -59,7 +61,7 @@ TASKS = {
     "half-cheetah": _outside("HalfCheetah-v5", "HalfCheetah", d=6, total_timesteps=1_000_000, at_rest=-0.23),
     "ant": _outside("Ant-v5", "Ant", d=8, total_timesteps=1_000_000, at_rest=994.2),
 }
-"""By the names that `galton reproduce` takes, in the order of the paper's figures."""
+"""The tasks by name, in the order of the paper's figures."""
 
 
 def settings_of(env: object) -> dict[str, object]:

@@ -42,10 +42,10 @@ def gradient_bound(
     features: Float[Array, " hidden"],
     output_gradient: Float[Array, " outputs"],
 ) -> Float[Array, ""]:
-    """What both propositions say, for any loss: |A| (l + ‖f‖) ‖∂loss/∂outputs‖₁.
+    """Both propositions, for any loss: ``|A| (l + ‖f‖) ‖∂loss/∂outputs‖₁`` bounds the gradient.
 
     With a softmax's logits as the outputs their gradient is π − q, and this is Proposition 1, eq. 7, summed over
-    action dimensions: |A| (l + ‖f‖) Σ_i |q_i − π_i|. With a Gaussian's mean it is Proposition 2 with scale σ².
+    action dimensions: ``|A| (l + ‖f‖) Σ_i |q_i − π_i|``. With a Gaussian's mean it is Proposition 2 with scale σ².
     """
     bound: Array = jnp.abs(advantage) * (lipschitz + jnp.linalg.norm(features)) * jnp.abs(output_gradient).sum()
     return bound
@@ -59,7 +59,7 @@ def regression_bound(
     mean: Scalar,
     scale: Scalar,
 ) -> Float[Array, ""]:
-    """Proposition 2, eq. 8: |A| (l + ‖f‖) |a − μ| / scale.
+    """Proposition 2, eq. 8: ``|A| (l + ‖f‖) |a − μ| / scale`` bounds the gradient.
 
     The paper divides the squared error by 2σ, so its scale is σ; for the Gaussian's own log-likelihood, which
     divides by 2σ², it is σ².

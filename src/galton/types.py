@@ -27,9 +27,11 @@ class Transition(NamedTuple):
     """One step, or with leading axes `[T, N]` a rollout of them."""
 
     observation: Float[Array, "*batch o"]
+    """As the policy saw it, normalised where that is asked for."""
     action: Float[Array, "*batch d"]
     """As sampled, before the environment clips it."""
     reward: Float[Array, "*batch"]
+    """As the critic learns it, scaled where that is asked for."""
     next_observation: Float[Array, "*batch o"]
     """What the step led to, before any reset."""
     terminated: Bool[Array, "*batch"]

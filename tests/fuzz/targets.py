@@ -17,7 +17,6 @@ from galton.deploy.card import card
 from galton.envs.registry import read_constants
 from galton.errors import CheckpointError, UsageError
 from galton.models import Model
-from galton.paper import reproduce
 from galton.saving.result_folder import CONFIG, read_settings
 from galton.sweep import shard
 from galton.sweep.grid import read_grid
@@ -94,14 +93,6 @@ def _shard(folder: Path) -> None:
     assert shard.provenance(store, plan)
 
 
-def _summary(folder: Path) -> None:
-    found = reproduce.load(str(folder)).sweeps["bandit"]
-    assert len(found.steps) > 0
-    assert found.best is not None
-    for metric in ("training_return", "evaluation_return", "entropy"):
-        assert len(found.curves(metric)) == found.table.num_rows
-
-
 def _grid(folder: Path) -> None:
     settings = read_grid(folder / "grid.toml", {})
     assert len({setting.name for setting in settings}) == len(settings) > 0
@@ -142,9 +133,6 @@ TARGETS = {
     ),
     "plans": Target(_plan, _file(FILE), (f"sweep/{FILE}",), changes.planned),
     "shards": Target(_shard, _place_shard, ("sweep/shards/0000000-*.parquet",), changes.table),
-    "summaries": Target(
-        _summary, _file(f"{reproduce.DATA}/bandit.parquet"), ("results/data/*.parquet",), changes.table
-    ),
     "grids": Target(_grid, _file("grid.toml"), ("grid.toml",), changes.text),
     "benchmarks": Target(_benchmark, _file("benchmark.toml"), (), changes.text),
     "runs": Target(_run, _place_run, (), changes.documents),

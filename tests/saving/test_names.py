@@ -1,6 +1,5 @@
 """Whatever a thing is called, nothing is written outside of the folder that is meant for it."""
 
-import contextlib
 from pathlib import Path, PureWindowsPath
 
 import pytest
@@ -10,19 +9,13 @@ from hypothesis import strategies as st
 import galton
 from galton import A2C, LOSSES, UsageError
 from galton.algorithms import ALGORITHMS
-from galton.analysis import plots
 from galton.callbacks import Checkpoint, Evaluate, JSONLines, TensorBoard
 from galton.cli._options import plain_name
 from galton.cli.compare import Options as Compare
-from galton.cli.report import write
 from galton.cli.sweep.run import Options as Sweeping
 from galton.cli.train import Options as Train
 from galton.deploy import export
 from galton.envs.registry import ENVS
-from galton.paper import report
-from galton.paper.registry import FIGURES
-from galton.paper.sweeps import Sweep
-from galton.paper.trained import Trained
 from galton.saving import files
 from galton.saving.result_folder import result_folder
 from galton.sweep import engine
@@ -117,21 +110,6 @@ def test_what_a_store_takes_lies_below_it(name):
         assert below.parts[: len(root.parts)] == root.parts
         assert ".." not in below.parts
         assert below != root
-
-
-@pytest.mark.parametrize("name", LEADING_AWAY)
-def test_figures_and_sweeps_of_ones_own_stay_in_the_reports_folder(name, tmp_path, monkeypatch):
-    with pytest.raises(UsageError, match="name is "):
-        Sweep(name, lambda budget, done: None)
-    out = tmp_path / "deep" / "paper"
-    before = everything(tmp_path)
-    monkeypatch.setitem(FIGURES, name, FIGURES["figure-1"])
-    monkeypatch.setattr(report, "figures", lambda _: {name: None})
-    monkeypatch.setattr(report, "page", lambda *_: "")
-    monkeypatch.setattr(plots, "images", lambda _: {".png": b"drawn"})
-    with contextlib.suppress(UsageError):  # figures/...png, of "..", is as good as any
-        write(out, Trained({}, {}))
-    assert {path for path in everything(tmp_path) if not path.is_relative_to(tmp_path / "deep")} == {*before}
 
 
 @pytest.fixture(scope="module")

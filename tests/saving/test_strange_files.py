@@ -17,7 +17,6 @@ from galton.cli import export, watch
 from galton.cli._metrics import points
 from galton.errors import CheckpointError
 from galton.models import Model
-from galton.paper import reproduce
 from galton.saving.result_folder import claimed, read_settings
 from galton.sweep import results
 from galton.sweep.grid import read_grid
@@ -100,7 +99,6 @@ KINDS = {
     "plan": (GOLDEN / "sweep" / "plan.parquet", "", lambda folder: Plan.load(Store(str(folder)))),
     "shard": (SHARD, "shards", shard_of),
     "results": ("results.parquet", "", results_of),
-    "summary": (GOLDEN / "results" / "data" / "bandit.parquet", "data", lambda folder: reproduce.load(str(folder))),
     "begun": ("benchmark.json", "", benchmark_of),
     "provenance": ("provenance.json", "", lambda folder: benchmark.made(Store(str(folder)))),
 }

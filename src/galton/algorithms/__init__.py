@@ -21,6 +21,7 @@ __all__ = [
     "Algorithm",
     "Rollout",
     "Scalars",
+    "actor_critic",
     "find_algorithm",
 ]
 

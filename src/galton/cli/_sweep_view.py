@@ -1,91 +1,9 @@
-"""What `galton sweep` shows: progress while it runs, and the best settings in the end."""
+"""The table of a sweep's best settings."""
 
-import contextlib
-import time
-from collections.abc import Iterator
-
-import numpy as np
-from rich.console import Console
-from rich.live import Live
-from rich.progress_bar import ProgressBar
 from rich.table import Table
 
 from galton.losses import find_loss
-from galton.sweep.plan import Plan
 from galton.sweep.results import Best
-from galton.sweep.shard import Report
-
-
-class View:
-    """What a sweep shows while it runs, drawn again whenever rich asks for it."""
-
-    def __init__(self, plan: Plan) -> None:
-        self._plan, self._start = plan, time.monotonic()
-        self._runs = self._steps = 0
-        self._steps_before = self._runs_before = 0
-        self._returns: dict[int, list[float]] = {}
-
-    def resumed(self, reports: list[Report]) -> None:
-        """Count shards that were done before; speed and time left don't."""
-        for report in reports:
-            self._add(report)
-        self._runs_before, self._steps_before = self._runs, self._steps
-
-    def finished(self, report: Report) -> None:
-        """Count a shard that has just been done."""
-        self._add(report)
-
-    def _add(self, report: Report) -> None:
-        self._runs += len(report.setting)
-        self._steps += report.steps
-        for setting, value in zip(report.setting, report.final_training_return, strict=True):
-            self._returns.setdefault(setting, []).append(value)
-
-    def __rich__(self) -> Table:
-        """Draw progress, speed, time left, and the best setting of each loss so far."""
-        bar = ProgressBar(total=self._plan.n_runs, completed=self._runs, width=60)
-        rows = Table.grid()
-        for row in (self.line(), bar, self._best()):
-            rows.add_row(row)
-        return rows
-
-    def line(self) -> str:
-        """Say progress, speed and time left in one line."""
-        line, runs = f"{self._runs:,} of {self._plan.n_runs:,} runs", self._runs - self._runs_before
-        if not runs:
-            return line
-        elapsed = time.monotonic() - self._start
-        speed, left = (self._steps - self._steps_before) / elapsed, (self._plan.n_runs - self._runs) / runs * elapsed
-        return f"{line}, {speed:,.0f} env-steps/s, {_duration(left)} left"
-
-    def _best(self) -> Table:
-        table = Table("loss", "best setting so far", "final training return", "runs", box=None)
-        best: dict[str, tuple[int, float, int]] = {}
-        for i, values in list(self._returns.items()):  # the sweep adds to it from another thread
-            loss, mean = self._plan.study.settings[i]["loss"], float(np.mean(values))
-            mean = -np.inf if np.isnan(mean) else mean
-            if loss not in best or mean > best[loss][1]:
-                best[loss] = i, mean, len(values)
-        for loss, (i, mean, n) in sorted(best.items()):
-            table.add_row(find_loss(loss).label, self._plan.study.settings[i].brief(), f"{mean:,.2f}", str(n))
-        return table
-
-
-@contextlib.contextmanager
-def live(console: Console, plan: Plan) -> Iterator[View]:
-    """The view, drawn again and again on a terminal; elsewhere its line alone, at the end."""
-    view = View(plan)
-    if console.is_terminal:
-        with Live(view, console=console, refresh_per_second=2):
-            yield view
-    else:
-        yield view
-        console.print(view.line(), highlight=False)
-
-
-def _duration(seconds: float) -> str:
-    minutes, hours = int(seconds // 60), int(seconds // 3600)
-    return f"{hours} h {minutes % 60} min" if hours else f"{minutes} min {int(seconds % 60)} s"
 
 
 def winners(best: dict[str, Best]) -> Table:

@@ -13,7 +13,7 @@ from galton.cli._interrupts import ASKING
 from galton.cli._output import Lasting, lasting_output
 from galton.cli._program_faults import keep_programs
 from galton.cli._words import run_command
-from galton.errors import BrokenEnvironmentError, CheckpointError, UsageError, unknown
+from galton.errors import BrokenEnvironmentError, CheckpointError, UsageError, require, unknown
 from galton.version import __version__
 
 COMMANDS = {
@@ -26,11 +26,12 @@ COMMANDS = {
     "check": "say what Galton makes of an environment, and what to do about it",
     "evaluate": "play episodes of a trained policy and say what they return",
     "plot": "draw the learning curves of runs",
-    "reproduce": "train and draw the figures of the paper",
-    "report": "write the page of what was reproduced",
 }
 
-RESUMABLE = ("sweep", "benchmark", "reproduce", "report")
+MOVED = ("reproduce", "report")
+"""Commands of before 0.2.0 that the studies in a clone have now."""
+
+RESUMABLE = ("sweep", "benchmark")
 """The commands whose work is kept as it is done."""
 
 EXIT_CODES = {BrokenEnvironmentError: 1, CheckpointError: 2, UsageError: 2}
@@ -102,6 +103,7 @@ def _run(name: str, arguments: list[str]) -> int:
         if signal.getsignal(number) != signal.SIG_IGN:
             signal.signal(number, signal.default_int_handler)  # so that it cleans up as Ctrl-C does
     try:
+        require(name not in MOVED, f"{name} is a command of a clone now: python -m studies.paper {name}")
         if name not in COMMANDS:
             raise unknown("command", name, COMMANDS)
         keep_programs()
@@ -109,9 +111,10 @@ def _run(name: str, arguments: list[str]) -> int:
     except tuple(EXIT_CODES) as error:
         print(f"galton: {error}", file=sys.stderr)
         return next(code for kind, code in EXIT_CODES.items() if isinstance(error, kind))
-    except KeyboardInterrupt:
+    except KeyboardInterrupt as interrupt:
         left = "the same command goes on with the rest" if name in RESUMABLE else "nothing was written"
-        print(f"galton: interrupted; {left}", file=sys.stderr)
+        done = f"{interrupt}, and " if interrupt.args else ""
+        print(f"galton: interrupted; {done}{left}", file=sys.stderr)
         return 130
     except Exception as error:
         cause = _of_the_machine(error, arguments)

@@ -3,8 +3,10 @@ from .bandit import Bandit as Bandit
 from .base import Environment as Environment
 from .base import box as box
 from .find import find as find
+from .jax_task import JaxTask as JaxTask
 from .lqr import LQR as LQR
 from .mountain_car import MountainCar as MountainCar
 from .registry import ENVS as ENVS
 from .registry import make as make
+from .registry import read_constants as read_constants
 from .task import Task as Task

@@ -34,7 +34,9 @@ class JaxTask:
     """
 
     record: Environment
+    """The environment."""
     given: int | None = None
+    """None: copies of it are drawn, not given."""
     n_threads = 1
 
     def __init__(self, record: Environment, action_scale: float = 1.0) -> None:

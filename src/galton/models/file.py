@@ -13,7 +13,7 @@ from galton.algorithms import ALGORITHMS, Agent, actor_critic
 from galton.envs.host.action_box import ActionBox
 from galton.envs.host.observations import Observations
 from galton.envs.host.space_json import from_json, to_json
-from galton.errors import CheckpointError, UsageError, require
+from galton.errors import MALFORMED, CheckpointError, UsageError, require
 from galton.parts import Box, at
 from galton.saving import checkpoint
 from galton.saving import model_file as saved
@@ -137,7 +137,7 @@ def read(path: Path, opener: type) -> tuple[ModelFile, dict[str, np.ndarray]]:
             Observations("the checkpoint", from_json(settings["observation_space"])),
             agent.on(Box.of(actions.low, actions.high)),
         )
-    except saved.MALFORMED as error:
+    except MALFORMED as error:
         raise saved.unusable(path, error) from None
     bound = {cls.__name__ for cls in opener.__mro__} & {algorithm.label for algorithm in ALGORITHMS.values()}
     fits = not bound or model.label in bound
@@ -154,7 +154,7 @@ def learner_of(model: ModelFile, arrays: dict[str, np.ndarray]) -> Learner:
         like = {"run": {"learner": jax.tree.map(lambda x: jax.ShapeDtypeStruct((1, *x.shape), x.dtype), one)}}
         # NamedTuples and dictionaries have the same names in a checkpoint.
         learner = checkpoint.unflatten(_by_todays_names(arrays), like)["run"]["learner"]
-    except saved.MALFORMED as error:
+    except MALFORMED as error:
         raise saved.unusable(model.path, error) from None
     first: Learner = jax.tree.map(lambda rows: jnp.asarray(rows[0]), learner)
     return first
@@ -183,7 +183,7 @@ def resume(path: Path, population: Population, arrays: dict[str, np.ndarray]) ->
                 snapshot["environments"] = like["environments"]
                 cause = f"the checkpoint has no state for its environments ({error})"
         population.restore(snapshot)
-    except (UsageError, *saved.MALFORMED) as error:
+    except (UsageError, *MALFORMED) as error:
         raise saved.unusable(path, error) from None
     return cause
 

@@ -34,6 +34,7 @@ class Claim:
     source: str
     """Where the paper says it, such as "§5.2, Figure 3"."""
     words: str
+    """The sentence."""
     test: str
     """What was compared with what."""
     number: str
@@ -58,7 +59,9 @@ class Table:
     """A table of texts, each cell as it is shown."""
 
     headings: Sequence[str]
+    """The name of each column."""
     rows: Sequence[Sequence[str]]
+    """As many cells as headings in each."""
 
     def __post_init__(self) -> None:
         for row in self.rows:
@@ -77,6 +80,7 @@ class Cell:
     """A cell of a matrix: what it says, and in which colour."""
 
     text: str
+    """What it says."""
     verdict: str | None = None
     """One of VERDICTS, whose sign and colour it has; None for neither."""
 
@@ -92,7 +96,9 @@ class Matrix:
     corner: str
     """What the rows are."""
     columns: Sequence[str]
+    """The name of each column."""
     rows: Mapping[str, Sequence[Cell]]
+    """The cells of each row, by its name."""
     narrow: bool = False
     """Whether it is a table on narrow screens too, since its cells are short."""
     heads: Mapping[str, tuple[str, str]] = dataclasses.field(default_factory=dict)
@@ -113,10 +119,13 @@ class Answer:
     sentences: Sequence[str]
     """The first is the answer; the others follow in smaller type."""
     matrix: Matrix | None = None
+    """The table beside them."""
     note: str = ""
     """What the matrix shows."""
     figure: Figure | None = None
+    """The figure below them."""
     caption: str = ""
+    """What the figure shows."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -126,10 +135,15 @@ class Section:
     name: str
     """The section's anchor: lower-case letters, digits and hyphens, a letter first."""
     title: str
+    """Its heading."""
     caption: str = ""
+    """What the figure shows."""
     figure: Figure | None = None
+    """The figure, as matplotlib drew it."""
     table: Table | Matrix | None = None
+    """The numbers below the figure."""
     paragraphs: Sequence[str] = ()
+    """Sentences above the table."""
     is_first: bool = False
     """Whether it stands before the claims."""
 

@@ -10,7 +10,7 @@ from galton.agents import in_two, read
 from galton.agents import words_of as words_of_agent
 from galton.algorithms import Agent, find_algorithm
 from galton.envs.host.answers import shown
-from galton.errors import CheckpointError, NewerVersionError, UsageError, in_a_line
+from galton.errors import MALFORMED, CheckpointError, NewerVersionError, UsageError, in_a_line
 from galton.networks import NETWORKS
 from galton.parts import settings as settings_of
 from galton.records import FIRST_FIELDS, Fields, refuse_unknown
@@ -37,18 +37,6 @@ EXAMPLE: Settings = {
 
 SCORE = "evaluation/mean_reward"
 """The array of a best model's file that holds its mean return."""
-
-MALFORMED = (
-    KeyError,
-    TypeError,
-    ValueError,
-    AttributeError,
-    IndexError,
-    OverflowError,
-    MemoryError,
-    RecursionError,
-)
-"""The errors that come of settings and arrays which `save` did not write."""
 
 
 def with_suffix(path: Path) -> Path:

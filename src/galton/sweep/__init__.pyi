@@ -1,6 +1,17 @@
+from . import columns as columns
+from . import parquet as parquet
+from .engine import CarryOut as CarryOut
 from .engine import sweep as sweep
+from .executors import Place as Place
+from .executors import one_per_core as one_per_core
 from .grid import expand as expand
+from .grid import paper_blocks as paper_blocks
 from .grid import paper_grid as paper_grid
 from .grid import task_defaults as task_defaults
+from .results import Best as Best
+from .results import best_settings as best_settings
+from .results import mean_returns as mean_returns
+from .store import Store as Store
 from .study import Setting as Setting
 from .study import Study as Study
+from .view import workers as workers

@@ -12,13 +12,12 @@ import pyarrow as pa
 from galton.errors import UsageError
 from galton.sweep import results
 from galton.sweep.executors import ATTEMPTS, WorkerDiedError, one_per_core, processes
+from galton.sweep.parquet import with_record
 from galton.sweep.plan import FILE, Plan
-from galton.sweep.shard import Report, discard, finished, read, report, work
+from galton.sweep.shard import Report, discard, finished, provenance, read, report, work
 from galton.sweep.store import Store
 from galton.sweep.study import Program, Study
 
-CarryOut = Callable[[Store, Plan], None]
-"""A function of a store and its plan that trains what the plan lacks."""
 TICK = 0.2
 """Seconds between two looks at who is there to work."""
 
@@ -34,10 +33,25 @@ class Watcher(Protocol):
         """Take note of a shard that has just been done."""
 
 
+@runtime_checkable
+class CarryOut(Protocol):
+    """Workers that train what a plan lacks; `sweep.workers` yields some."""
+
+    def __call__(self, store: Store, plan: Plan) -> None:
+        """Train the shards of a plan that its store does not have yet."""
+
+
 def sweep(
-    study: Study, out: str, *, workers: int | None = None, shard_width: int | None = None, extend: bool = False
+    study: Study,
+    out: str | Store,
+    *,
+    workers: int | CarryOut | None = None,
+    shard_width: int | None = None,
+    extend: bool = False,
 ) -> pa.Table:
-    """Train the runs of a study that `out` lacks, on this machine; then all of them, as `results.collect` tells.
+    """Train the runs of a study that `out` lacks; then the table of all of them, as `results.collect` tells.
+
+    What `parquet.record_of` reads of the table says how the runs were made: versions, machines, seconds.
 
     A script that calls this must be one that its workers can import: what it does stands under
     `if __name__ == "__main__":`, losses and environments of its own above.
@@ -45,7 +59,7 @@ def sweep(
     Args:
         study: what to train.
         out: the folder for plan and results, of this study alone.
-        workers: processes; by default one per core.
+        workers: processes on this machine, by default one per core; or what `sweep.workers` yields.
         shard_width: runs that a worker trains side by side, by default as `Plan.create` has it.
         extend: add to the plan in the folder what it lacks.
 
@@ -53,13 +67,18 @@ def sweep(
         UsageError: the folder is of another study, or in use, or full.
         BrokenEnvironmentError: an environment broke.
     """
-    store, places = Store(out), one_per_core(workers)
-    with store.lock(), processes(places) as executor:
+    store = out if isinstance(out, Store) else Store(out)
+    places = [] if callable(workers) else one_per_core(workers)
+    with store.lock():
         plan = prepare(store, study, shard_width, extend)
-        run(store, plan, executor, lambda: len(places), Silent())
+        if callable(workers):
+            workers(store, plan)
+        else:
+            with processes(places) as executor:
+                run(store, plan, executor, lambda: len(places), Silent())
         table = results.collect(store, plan)
         results.save(store, table)
-    return table
+        return with_record(table, provenance(store, plan))
 
 
 def prepare(store: Store, study: Study, shard_width: int | None, extend: bool) -> Plan:

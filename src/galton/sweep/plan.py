@@ -15,8 +15,7 @@ from jaxtyping import Int, UInt
 from galton.agents import read
 from galton.algorithms import Agent
 from galton.envs.registry import is_known
-from galton.errors import NewerVersionError, UsageError, in_a_line, require, require_integer
-from galton.saving.model_file import MALFORMED
+from galton.errors import MALFORMED, NewerVersionError, UsageError, in_a_line, require, require_integer
 from galton.sweep import columns
 from galton.sweep.parquet import from_bytes, record_of, to_bytes, with_record
 from galton.sweep.store import Store, checksum

@@ -30,6 +30,7 @@ class Population(Protocol):
     """R runs of agents of one structure. All arrays that go in or out are numpy's, with a leading axis R."""
 
     compile_seconds: float
+    """How long compiling took so far."""
 
     @property
     def step(self) -> int:

@@ -10,11 +10,11 @@ from typing import Annotated, Literal
 
 import tyro
 
-from galton.cli._carry import carry, processes
 from galton.errors import require, require_integer
 from galton.sweep.engine import CarryOut
 from galton.sweep.executors import Place, one_per_core, one_per_gpu
 from galton.sweep.store import Store
+from galton.sweep.view import carry, workers
 
 
 @dataclasses.dataclass(frozen=True)
@@ -74,7 +74,7 @@ class Workers:
     def hired(self, store: Store) -> Iterator[CarryOut]:
         """The workers for a while: a function that has them carry plans out, one after the other."""
         if not self.far:
-            with processes(self.places()) as carry_out:
+            with workers(self.places()) as carry_out:
                 yield carry_out
             return
         from galton.sweep import cluster

@@ -3,13 +3,13 @@
 import dataclasses
 from collections.abc import Sequence
 
-from galton.cli._carry import processes
 from galton.cli._reading import read_options
 from galton.cli.sweep._folder import Folder, conclude, load
 from galton.errors import require
 from galton.sweep import engine, results
 from galton.sweep.executors import one_per_core
 from galton.sweep.store import Store
+from galton.sweep.view import workers
 
 
 @dataclasses.dataclass(frozen=True)
@@ -39,6 +39,6 @@ def main(arguments: Sequence[str]) -> None:
     study = results.rerun(known.study, best, options.trials, options.seed)
     with target.lock():
         plan = engine.prepare(target, study, known.shard_width, extend=False)
-        with processes(one_per_core(options.workers)) as carry_out:
+        with workers(one_per_core(options.workers)) as carry_out:
             carry_out(target, plan)
         conclude(target, plan)

@@ -1,0 +1,54 @@
+"""Shapes and types are checked at every call of every galton function; and no process keeps too many programs."""
+
+import collections
+import functools
+import signal
+
+import hypothesis
+import pytest
+from jaxtyping import install_import_hook
+
+install_import_hook(["galton", "studies"], "beartype.beartype")
+
+import galton  # noqa: E402
+from galton.training.programs import make_room  # noqa: E402
+from tests.trust import FOLDER, note  # noqa: E402
+
+galton.use_all_cores()
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background job ignores it
+hypothesis.settings.register_profile("galton", deadline=None)  # a busy machine is no failure
+hypothesis.settings.load_profile("galton")
+
+
+def pytest_collection_modifyitems(config, items):
+    """Where measurements are asked for, only tests that take some run."""
+    if FOLDER:
+        others = [item for item in items if "trust" not in item.fixturenames]
+        items[:] = [item for item in items if "trust" in item.fixturenames]
+        config.hook.pytest_deselected(items=others)
+
+
+def pytest_terminal_summary(terminalreporter):
+    """Tell which files took longest: a file is what one process takes, so the longest decide how long all take."""
+    seconds = collections.Counter()
+    for reports in terminalreporter.stats.values():
+        for report in reports:
+            if hasattr(report, "duration"):
+                seconds[report.nodeid.partition("::")[0]] += report.duration
+    if sum(seconds.values()) > 60:
+        terminalreporter.section(f"slowest of {len(seconds)} files, {sum(seconds.values()):,.0f} seconds in all")
+        for file, taken in seconds.most_common(30):
+            terminalreporter.write_line(f"{taken:7.1f} s {file}")
+
+
+@pytest.fixture
+def trust(request):
+    """What a test calls in the end with what it measured of a promise: see `tests/trust.py`."""
+    return functools.partial(note, FOLDER, request.node.nodeid)
+
+
+@pytest.fixture(autouse=True, scope="module")
+def few_programs():
+    """Forget what was compiled for a module of tests where there is much of it: tests compile much of their own."""
+    yield
+    make_room(0.25)

@@ -1,0 +1,17 @@
+from . import plots as plots
+from .bands import mean_band as mean_band
+from .comparison import rest_of as rest_of
+from .scales import AXES as AXES
+from .scales import fit_curves as fit_curves
+from .scales import from_best as from_best
+from .statistics import ALPHA as ALPHA
+from .statistics import Comparison as Comparison
+from .statistics import Interval as Interval
+from .statistics import against as against
+from .statistics import compare as compare
+from .statistics import difference_interval as difference_interval
+from .statistics import fill_start as fill_start
+from .statistics import fill_until as fill_until
+from .statistics import holm as holm
+from .statistics import mean_interval as mean_interval
+from .statistics import within as within

@@ -1,0 +1,10 @@
+from . import quotes as quotes
+from .page import MARKS as MARKS
+from .page import VERDICTS as VERDICTS
+from .page import Answer as Answer
+from .page import Cell as Cell
+from .page import Claim as Claim
+from .page import Matrix as Matrix
+from .page import Section as Section
+from .page import Table as Table
+from .page import render as render

@@ -1,0 +1,2 @@
+from .provenance import machine as machine
+from .provenance import versions as versions

@@ -1,0 +1,41 @@
+"""A study as one record: what is trained for a figure, how it is drawn, and what it says of the paper."""
+
+import dataclasses
+from collections.abc import Callable, Mapping
+
+import pyarrow as pa
+from matplotlib.figure import Figure
+
+from galton.page import Claim, Matrix, Table
+from studies.paper.sweeps import Budget, Sweep
+from studies.paper.trained import Trained
+
+
+@dataclasses.dataclass(frozen=True)
+class FigureStudy:
+    """One figure of the page, with all that belongs to it."""
+
+    title: str
+    """Its heading on the page."""
+    caption: str
+    """What the figure shows, in whole sentences below it."""
+    draw: Callable[[Trained], Figure]
+    """Draws it from what was trained, which may lack some of its sweeps but not all; without axes it is left out."""
+    sweeps: tuple[Sweep, ...] = ()
+    """The sweeps that it needs; figures may share sweeps, which are then trained once."""
+    number: int | None = None
+    """Its number in the paper; None for a figure that the paper does not have."""
+    table: Callable[[Trained], Table | Matrix] | None = None
+    """Makes the table of numbers below the figure, where that is drawn."""
+    claims: Mapping[int | float, Callable[[Trained], Claim]] = dataclasses.field(default_factory=dict)
+    """What the paper says of it, by the place among all claims of the page, which are in the paper's order: 2.5 stands
+    between 2 and 3. They are judged from whatever there is."""
+    measure: Callable[[Budget], pa.Table] | None = None
+    """Measures what no sweep trains; the figure finds it in `Trained.tables` under its name."""
+    check: Callable[[pa.Table], None] = lambda _: None
+    """Raises UsageError for a table of a file that `measure` can't have made."""
+
+    def is_there(self, name: str, trained: Trained) -> bool:
+        """Whether anything was trained or measured for it, or it needs nothing."""
+        needs_nothing = not self.sweeps and self.measure is None
+        return needs_nothing or name in trained.tables or any(sweep.name in trained.sweeps for sweep in self.sweeps)

@@ -1,0 +1,267 @@
+"""Figures 4 to 6: how much a hyperparameter matters, one value held and the rest averaged (App. C.3)."""
+
+import functools
+import itertools
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+from matplotlib import colormaps
+from matplotlib.axes import Axes
+from matplotlib.colors import to_hex
+from matplotlib.figure import Figure
+
+from galton.analysis import AXES, Interval, against, compare, fit_curves, mean_band, mean_interval, within
+from galton.analysis.plots import draw_series, finish, grid, over_steps
+from galton.losses import LOSSES
+from galton.page import Claim
+from galton.tasks import TASKS
+from studies.paper.curves import counted
+from studies.paper.figure import FigureStudy
+from studies.paper.measures import CLASSIFICATION, by_value, spread
+from studies.paper.scale import Scale, optimum
+from studies.paper.summary import Summary
+from studies.paper.sweeps import MAIN
+from studies.paper.trained import Trained
+from studies.paper.verdicts import A_TENTH, Found, by_task, claim, rounded, unit
+
+NAMES = {"learning_rate": "learning rate", "n_bins": "k", "eta": "η"}
+_ALIKE = 0.02
+"""Curves that are nowhere further apart than this share of the panel's height lie upon one another."""
+
+
+def marginals(summary: Summary, loss: str, field: str, metric: str) -> dict[float, Interval]:
+    """For each value of a field, the mean curve over all settings of a loss that have it, `[L]`.
+
+    The band is that of the mean over these very settings: trials are the sample, settings are strata.
+    """
+    curves = summary.curves(metric)
+    groups: dict[float, list[np.ndarray]] = {}
+    for setting in summary.study.settings:
+        if setting["loss"] == loss:
+            groups.setdefault(float(setting.record()[field]), []).append(curves[summary.rows(setting)])
+    return {value: mean_band(group) for value, group in sorted(groups.items())}
+
+
+def draw(grids: Mapping[str, Summary], loss: str, fields: tuple[str, ...]) -> Figure:
+    """A row per field, a column per task; a cell says so where the sweep has one value alone."""
+    found = {
+        (field, task): marginals(summary, loss, field, "training_return")
+        for field in fields
+        for task, summary in grids.items()
+    }
+    rows = [field for field in fields if any(len(found[field, task]) > 1 for task in grids)]
+    figure, axes = grid(len(rows), len(grids))
+    looks = {field: _looks([[*found[field, task]] for task in grids]) for field in rows}
+    for i, (task, summary) in enumerate(grids.items()):
+        column = dict(zip(rows, axes[i :: len(grids)], strict=True))
+        varied = {field: panel for field, panel in column.items() if len(found[field, task]) > 1}
+        for field in column.keys() - varied:
+            _tell_missing(column[field], NAMES[field], [*found[field, task]])
+        for field, panel in varied.items():
+            for value, interval in found[field, task].items():
+                draw_series(panel, summary.steps, interval, f"{NAMES[field]} {value:g}", *looks[field][value])
+            fit_curves(panel, [curve for of in varied for curve in found[of, task].values()], _optimum(task))
+            over_steps(panel, float(summary.steps[-1]))
+            _tell_equal(panel, found[field, task], NAMES[field])
+            is_last = field == [*varied][-1]
+            panel.tick_params(labelbottom=is_last)
+            panel.set_xlabel("environment steps" if is_last else "")
+        axes[i].set_title(f"{TASKS[task].title}\n{counted(summary, loss)}", fontsize=7)
+    for panel, field in zip(axes[:: len(grids)], rows, strict=True):
+        panel.set_ylabel(f"by {NAMES[field]}\ntraining return")
+    finish(figure, axes, [f"{NAMES[field]} {value:g}" for field in rows for value in sorted(looks[field])])
+    return figure
+
+
+def _optimum(task: str) -> list[float]:
+    best = optimum(task)
+    return [] if best is None else [best]
+
+
+def _tell_missing(axes: Axes, name: str, values: Sequence[float]) -> None:
+    """Say in an empty cell which value there is alone."""
+    axes.set_axis_off()
+    told = f"{name} {values[0]:g}\nalone" if values else "not trained"
+    axes.text(0.5, 0.5, told, transform=axes.transAxes, ha="center", va="center", fontsize=8, color="#444444")
+
+
+_STYLES = ("-", "--", "-.", ":")
+
+
+def _looks(values_of: Sequence[Sequence[float]]) -> dict[float, tuple[str, str]]:
+    """A colour, dark to light, and a line style for each value: those of tasks that share none begin anew."""
+    scales: list[set[float]] = []
+    for values in map(set, values_of):
+        shared = [scale for scale in scales if scale & values]
+        scales = [scale for scale in scales if scale not in shared] + [values.union(*shared)]
+    return {
+        value: (shade, style)
+        for scale in scales
+        for value, shade, style in zip(sorted(scale), _shades(len(scale)), itertools.cycle(_STYLES), strict=False)
+    }
+
+
+def _shades(n: int) -> list[str]:
+    """As many colours from dark to light, all of them dark enough for white paper."""
+    return [to_hex(color) for color in colormaps["viridis"](np.linspace(0, 0.78, n))]
+
+
+def _tell_equal(axes: Axes, curves: Mapping[float, Interval], name: str) -> None:
+    """Name the values whose curves lie upon one another, of which a reader sees but one."""
+    to_shares = axes.get_yaxis_transform() - axes.transAxes
+    shown = {
+        value: to_shares.transform(np.stack([np.linspace(0, 1, np.size(curve.mean)), curve.mean], axis=1))
+        for value, curve in curves.items()
+    }
+    groups: list[list[float]] = []
+    for value, curve in shown.items():
+        apart = np.abs(curve - shown[groups[-1][0]]) if groups else np.array([np.nan])
+        alike = not np.isnan(apart).all() and np.nanmax(apart) < _ALIKE
+        groups = [*groups[:-1], [*groups[-1], value]] if alike else [*groups, [value]]
+    told = "\n".join(f"{name} {group[0]:g}–{group[-1]:g} coincide" for group in groups if len(group) > 1)
+    x, y = np.concatenate([*shown.values()]).T
+    corners = {
+        (0.98, 0.04, "right", "bottom"): (x > 0.4) & (y < 0.2),
+        (0.04, 0.98, "left", "top"): (x < 0.6) & (y > 0.8),
+        (0.98, 0.5, "right", "center"): (x > 0.4) & (np.abs(y - 0.5) < 0.1),
+    }
+    right, up, across, along = min(corners, key=lambda corner: int(corners[corner].sum()))
+    axes.text(right, up, told, transform=axes.transAxes, ha=across, va=along, fontsize=6.5, color="#444444")
+
+
+def sensitive(trained: Trained, loss: str, field: str, much: bool, words: str) -> Claim:
+    """App. C.3: a field moves the mean final return by more, or less, than a tenth of the way from rest to the best."""
+
+    def judge(task: str, scale: Scale) -> dict[str, Found]:
+        moved = spread(trained.whole_grids[task], loss, field, scale)
+        if moved is None:
+            return {}
+        found = against(moved, A_TENTH)
+        return {"": unit(found if much else -found, rounded(mean_interval(moved), ""))}
+
+    return claim(
+        "App. C.3",
+        words,
+        "marginal mean final return, best − worst value, rest → best = 1 (values chosen by every other trial, "
+        "compared by the rest, and the other way round); a tenth divides sensitive from robust",
+        by_task(trained, trained.whole_grids, judge),
+    )
+
+
+def wide_targets(trained: Trained) -> Claim:
+    """What App. C.3 says of Figure 4: the widest targets of the grid do harm."""
+
+    def judge(task: str, scale: Scale) -> dict[str, Found]:
+        marginals = [*by_value(trained.whole_grids[task], "hl-gauss", "eta").values()]
+        if len(marginals) < 2:
+            return {}
+        return {"": compare(scale.share(marginals[0]), scale.share(marginals[-1]))}
+
+    return claim(
+        "App. C.3",
+        "With η too large HL-Gauss degrades.",
+        "marginal mean final return, rest → best = 1: smallest − largest η of the grid",
+        by_task(trained, trained.whole_grids, judge),
+    )
+
+
+def similar_bins(trained: Trained) -> Claim:
+    """App. C.3: the number of bins matters as much for HL-1-Hot as for HL-Gauss, give or take a tenth."""
+
+    def judge(task: str, scale: Scale) -> dict[str, Found]:
+        ours, theirs = (spread(trained.whole_grids[task], loss, "n_bins", scale) for loss in CLASSIFICATION)
+        if ours is None or theirs is None:
+            return {}
+        gap = rounded(compare(ours, theirs).difference)
+        return {"": unit(within(ours, theirs, A_TENTH), gap)}
+
+    return claim(
+        "App. C.3",
+        "HL-1-Hot is similarly robust to the number of bins as HL-Gauss.",
+        "how much k moves the marginal mean final return, rest → best = 1: HL-1-Hot − HL-Gauss; ✓ differs by less than "
+        "a tenth",
+        by_task(trained, trained.whole_grids, judge),
+    )
+
+
+def also_sensitive(trained: Trained) -> Claim:
+    """App. C.3: the learning rate matters for the other losses too."""
+
+    def judge(task: str, scale: Scale) -> dict[str, Found]:
+        grid = trained.whole_grids[task]
+        moved = {loss: spread(grid, loss, "learning_rate", scale) for loss in ("gaussian", *CLASSIFICATION)}
+        theirs = moved["hl-gauss"]
+        return {
+            LOSSES[loss].label: compare(ours, theirs)
+            for loss in ("gaussian", "hl-one-hot")
+            if (ours := moved[loss]) is not None and theirs is not None
+        }
+
+    return claim(
+        "App. C.3",
+        "The Gaussian and HL-1-Hot are also sensitive to the learning rate, as HL-Gauss is.",
+        "how much the learning rate moves the marginal mean final return, rest → best = 1: theirs − HL-Gauss's; ✓ is "
+        "not clearly less",
+        by_task(trained, trained.whole_grids, judge),
+        unless_contrary=True,
+    )
+
+
+def _figure(
+    number: int,
+    loss: str,
+    label: str,
+    fields: tuple[str, ...],
+    claims: Mapping[int | float, Callable[[Trained], Claim]],
+) -> FigureStudy:
+    names = ", ".join(NAMES[field] for field in fields)
+    return FigureStudy(
+        f"Sensitivity of {label}",
+        f"Training return of {label} with one hyperparameter held ({names}: a row each) and all other settings of the "
+        "grid averaged: the mean, and the 95% band of drawing each setting's trials again. Where others are averaged "
+        "in, no curve can be better than Figure 2's. Above stands how much of App. C.2's grid was trained. A task's "
+        "panels have one y axis. Colours are those of a hyperparameter's values, dark for the smallest. " + AXES,
+        lambda trained: draw(trained.grids, loss, fields),
+        (*MAIN.values(),),
+        number,
+        claims=claims,
+    )
+
+
+def _says(loss: str, field: str, much: bool, words: str) -> Callable[[Trained], Claim]:
+    return functools.partial(sensitive, loss=loss, field=field, much=much, words=words)
+
+
+HL_GAUSS = _figure(
+    4,
+    "hl-gauss",
+    "HL-Gauss",
+    ("learning_rate", "n_bins", "eta"),
+    {
+        17: _says("hl-gauss", "learning_rate", True, "HL-Gauss is sensitive to the learning rate."),
+        18: _says("hl-gauss", "eta", True, "HL-Gauss is sensitive to η."),
+        19: wide_targets,
+        20: _says("hl-gauss", "n_bins", False, "HL-Gauss is robust to the number of bins."),
+    },
+)
+HL_ONE_HOT = _figure(
+    5,
+    "hl-one-hot",
+    "HL-1-Hot",
+    ("learning_rate", "n_bins"),
+    {
+        21: _says("hl-one-hot", "n_bins", False, "HL-1-Hot is robust to the number of bins."),
+        21.5: similar_bins,
+        22: _says("hl-one-hot", "learning_rate", True, "HL-1-Hot is sensitive to the learning rate."),
+    },
+)
+GAUSSIAN = _figure(
+    6,
+    "gaussian",
+    "the Gaussian",
+    ("learning_rate",),
+    {
+        23: _says("gaussian", "learning_rate", True, "The Gaussian is sensitive to the learning rate."),
+        23.5: also_sensitive,
+    },
+)

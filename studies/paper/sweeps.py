@@ -1,0 +1,146 @@
+"""What is trained for figures: the record of a sweep, and the grids of the paper's tasks at four budgets."""
+
+import dataclasses
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Literal
+
+from galton.errors import require
+from galton.sweep import Setting, Study, expand, paper_blocks, paper_grid, task_defaults
+from galton.tasks import TASKS
+from studies.paper.summary import Summary
+
+Budget = Literal["smoke", "small", "grid", "paper"]
+Done = Mapping[str, Summary]
+"""The summaries of the sweeps that are done, by name."""
+FRESH = 1
+"""The seed of the studies that judge what others, of seed 0, have chosen."""
+FRESH_TRIALS: "Mapping[Budget, Mapping[str, int]]" = {
+    "grid": {"reacher": 10, "half-cheetah": 10, "ant": 6},
+    "paper": dict.fromkeys(("lqr", "mountain-car", "acrobot"), 50),
+}
+"""Runs of the main experiment's winners on fresh seeds, where there are more than of the grid: its own are few, or one
+run in ten fails, as the Gaussian's on the LQR, and twenty would leave the verdict to luck."""
+CENTRED_ETAS = [0.75, 1.0, 2.0, 4.0]
+"""The η of centred HL-Gauss, which the paper does not have: wider than those of its grid."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Sweep:
+    """What is trained together for figures: one folder of runs, and one file of results."""
+
+    name: str
+    """The name of its file, without the suffix, and of its folder."""
+    study: Callable[[Budget, Done], Study]
+    """Makes the study to train, from the budget and from what was trained before."""
+    title: str = ""
+    """What the page calls it beside its name, where it says how it was made."""
+    winners_of: "Sweep | None" = None
+    """The sweep whose best settings it trains, which is done before it."""
+
+    def __post_init__(self) -> None:
+        is_a_name = re.fullmatch(r"\w[\w.+-]*", self.name)
+        require(
+            is_a_name is not None, f"name is {self.name!r}, which is no name of a file; use letters, digits, - and ."
+        )
+
+
+def best_of_each_loss(summary: Summary) -> tuple[Setting, ...]:
+    """Each loss's setting with the highest mean final training return (App. C.2)."""
+    return tuple(best.setting for best in summary.best.values())
+
+
+def on_fresh_seeds(study: Study, settings: tuple[Setting, ...], trials: int | None = None) -> Study:
+    """A study of these settings by which they are judged: seeds that chose nothing, trial t the same for all settings.
+
+    The deterministic policy is the mode's and the mean's.
+    """
+    trials = study.trials if trials is None else trials
+    return dataclasses.replace(
+        study, settings=settings, trials=trials, seed=FRESH, common_seeds=True, eval_mean=study.eval_episodes > 0
+    )
+
+
+def unpaired(study: Study, trials: int) -> Study:
+    """The same study as 0.1.0 trained it: so many trials, each run with a seed of its own, and no mean evaluated."""
+    return dataclasses.replace(study, trials=trials, common_seeds=False, eval_mean=False)
+
+
+def again(sweep: Sweep, winners: Callable[[Summary], tuple[Setting, ...]] = best_of_each_loss) -> Sweep:
+    """A sweep's winners on fresh seeds, by which they are judged: the mean of the best of many flatters."""
+
+    def study(budget: Budget, done: Done) -> Study:
+        main = done[sweep.name]
+        trials = FRESH_TRIALS.get(budget, {}).get(sweep.name)
+        return on_fresh_seeds(main.study, winners(main), trials)
+
+    return Sweep(f"{sweep.name}-again", study, winners_of=sweep)
+
+
+def needed(sweeps: Iterable[Sweep]) -> list[Sweep]:
+    """These sweeps and those whose winners they train, which come before them."""
+    found: dict[Sweep, None] = {}
+    for sweep in sweeps:
+        before = [] if sweep.winners_of is None else needed([sweep.winners_of])
+        found |= dict.fromkeys([*before, sweep])
+    return list(found)
+
+
+def main_settings(task: str, budget: Budget) -> tuple[Setting, ...]:
+    """The grid of a task's main sweep: the paper's, centred HL-Gauss beside it, or a part of both."""
+    known, base = TASKS[task], task_defaults(TASKS[task].env)
+    rates, bins, etas, wide = list(known.learning_rates), [100], [0.25, 0.75], CENTRED_ETAS
+    if (task, budget) == ("ant", "grid"):
+        grid, wide = expand(_part_of_the_grid(rates), base), [2.0]
+    elif budget in ("grid", "paper"):
+        grid = paper_grid(known.env, base)
+    else:
+        rates, bins = (rates[-3:], bins) if budget == "small" else (rates[1:3], [20])
+        if (task, budget) == ("ant", "small"):
+            rates = rates[::2]
+        wide = [2.0]
+        grid = expand(paper_blocks(rates, bins, etas if known.in_jax else etas[:1]), base)
+    centred = {"loss": "hl-gauss-centred", "learning_rate": rates, "n_bins": bins, "eta": wide}
+    return grid + expand([centred], base)
+
+
+def _part_of_the_grid(rates: Sequence[float]) -> list[dict[str, object]]:
+    """All learning rates, with k from 50 to 200 and three η, but not crossed: what Ant can afford."""
+    return [
+        {"loss": "gaussian", "learning_rate": rates},
+        {"loss": "hl-one-hot", "learning_rate": rates, "n_bins": [50, 200]},
+        {"loss": "hl-gauss", "learning_rate": rates, "n_bins": 100, "eta": [0.05, 0.25, 0.75]},
+    ]
+
+
+_TRIALS: dict[Budget, dict[str, int]] = {
+    "paper": dict.fromkeys(TASKS, 20) | {"bandit": 50},
+    "grid": dict.fromkeys(TASKS, 5) | {"bandit": 20, "half-cheetah": 2, "ant": 2},
+    "small": dict.fromkeys(TASKS, 5) | {"bandit": 20, "ant": 3},
+    "smoke": dict.fromkeys(TASKS, 2),
+}
+
+
+def task_study(task: str, budget: Budget, settings: tuple[Setting, ...]) -> Study:
+    """These settings on a task, at App. C.2's length but for the smoke test."""
+    known, trials = TASKS[task], _TRIALS[budget][task]
+    if budget == "smoke":
+        return Study(known.env, settings, trials, steps=400, logs=4, eval_episodes=1)
+    logs, episodes = (50 if task == "bandit" else known.n_logs), known.n_eval_episodes
+    if budget in ("grid", "paper"):
+        logs, episodes = _EVALUATED.get(task, (logs, episodes))
+    return Study(known.env, settings, trials, known.total_timesteps, logs, episodes)
+
+
+_EVALUATED = {"reacher": (50, 10), "half-cheetah": (25, 5), "ant": (25, 5)}
+"""Log points and episodes at each of them where they cost: of HalfCheetah and Ant an eighth of the steps."""
+
+
+def _main(task: str) -> Sweep:
+    return Sweep(task, lambda budget, _: task_study(task, budget, main_settings(task, budget)), TASKS[task].title)
+
+
+MAIN = {task: _main(task) for task in TASKS}
+"""The main sweep of each task: the grid of App. C.2, and centred HL-Gauss."""
+AGAIN = {task: again(MAIN[task]) for task in TASKS}
+"""The sweep of each task that trains each loss's best setting of the grid on fresh seeds."""

@@ -1,0 +1,164 @@
+"""How comparisons become verdicts on the paper's claims, and words for them."""
+
+import math
+from collections.abc import Callable, Iterable, Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from galton.analysis import ALPHA, Comparison, Interval, holm
+from galton.page import MARKS, Claim
+from galton.tasks import TASKS
+from studies.paper.scale import Scale
+from studies.paper.trained import Trained
+
+UNKNOWN = "not decidable here"
+NOT_TRAINED = "What it needs was not trained."
+A_TENTH = 0.1
+"""The share of the way from rest to the best below which a difference is called little."""
+
+
+class Unit(NamedTuple):
+    """One of the decisions that a claim rests on: a task, a loss, or both."""
+
+    text: str
+    """The numbers that were found, as the line of this decision shows them."""
+    p: float
+    """Of the test that there is no difference, not adjusted; NaN where nothing can be decided."""
+    sign: int
+    """Which way it points: 1 as the paper says, −1 the contrary."""
+    is_null: bool = False
+    """Whether the task is one on which nothing is learned."""
+
+
+Found = Comparison | Unit
+
+
+def unit(found: Comparison, text: str | None = None) -> Unit:
+    """A comparison whose first sample the paper says is above, as one of a claim's decisions.
+
+    Args:
+        found: the comparison.
+        text: what is told of it instead of difference and P.
+    """
+    return Unit(told(found) if text is None else text, found.p, found.direction)
+
+
+def null(why: str) -> Unit:
+    """A task on which nothing is learned, and so nothing compared."""
+    return Unit(why, math.nan, 0, is_null=True)
+
+
+def by_task(
+    trained: Trained, tasks: Iterable[str], judge: Callable[[str, Scale], Mapping[str, Found]]
+) -> dict[str, Found]:
+    """The units of each task, by its title and what `judge` calls them ("" where there is one); null tasks as such.
+
+    Args:
+        trained: what was trained.
+        tasks: their names; the grid of each is done.
+        judge: makes a task's units, from its name and the way from rest to the best.
+    """
+    found: dict[str, Found] = {}
+    for task in tasks:
+        title = TASKS[task].title
+        if task in trained.scales:
+            units = judge(task, trained.scales[task])
+            found |= {f"{title} {name}".strip(): each for name, each in units.items()}
+        else:
+            found[title] = null(trained.nulls[task])
+    return found
+
+
+def told(found: Comparison) -> str:
+    """The difference with its interval, and P(X > Y)."""
+    return f"{rounded(found.difference)}, P = {found.above:.2f}"
+
+
+def rounded(value: Interval, plus: str = "+") -> str:
+    """An interval as text, with fewer decimals where its numbers are large."""
+    largest = np.nanmax(np.abs([*value])) if np.isfinite([*value]).any() else 0.0
+    return f"{value:{plus}{'.2f' if largest < 100 else ',.0f'}}"
+
+
+def marks(units: Mapping[str, Found], unless_contrary: bool = False) -> dict[str, str]:
+    """The mark of each unit: their p are adjusted together, and those below 0.05 are clear.
+
+    Args:
+        units: the decisions of one claim, or of one table.
+        unless_contrary: whether the paper claims no more than that nothing is clearly the contrary.
+    """
+    known = _units(units)
+    adjusted = holm([each.p for each in known.values()])
+    found = {}
+    for (name, each), p in zip(known.items(), adjusted, strict=True):
+        way = {1: "✓", -1: "✗", 0: "≈"}[each.sign] if p < ALPHA else "≈"
+        way = "✓" if unless_contrary and way == "≈" else way
+        found[name] = "∅" if each.is_null else "?" if math.isnan(p) else way
+    return found
+
+
+def claim(
+    source: str, words: str, test: str, units: Mapping[str, Found], *notes: str, unless_contrary: bool = False
+) -> Claim:
+    """A sentence of the paper, judged by units that it says are positive.
+
+    Args:
+        source: where it stands.
+        words: the sentence.
+        test: what was compared with what.
+        units: the decisions, by what the page calls them; none where nothing was trained.
+        notes: further sentences, each on a line of its own.
+        unless_contrary: see `marks`.
+    """
+    given = marks(units, unless_contrary)
+    k, m, n = (sum(mark in which for mark in given.values()) for which in ("✓", "✗", "✓✗≈"))
+    why = "\n".join([_counted(k, m, n), *filter(None, notes)]) if units else NOT_TRAINED
+    count = (k, n) if n else None
+    return Claim(source, words, test, listed(units, given), verdict(k, m, n), why, count=count)
+
+
+def verdict(k: int, m: int, n: int) -> str:
+    """The verdict of n units that can be decided, k of them clearly as the paper says and m clearly the contrary."""
+    if k == m == 0:
+        return UNKNOWN
+    return "holds" if k == n else "holds in part" if k >= m else "does not hold"
+
+
+def listed(units: Mapping[str, Found], given: Mapping[str, str]) -> str:
+    """A line for each unit: its mark, name, what was found, and p, adjusted; and whether the mean contradicts it."""
+    known = _units(units)
+    adjusted = dict(zip(known, holm([each.p for each in known.values()]), strict=True))
+    against = {name: each.sign == 0 and bool(adjusted[name] < ALPHA) for name, each in known.items()}
+    return "\n".join(
+        f"{given[name]} {name} {each.text}{_p(adjusted[name])}{'; the mean points the other way' * against[name]}"
+        for name, each in known.items()
+    )
+
+
+def summed_up(what: str, units: Mapping[str, Found]) -> str:
+    """A sentence on further decisions, adjusted among themselves, that a claim notes without counting them."""
+    given = marks(units)
+    words = [
+        f"{len(names)} {word} ({', '.join(names)})"
+        for mark, word in MARKS.items()
+        if (names := [name for name, found in given.items() if found == mark])
+    ]
+    return f"{what}: {'; '.join(words)}." if words else ""
+
+
+def _units(units: Mapping[str, Found]) -> dict[str, Unit]:
+    return {name: each if isinstance(each, Unit) else unit(each) for name, each in units.items()}
+
+
+def _counted(k: int, m: int, n: int) -> str:
+    if not n:
+        return "Nothing can be decided."
+    contrary = f", {m} clearly the contrary" if m else ""
+    return f"{k} of {n} as the paper says{contrary}."
+
+
+def _p(p: float) -> str:
+    if math.isnan(p):
+        return ""
+    return ", p < 0.001" if p < 0.001 else f", p = {p:.3f}" if p < ALPHA else f", p = {p:.2f}"
