@@ -32,14 +32,14 @@ UNOPTIMISED = JAX_DISABLE_MOST_OPTIMIZATIONS=1 XLA_FLAGS="$(FLAGS)"
 mutants coverage: export JAX_DISABLE_MOST_OPTIMIZATIONS = 1
 mutants coverage: export XLA_FLAGS = $(FLAGS)
 
-test: lint $(VENV)/browser  ## Lint, types and the tests that take seconds.
+test: lint  ## Lint, types and the tests that take seconds.
 	$(UNOPTIMISED) $(PYTEST) -m "not slow and not optimised"
 	$(PYTEST) -m "optimised and not slow" $$(grep -rl mark.optimised --include "test_*.py" tests)
 
 test-studies: $(VENV)/installed-dev  ## The tests of the paper's study that take seconds.
 	$(UNOPTIMISED) $(PYTEST) -m "not slow" studies/tests
 
-test-all: lint $(VENV)/browser  ## All tests, the long learning claims included, compiled as users compile.
+test-all: lint  ## All tests, the long learning claims included, compiled as users compile.
 	$(PYTEST) tests studies/tests
 
 SECONDS ?= 120
@@ -48,7 +48,7 @@ fuzz: $(VENV)/installed-dev  ## Readers of files under strange ones, SECONDS for
 	$(BIN)/python -m tests.fuzz --seconds $(SECONDS) --folder runs/fuzz $(TARGETS)
 
 # About two hours on two cores. With TESTS=tests/test_resume.py only what that file measures.
-trust: $(VENV)/browser  ## Measure every promise of docs/trust.md again: results/trust and the page.
+trust: $(VENV)/installed-dev  ## Measure every promise of docs/trust.md again: results/trust and the page.
 	rm -rf build/trust
 	GALTON_TRUST=build/trust $(BIN)/python -m pytest -n auto $(or $(TESTS),tests studies/tests)
 	$(if $(TESTS),,$(MAKE) mutants coverage package lowest matrix)
@@ -60,7 +60,7 @@ mutants: $(VENV)/installed-dev  ## Break one thing at a time: does a test notice
 	$(BIN)/python -m tests.mutants.runner $(AREAS)
 
 # With TESTS=tests/cli what that folder runs is added to what was measured before.
-coverage: $(VENV)/browser  ## Which lines of src/galton the tests run that take seconds: results/trust/coverage.json
+coverage: $(VENV)/installed-dev  ## Which lines of src/galton the tests run that take seconds: results/trust/coverage.json
 	$(if $(TESTS),,rm -rf build/coverage)
 	@mkdir -p build/coverage
 	$(BIN)/python -m coverage run -m pytest -n auto -m "not slow" $(TESTS)
@@ -114,11 +114,6 @@ $(VENV)/installed-dev: pyproject.toml constraints.txt | $(VENV)/bin/python
 $(VENV)/installed-docs: pyproject.toml constraints.txt | $(VENV)/bin/python
 	$(PIP) -e '.[studies,docs]'
 	@touch $@ $(VENV)/installed
-
-# The tests of the page need a browser: one that is there, or else Playwright's or Debian's.
-$(VENV)/browser: tests/page/browser.py | $(VENV)/installed-dev
-	$(BIN)/python tests/page/browser.py
-	@touch $@
 
 # What builds and checks the wheel, beside no library of Galton's.
 $(VENV)-package/installed: constraints.txt | $(VENV)/bin/python

@@ -125,7 +125,7 @@ def curves(trained: Trained) -> Figure:
     figure, axes = panels(len(by_task), columns=4, height=1.6, width=1.64, size=7.0)
     for panel, (task, summary) in zip(axes, by_task.items(), strict=True):
         of_paper = {loss: summary for loss in summary.best if LOSSES[loss].in_paper}
-        fit_curves(panel, draw_best(panel, of_paper, "training_return", single_runs=False), draw_levels(panel, task))
+        fit_curves(panel, draw_best(panel, of_paper, "training_return"), draw_levels(panel, task))
         panel.set_title(f"{TASKS[task].title}, n = {summary.study.trials}", fontsize=7.5)
         panel.set_xlabel("steps")
     finish(figure, axes)

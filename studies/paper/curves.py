@@ -51,13 +51,13 @@ def runs_of(summary: Summary, loss: str, metric: str) -> Float[np.ndarray, "tria
     return summary.curves(metric)[summary.rows(summary.best[loss].setting)]
 
 
-def draw_best(axes: Axes, best_of: Mapping[str, Summary], metric: str, single_runs: bool = True) -> list[Interval]:
+def draw_best(axes: Axes, best_of: Mapping[str, Summary], metric: str) -> list[Interval]:
     """Mean and band of each loss's best setting, from the sweep that it is the best of; the axis is not fitted yet."""
     drawn: list[Interval] = []
     for loss, summary in best_of.items():
         runs = runs_of(summary, loss, metric)
         drawn.append(mean_band([runs]))
-        draw_series(axes, summary.steps, drawn[-1], *look_of(loss), single_runs=runs if single_runs else None)
+        draw_series(axes, summary.steps, drawn[-1], *look_of(loss))
         over_steps(axes, float(summary.steps[-1]))
     return drawn
 

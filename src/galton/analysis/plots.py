@@ -1,8 +1,4 @@
-"""What figures share: the look, a curve with its band, a page of panels.
-
-Artists with a gid are a series of that name, which the page lets readers hover over and toggle; artists whose gid
-begins with RUN are single runs, which print leaves out.
-"""
+"""What figures share: the look, a curve with its band, a page of panels. The gid of an artist names its series."""
 
 import io
 import itertools
@@ -12,7 +8,7 @@ from typing import Any
 
 import matplotlib as mpl
 import numpy as np
-from jaxtyping import Float, Real
+from jaxtyping import Real
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -28,8 +24,6 @@ from galton.saving import files
 _COLORS = ("#000000", "#E69F00", "#0072B2", "#009E73", "#D55E00", "#CC79A7", "#56B4E9", "#F0E442")
 """Okabe and Ito's, told apart by readers of every colour vision: the losses' by their place in LOSSES."""
 _MARKERS = "osD^vP*X"
-RUN = "run:"
-"""How the gid of a single run's line begins; the name of its series follows."""
 
 LineStyle = str | tuple[float, tuple[float, ...]]
 LEVELS: dict[str, LineStyle] = {"optimum": "--", "solved": (0.0, (8.0, 3.0)), "doing nothing": ":"}
@@ -92,15 +86,11 @@ def draw_series(
     color: ColorType,
     linestyle: str = "-",
     marker: str = "",
-    single_runs: Float[np.ndarray, "R L"] | None = None,
 ) -> None:
-    """A curve and its band, named; and the runs behind it, for the page."""
+    """Draw a curve and its band, named."""
     dashes = _DASH_DOT if linestyle == "-." else linestyle
     axes.plot(x, interval.mean, label=name, gid=name, lw=1.6, color=color, ls=dashes, marker=marker, ms=4)
     axes.fill_between(x, interval.low, interval.high, gid=name, color=color, alpha=0.18, linewidth=0)
-    if single_runs is not None:
-        for run in single_runs:
-            axes.plot(x, run, gid=RUN + name, lw=0.6, color=color, alpha=0.35, ls=linestyle)
 
 
 def draw_marks(
@@ -230,14 +220,16 @@ def save(figure: Figure, stem: Path) -> None:
 
 
 def images(figure: Figure) -> dict[str, bytes]:
-    """The figure's images by file suffix, without the single runs; the same bytes for the same figure."""
-    files = {".png": io.BytesIO(), ".svg": io.BytesIO()}
-    hidden = [line for line in figure.findobj() if str(line.get_gid()).startswith(RUN) and line.get_visible()]
-    for line in hidden:
-        line.set_visible(False)
+    """The figure's images by file suffix; the same bytes for the same figure."""
+    file = io.BytesIO()
     with mpl.rc_context(_STYLE):
-        figure.savefig(files[".png"], format="png", dpi=160)
-        figure.savefig(files[".svg"], format="svg", metadata={"Date": None})
-    for line in hidden:
-        line.set_visible(True)
-    return {suffix: file.getvalue() for suffix, file in files.items()}
+        figure.savefig(file, format="png", dpi=160)
+    return {".png": file.getvalue(), ".svg": svg(figure)}
+
+
+def svg(figure: Figure) -> bytes:
+    """The figure as an SVG, the same bytes for the same figure."""
+    file = io.BytesIO()
+    with mpl.rc_context(_STYLE):
+        figure.savefig(file, format="svg", metadata={"Date": None})
+    return file.getvalue()

@@ -75,7 +75,7 @@ def curves(found: Found) -> Figure:
             steps, of_runs = runs.curves(method.name, "shared")
             last = max(last, float(steps[-1]))
             drawn.append(mean_interval(of_runs))
-            draw_series(panel, steps, drawn[-1], method.label, shade, "-", single_runs=of_runs)
+            draw_series(panel, steps, drawn[-1], method.label, shade, "-")
         fit_curves(panel, drawn)
         held_out = " (held out)" if runs.stage == "held-out" else ""
         panel.set_title(f"{runs.part.task.label}{held_out}", fontsize=10)
