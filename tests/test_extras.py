@@ -106,14 +106,9 @@ CORE = [
 
 WITH_STUDIES = [
     (
-        ["sweep", "bandit", "--grid", "optuna", "--workers", "1"],
+        ["sweep", "bandit", "--scheduler", "tcp://h:1"],
         2,
-        f"galton: --grid is 'optuna', which needs optuna: {extras.installing('search')}\n",
-    ),
-    (
-        ["sweep", "bandit", "--cluster", "slurm"],
-        2,
-        f"galton: a cluster needs dask_jobqueue and distributed: {extras.installing('cluster')}\n",
+        f"galton: a scheduler needs distributed: {extras.installing('cluster')}\n",
     ),
 ]
 
@@ -133,7 +128,7 @@ def bare(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def with_studies(tmp_path_factory):
-    hidden = [library for library, extra in extras.LIBRARIES.items() if extra in ("search", "cluster")]
+    hidden = [library for library, extra in extras.LIBRARIES.items() if extra == "cluster"]
     return answers(hidden, WITH_STUDIES, tmp_path_factory.mktemp("studies"))
 
 
@@ -146,7 +141,7 @@ def test_the_core_alone_works_or_names_the_extra_in_one_line(index, bare):
     assert bare[index] == list(CORE[index][1:])
 
 
-@pytest.mark.parametrize("index", range(len(WITH_STUDIES)), ids=["optuna", "cluster"])
+@pytest.mark.parametrize("index", range(len(WITH_STUDIES)), ids=["cluster"])
 def test_a_sweep_names_the_extra_that_an_option_needs(index, with_studies):
     assert with_studies[index] == list(WITH_STUDIES[index][1:])
 

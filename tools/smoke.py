@@ -80,7 +80,6 @@ SMOKE = {
         Call(("python", "-c", GRID), ""),
         Call(("python", "-c", DASK, f"--grid grid.toml --trials 2 --out dask {TINY}"), "dask"),
     ],
-    "search": [Call(f"galton sweep bandit --grid optuna --n-settings 1 --batch 1 {SWEEP} --out search", "search")],
 }
 """By extra."""
 

@@ -27,9 +27,7 @@ LIBRARIES = {
     "pygame": "video",
     "onnx": "onnx",
     "wandb": "wandb",
-    "dask_jobqueue": "cluster",
     "distributed": "cluster",
-    "optuna": "search",
 }
 """The extra of pyproject.toml that brings each library, which is known here by the name that one imports."""
 

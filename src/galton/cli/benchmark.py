@@ -80,7 +80,7 @@ def main(arguments: Sequence[str]) -> None:
         if options.plan_only:
             done = train(store, protocol, _planned, tell, options.shard_width)
         else:
-            with options.workers.hired(store) as carry_out:
+            with options.workers.hired() as carry_out:
                 done = train(store, protocol, _told(carry_out), tell, options.shard_width)
     _show(protocol, latest, store, done)
 

@@ -11,10 +11,9 @@ from galton.cli._options import AlgorithmName, EnvName, Training, folder_name
 from galton.cli._parsing import TrainingOptions, parse
 from galton.cli.sweep._folder import conclude
 from galton.cli.sweep._workers import Workers, go_with
-from galton.errors import require, require_integer
-from galton.sweep import engine, results
+from galton.errors import require_integer
+from galton.sweep import engine
 from galton.sweep.grid import GRIDS, find_grid
-from galton.sweep.plan import Plan
 from galton.sweep.store import Store
 from galton.sweep.study import Setting, Study
 
@@ -29,13 +28,10 @@ class Options:
     env: EnvName
     algorithm: AlgorithmName = "a2c"
     """What learns; the defaults of its settings are its own."""
-    grid: Annotated[str, tyro.conf.arg(metavar="{" + ",".join(GRIDS) + ",optuna} or FILE.toml")] = "paper"
-    """The settings: the paper's (App. C.2), random ones around them, what Optuna proposes, or the [[grid]] tables of a
-    file."""
+    grid: Annotated[str, tyro.conf.arg(metavar="{" + ",".join(GRIDS) + "} or FILE.toml")] = "paper"
+    """The settings: the paper's (App. C.2), random ones around them, or the [[grid]] tables of a file."""
     n_settings: int = 16
-    """Settings per loss of the random grid and of Optuna's search."""
-    batch: int = 4
-    """Settings per loss that Optuna proposes before it hears of their results."""
+    """Settings per loss of the random grid."""
     trials: int = 20
     """Runs of each setting."""
     seed: int = 0
@@ -45,8 +41,8 @@ class Options:
     eval_mean: bool = False
     """Evaluate once more by the mean of the policy's distribution, for the column mean_action_return."""
     out: str | None = None
-    """The folder, by default runs/sweep-ENV or runs/sweep-ENV-ALGORITHM, with -optuna behind it for Optuna's search;
-    or an address that fsspec opens, such as s3://bucket/folder."""
+    """The folder, by default runs/sweep-ENV or runs/sweep-ENV-ALGORITHM; or an address that fsspec opens, such as
+    s3://bucket/folder."""
     shard_width: int | None = None
     """Runs that are trained side by side by one worker; by default 16, or 32 on environments outside JAX."""
     extend: bool = False
@@ -66,8 +62,7 @@ class Options:
     @property
     def folder(self) -> str:
         """The folder or address of plan and results, by default one named after the sweep."""
-        name = f"sweep-{folder_name(self.env, self.algorithm)}" + ("-optuna" if self.grid == "optuna" else "")
-        return self.out or str(Path("runs", name))
+        return self.out or str(Path("runs", f"sweep-{folder_name(self.env, self.algorithm)}"))
 
     def study(self, settings: tuple[Setting, ...]) -> Study:
         """The study that trains these settings as the options say."""
@@ -93,9 +88,6 @@ def main(arguments: Sequence[str]) -> None:
     options.training.find(options.env)
     store = Store(options.folder)
     _check(options)
-    if options.grid == "optuna":
-        _search(options, store)
-        return
     study = options.study(find_grid(options.grid, options.env, options.base.record(), options.n_settings))
     if options.plan_only:
         with store.lock():
@@ -103,7 +95,7 @@ def main(arguments: Sequence[str]) -> None:
         print(f"{plan.n_runs:,} runs in {plan.n_shards:,} shards: {store.url}")
         return
     with store.lock():
-        with options.workers.hired(store) as carry_out:  # before there is a plan, which the next call would meet
+        with options.workers.hired() as carry_out:  # before there is a plan, which the next call would meet
             plan = engine.prepare(store, study, options.shard_width, options.extend)
             carry_out(store, plan)
         conclude(store, plan)
@@ -111,30 +103,7 @@ def main(arguments: Sequence[str]) -> None:
 
 def _check(options: Options) -> None:
     """Raise UsageError for options that don't go together, and for what they need and is not installed."""
-    go_with(options, ("n_settings",), options.grid in ("random", "optuna"), "grid 'random' or 'optuna'")
-    go_with(options, ("batch",), options.grid == "optuna", "grid 'optuna'")
+    go_with(options, ("n_settings",), options.grid == "random", "grid 'random'")
     options.workers.check()
     if options.shard_width is not None:
         require_integer("shard_width", options.shard_width, 1)
-    growing = options.grid == "optuna" and options.plan_only
-    require(not growing, "plan_only goes without grid 'optuna', whose plan grows with what it finds")
-
-
-def _search(options: Options, store: Store) -> None:
-    """Train what Optuna proposes, round by round."""
-    from galton.sweep.search import search
-
-    options.study((options.base,))  # wrong numbers are told before anything is written
-    first: tuple[Setting, ...] = ()
-    with store.lock(), options.workers.hired(store) as carry_out:
-
-        def means(settings: tuple[Setting, ...]) -> dict[Setting, float]:
-            nonlocal first
-            first = first or settings
-            engine.prepare(store, options.study(first), options.shard_width, options.extend)
-            plan = engine.prepare(store, options.study(settings), options.shard_width, extend=True)
-            carry_out(store, plan)
-            return results.mean_returns(plan.study, results.collect(store, plan))
-
-        search(means, options.base.record(), options.n_settings, options.batch, options.seed)
-        conclude(store, Plan.load(store))
