@@ -1,14 +1,16 @@
-"""Shapes and types are checked at every call of every galton function; and no process keeps too many programs."""
+"""No process keeps too many programs; with CHECKED shapes and types are checked at every call of every function."""
 
 import collections
 import functools
+import os
 import signal
 
 import hypothesis
 import pytest
 from jaxtyping import install_import_hook
 
-install_import_hook(["galton", "studies"], "beartype.beartype")
+if os.environ.get("CHECKED"):  # make test-types
+    install_import_hook(["galton", "studies"], "beartype.beartype")
 
 import galton  # noqa: E402
 from galton.training.programs import make_room  # noqa: E402
