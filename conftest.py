@@ -12,9 +12,9 @@ from jaxtyping import install_import_hook
 if os.environ.get("CHECKED"):  # make test-types
     install_import_hook(["galton", "studies"], "beartype.beartype")
 
-import galton  # noqa: E402
-from galton.training.programs import make_room  # noqa: E402
-from tests.trust import FOLDER, note  # noqa: E402
+import galton
+from galton.training.programs import make_room
+from tests.trust import FOLDER, note
 
 galton.use_all_cores()
 signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background job ignores it

@@ -75,32 +75,14 @@ def test_so_many_seeds_are_refused_before_they_are_counted(tmp_path):
 WORDS = ["bandit", "--algorithm", "a2c", "--steps", "100", "--logs", "2", "--eval-episodes", "0"]
 
 
-@pytest.mark.parametrize(
-    "stream", ["both", *(pytest.param(one, marks=pytest.mark.slow) for one in ("stdout", "stderr"))]
-)
-def test_a_run_whose_reader_goes_away_is_trained_and_kept(stream, tmp_path):
+def test_a_run_whose_reader_goes_away_is_kept(tmp_path):
     ends, write = os.pipe()
     os.close(ends)
-    both = {"stdout": write, "stderr": write}
-    streams = both if stream == "both" else {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, stream: write}
     command = [sys.executable, "-m", "galton", "train", *WORDS, "--out", tmp_path / "run"]
-    done = subprocess.run(command, **streams, text=True, timeout=120)
+    done = subprocess.run(command, stdout=write, stderr=subprocess.PIPE, text=True, timeout=120)
     os.close(write)
-    assert (done.returncode, done.stderr or "") == (0 if stream == "stderr" else 141, "")
+    assert (done.returncode, done.stderr) == (141, "")
     assert read(tmp_path / "run" / "model.safetensors")[0]["step"] == 100
-    assert [path.name for path in tmp_path.iterdir()] == ["run"]
-
-
-@pytest.mark.skipif(sys.platform != "linux", reason="/dev/full is Linux's")
-def test_a_comparison_is_kept_that_cannot_be_printed(tmp_path):
-    command = [sys.executable, "-m", "galton", "compare", *WORDS, "--seeds", "2", "--losses", "gaussian"]
-    with Path("/dev/full").open("w") as full:
-        done = subprocess.run(
-            [*command, "--out", tmp_path / "x[/y]"], stdout=full, stderr=subprocess.PIPE, text=True, timeout=120
-        )
-    assert done.returncode == 2
-    assert done.stderr == "galton: standard output can't be written: [Errno 28] No space left on device\n"
-    assert len(list((tmp_path / "x[" / "y]").iterdir())) == 5
 
 
 @pytest.fixture(scope="module")

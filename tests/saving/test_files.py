@@ -125,7 +125,6 @@ WRITERS = {"write_text", "write_bytes", "savefig", "write_table", "open", "dump"
 WHY = {
     "saving/files.py": {"write_bytes", "open"},  # this is the mechanism
     "callbacks.py": {"open"},  # a log: it is appended to, a line at a time
-    "cli/_output.py": {"open"},  # os.devnull
     "training/programs_on_disk.py": {"write_bytes", "touch"},  # what is removed at once, and an empty file
     "cli/compare.py": {"write_table"},  # into a scratch file of `files.replacing`
     "sweep/parquet.py": {"write_table"},  # into memory

@@ -1,16 +1,16 @@
 """The galton command. Each of COMMANDS is a module beside this one, loaded when it is called for.
 
 Its exit codes: 0 done; 1 an environment broke; 2 a wrong argument, a file that can't be read or written, a full disk
-or too little memory; 130 interrupted; 141 done, but nobody read the output to its end, as a shell shows SIGPIPE.
-Whatever becomes of the output, a command does its work and keeps it.
+or too little memory; 130 interrupted; 141 nobody read the output any more, as a shell shows SIGPIPE.
 """
 
 import atexit
+import os
 import signal
 import sys
 
 from galton.cli._interrupts import ASKING
-from galton.cli._output import Lasting, lasting_output
+from galton.cli._output import keep_signs
 from galton.cli._program_faults import keep_programs
 from galton.cli._words import run_command
 from galton.errors import BrokenEnvironmentError, CheckpointError, UsageError, require, unknown
@@ -68,26 +68,25 @@ galton COMMAND --help lists the options of a command.
 def main() -> None:
     """Run a command; the exit code says how it went, as the module's docstring has it."""
     name, arguments = (sys.argv[1], sys.argv[2:]) if len(sys.argv) > 1 else ("--help", [])
-    with lasting_output() as stdout:
-        try:
-            code: int | str | None = _run(name, arguments)
-        except SystemExit as left:  # tyro's
-            code = left.code
+    keep_signs()
+    try:
+        code: int | str | None = _run(name, arguments)
+    except SystemExit as left:  # tyro's
+        code = left.code
+    except BrokenPipeError:
+        code = 141
+    try:
+        sys.stdout.flush()
+    except BrokenPipeError:  # Python would try again as it ends
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        code = code or 141
     atexit.register(_ignore_interrupts)  # all is done; what was registered last is called first
-    sys.exit(_unread(stdout) if not code and stdout and stdout.lost else code)
+    sys.exit(code)
 
 
 def _ignore_interrupts() -> None:
     for number in ASKING:
         signal.signal(number, signal.SIG_IGN)
-
-
-def _unread(stdout: Lasting) -> int:
-    """The exit code of a command that did all but print what it did."""
-    if isinstance(stdout.lost, BrokenPipeError):
-        return 141
-    print(f"galton: standard output can't be written: {stdout.lost}", file=sys.stderr)
-    return 2
 
 
 def _run(name: str, arguments: list[str]) -> int:
@@ -116,6 +115,8 @@ def _run(name: str, arguments: list[str]) -> int:
         done = f"{interrupt}, and " if interrupt.args else ""
         print(f"galton: interrupted; {done}{left}", file=sys.stderr)
         return 130
+    except BrokenPipeError:
+        raise
     except Exception as error:
         cause = _of_the_machine(error, arguments)
         if cause is None:
