@@ -48,7 +48,7 @@ def test_a_record_knows_which_option_fills_which_argument():
 HELP = """
 import contextlib, importlib, io, json
 from galton.cli._words import options_of
-for name in ("train", "compare", "sweep.run", "benchmark", "watch", "reproduce", "sweep.rerun"):
+for name in ("train", "compare", "sweep.run", "benchmark", "watch", "sweep.rerun"):
     command, told = importlib.import_module(f"galton.cli.{name}"), io.StringIO()
     with contextlib.redirect_stdout(told), contextlib.suppress(SystemExit):
         command.main(["lqr", "--help"])

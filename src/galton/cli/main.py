@@ -71,8 +71,8 @@ def main() -> None:
     keep_signs()
     try:
         code: int | str | None = _run(name, arguments)
-    except SystemExit as left:  # tyro's
-        code = left.code
+    except SystemExit as left:  # tyro's, or rich's where nobody reads what it prints
+        code = 141 if isinstance(left.__context__, BrokenPipeError) else left.code
     except BrokenPipeError:
         code = 141
     try:
