@@ -5,16 +5,14 @@ OUT ?= runs/demo
 BIN = $(VENV)/bin
 PIP = $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
 
-.PHONY: demo paper test test-studies test-all fuzz trust mutants coverage lint docs bench package lowest matrix audit clean
+.PHONY: demo paper test test-studies test-types test-all fuzz trust mutants coverage lint docs bench package lowest matrix audit clean
 
-COMPARE = $(BIN)/galton compare --losses gaussian hl-one-hot hl-gauss hl-gauss-centred --overwrite
-demo: $(VENV)/installed  ## Classification against regression, three times: tables and figures in runs/demo.
-	@echo "1 of 3. A bandit with actions in [-10, 10]. The Gaussian begins with a sigma of 1, a twentieth of the box."
-	$(COMPARE) bandit --out $(OUT)/bandit
-	@echo "2 of 3. The same bandit in units of its box: the Gaussian begins with a sigma of half the box."
-	$(COMPARE) bandit --box-units 1 --out $(OUT)/bandit-in-units-of-its-box
-	@echo "3 of 3. The LQR, 100 steps an episode: doing nothing earns -26.03, the optimum is -9.77."
-	$(COMPARE) lqr --out $(OUT)/lqr
+COMPARE = $(BIN)/galton compare --algorithm ppo --losses gaussian classification --overwrite
+demo: $(VENV)/installed  ## PPO's two presets beside each other on two tasks: tables and figures in runs/demo.
+	@echo "1 of 2. Gymnasium's Pendulum: doing nothing earns about -1,210."
+	$(COMPARE) Pendulum-v1 --seeds 4 --steps 100000 --out $(OUT)/pendulum
+	@echo "2 of 2. The LQR: doing nothing earns -26.03, the optimum is -9.77."
+	$(COMPARE) lqr --seeds 8 --steps 100000 --out $(OUT)/lqr-ppo
 
 WHAT ?= all
 BUDGET ?= small
@@ -22,8 +20,8 @@ paper: $(VENV)/installed-dev  ## The paper's figures and page, from training on:
 	$(BIN)/python -m studies.paper reproduce $(WHAT) --budget $(BUDGET)
 
 # Programs that tests compile more than once, in several processes, are compiled once.
-test test-studies test-all trust mutants coverage: export JAX_COMPILATION_CACHE_DIR = $(abspath $(VENV))/jax-cache
-test test-studies test-all trust mutants coverage: export JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS = 0.1
+test test-studies test-types test-all trust mutants coverage: export JAX_COMPILATION_CACHE_DIR = $(abspath $(VENV))/jax-cache
+test test-studies test-types test-all trust mutants coverage: export JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS = 0.1
 # A file stays in one process, which then makes its fixtures and compiles its programs once. The slowest are told.
 PYTEST = $(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder --durations 15 --durations-min 1
 # What compiles for seconds to run for milliseconds is not worth optimising, but for the tests that are marked so.
@@ -35,6 +33,9 @@ mutants coverage: export XLA_FLAGS = $(FLAGS)
 test: lint  ## Lint, types and the tests that take seconds.
 	$(UNOPTIMISED) $(PYTEST) -m "not slow and not optimised"
 	$(PYTEST) -m "optimised and not slow" $$(grep -rl mark.optimised --include "test_*.py" tests)
+
+test-types: $(VENV)/installed-dev  ## The same with shapes and types checked at every call of every function.
+	CHECKED=1 $(UNOPTIMISED) $(PYTEST) -m "not slow and not optimised" tests studies/tests
 
 test-studies: $(VENV)/installed-dev  ## The tests of the paper's study that take seconds.
 	$(UNOPTIMISED) $(PYTEST) -m "not slow" studies/tests
@@ -50,7 +51,7 @@ fuzz: $(VENV)/installed-dev  ## Readers of files under strange ones, SECONDS for
 # About two hours on two cores. With TESTS=tests/test_resume.py only what that file measures.
 trust: $(VENV)/installed-dev  ## Measure every promise of docs/trust.md again: results/trust and the page.
 	rm -rf build/trust
-	GALTON_TRUST=build/trust $(BIN)/python -m pytest -n auto $(or $(TESTS),tests studies/tests)
+	CHECKED=1 GALTON_TRUST=build/trust $(BIN)/python -m pytest -n auto $(or $(TESTS),tests studies/tests)
 	$(if $(TESTS),,$(MAKE) mutants coverage package lowest matrix)
 	$(if $(TESTS),,$(BIN)/python benchmarks/starting.py)
 	$(BIN)/python -m tests.trust build/trust

@@ -67,7 +67,7 @@ BLOCKS = [
         for n, block in enumerate(re.findall(r"```python\n(.*?)```", path.read_text(), re.S))
     )
 ]
-LONG_TRAINING = re.compile(r"(learn\(|every=)(10_000|40_000|1_000_000)\b")
+LONG_TRAINING = re.compile(r"(learn\(|every=)(10_000|40_000|100_000|1_000_000)\b")
 """Numbers of steps that a reader waits for and a test does not."""
 RUN = """
 import contextlib, json, os, pathlib, sys, traceback, warnings

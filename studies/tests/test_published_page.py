@@ -26,7 +26,7 @@ def test_page_tables_and_figures_are_made_of_the_data_to_the_byte(tmp_path):
 
 def test_tables_of_results_are_quoted_as_they_were_made():
     known = tables.tables(reproduce.load(str(RESULTS)))
-    for path in (ROOT / "README.md", ROOT / "docs" / "why.md"):
+    for path in (ROOT / "docs" / "reproduce.md", ROOT / "docs" / "why.md"):
         text = path.read_text()
         assert "<!-- table: " in text
         assert quotes.filled(text, known.get) == text, f"python -m studies.paper tables {RESULTS} {path}"
