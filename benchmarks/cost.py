@@ -1,4 +1,4 @@
-"""What the whole paper costs, from rates that are measured here: rewrites docs/cost.md.
+"""What the whole paper costs, from rates that are measured here: rewrites its table in docs/speed.md.
 
 Each analytic task is trained as a sweep trains it, 16 runs in each of one process per core, with an evaluation of
 ten episodes every 5,000 steps (every 20 on the bandit), for each program of App. C.2. The MuJoCo tasks' rates are
@@ -19,6 +19,7 @@ from sides import write
 import galton
 from galton.devices import n_cores
 from galton.envs.registry import ENVS
+from galton.page import quotes
 from galton.sweep.executors import Processes, one_per_core
 from galton.sweep.grid import find_grid
 from galton.tasks import task_of
@@ -62,39 +63,18 @@ def main():
     keys = ("env", "runs", "steps", "core_seconds", "compile_seconds")
     write(arguments.out / "cost.json", ("mujoco",), rows=[dict(zip(keys, row, strict=True)) for row in rows])
     page(json.loads((arguments.out / "cost.json").read_text()))
-    print(f"measured in {time.perf_counter() - start:,.0f} s; docs/cost.md is new")
+    print(f"measured in {time.perf_counter() - start:,.0f} s; docs/speed.md has the new table")
 
 
 def page(found):
-    lines = [
-        "# What the whole paper costs",
-        "",
-        "App. C.2: 88 settings × 20 trials on each task (76 on the bandit). Times of training. On the first four",
-        "an evaluation of ten episodes at each of 100 log points is included; on MuJoCo, HL-Gauss at k = 100 stands",
-        "for all settings, without evaluation. Rates were measured with `python benchmarks/cost.py` on",
-        f"{found['cores']} cores of {found['machine']} (`results/benchmarks/cost.json`). A hundred slots means",
-        "a hundred such cores; a queue's waiting time is not in it.",
-        "",
-        "| task | runs | environment steps | 2 cores | 100 Condor slots |",
-        "|---|---|---|---|---|",
-    ]
-    total_steps = total = 0
-    for row in found["rows"]:
-        lines.append(line(row["env"], f"{row['runs']:,}", row["steps"], row["core_seconds"]))
-        total_steps, total = total_steps + row["steps"], total + row["core_seconds"]
-    lines.append(line("all", "", total_steps, total))
-    compiling = [row["compile_seconds"] for row in found["rows"] if row["compile_seconds"]]
-    lines += [
-        "",
-        "Compiling comes on top: the seven programs of a task take a worker "
-        f"{max(compiling):.0f} seconds at most, once.",
-    ]
-    Path("docs/cost.md").write_text("\n".join(lines) + "\n")
+    rows = [line(row["env"], f"{row['runs']:,}", row["steps"], row["core_seconds"]) for row in found["rows"]]
+    rows.append(line("all", "", *(sum(row[name] for row in found["rows"]) for name in ("steps", "core_seconds"))))
+    headings = ["task", "runs", "environment steps", "2 cores", "100 Condor slots"]
+    quotes.write({"the whole paper": quotes.markdown(headings, rows)}.get, ["docs/speed.md"])
 
 
 def line(name, runs, steps, core_seconds):
-    times = f"{span(core_seconds / 2)} | {span(core_seconds / 100)}"
-    return f"| {name} | {runs} | {steps / 1e6:,.0f} M | {times} |"
+    return [name, runs, f"{steps / 1e6:,.0f} M", span(core_seconds / 2), span(core_seconds / 100)]
 
 
 def span(seconds):
