@@ -19,7 +19,6 @@ PARTS = {
     ".typed": "the mark that Galton has types",
     ".css": "the page of `galton benchmark`",
     ".jinja": "the page of `galton benchmark`",
-    ".js": "the page of `galton benchmark`",
 }
 """What a wheel may hold under galton/, by the ending of the file."""
 BESIDE = {"LICENSE", "METADATA", "RECORD", "WHEEL", "entry_points.txt"}
