@@ -7,7 +7,7 @@ schedule of Galton's and as the new one.
 import jax.numpy as jnp
 
 import galton
-from galton.schedules import SCHEDULES, Linear, Steps
+from galton.schedules import SCHEDULES, Linear, Schedule, Steps
 from galton.types import Finite
 
 
