@@ -32,7 +32,6 @@ mutants coverage: export XLA_FLAGS = $(FLAGS)
 
 test: lint  ## Lint, types and the tests that take seconds.
 	$(UNOPTIMISED) $(PYTEST) -m "not slow and not optimised"
-	$(PYTEST) -m "optimised and not slow" $$(grep -rl mark.optimised --include "test_*.py" tests)
 
 test-types: $(VENV)/installed-dev  ## The same with shapes and types checked at every call of every function.
 	CHECKED=1 $(UNOPTIMISED) $(PYTEST) -m "not slow and not optimised" tests studies/tests

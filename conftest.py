@@ -22,8 +22,16 @@ hypothesis.settings.register_profile("galton", deadline=None)  # a busy machine 
 hypothesis.settings.load_profile("galton")
 
 
+@pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(config, items):
-    """Where measurements are asked for, only tests that take some run."""
+    """Of `few` cases the first alone is fast. Where measurements are asked for, only tests that take some run."""
+    begun = set()
+    for item in items:
+        if item.get_closest_marker("few"):
+            name = item.nodeid.partition("[")[0]
+            if name in begun:
+                item.add_marker(pytest.mark.slow)
+            begun.add(name)
     if FOLDER:
         others = [item for item in items if "trust" not in item.fixturenames]
         items[:] = [item for item in items if "trust" in item.fixturenames]

@@ -33,6 +33,7 @@ def test_a_value_on_an_edge_belongs_to_the_bin_above_and_high_to_the_last(box):
     )
 
 
+@pytest.mark.slow
 @settings(max_examples=100)
 @given(boxes(), st.integers(0, 2**32 - 1), st.sampled_from(["inside", "bounds"]))
 def test_an_index_is_the_number_of_inner_edges_at_or_below_by_numpy(box, seed, bin_centers):
@@ -47,6 +48,7 @@ def test_an_index_is_the_number_of_inner_edges_at_or_below_by_numpy(box, seed, b
     np.testing.assert_array_equal(bins.encode(jnp.asarray(action)), np.transpose(expected))
 
 
+@pytest.mark.slow
 @settings(max_examples=50)
 @given(boxes(), st.floats(1e-3, 1e30))
 def test_beyond_the_box_is_the_bin_at_that_end(box, distance):

@@ -193,6 +193,7 @@ def test_what_could_only_fail_later_is_refused_before_training(make, message, tm
     assert run.num_timesteps == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("log_interval", [1, 7, 1000])
 def test_training_does_not_depend_on_who_looks_at_it(log_interval):
     def params(callback):
@@ -306,6 +307,7 @@ def test_an_environment_to_evaluate_on_is_made_once_and_closed():
     assert [env.closed for env in made] == [1] * 4  # two for the callback, and two for the model
 
 
+@pytest.mark.slow
 def test_an_evaluation_may_be_on_an_environment_of_other_constants(model):
     kwargs, log = {"noise_std": 0.0, "max_episode_steps": 3}, {}
     callback = Evaluate(20, 2, "lqr", env_kwargs=kwargs)

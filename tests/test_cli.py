@@ -39,6 +39,7 @@ def test_help_names_the_commands_and_needs_no_jax():
     assert subprocess.run([sys.executable, "-c", check], capture_output=True).returncode == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("command", ["train", "compare"])
 def test_a_commands_help_lists_losses_and_environments(command):
     done = galton(command, "--help")
@@ -145,6 +146,7 @@ def complaints(tmp_path_factory):
     return [json.loads(line) for line in done.stdout.splitlines()], list(folder.iterdir())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("index", range(len(WRONG)), ids=[" ".join(arguments) for arguments, _ in WRONG])
 def test_a_wrong_argument_gives_one_clear_line_and_code_2(index, complaints, trust):
     said, left = complaints
@@ -157,12 +159,14 @@ def test_a_wrong_argument_gives_one_clear_line_and_code_2(index, complaints, tru
     trust("wrong-commands", promise, topic="damage", figure=1, unit="commands", at_least=len(WRONG), over="sum")
 
 
+@pytest.mark.slow
 def test_a_wrong_argument_in_a_process_of_its_own(tmp_path):
     done = galton("train", "lqr", "--loss", "mse", cwd=tmp_path)
     assert (done.returncode, done.stderr.count("\n"), done.stdout) == (2, 1, "")
     assert done.stderr.startswith("galton: --loss is 'mse'; choose from gaussian")
 
 
+@pytest.mark.slow
 def test_gymnasium_ids_are_taken_and_what_they_cant_do_is_said(tmp_path):
     done = galton("train", "CartPole-v1", cwd=tmp_path)
     assert (done.returncode, done.stderr.count("\n")) == (2, 1)
@@ -182,6 +186,7 @@ def test_gymnasium_ids_are_taken_and_what_they_cant_do_is_said(tmp_path):
     assert json.loads((tmp_path / "cmp" / "summary.json").read_text())[0]["rest_to_optimum"] is None
 
 
+@pytest.mark.slow
 def test_an_id_may_name_the_module_that_registers_it(tmp_path):
     (tmp_path / "mine.py").write_text(
         "import gymnasium\ngymnasium.register('Mine-v0', 'gymnasium.envs.classic_control:PendulumEnv', "
@@ -222,6 +227,7 @@ def test_a_resumed_run_equals_one_without_a_break(tmp_path):
     assert "give the same options to resume it" in wrong.stderr
 
 
+@pytest.mark.slow
 def test_an_interrupted_run_is_saved_and_goes_on(tmp_path):
     out = tmp_path / "run"
     command = [GALTON, "train", "lqr", "--eval-episodes", "0", "--logs", "10000", "--out", out]
@@ -236,6 +242,7 @@ def test_an_interrupted_run_is_saved_and_goes_on(tmp_path):
     assert read(out / "model.safetensors")[0]["step"] == step > 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("command", ["train", "compare"])
 def test_a_folder_in_use_is_refused_and_left_alone(command, tmp_path):
     (tmp_path / "out").mkdir()
@@ -292,6 +299,7 @@ def test_an_earlier_run_stays_until_the_first_log_point_of_the_new_one(tmp_path)
     assert set(content(out)) == {"config.json", "model.safetensors", "metrics.jsonl"}
 
 
+@pytest.mark.slow
 def test_two_processes_do_not_train_in_one_run_folder(tmp_path):
     command = [GALTON, "train", "lqr", "--n-bins", "10", "--steps", "100000000", "--out", tmp_path / "run"]
     first = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
@@ -321,6 +329,7 @@ def test_train_writes_a_run_folder(tmp_path):
     assert (checkpoint["seed"], checkpoint["step"]) == (7, 400)
 
 
+@pytest.mark.slow
 def test_compare_writes_table_figure_and_numbers(tmp_path):
     out = tmp_path / "deep" / "cmp"
     done = galton("compare", "bandit", "--seeds", "3", "--steps", "200", "--logs", "4", "--out", out)
@@ -340,6 +349,7 @@ def test_compare_writes_table_figure_and_numbers(tmp_path):
     assert list(out.parent.iterdir()) == [out]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("number", "delay"),
     [
@@ -389,6 +399,7 @@ def test_two_processes_do_not_fill_one_folder(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.few
 @pytest.mark.parametrize(
     ("words", "said"),
     [

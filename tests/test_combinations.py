@@ -97,11 +97,13 @@ def check_training(env, policy, loss, algorithm):
         assert log["train/sigma"] > 0
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("names", marked(FITTING), ids="-".join)
 def test_what_fits_trains_on_the_device(names):
     check_training(Bandit(d=2), *names)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize(
     "names",
     [pytest.param(n, marks=[] if n in ON_THE_HOST else pytest.mark.slow) for n in FITTING],
@@ -189,6 +191,7 @@ def test_results_of_a_policy_that_is_not_registered_here_can_be_read():
         assert settings[0]["policy"] == "somebodys"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "layout", [pytest.param("bounds", marks=pytest.mark.slow), pytest.param("edges", marks=pytest.mark.slow), "both"]
 )

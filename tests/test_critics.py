@@ -85,6 +85,7 @@ def test_over_any_support(name, low, width, n, place):
         np.testing.assert_allclose(gradient, far, atol=1e-3)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", CLASSIFIERS)
 def test_a_return_outside_is_the_nearest_centers(name):
     returns = np.array([-1e6, -3.0, 7.0, 1e6])
@@ -92,6 +93,7 @@ def test_a_return_outside_is_the_nearest_centers(name):
     np.testing.assert_allclose(target(name, returns), target(name, inside), atol=1e-5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [pytest.param(n, marks=[pytest.mark.slow] * (n != "hl-gauss")) for n in CRITICS])
 @pytest.mark.parametrize("algorithm", [A2C, pytest.param(PPO, marks=pytest.mark.slow)])
 def test_saved_and_loaded(name, algorithm, tmp_path):
@@ -129,5 +131,6 @@ def test_what_does_not_fit_is_refused(given, said):
             assert words in str(error.value)
 
 
+@pytest.mark.slow
 def test_a_support_of_its_own_needs_no_normalised_rewards():
     A2C("lqr", preset="paper", critic="hl-gauss", value_min=-30.0, value_max=0.0)

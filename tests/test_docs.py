@@ -44,6 +44,7 @@ def test_the_page_of_equations_is_read():
     assert len(EQUATIONS) > 15
 
 
+@pytest.mark.few
 @pytest.mark.parametrize(
     ("document", "target"), LINKS, ids=lambda value: value if isinstance(value, str) else value.stem
 )

@@ -23,6 +23,7 @@ EXAMPLES = [
 ]
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("path", EXAMPLES)
 def test_an_example_runs(path, tmp_path):
     done = subprocess.run([sys.executable, path], capture_output=True, text=True, timeout=300, cwd=tmp_path)
@@ -101,6 +102,7 @@ def folders(tmp_path_factory, request):
     return made
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("index", "block"), BLOCKS)
 def test_python_in_a_document_runs_prints_its_numbers_and_leaves_the_files_it_names(index, block, folders):
     if "mujoco" in block or "-v5" in block:

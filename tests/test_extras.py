@@ -136,11 +136,13 @@ def name_of(call):
     return " ".join(call[:4]) if isinstance(call, list) else call
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("index", range(len(CORE)), ids=[name_of(call) for call, _, _ in CORE])
 def test_the_core_alone_works_or_names_the_extra_in_one_line(index, bare):
     assert bare[index] == list(CORE[index][1:])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("index", range(len(WITH_STUDIES)), ids=["cluster"])
 def test_a_sweep_names_the_extra_that_an_option_needs(index, with_studies):
     assert with_studies[index] == list(WITH_STUDIES[index][1:])

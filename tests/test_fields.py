@@ -36,6 +36,7 @@ def test_every_field_is_of_a_kind_that_is_checked():
     assert {*KNOWN.annotations, *CHOOSING} == {*KNOWN.usual}
 
 
+@pytest.mark.slow
 def test_a_value_of_another_type_is_refused_by_name_from_python_and_from_grids(tmp_path, trust):
     command = [sys.executable, "-W", "error", str(Path(__file__).with_name("wrong_values.py")), str(tmp_path)]
     done = subprocess.run(command, capture_output=True, text=True)

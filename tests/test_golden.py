@@ -65,6 +65,7 @@ def go_on(name):
     return {key: np.array([log[key] for log in logs]) for key in logs[0]}, by_path(model.learner.params)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", CHECKPOINTS)
 def test_a_model_is_what_it_was_and_predicts_what_it_did(name):
     known, model = CHECKPOINTS[name], A2C.load(path_of(name))
@@ -79,6 +80,7 @@ def test_a_model_is_what_it_was_and_predicts_what_it_did(name):
     np.testing.assert_allclose(model.predict(observation)[0], known["explored"], **CLOSE)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", [pytest.param(n, marks=[pytest.mark.slow] * (n in LONG)) for n in EXACT])
 def test_a_model_goes_on_as_it_did(name, trust):
     if CHECKPOINTS[name]["env"].endswith("-v5"):
@@ -90,6 +92,7 @@ def test_a_model_goes_on_as_it_did(name, trust):
     trust("golden-models", promise, topic="work", figure=1, unit="models", at_least=len(EXACT), over="sum")
 
 
+@pytest.mark.slow
 def test_a_model_whose_environment_can_not_tell_its_state_goes_on_with_a_warning():
     (name,) = CHECKPOINTS.keys() - set(EXACT)
     known = CHECKPOINTS[name]
@@ -101,6 +104,7 @@ def test_a_model_whose_environment_can_not_tell_its_state_goes_on_with_a_warning
     model.close()
 
 
+@pytest.mark.slow
 def test_a_run_folder_goes_on_as_it_did(tmp_path):
     shutil.copytree(V1 / "run", tmp_path / "run")
     known = record("run.json")
@@ -151,6 +155,7 @@ def trained(name):
     return {column: curve(result.log, column) for column in golden}, by_path(result.learner.params)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name",
     [

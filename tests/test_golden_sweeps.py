@@ -49,6 +49,7 @@ def test_a_plan_keeps_its_names_and_seeds(sweep):
         assert getattr(plan, column).tolist() == known[column]
 
 
+@pytest.mark.slow
 def test_finished_shards_count_and_the_missing_one_alone_is_trained(sweep):
     known, golden = record("sweep.json"), rows(sweep)
     before = {path.name: (path.read_bytes(), path.stat().st_mtime_ns) for path in (sweep / "shards").iterdir()}

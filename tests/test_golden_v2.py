@@ -55,6 +55,7 @@ def test_a_model_goes_on_as_it_did(name):
     check_close(log, arrays("checkpoints.npz", f"{name}/log/", V2))
 
 
+@pytest.mark.slow
 def test_a_sweep_of_ppo_keeps_its_names_and_its_finished_shards(tmp_path):
     shutil.copytree(V2 / "sweep", tmp_path / "sweep")
     plan, known = Plan.load(Store(str(tmp_path / "sweep"))), record("sweep.json", V2)

@@ -25,6 +25,7 @@ def load(name, env=None):
     return KINDS[CHECKPOINTS[name]["class"]].load(V3 / "checkpoints" / f"{name}.safetensors", env)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", CHECKPOINTS)
 def test_a_model_is_what_it_was_and_predicts_what_it_did(name):
     known, model = CHECKPOINTS[name], load(name)
@@ -40,6 +41,7 @@ def test_a_model_is_what_it_was_and_predicts_what_it_did(name):
     np.testing.assert_allclose(model.predict(observation)[0], known["explored"], **CLOSE)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize(
     "name", [pytest.param(name, marks=pytest.mark.slow if name not in QUICK else ()) for name in CHECKPOINTS]
 )
@@ -73,6 +75,7 @@ def test_a_benchmark_draws_the_settings_that_it_drew(file):
     assert names == known["tuning"]
 
 
+@pytest.mark.slow
 def test_a_benchmark_that_was_done_is_read_and_reported_as_it_was(tmp_path):
     for name in ("small.toml", "benchmark"):
         (shutil.copytree if name == "benchmark" else shutil.copy)(V3 / name, tmp_path / name)

@@ -21,6 +21,7 @@ def best_mean(env, rates, n_seeds, steps, **words):
 FAST = ("hl-gauss",)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("loss", [pytest.param(x, marks=[] if x in FAST else pytest.mark.slow) for x in LOSSES])
 def test_every_loss_solves_the_bandit(loss):
     words = {"loss": loss, "eta": 0.75, "n_steps": 5, "net_arch": ()}

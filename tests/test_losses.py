@@ -52,6 +52,7 @@ def test_the_gradient_in_the_logits_is_the_papers(eta):
             np.testing.assert_allclose(-gradient(name, logits, action, advantage, eta), expected, atol=1e-10)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "indifferent"), [("hl-one-hot", True), ("hl-gauss", False), ("hl-gauss-centred", True)]
 )
@@ -76,6 +77,7 @@ def test_mean_gradient_over_actions_under_a_shifted_advantage(name, indifferent)
         assert moved < 1e-12 if indifferent else moved > 1e-3
 
 
+@pytest.mark.slow
 def test_centred_hl_gauss_with_a_narrow_target_is_hl_one_hot():
     logits, action, advantage = batch()
     np.testing.assert_allclose(
@@ -97,6 +99,7 @@ def test_near_a_uniform_policy_the_advantages_sign_is_the_direction_of_the_actio
     assert (sign * (after - before) > 0).all()
 
 
+@pytest.mark.slow
 @settings(max_examples=50)
 @given(st.integers(0, 2**31 - 1), st.floats(0.01, 4))
 def test_target_and_policy_differ_by_at_most_two(seed, eta):

@@ -89,6 +89,7 @@ def gradients_of(model):
     return [(p.grad.T if p.ndim == 2 else p.grad).numpy() for p in model.parameters()]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("network", "theirs"),
     [
@@ -116,6 +117,7 @@ def in_torchs_order(layer):
     return [layer["kernel"] if "kernel" in layer else layer["scale"], layer["bias"]]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("activation", ACTIVATIONS)
 def test_the_lipschitz_constant_is_the_largest_gradient_norm_of_an_output(activation):
     network, s = MLP((8, 6), activation=activation), jnp.array([0.1, -0.2, 0.3, 0.7, -1.0])
@@ -127,6 +129,7 @@ def test_the_lipschitz_constant_is_the_largest_gradient_norm_of_an_output(activa
     np.testing.assert_allclose(network.lipschitz(layers, s), max(norms), rtol=1e-5)
 
 
+@pytest.mark.slow
 def test_kernels_start_as_they_are_said_to():
     first, *_, last = MLP((512,), kernel_init="lecun").init(jax.random.key(0), 400, 4, 0.5, of_critic=False)
     assert float(first["kernel"].std()) == pytest.approx(400**-0.5, rel=0.02)
@@ -136,6 +139,7 @@ def test_kernels_start_as_they_are_said_to():
     assert float(block["up"]["kernel"].std()) == pytest.approx((2 / 256) ** 0.5, rel=0.02)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize(
     ("own", "actor", "critic"),
     [
@@ -162,6 +166,7 @@ NETWORKS_OF_OURS = [
 ]
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("own", NETWORKS_OF_OURS)
 def test_a_model_with_each_network_is_saved_goes_on_and_is_exported(own, tmp_path):
     model = A2C("lqr", "hl-gauss", n_bins=9, deterministic_action="mean", **own).learn(40, progress_bar=False)
@@ -178,6 +183,7 @@ def test_a_model_with_each_network_is_saved_goes_on_and_is_exported(own, tmp_pat
     np.testing.assert_allclose(actions, model.predict(states, deterministic=True)[0], rtol=0, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_a_flax_module_trains_and_is_saved_and_says_that_it_is_not_exported(flax_network, tmp_path):
     model = A2C("bandit", "gaussian", network="flax", flax_width=6, learning_rate=0.05, box_units=1.0)
     before = model.evaluate(20).mean()

@@ -132,6 +132,7 @@ class Late(gymnasium.Env):
         return {"clock": seen} if isinstance(self.observation_space, Dict) else seen
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("many", [1, 3])
 @pytest.mark.parametrize("nested", [False, True])
 def test_float64_observations_lose_their_digits_after_the_origin(nested, many):
@@ -177,6 +178,7 @@ def test_what_is_off_costs_and_changes_nothing(flags):
     assert flags[1] or (np.asarray(scaled) == reward).all()
 
 
+@pytest.mark.slow
 def test_the_host_loop_records_standardised_observations():
     task = find(lambda: gymnasium.wrappers.TimeLimit(Drift(), 100))
     agent = make_agent(loss="gaussian", n_envs=2, n_steps=50, net_arch=(4,), normalize_observation=True)

@@ -19,6 +19,7 @@ THEIRS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("ours", "theirs"), THEIRS.items())
 def test_twenty_steps_are_those_of_torch(ours, theirs):
     rng = np.random.default_rng(0)
@@ -38,6 +39,7 @@ def test_twenty_steps_are_those_of_torch(ours, theirs):
         np.testing.assert_allclose(found, weight.detach(), rtol=1e-5, atol=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", OPTIMIZERS)
 def test_a_resumed_run_is_equal_to_the_bit(name, tmp_path):
     own = {"optimizer": name, "n_bins": 9, "net_arch": (8,), "learning_rate": 0.01}
@@ -48,6 +50,7 @@ def test_a_resumed_run_is_equal_to_the_bit(name, tmp_path):
         np.testing.assert_array_equal(ours, theirs)
 
 
+@pytest.mark.slow
 def test_the_decay_of_weights_is_a_number_of_each_run():
     optimizer = AdamW(RATE, weight_decay=np.array([0.0, 0.5], np.float32))
     params = {"critic": jnp.ones(3)}

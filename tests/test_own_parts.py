@@ -55,6 +55,7 @@ def registered(request, monkeypatch):
 everywhere = pytest.mark.parametrize("registered", OWN, indirect=True)
 
 
+@pytest.mark.few
 @everywhere
 def test_it_trains_is_saved_goes_on_and_is_exported_or_says_why_not(registered, tmp_path):
     part, _, words = registered
@@ -74,6 +75,7 @@ def test_it_trains_is_saved_goes_on_and_is_exported_or_says_why_not(registered, 
         assert export(model, tmp_path / "policy.onnx").exists()
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("part", OWN)
 def test_its_settings_are_options_of_the_command_line(part, tmp_path):
     name, words = OWN[part]
@@ -88,6 +90,7 @@ def test_its_settings_are_options_of_the_command_line(part, tmp_path):
     assert words.items() <= (told["config"] | told["hypers"] | {"loss": told["loss"], "algorithm": "awr"}).items()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("registered", ["loss", "network"], indirect=True)
 def test_its_settings_are_axes_of_a_sweep_whose_plan_is_read_again(registered, tmp_path):
     _, name, words = registered
@@ -124,6 +127,7 @@ def test_its_settings_are_drawn_by_a_benchmark(registered):
     assert len({setting["smoothing"] for setting in settings}) == 3
 
 
+@pytest.mark.slow
 def test_a_part_without_a_name_trains_and_says_why_it_is_not_saved(tmp_path):
     class Halved(galton.losses.HLGauss):
         """Half of HL-Gauss."""
@@ -142,6 +146,7 @@ def test_a_part_without_a_name_trains_and_says_why_it_is_not_saved(tmp_path):
         model.save(tmp_path / "model")
 
 
+@pytest.mark.slow
 def test_parts_are_given_beside_what_a_preset_or_a_task_has_for_everybody():
     model = galton.A2C("lqr", optimizer=galton.optimizers.AdamW(learning_rate=1e-3))
     assert model.settings["learning_rate"] == 1e-3

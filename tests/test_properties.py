@@ -113,6 +113,7 @@ ROWS = st.fixed_dictionaries(
 N_RUNS = 8
 
 
+@pytest.mark.slow
 @settings(max_examples=10)
 @given(st.lists(ROWS, min_size=N_RUNS, max_size=N_RUNS))
 @example([{"learning_rate": 3e38}] * N_RUNS)
@@ -183,6 +184,7 @@ SETTINGS = st.fixed_dictionaries(
 )
 
 
+@pytest.mark.slow
 @settings(max_examples=30)
 @given(st.lists(SETTINGS, min_size=1, max_size=4), st.integers(1, 3), st.integers(0, 2**63 - 1), st.integers(1, 9))
 def test_settings_come_back_from_a_grid_a_plan_and_their_records(place, rows, trials, seed, width):

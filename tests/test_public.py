@@ -64,6 +64,7 @@ def imported(file):
             yield from (alias.name.rpartition(".")[::2] for alias in node.names if alias.name.startswith("galton."))
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("folder", ["examples", "studies/paper"])
 def test_studies_and_examples_import_public_names_alone(folder):
     files = [*(ROOT.parents[1] / folder).glob("*.py")]

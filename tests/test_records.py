@@ -88,6 +88,7 @@ def settings_of(path):
         return json.loads(file.metadata()["galton"])["settings"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("what", ["settings", "seeds", "shards", "plan", "done"])
 def test_names_seeds_and_the_plans_bytes_stay_when_a_field_is_added(written, what):
     _, first, grown = written
@@ -136,6 +137,7 @@ def refused(field, read):
     assert "damaged" not in str(caught.value)
 
 
+@pytest.mark.slow
 def test_files_with_a_field_that_this_version_does_not_know_are_called_newer(newer):
     folder, field = newer
     refused(field, lambda: A2C.load(folder / "a2c.safetensors"))

@@ -109,6 +109,7 @@ def test_a_run_that_goes_on_in_a_new_process_equals_one_without_a_cut_byte_for_b
     trust("resume", promise, topic="work", figure=differing, unit="bytes of the model differ", at_most=0)
 
 
+@pytest.mark.slow
 def test_an_environment_that_can_not_tell_its_state_goes_on_in_new_episodes_with_a_warning(tmp_path):
     train("swing", "hl-gauss", tmp_path / "model.cut")
     with pytest.warns(InexactResume, match=r"swing goes on from the start of new episodes: its environments can't"):
@@ -125,6 +126,7 @@ def test_an_environment_that_can_not_tell_its_state_goes_on_in_new_episodes_with
         A2C.load(tmp_path / "model.cut", env=find("stateful_swing")).learn(SIZE, progress_bar=False)
 
 
+@pytest.mark.slow
 def test_a_run_goes_on_in_pure_jax_after_gymnasium_with_a_warning_and_in_a_wrong_environment_not_at_all(tmp_path):
     model = A2C("galton/LQR-v0", n_bins=10, net_arch=(8,)).learn(160, progress_bar=False)
     path = model.save(tmp_path / "model")

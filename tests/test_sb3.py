@@ -88,6 +88,7 @@ def test_evaluate_policy_runs_on_a_vector_environment_and_without_deterministic_
         assert np.isfinite([mean, std]).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("stop_at", [None, 12])
 def test_callbacks_see_the_steps_that_they_see_in_sb3(stop_at):
     ours, theirs = Recorder(stop_at), Recorder(stop_at)
@@ -98,6 +99,7 @@ def test_callbacks_see_the_steps_that_they_see_in_sb3(stop_at):
     assert model.num_timesteps == (24 if stop_at is None else 16)
 
 
+@pytest.mark.slow
 def test_a_second_learn_goes_on_counting():
     recorder, model = Recorder(), A2C(drift, "hl-gauss", n_bins=10, net_arch=(8,), n_steps=4)
     model.learn(8, recorder, progress_bar=False).learn(4, recorder, progress_bar=False)
@@ -191,6 +193,7 @@ def test_what_callbacks_of_sb3_record_is_in_the_log_of_the_next_log_point(verbos
     assert {line.split()[0] for line in capsys.readouterr().out.splitlines()} == told
 
 
+@pytest.mark.slow
 def test_an_evaluation_is_normalised_as_training_is_and_its_statistics_are_saved(tmp_path):
     env, test = (VecNormalize(DummyVecEnv([lambda: Monitor(drift())] * n), norm_reward=n == 2) for n in (2, 1))
     test.training = False

@@ -97,6 +97,7 @@ def test_an_agents_numbers_at_a_step_and_its_words():
     assert read(words_of(agent)) == agent
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("env", ["lqr", "Pendulum-v1"])
 def test_a_constant_schedule_is_the_number_and_one_that_changes_is_not(env):
     own = {"learning_rate": 1e-2, "eta": 2.0, "gamma": 0.9}
@@ -113,6 +114,7 @@ def test_a_constant_schedule_is_the_number_and_one_that_changes_is_not(env):
     assert not np.allclose(plain.get_parameters()["actor"][0]["kernel"], other.get_parameters()["actor"][0]["kernel"])
 
 
+@pytest.mark.slow
 def test_a_policys_floor_rises_in_training_in_evaluation_and_in_predictions():
     def actions(floor):
         model = A2C("lqr", "gaussian", net_arch=(), log_std_init=-5.0, log_std_min=floor, learning_rate=1e-9, seed=1)
@@ -126,6 +128,7 @@ def test_a_policys_floor_rises_in_training_in_evaluation_and_in_predictions():
     assert actions(Step(-5.0, -1.0, 10_000))[0] < 0.02
 
 
+@pytest.mark.slow
 def test_a_run_with_schedules_resumed_in_the_middle_is_equal_to_the_bit(tmp_path):
     own = {"learning_rate": Cosine(1e-2, 1e-3, 400), "eta": Step(2.0, 0.5, 200), "ent_coef": Linear(0.1, 0.0, 300)}
     whole = A2C("lqr", **SMALL, **own).learn(400, progress_bar=False)
@@ -137,6 +140,7 @@ def test_a_run_with_schedules_resumed_in_the_middle_is_equal_to_the_bit(tmp_path
         np.testing.assert_array_equal(ours, theirs)
 
 
+@pytest.mark.slow
 def test_a_function_of_what_remains_is_understood_where_it_is_linear():
     model = PPO("lqr", "gaussian", n_steps=64, learning_rate=lambda left: 1e-3 * left, clip_range=lambda _: 0.1)
     assert model.settings["learning_rate"] == Linear(1e-3, 0.0)
@@ -150,6 +154,7 @@ def test_a_function_of_what_remains_is_understood_where_it_is_linear():
         PPO("lqr", "gaussian", learning_rate=lambda left: 1e-3 * left**2)
 
 
+@pytest.mark.slow
 def test_runs_of_a_population_have_schedules_of_their_own():
     rates = np.array([1e-2, 1e-3], np.float32)
     both = galton.train("lqr", make_agent(**SMALL, learning_rate=Linear(rates, 0.0)), [0, 0], 100, n_eval_episodes=0)
@@ -161,6 +166,7 @@ def test_runs_of_a_population_have_schedules_of_their_own():
             np.testing.assert_allclose(ours[i], theirs[0], rtol=1e-4, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_a_schedule_is_a_point_of_a_sweep(tmp_path):
     grid = expand([SMALL | {"learning_rate": [1e-3, "linear(1e-2, 0)", "linear(1e-2, 0, inf)"]}], {})
     assert len(grid) == 2  # the last two are one
@@ -199,6 +205,7 @@ def test_a_study_comes_back_from_its_record_whatever_it_varies(points):
     Plan.create(study)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["log_std_init", "weight_decay"])
 def test_a_model_whose_beginning_is_scheduled_is_loaded(name, tmp_path):
     own = {"optimizer": "adamw", name: Linear(0.1, 0.0, 100)}
@@ -228,6 +235,7 @@ def test_a_call_that_learns_nothing_says_so(rate, calls):
         model.learn(calls[-1], progress_bar=False)
 
 
+@pytest.mark.slow
 def test_a_schedule_without_a_name_trains_and_says_why_it_is_not_saved(tmp_path):
     class Halved(Linear):
         """Half of a linear schedule."""

@@ -101,6 +101,7 @@ def test_an_example_is_shown_on_a_page(example):
     assert f"examples/{example.name}\n:language: python" in PAGES
 
 
+@pytest.mark.slow
 def test_the_site_builds_without_a_warning_and_asks_for_nothing_from_elsewhere(tmp_path):
     pytest.importorskip("furo")
     command = [sys.executable, "-m", "sphinx", "--fail-on-warning", "--keep-going", "-q", "-b", "html"]

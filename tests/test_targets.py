@@ -72,6 +72,7 @@ def test_hl_gauss_equals_scipys_normal_cdf_in_float64(eta):
         np.testing.assert_allclose(q, reference(-3.3, 12.9, 100, action, eta), atol=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("k", [2, 50, 200])
 @pytest.mark.parametrize("eta", [0.01, 0.05, 0.1])
 def test_narrow_targets_are_one_hot_at_bin_centers(k, eta):
@@ -91,6 +92,7 @@ def test_the_short_cut_for_centers_equals_the_general_target(k, eta):
 LAYOUTS = [(tails, centers) for tails in ("rescaled", "edges") for centers in ("inside", "bounds")]
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("k", [2, 7, 100])
 @pytest.mark.parametrize(("tails", "centers"), LAYOUTS)
 def test_every_layout_is_scipys_gaussian_over_its_bins(tails, centers, k):
@@ -134,6 +136,7 @@ def test_edges_get_what_a_rescaled_target_divides_away():
     np.testing.assert_allclose(edges[:-1], rescaled[:-1] / 2, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_each_dimension_has_its_own_bounds_and_any_batch_shape():
     bins = Bins([-1.0, 0.0, -5.0], [1.0, 10.0, -4.0], 20)
     action = jax.random.uniform(jax.random.key(0), (3, 5, 3), minval=-6, maxval=11)
@@ -162,6 +165,7 @@ for call in (
 """
 
 
+@pytest.mark.slow
 def test_a_misspelt_layout_is_refused_where_types_are_not_checked_too():
     done = subprocess.run([sys.executable, "-c", MISSPELT], capture_output=True, text=True, check=True)
     assert done.stdout.splitlines() == [
@@ -191,6 +195,7 @@ def rows_of(k, eta, tails, centers):
     return mass / mass.sum(1, keepdims=True)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("k", [2, 41, *(pytest.param(k, marks=pytest.mark.slow) for k in (3, 100))])
 @pytest.mark.parametrize("tails", ["rescaled", "edges"])
 @pytest.mark.parametrize("centers", ["inside", "bounds"])

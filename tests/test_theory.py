@@ -20,6 +20,7 @@ def gradient_norm(loss, layers):
     return float(jnp.sqrt(sum(jnp.sum(leaf**2) for leaf in leaves)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(20))
 @pytest.mark.parametrize("eta", [0.1, 0.75, 4.0])
 def test_proposition_1_holds(seed, eta):
@@ -31,6 +32,7 @@ def test_proposition_1_holds(seed, eta):
     assert 0 < norm <= float(bound) * (1 + 1e-5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(20))
 @pytest.mark.parametrize("sigma", [0.05, 1.0, 3.0])
 def test_proposition_2_holds_in_both_readings(seed, sigma):
@@ -42,6 +44,7 @@ def test_proposition_2_holds_in_both_readings(seed, sigma):
         assert 0 < norm <= float(bound) * (1 + 1e-5)
 
 
+@pytest.mark.slow
 def test_the_lipschitz_constant_is_the_largest_gradient_norm_of_an_output():
     layers, s = network(0, 4), jnp.array([0.1, -0.2, 0.3])
     norms = []

@@ -11,6 +11,7 @@ KEY = jax.random.key(2)
 """Of the update, in which nothing is random."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "loss", [pytest.param(x, marks=[pytest.mark.slow] * (x not in ("gaussian", "hl-gauss-centred"))) for x in LOSSES]
 )
@@ -40,6 +41,7 @@ def test_the_step_is_bounded_by_max_grad_norm():
     assert norm == pytest.approx(0.5, rel=1e-4)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("loss", ["gaussian", "hl-gauss"])
 def test_the_entropy_bonus_raises_entropy(loss):
     update = jax.jit(lambda agent, learner, batch: agent.algorithm.update(agent, learner, batch, KEY))

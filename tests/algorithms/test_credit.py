@@ -79,6 +79,7 @@ def test_the_gradient_in_the_logits_is_the_dense_formulas(loss, fields):
         np.testing.assert_allclose(found, expected, atol=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("loss", "indifferent"), [("hl-gauss-centred", True), ("hl-gauss", False)])
 def test_with_a_width_of_its_own_in_each_state_the_centred_loss_stays_indifferent_to_a_shift(loss, indifferent):
     with jax.enable_x64(True):
@@ -150,6 +151,7 @@ def test_v_mpos_weights_are_a_softmax_over_the_better_half(advantage, better):
     assert found.mean() == pytest.approx(1)
 
 
+@pytest.mark.slow
 def test_at_a_high_temperature_awrs_gradient_is_the_usual_one_over_the_temperature():
     with jax.enable_x64(True):
         loss = agent_of("hl-gauss-centred", eta=0.8).loss

@@ -123,6 +123,7 @@ def test_the_bonus_is_alpha_standard_deviations_of_the_weights():
     jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-4, atol=1e-6), held, expected)
 
 
+@pytest.mark.slow
 def test_a_floor_leaves_a_policy_alone_that_is_wider():
     agent, learner, batch = setup("hl-gauss-centred", entropy_start=0.1, entropy_alpha_min=0.0, **HELD)
     ours, after, told = actors_gradient(agent, learner, batch)
@@ -146,6 +147,7 @@ def test_the_dual_variable_is_no_parameter():
     assert jax.tree.structure(unheld) == jax.tree.structure(learner.remembering(entropy=()))
 
 
+@pytest.mark.slow
 def test_where_nothing_is_learnt_the_dual_variable_stays():
     agent, learner, batch = setup("hl-gauss-centred", **NEAR["hl-gauss-centred"], **HELD)
     broken = batch._replace(reward=batch.reward.at[0, 0].set(jnp.nan))
@@ -162,6 +164,7 @@ def test_where_nothing_is_learnt_the_dual_variable_stays():
     assert bits(dual_of(learnt(frozen))) == bits(dual_of(run.learner)) != bits(dual_of(learnt(run)))
 
 
+@pytest.mark.slow
 def test_ppo_moves_it_in_every_minibatch_until_target_kl_leaves_off():
     agent = agent_of("histogram", "hl-one-hot", **HELD)
     learner = moved(agent)
@@ -192,12 +195,14 @@ def shares(env, words, steps, seeds=range(3)):
 ON_THE_BANDIT = {"n_bins": 50, "n_steps": 5, "n_envs": 4, "net_arch": ()}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("loss", [pytest.param("gaussian", marks=pytest.mark.slow), "hl-gauss-centred"])
 def test_the_target_is_reached_on_the_bandit(loss):
     found = shares("bandit", ON_THE_BANDIT | {"loss": loss, "learning_rate": 0.05, "entropy_steps": 5_000.0}, 16_000)
     np.testing.assert_allclose(found.mean(1), 0.05, rtol=0.1)
 
 
+@pytest.mark.slow
 def test_a_floor_is_not_fallen_through():
     words = ON_THE_BANDIT | {"loss": "hl-one-hot", "learning_rate": 0.05, "entropy_alpha_min": 0.0}
     floored, free = (
@@ -210,6 +215,7 @@ def test_a_floor_is_not_fallen_through():
 OF_PPO = {"algorithm": "ppo", "n_steps": 64, "batch_size": 32, "n_epochs": 4, "normalize_advantage": True}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("loss", "own"),
     [("hl-one-hot", {"n_steps": 8}), pytest.param("gaussian", OF_PPO, marks=pytest.mark.slow)],
@@ -222,6 +228,7 @@ def test_the_target_is_reached_on_the_lqr(loss, own):
     np.testing.assert_allclose(found.mean(1), 0.2, rtol=0.1)
 
 
+@pytest.mark.slow
 def test_a_run_with_a_held_entropy_logs_it_and_goes_on_exactly(tmp_path):
     settings = {"n_bins": 10, "net_arch": (8,), "n_steps": 8, "entropy_target": True, "entropy_steps": 200.0}
     logs = []

@@ -117,6 +117,7 @@ def tell(logs):
     return note
 
 
+@pytest.mark.slow
 def test_the_run_is_the_same_however_it_is_cut_into_calls(tmp_path):
     files, logs = [], []
     for i, cuts in enumerate(([6], [1, 2, 3], [1] * 6)):
@@ -185,6 +186,7 @@ def test_the_usual_ratio_is_smoothed_for_a_loss_with_a_bias_alone(loss, usual):
     assert (found["smoothed"] == pytest.approx(found["true"], rel=1e-3)) == (loss in ("gaussian", "hl-one-hot"))
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("size", [1, 2, 64, 1625, 1626, 2048, 9000])
 def test_minibatches_are_in_the_order_that_jax_draws(size):
     """Some sizes are sorted once, some twice; models of earlier versions go on with these orders."""

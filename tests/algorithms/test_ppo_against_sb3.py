@@ -169,6 +169,7 @@ def test_one_minibatch_and_ten_epochs_equal_sb3s(monkeypatch, loss, normalize_ad
     trust("ppo-and-sb3", promise, topic="numbers", figure=apart, unit="apart, relative to the change", at_most=1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("loss", ["gaussian", pytest.param("hl-one-hot", marks=pytest.mark.slow)])
 def test_rollouts_with_a_learning_rate_that_decays_equal_sb3s(monkeypatch, loss):
     sides = Sides(monkeypatch, loss, total=4 * T * N)
@@ -182,6 +183,7 @@ def test_rollouts_with_a_learning_rate_that_decays_equal_sb3s(monkeypatch, loss)
     assert relative_error(sides.run.learner.params, before.learner.params) == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("loss", ["gaussian", pytest.param("hl-one-hot", marks=pytest.mark.slow)])
 def test_rollouts_with_schedules_of_learning_rate_and_clip_range_equal_sb3s(monkeypatch, loss):
     total = 4 * T * N
@@ -212,6 +214,7 @@ def as_squared(total):
     return Squared(0.15, 0.02, total)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("loss", ["gaussian", "hl-one-hot"])
 def test_target_kl_stops_where_sb3_stops(monkeypatch, loss):
     sides = Sides(monkeypatch, loss, target_kl=0.02)

@@ -157,6 +157,7 @@ CASES = [(name, "squared-error") for name in HEADS] + [("beta", critic) for crit
 FAST = ("beta", "hl-gauss")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "critic"), [pytest.param(*case, marks=[] if case == FAST else pytest.mark.slow) for case in CASES]
 )

@@ -47,6 +47,7 @@ ALL = list(itertools.product(CHOICES, [("hl-gauss", "smoothed"), ("hl-gauss-cent
 ALL += list(itertools.product(CHOICES, [("hl-gauss", "true"), ("hl-gauss-centred", "smoothed")]))
 
 
+@pytest.mark.few
 @pytest.mark.parametrize(("name", "kind"), some(ALL, ALL[: 2 * len(CHOICES) : 5]))
 def test_the_first_minibatch_of_the_first_epoch_is_a2cs(name, kind):
     loss, ratio = kind
@@ -69,6 +70,7 @@ def test_the_first_minibatch_of_the_first_epoch_is_a2cs(name, kind):
 CLIPPED = list(itertools.product(["awr", "split", "split, normalised"], ["smoothed", "true"]))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "ratio"), some(CLIPPED, CLIPPED[-1:]))
 def test_the_gradient_is_that_of_the_clipped_surrogate_of_these_weights_and_targets(name, ratio):
     agent = chosen("hl-gauss", ratio, name)

@@ -211,6 +211,7 @@ def expected_gradient(policy, loss, shift):
     return found["actor"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("loss", "indifferent"), [("hl-one-hot", True), ("hl-gauss-centred", True), ("hl-gauss", False)]
 )

@@ -12,6 +12,7 @@ from galton.networks import mlp
 from .minibatches import N, T, agent_of, moved, rollout_of
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("ratio", ["smoothed", "true"])
 def test_a_ratio_is_numpys(ratio):
     agent = agent_of("auto", "hl-gauss", ratio=ratio, batch_size=T * N)

@@ -37,6 +37,7 @@ def test_both_are_rliables(x, y):
     assert improvement([*x.T], [*y.T], n_resamples=1).mean == pytest.approx(metrics.probability_of_improvement(x, y))
 
 
+@pytest.mark.slow
 def test_their_intervals_are_rliables(rliable):
     np.random.seed(0)  # noqa: NPY002 — rliable draws from NumPy's global generator
     x, y = three_tasks(12, 0.4), three_tasks(9)

@@ -38,6 +38,7 @@ def results():
     }
 
 
+@pytest.mark.slow
 def test_rows_leave_diverged_runs_out_of_the_means_and_count_them(results):
     rows = {row.loss: row for row in summarise(results, LQR())}
     assert rows["gaussian"].training_return.mean == -21
@@ -114,6 +115,7 @@ def test_curves_hold_every_run_and_log_point(results):
     assert frame["evaluation_return"][0] == -19
 
 
+@pytest.mark.slow
 def test_the_same_figure_gives_the_same_files(results, tmp_path):
     for name in ("a", "b"):
         save(learning_curves(results, LQR(), "LQR"), tmp_path / name)

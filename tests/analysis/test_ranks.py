@@ -49,6 +49,7 @@ def test_without_ties_p_is_scipys(n, m):
     assert rank_sum(a, b) == pytest.approx(scipys)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("n", [9, 12, 40, 60])
 def test_pairs_are_exchanged_as_scipy_exchanges_them(n):
     a = np.random.default_rng(n).normal(0.4, 1, n)

@@ -129,6 +129,7 @@ def test_settings_with_other_log_points_have_a_study_of_their_own():
     assert [len(study.settings) for study in part.studies] == [6, 3]
 
 
+@pytest.mark.few
 @pytest.mark.parametrize(
     ("settings", "trials", "width"), [(16, 3, 16), (2, 10, 10), (1, 10, 10), (3, 7, 11), (1, 17, 9)]
 )

@@ -92,6 +92,7 @@ def reference(tmp_path_factory):
     return folder
 
 
+@pytest.mark.slow
 def test_it_writes_all_that_it_found(reference):
     names = {"fresh-bandit", "held-out-four", "tuning-bandit"}
     figures = {f"figures/{name}{suffix}" for name in ("scores", "curves", "best-of-n") for suffix in (".png", ".svg")}
@@ -109,6 +110,7 @@ def test_the_hash_of_the_file_stands_in_every_result(reference):
         assert record_of(from_bytes(path.read_bytes()))["benchmark"] == digest
 
 
+@pytest.mark.slow
 def test_a_second_run_from_the_same_file_gives_the_same_bytes(reference, tmp_path):
     with pytest.raises(KeyboardInterrupt):
         benchmark(tmp_path, here=Here(most=3))
@@ -118,6 +120,7 @@ def test_a_second_run_from_the_same_file_gives_the_same_bytes(reference, tmp_pat
     assert files(tmp_path) == files(reference)
 
 
+@pytest.mark.slow
 def test_data_that_are_there_need_no_sweeps(reference, tmp_path):
     folder = tmp_path / "copied"
     shutil.copytree(reference, folder, ignore=shutil.ignore_patterns("sweeps", "*.html", "figures"))
@@ -221,6 +224,7 @@ def test_the_report_is_what_the_data_say(reference):
     assert not seeds["tuning-bandit"] & seeds["fresh-bandit"]
 
 
+@pytest.mark.slow
 def test_plans_can_be_carried_out_by_others(reference, tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "mine.json").write_text(json.dumps(RECORD))
@@ -268,6 +272,7 @@ gymnasium.register("Point-v0", Point)
 """
 
 
+@pytest.mark.slow
 def test_an_environment_of_ones_own_is_trained_and_held_out(tmp_path, monkeypatch):
     (tmp_path / "a_point_of_mine.py").write_text(OWN)
     monkeypatch.syspath_prepend(tmp_path)
@@ -282,6 +287,7 @@ def test_an_environment_of_ones_own_is_trained_and_held_out(tmp_path, monkeypatc
     gymnasium.registry.pop("Point-v0")
 
 
+@pytest.mark.slow
 def test_the_command_names_the_file_and_writes_nothing_for_a_wrong_one(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(command, "read", lambda path, importing: of_record(changed(tasks__bandit__env="bandid")))

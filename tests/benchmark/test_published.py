@@ -27,6 +27,7 @@ def test_something_is_published():
     assert "winner-a2c" in PUBLISHED
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", PUBLISHED)
 def test_results_have_the_hash_of_the_committed_file_and_documents_its_numbers(name):
     file, folder = ROOT / "benchmarks" / f"{name}.toml", ROOT / "results" / name

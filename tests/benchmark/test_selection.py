@@ -71,6 +71,7 @@ def test_one_seed_chooses_and_judges():
     assert best_of_draws(scores, "a").shared[-1] == 0.5
 
 
+@pytest.mark.slow
 def test_standings_are_what_plain_counting_finds():
     runs, finals = made_up()
     found = standings(KNOWN, runs)

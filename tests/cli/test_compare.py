@@ -61,6 +61,7 @@ def of_model(monkeypatch):
     return record
 
 
+@pytest.mark.slow
 def test_a_preset_brings_its_loss_and_its_settings_and_so_does_the_gaussian_beside_it(compared, of_model):
     assert compared[0] == {
         "hl-gauss-centred, preset best": of_model("best"),

@@ -20,6 +20,7 @@ def run(tmp_path_factory):
     return folder
 
 
+@pytest.mark.slow
 def test_it_prints_the_returns_their_mean_and_its_interval(run, capsys):
     evaluate.main([str(run), "--episodes", "7"])
     first, second, _ = capsys.readouterr().out.splitlines()

@@ -56,6 +56,7 @@ def test_what_is_ignored_stays_so():
     assert run(code.format(busy=busy), signal.SIGINT, signal.SIGINT) == (0, "ready\n", "")
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("second", [signal.SIGINT, signal.SIGTERM])
 def test_a_second_ends_the_process_even_in_compiled_code_that_takes_minutes(second):
     code, out, err = run(DEFERRED.format(busy=BUSY), signal.SIGINT, second)
@@ -105,6 +106,7 @@ print("saved", flush=True)
 """
 
 
+@pytest.mark.slow
 def test_learning_in_a_script_of_ones_own_that_is_interrupted_can_be_saved_and_goes_on(tmp_path):
     code = LEARNING.replace("sys.argv[1]", repr(str(tmp_path / "model")))
     process = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)

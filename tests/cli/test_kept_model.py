@@ -110,6 +110,7 @@ def step(tmp_path):
     return checkpoint.read(tmp_path / "model.safetensors")[0]["step"]
 
 
+@pytest.mark.slow
 def test_what_was_taken_last_is_saved_while_training_goes_on(model, tmp_path, monkeypatch):
     monkeypatch.setattr(_kept_model, "SECONDS", 0.0)
     keep, begun = kept(tmp_path)

@@ -81,6 +81,7 @@ def test_a_plan_can_not_reach_the_folder_by_an_odd_name(here):
     assert not ran(here)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize(
     ("name", "plan"),
     [
@@ -104,6 +105,7 @@ def test_so_does_what_lies_on_pythonpath(here, monkeypatch, capsys):
     assert "shards" in capsys.readouterr().out
 
 
+@pytest.mark.few
 @pytest.mark.parametrize(
     ("arguments", "code", "found"),
     [

@@ -58,6 +58,7 @@ def parsed(*arguments):
     return json.loads(done.stdout)
 
 
+@pytest.mark.slow
 def test_options_make_the_training_itself_with_the_words_of_every_part():
     options, kind = parsed("lqr", "--algorithm", "a2c", "--n-bins", "7", "--eta", "0.5", "--loss", "gaussian")
     assert kind == "Training"
@@ -67,6 +68,7 @@ def test_options_make_the_training_itself_with_the_words_of_every_part():
     assert options["training"]["words"] == used | {"net_arch": [64, 64]}
 
 
+@pytest.mark.slow
 def test_the_tasks_settings_are_the_defaults():
     training = parsed("bandit", "--algorithm", "a2c", "--n-steps", "6")[0]["training"]
     assert training["steps"] == 2_000
@@ -156,6 +158,7 @@ def test_help_shows_no_none_and_whole_sentences(capsys):
     assert "(default: 1)" in told
 
 
+@pytest.mark.slow
 def test_help_has_the_defaults_of_the_task_and_the_algorithm_what_matters_first_and_a_group_for_each_part():
     script = "from galton.cli.sweep.run import main; main(['bandit', '--algorithm', 'ppo', '--help'])"
     told = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True).stdout

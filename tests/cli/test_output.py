@@ -54,6 +54,7 @@ def galton(*arguments, stdout, **options):
 WORDS = [["--help"], ["--version"], ["train", "--help"], ["sweep", "status", "--help"]]
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("words", WORDS, ids=" ".join)
 def test_an_unread_pipe_ends_quietly_as_a_shell_shows_it(words):
     write = unread_pipe()
@@ -62,6 +63,7 @@ def test_an_unread_pipe_ends_quietly_as_a_shell_shows_it(words):
     assert (done.returncode, done.stderr) == (141, "")
 
 
+@pytest.mark.slow
 def test_a_wrong_argument_keeps_its_code_when_nobody_reads():
     write = unread_pipe()
     done = galton("train", "bandit", "--loss", "mse", stdout=write)

@@ -58,6 +58,7 @@ def rot(programs):
     return kept
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("fault", PLACES)
 def test_a_folder_that_takes_nothing_is_told_in_a_line(fault, tmp_path):
     before, after, why = PLACES[fault]
@@ -68,6 +69,7 @@ def test_a_folder_that_takes_nothing_is_told_in_a_line(fault, tmp_path):
     assert all(len(data) <= 100 for data in entries(tmp_path).values())
 
 
+@pytest.mark.slow
 def test_programs_that_rotted_are_told_in_a_line_and_kept_anew(tmp_path):
     assert compiled(tmp_path) == []
     kept = rot(tmp_path)

@@ -57,6 +57,7 @@ def test_a_second_command_compiles_nothing_and_a_damaged_program_again(tmp_path)
     assert zlib.decompress(largest.read_bytes())
 
 
+@pytest.mark.slow
 def test_a_place_that_cannot_be_written_is_told_and_the_command_goes_on(tmp_path):
     (tmp_path / "programs").write_text("a file")
     done = galton(tmp_path, *COMPARE, "one", programs=tmp_path / "programs")

@@ -81,6 +81,7 @@ def fails_from(number, call):
     return limited
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("failure", FAILURES)
 def test_there_is_a_whole_run_at_any_time(failure, earlier, tmp_path, monkeypatch):
     """The earlier one to the byte, or the new one with its settings and what it has learnt; and nothing beside it."""
@@ -173,6 +174,7 @@ main()
 """A command none of whose files can grow beyond 9,000 bytes: what a disk that is full does to them."""
 
 
+@pytest.mark.slow
 def test_a_disk_that_fills_up_is_told_in_a_line_and_the_model_is_kept(tmp_path):
     words = [
         "train",

@@ -75,6 +75,7 @@ def changed(reply, **parts):
     return tuple(parts.get(name, value) for name, value in zip(names, reply, strict=True))
 
 
+@pytest.mark.slow
 def test_the_run_is_played_with_its_own_settings(run, capsys):
     (run / "config.json").write_text(json.dumps({"env": "Watched-v0", "env_kwargs": {}}))
     film(run, "--episodes", "2")

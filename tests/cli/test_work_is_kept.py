@@ -36,6 +36,7 @@ def galton_compare(out, **options):
         compare.main([])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("broken", ["write", "write_settings", "save", "summarise the disk"])
 def test_a_comparison_that_no_disk_takes_is_still_shown(broken, tmp_path, monkeypatch, capsys):
     where = {"write": files, "write_settings": compare, "save": compare}.get(broken)
@@ -97,6 +98,7 @@ def trained(tmp_path_factory):
     return store
 
 
+@pytest.mark.slow
 def test_results_are_shown_where_nothing_can_be_written(trained, monkeypatch, capsys):
     """A sweep that has its results needs nothing written; another shows them too, and says why it can't keep them."""
     monkeypatch.setattr(files, "write", no_room)

@@ -97,6 +97,7 @@ def compare(model, small):
     return 0.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("policy", "way", "algorithm", "normalize"), marked(CASES))
 def test_the_file_does_what_predict_does(policy, way, algorithm, normalize, trust):
     apart = check(policy, way, algorithm, normalize, *(LARGE if normalize else SMALL))
@@ -116,6 +117,7 @@ ROUNDED = ("gaussian", 0.0), ("histogram", "mean")
 """Whose large outputs are tried without being slow."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("policy", "way"), [pytest.param(*way, marks=[] if way in ROUNDED else pytest.mark.slow) for way in WAYS]
 )

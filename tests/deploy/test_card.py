@@ -38,6 +38,7 @@ def lines(text, start):
     return [line for line in text.splitlines() if line.startswith(start)]
 
 
+@pytest.mark.slow
 def test_it_says_what_was_trained_and_how(model):
     text = card(model, SETTINGS, POINTS)
     assert text.startswith("---\nlibrary_name: galton\npipeline_tag: reinforcement-learning\ntags:\n")

@@ -40,6 +40,7 @@ def run(folder):
     return subprocess.run(command, capture_output=True, text=True, timeout=100)
 
 
+@pytest.mark.slow
 def test_the_example_runs_a_policy_without_galton_or_jax(folder):
     done = run(folder)
     assert done.returncode == 0, done.stderr

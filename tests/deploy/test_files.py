@@ -52,6 +52,7 @@ def small():
     return trained("histogram", "a2c", 2, normalize_observation=True, **TINY)
 
 
+@pytest.mark.slow
 def test_a_name_without_a_suffix_gets_one_and_the_contract_lies_beside(small, tmp_path):
     path = deploy.export(small, tmp_path / "new" / "pilot")
     assert sorted(file.name for file in path.parent.iterdir()) == ["pilot.json", "pilot.onnx"]
@@ -81,6 +82,7 @@ def test_the_contract_says_what_the_file_takes_and_gives(small, tmp_path):
     assert (source["algorithm"], source["seed"], source["steps"]) == ("a2c", 1, small.num_timesteps)
 
 
+@pytest.mark.slow
 def test_an_old_runtime_knows_all_of_it(tmp_path):
     known = set()
     for rule in ("mode", "mean", "median"):
@@ -94,6 +96,7 @@ def test_an_old_runtime_knows_all_of_it(tmp_path):
     assert {"Clip", "CumSum", "ArgMax", "Softmax"} < known
 
 
+@pytest.mark.slow
 def test_the_same_model_gives_the_same_bytes_in_any_process(small, tmp_path):
     file = small.save(tmp_path / "model")
     code = "import sys, galton; galton.deploy.export(galton.Model.load(sys.argv[1]), sys.argv[2])"
@@ -111,6 +114,7 @@ def test_a_batch_may_have_any_size(n, small, tmp_path):
     assert np.array_equal(run(path, observations), small.predict(observations, deterministic=True)[0])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rule", ["mode", "median"])
 def test_of_bins_that_are_equally_likely_both_take_the_same(rule, tmp_path):
     model = model_on(deterministic_action=rule, n_bins=6)  # of zeros its logits are its biases, zeros
@@ -128,6 +132,7 @@ OBSERVED = {
 }
 
 
+@pytest.mark.few
 @pytest.mark.filterwarnings("ignore:.* observes Box.*an image is flattened")
 @pytest.mark.parametrize("name", OBSERVED)
 def test_a_box_is_observed_in_its_own_shape(name, tmp_path):

@@ -2,10 +2,12 @@ import gymnasium
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 
 from galton.envs import Acrobot
 
 
+@pytest.mark.slow
 def test_100_000_random_steps_equal_gymnasiums(trust):
     """From each state of Gymnasium's own trajectory, its three torques held for a while, in float32 and float64."""
     theirs = gymnasium.make("Acrobot-v1").unwrapped

@@ -148,6 +148,7 @@ def test_what_needs_box2d_says_how_to_install_it_where_it_is_missing(monkeypatch
             find(name, **kwargs)
 
 
+@pytest.mark.slow
 def test_box2d_is_imported_where_warnings_are_errors():
     """In a process of its own: Box2D's warning of itself, as an error, ends the process."""
     if importlib.util.find_spec("Box2D") is None:

@@ -91,6 +91,7 @@ class Registered(Aim):
 AGENT = galton.make_agent(loss="hl-one-hot", n_bins=5, n_steps=4, n_envs=2, net_arch=(4,))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", [Aim, Registered])
 def test_arrays_of_a_record_are_arguments_of_its_programs(kind):
     """Records that differ in them share their programs, and learn what records of numbers learn."""

@@ -62,17 +62,20 @@ def at_best():
     return simulate(ENV, optimal)
 
 
+@pytest.mark.slow
 def test_the_optimal_controller_earns_the_riccati_value_and_never_meets_the_bounds():
     returns, asked = at_best()
     assert within_three_errors(returns, ENV.optimal_return)
     assert asked < 1
 
 
+@pytest.mark.slow
 def test_random_actions_earn_the_closed_form():
     returns, _ = simulate(ENV, lambda key, x, t: jax.random.uniform(key, (2,), minval=-1.0, maxval=1.0))
     assert within_three_errors(returns, ENV.random_return)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("factor", [0.8, 1.25, *(pytest.param(far, marks=pytest.mark.slow) for far in (0.0, 0.5, 2.0))])
 def test_no_other_gain_beats_the_optimum(factor):
     best, _ = at_best()
@@ -81,6 +84,7 @@ def test_no_other_gain_beats_the_optimum(factor):
     assert gap.mean() > 3 * gap.std() / len(gap) ** 0.5
 
 
+@pytest.mark.slow
 def test_no_rotated_or_noisy_controller_beats_the_optimum():
     best, _ = at_best()
     turn = jnp.array([[0.9, -0.4], [0.4, 0.9]])
@@ -94,6 +98,7 @@ def test_no_rotated_or_noisy_controller_beats_the_optimum():
         assert gap.mean() > 3 * gap.std() / len(gap) ** 0.5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("n_bins", [50, *(pytest.param(more, marks=pytest.mark.slow) for more in (100, 200))])
 def test_bins_of_the_grid_cost_the_optimal_controller_next_to_nothing(n_bins):
     """Less than a hundredth of what lies between rest and the optimum: bins do not keep softmax policies behind."""

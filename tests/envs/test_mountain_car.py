@@ -2,10 +2,12 @@ import gymnasium
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 
 from galton.envs import MountainCar
 
 
+@pytest.mark.slow
 def test_100_000_random_steps_equal_gymnasiums(trust):
     """From each state of Gymnasium's own trajectory: random pushes, and full throttle into the wall and up the hill."""
     theirs = gymnasium.make("MountainCarContinuous-v0").unwrapped

@@ -27,6 +27,7 @@ def same(one, other, aside=("sigma",)):
     return all(np.array_equal(a, b, equal_nan=True) for a, b in [*learnt, *zip(*logged, strict=True)])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("env", "loss", "scale"),
     [

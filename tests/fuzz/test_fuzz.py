@@ -31,6 +31,7 @@ def test_valid_files_are_read_and_what_was_found_once_is_mended(name, tmp_path):
     assert len(taken) >= 1
 
 
+@pytest.mark.slow
 def test_files_with_something_changed_are_read_or_refused():
     """In a process of its own, for here types are checked before a reader sees a value."""
     command = [sys.executable, "-W", "error", "-m", "tests.fuzz", "--inputs", str(N_INPUTS)]

@@ -64,6 +64,7 @@ def statistics(wrapper):
     return wrapper.obs_rms
 
 
+@pytest.mark.slow
 def test_plays_by_the_statistics_of_training_and_tells_the_rewards_of_the_environment():
     made = []
     model = trained(lambda: made.append(normalised()) or made[-1])
@@ -86,6 +87,7 @@ def test_plays_by_the_statistics_of_training_after_loading(tmp_path):
     np.testing.assert_allclose(loaded.evaluate(3), by_hand(loaded, seeds_of(loaded, 3), theirs), rtol=1e-4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("make", [of_gymnasium, of_sb3])
 def test_another_vector_environment_gets_the_statistics_of_training(make):
     envs, other = make(), make()

@@ -13,6 +13,7 @@ def model():
     return A2C("lqr", **SMALL).learn(200, progress_bar=False)
 
 
+@pytest.mark.slow
 def test_a_loaded_model_predicts_the_same_bits_without_an_environment(model, tmp_path):
     loaded = A2C.load(model.save(tmp_path / "model"))
     observations = np.random.default_rng(0).normal(size=(7, 2))

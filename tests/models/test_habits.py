@@ -62,6 +62,7 @@ def test_an_argument_of_their_learn_gets_one_too(argument):
     assert model.num_timesteps == 0
 
 
+@pytest.mark.slow
 def test_the_third_argument_of_learn_is_the_log_interval():
     steps = []
     model = A2C("bandit", **SMALL).learn(40, lambda model, log: steps.append(model.num_timesteps), 2, **QUIET)
@@ -105,6 +106,7 @@ def test_a_learning_rate_that_is_0_is_told_before_training(setting):
     assert same(before, model.get_parameters()) == (setting != {"decay_steps": 20})
 
 
+@pytest.mark.slow
 def test_the_log_says_how_many_minibatches_the_target_kl_let_through():
     counts = []
     for target_kl in (None, 1e-12):
@@ -121,6 +123,7 @@ def test_what_is_no_number_of_steps_is_refused(steps):
     assert model.num_timesteps == 0
 
 
+@pytest.mark.slow
 def test_a_model_says_what_it_is_and_only_what_is_unusual():
     model = A2C("lqr", "hl-one-hot", seed=3, learning_rate=0.01, **SMALL).learn(50, **QUIET)
     assert repr(model) == (
@@ -157,6 +160,7 @@ def test_compiling_that_takes_long_is_said_on_a_terminal_or_in_a_line(terminal, 
     assert terminal or err == "compiling\n" * said
 
 
+@pytest.mark.slow
 def test_nothing_is_drawn_without_a_terminal(monkeypatch, capsys):
     monkeypatch.setattr("rich.console.Console.is_terminal", False)
     A2C("lqr", **SMALL).learn(20)
@@ -168,6 +172,7 @@ def test_print_leaves_out_what_is_not_known(capsys):
     assert capsys.readouterr().out == "step 1,010: mean_reward -2.5\n"
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("env", ["lqr", swing, stateful_swing], ids=["jax", "no state", "state"])
 def test_a_model_loaded_without_an_environment_can_be_saved_to_the_same_bytes(env, tmp_path):
     path = A2C(env, **SMALL).learn(50, **QUIET).save(tmp_path / "one")
@@ -200,6 +205,7 @@ def test_pickle_and_deep_copy_of_a_model_name_what_to_do_instead(taking):
     assert copy.copy(model).population is model.population
 
 
+@pytest.mark.slow
 def test_environments_that_a_model_made_are_closed_with_it_and_one_that_was_given_is_not():
     made, given = [], Closing()
 
@@ -247,6 +253,7 @@ def test_without_an_environment_it_says_how_to_give_one(method, tmp_path):
         getattr(model, method)(argument)
 
 
+@pytest.mark.slow
 def test_parameters_without_an_environment_are_refused_by_an_optimised_python_too():
     refused = "from galton.models.state import Loaded; Loaded('lqr', 0, None, {}).set_parameters({})"
     done = subprocess.run([sys.executable, "-O", "-c", refused], capture_output=True, text=True)
@@ -267,6 +274,7 @@ def test_parameters_are_copies_and_can_be_put_into_another_model():
     assert not same(one.learner.params, other.learner.params)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("env", ["lqr", swing], ids=["jax", "gymnasium"])
 def test_parameters_carry_the_statistics_that_normalise(env):
     normalising = SMALL | {"normalize_observation": True, "normalize_reward": True}
@@ -353,6 +361,7 @@ def test_set_env_refuses_other_spaces_and_keeps_the_environment():
     assert model.learn(10, **QUIET).num_timesteps == 10
 
 
+@pytest.mark.slow
 def test_a_model_that_diverged_goes_on_with_parameters_that_are_right():
     model = A2C("lqr", "gaussian", **SMALL)
     good = model.get_parameters()
@@ -366,6 +375,7 @@ def test_a_model_that_diverged_goes_on_with_parameters_that_are_right():
     assert model.learn(50, **QUIET).num_timesteps > 50
 
 
+@pytest.mark.slow
 def test_a_model_whose_environment_was_closed_is_saved_without_it(tmp_path):
     env = stateful_swing()
     model = A2C(env, **SMALL | {"n_envs": 1}).learn(50, **QUIET)

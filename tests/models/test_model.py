@@ -21,6 +21,7 @@ def model():
     return A2C("lqr", **SMALL).learn(200, progress_bar=False)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("make", "n_envs"),
     [
@@ -65,6 +66,7 @@ def test_the_same_seed_gives_the_same_bits_and_another_others():
     assert bits(first.learner) != bits(other.learner)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("env", [pytest.param("lqr", marks=pytest.mark.slow), "Pendulum-v1"])
 def test_evaluations_predictions_and_cuts_do_not_touch_training(env):
     plain = A2C(env, **SMALL, normalize_observation=True).learn(120, progress_bar=False)
@@ -77,6 +79,7 @@ def test_evaluations_predictions_and_cuts_do_not_touch_training(env):
     assert bits(plain.learner) == bits(busy.learner)
 
 
+@pytest.mark.slow
 def test_evaluation_plays_on_another_environment(model):
     assert model.evaluate(3).shape == (3,)
     short = model.evaluate(4, LQR(max_episode_steps=1, noise_std=0.0))

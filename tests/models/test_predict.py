@@ -23,6 +23,7 @@ def gaussian():
     return A2C(Tall, "gaussian", net_arch=(8,)).learn(20, progress_bar=False)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["tall", "gaussian"])
 @pytest.mark.parametrize("deterministic", [True, False])
 def test_actions_have_the_shape_and_type_of_the_space_and_lie_in_it(name, deterministic, request):

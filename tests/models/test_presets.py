@@ -114,6 +114,7 @@ def test_models_and_commands_have_the_same_presets(monkeypatch, name, algorithm,
         assert words_of(read(training.words)) == model.settings
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("algorithm", ALGORITHMS)
 def test_what_is_usual_trains(algorithm):
     env = gymnasium.make("Pendulum-v1")
@@ -175,6 +176,7 @@ def test_a_decay_over_all_that_is_trained_reaches_0_after_the_last_update():
         np.testing.assert_allclose(at, expected, rtol=1e-5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("env", ["lqr", Tall])
 def test_a_run_that_is_cut_decays_as_one_that_is_not(env):
     settings = {"loss": "gaussian", "n_steps": 32, "n_envs": 2, "net_arch": (4,), "decay_steps": math.inf}

@@ -48,6 +48,7 @@ def test_every_setting_of_every_part_can_be_told():
     assert vocabulary().usual.keys() - told == {"algorithm"}
 
 
+@pytest.mark.few
 @pytest.mark.parametrize(("model", "algorithm"), [(A2C, "a2c"), (PPO, "ppo")])
 def test_what_editors_show_is_what_a_model_takes_with_the_defaults_that_it_has(model, algorithm):
     shown = {name: parameter.default for name, parameter in inspect.signature(model).parameters.items()}
@@ -121,6 +122,7 @@ for attempt, message in (
 """
 
 
+@pytest.mark.slow
 def test_numbers_of_numpy_are_saved_and_wrong_types_are_named_where_annotations_are_not_checked(tmp_path):
     command = [sys.executable, "-W", "error", "-c", WRONG_TYPES, str(tmp_path / "model")]
     done = subprocess.run(command, capture_output=True, text=True)

@@ -10,6 +10,7 @@ from galton.envs import Bandit
 SMALL = {"n_steps": 16, "batch_size": 8, "net_arch": (), "learning_rate": 0.1, "ent_coef": 1.0, "box_units": 1.0}
 
 
+@pytest.mark.slow
 def test_a_sigma_that_outgrows_the_box_is_said_once():
     model = PPO(Bandit(), "gaussian", **SMALL)
     with pytest.warns(
@@ -19,6 +20,7 @@ def test_a_sigma_that_outgrows_the_box_is_said_once():
     assert len(told) == 1
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("loss", ["gaussian", "hl-gauss"])
 def test_a_policy_that_stays_in_the_box_is_not_warned_of(loss):
     with warnings.catch_warnings():

@@ -10,6 +10,7 @@ MUTANTS = load()
 SOURCE = ROOT / "src" / "galton"
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("mutant", MUTANTS, ids=lambda mutant: mutant.name)
 def test_a_mutant_changes_one_place_of_a_program(mutant):
     changed = mutated(mutant, ROOT / "src" / "galton")

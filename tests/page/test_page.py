@@ -178,6 +178,7 @@ def test_text_from_outside_is_text_in_the_answer_too():
     assert head(HOSTILE).text.count(HOSTILE) == 8
 
 
+@pytest.mark.slow
 def test_nothing_is_fetched_and_only_the_pages_own_style_is_allowed():
     text = page([claim()])
     plain = re.sub(r'src="data:[^"]*"', "", text)

@@ -94,6 +94,7 @@ def test_an_episode_begins_with_noise_that_knows_nothing_of_the_one_before(kind)
     np.testing.assert_allclose(noise[2], drawn[2], atol=1e-6)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_run_without_correlation_beside_one_with_it_has_what_was_drawn_to_the_bit(kind):
     begins = np.zeros((T, 5), bool)
@@ -103,6 +104,7 @@ def test_a_run_without_correlation_beside_one_with_it_has_what_was_drawn_to_the_
     assert (noises(policy_of(kind), 0.9, begins)[0][1:] != drawn[1:]).all()
 
 
+@pytest.mark.slow
 def test_the_ends_of_the_uniform_numbers_stay_inside_and_are_not_kept():
     policy = policy_of("uniform")
     ends = jnp.array([[0.0, 1 - 2**-23], [1e-7, 0.5]], jnp.float32)
@@ -152,6 +154,7 @@ class Proposing(Silent):
         return jax.random.normal(normal, (*shape, 2, 3)), jax.random.uniform(uniform, (*shape, 2))
 
 
+@pytest.mark.slow
 def test_each_leaf_of_a_nest_of_noise_is_correlated_by_its_kind():
     policy = Proposing(box=BOX)
     first, second = (policy.noise(jax.random.key(seed), (N,)) for seed in (0, 1))

@@ -64,6 +64,7 @@ def test_log_prob_and_its_gradient_are_torchs_in_every_box(name, trust):
     trust("densities", promise, topic="numbers", figure=float(error), unit=unit, at_most=1e-5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 @settings(max_examples=25, deadline=None)
 @given(
@@ -98,6 +99,7 @@ def many(name):
     return np.asarray(jax.jit(draw)(jax.random.key(1)), np.float64)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("i", range(len(MEAN)))
 def test_samples_follow_the_distribution(i):
     for name in NAMES:
@@ -174,6 +176,7 @@ def test_entropy_and_std_are_those_of_the_distribution(name, low, high):
     np.testing.assert_allclose(found[1], expected[:, 1], rtol=1e-3, atol=1e-6)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", [name for name in NAMES if "gaussian" in name])
 def test_entropys_gradient_is_that_of_the_distribution(name):
     """Against differences of fourth order of a quadrature in float64, where the squashed Gaussian's rule holds."""
@@ -196,6 +199,7 @@ def test_entropys_gradient_is_that_of_the_distribution(name):
         np.testing.assert_allclose(found[i], expected, rtol=1e-4, atol=2e-5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_all_is_finite_at_the_bounds_beyond_them_and_for_extreme_parameters(name):
     size = HIGH - LOW
@@ -215,6 +219,7 @@ def test_all_is_finite_at_the_bounds_beyond_them_and_for_extreme_parameters(name
         assert np.isfinite(leaf).all()
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("d", [1, 17])
 def test_shapes_and_support_in_any_dimension(name, d):
@@ -237,6 +242,7 @@ def test_shapes_and_support_in_any_dimension(name, d):
         assert ((one >= low) & (one <= high)).all()
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", NAMES)
 def test_other_units_of_the_action_add_a_constant_to_log_prob_and_entropy(name):
     outputs = outputs_of(name, np.random.default_rng(0).normal(size=(50, 1)))
@@ -277,6 +283,7 @@ def test_the_deterministic_action_and_the_edge_are_what_docstrings_say(name):
     assert bool(distribution.at_edge(jnp.array([-0.985, 0.0]))[0]) == (name != "clipped-gaussian")
 
 
+@pytest.mark.slow
 def test_they_start_where_the_gaussians_numbers_say():
     for name in NAMES[:3]:
         policy, _ = make(name, -3.0, 1.0, [0.0])

@@ -92,6 +92,7 @@ def test_the_environments_units_do_not_depend_on_the_box():
         np.testing.assert_allclose(distribution.std(), np.tile(np.exp(LOG_STD), (3, 1)), rtol=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("algorithm", ["a2c", pytest.param("ppo", marks=pytest.mark.slow)])
 def test_runs_with_different_numbers_train_side_by_side_as_they_do_alone(algorithm):
     numbers = {

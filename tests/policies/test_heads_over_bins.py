@@ -17,6 +17,7 @@ HEADS = ["histogram", "ordinal", "smoothed"]
 ACTIONS = ["mode", "mean", "median"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", HEADS)
 @settings(max_examples=30, deadline=None)
 @given(

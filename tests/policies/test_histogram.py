@@ -30,6 +30,7 @@ def test_sample_bin_never_leaves_the_bins_or_takes_an_impossible_one(k):
     assert int(sample_bin(jnp.zeros(k), jnp.float32(1 - 6e-8))) == k - 1
 
 
+@pytest.mark.slow
 def test_samples_follow_the_softmax():
     policy = HistogramPolicy(n_bins=20).on(Box.of(np.array([-1.0, 0.0]), np.array([1.0, 4.0])))
     logits = jax.random.normal(jax.random.key(0), (40,))
@@ -124,6 +125,7 @@ def test_init_gaussian_starts_like_the_gaussian_policy():
 BOXES = [(-1.0, 1.0), (-3.0, 1.0), (2.0, 2.5), (-400.0, 1.0)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("centers", "box_units"), [("inside", 0.0), ("bounds", 1.0)])
 def test_it_starts_as_the_gaussians_clipped_actions_do(centers, box_units):
     low, high = np.array(BOXES).T
@@ -162,6 +164,7 @@ def test_a_start_of_any_width_is_finite(start, log_std):
         assert np.isfinite(policy.replace(box_units=box_units).init()[0]).all()
 
 
+@pytest.mark.slow
 def test_with_centers_on_the_bounds_a_place_is_drawn_in_the_bins_own_width():
     box = Box.of(np.array([0.0]), np.array([8.0]))
     policy = HistogramPolicy(n_bins=5, bin_sample="uniform", bin_centers="bounds").on(box)
@@ -175,6 +178,7 @@ def test_with_centers_on_the_bounds_a_place_is_drawn_in_the_bins_own_width():
         assert distribution.at_edge(action).all() == (bin_ != 2)
 
 
+@pytest.mark.slow
 def test_centers_on_the_bounds_are_the_actions():
     policy = HistogramPolicy(n_bins=5, bin_centers="bounds").on(Box.of(np.array([-1.0]), np.array([3.0])))
     certain = policy.distribution(50.0 * jnp.eye(5), {})

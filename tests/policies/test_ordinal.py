@@ -56,6 +56,7 @@ def test_init_gaussian_starts_like_the_softmax_policy_which_starts_like_the_gaus
     np.testing.assert_allclose(probs, plain.distribution(plain.init()[0], {}).probs[0], rtol=1e-3)
 
 
+@pytest.mark.slow
 def test_everything_but_the_logits_is_the_softmax_policys():
     ordinal = policy(bin_sample="uniform", exploration="softmax", deterministic_action="mean")
     plain = HistogramPolicy(n_bins=K, bin_sample="uniform", deterministic_action="mean").on(Box.of(LOW, HIGH))
@@ -70,6 +71,7 @@ def test_everything_but_the_logits_is_the_softmax_policys():
     assert ordinal.n_outputs == plain.n_outputs == 2 * K
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scale", [0.0, 1.0, 30.0])
 @pytest.mark.parametrize("loss", HISTOGRAM)
 def test_the_gradient_of_every_histogram_loss_is_finite(loss, scale):

@@ -69,6 +69,7 @@ def check(found, expected):
             np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-5 * float(np.abs(theirs).max()))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", [0, 7])
 def test_ppos_gradient_is_that_of_means_moved_by_the_minibatchs_own_key(count):
     agent = agent_of("rpo", "gaussian", **ALPHA, batch_size=T * N)
@@ -101,6 +102,7 @@ def test_a2cs_gradient_is_that_of_means_moved_by_the_updates_key():
     check(found, torchs(learner.params, rows, KEY, lambda log_prob, advantage: log_prob * advantage))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("algorithm", ["a2c", "ppo"])
 def test_with_alpha_0_it_learns_what_the_gaussian_learns(algorithm):
     learners = []

@@ -33,6 +33,7 @@ def test_logits_are_moving_averages_of_the_outputs(eta, tails):
     np.testing.assert_allclose(raised.probs, found.probs, rtol=1e-4, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_hl_one_hots_gradient_in_the_outputs_is_centred_hl_gausss_in_the_logits():
     with jax.enable_x64(True):
         smoothed, plain = policies(eta=2.0)
@@ -49,6 +50,7 @@ def test_hl_one_hots_gradient_in_the_outputs_is_centred_hl_gausss_in_the_logits(
         assert float(jnp.abs(found).max()) > 1e-2
 
 
+@pytest.mark.few
 @pytest.mark.parametrize(("initial_policy", "bin_centers"), STARTS)
 def test_it_starts_exactly_as_the_softmax_policy(initial_policy, bin_centers):
     both = policies(2.0, initial_policy=initial_policy, bin_centers=bin_centers, log_std_init=-0.5)

@@ -142,6 +142,7 @@ def test_every_truncation_is_refused(tmp_path, small):
         refuse(tmp_path / "file", small + more)
 
 
+@pytest.mark.slow
 def test_every_single_bit_flip_is_refused(tmp_path, small):
     path = tmp_path / "file"
     content = bytearray(small)

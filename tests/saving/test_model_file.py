@@ -177,6 +177,7 @@ def load_elsewhere(model, paths):
     return [json.loads(line) for line in done.stdout.splitlines()]
 
 
+@pytest.mark.slow
 def test_hostile_settings_and_arrays_give_one_error_quickly_in_little_memory(model, tmp_path):
     paths = [rewritten(model, tmp_path / str(i), attack) for i, attack in enumerate(ATTACKS.values())]
     answers = load_elsewhere(model, paths)
@@ -188,6 +189,7 @@ def test_hostile_settings_and_arrays_give_one_error_quickly_in_little_memory(mod
     assert answers[-1][2] < 200
 
 
+@pytest.mark.slow
 def test_loading_imports_nothing_whatever_the_file_names(model, tmp_path, monkeypatch):
     (tmp_path / "evilmodule.py").write_text("raise SystemExit('imported')")
     monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=os.pathsep)
@@ -228,6 +230,7 @@ class Observing(Tall):
         return self.observation_space.sample(), *super().step(action)[1:]
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("space", SPACES.values(), ids=SPACES)
 def test_a_model_comes_back_whatever_it_observes(tmp_path, space):
     made = A2C(Observing(space), "hl-gauss", n_bins=5, net_arch=(4,))

@@ -73,6 +73,7 @@ def check_part(folder):
     assert len(folder.name.encode()) <= 230  # with what a lock and a scratch folder add
 
 
+@pytest.mark.slow
 @given(NAMES, NAMES, NAMES)
 @example("..", "..", "../x")
 def test_the_folder_of_a_run_lies_in_runs_whatever_environment_loss_and_algorithm_are_called(env, loss, algorithm):

@@ -195,6 +195,7 @@ def enter(context):
         pass
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("written", WRITERS)
 def test_no_link_leads_what_is_written_out_of_a_folder(written, made, tmp_path):
     name, run, outside = written.partition(" ")[0], shutil.copytree(made, tmp_path / "run"), tmp_path / "outside"

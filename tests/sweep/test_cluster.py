@@ -167,6 +167,7 @@ def test_no_scheduler_and_missing_files_are_told(tmp_path, monkeypatch):
         pass
 
 
+@pytest.mark.slow
 def test_a_sweep_that_cannot_be_carried_out_leaves_no_folder(tmp_path):
     command = [sys.executable, "-m", "galton", "sweep", "bandit", "--trials", "1", "--out", tmp_path / "out"]
     command += ["--scheduler", "tls://127.0.0.1:1", "--tls", "keys"]

@@ -73,11 +73,13 @@ def test_a_worker_per_gpu_sees_its_own(monkeypatch):
         one_per_gpu(3)
 
 
+@pytest.mark.slow
 def test_a_worker_that_dies_is_replaced_and_its_call_made_again(two, tmp_path):
     futures = [two.submit(die_once, tmp_path / str(i)) for i in range(5)]
     assert [future.result() for future in futures] == ["done"] * 5
 
 
+@pytest.mark.slow
 def test_workers_killed_from_outside_are_replaced(two):
     futures = [two.submit(nap, 0.3) for _ in range(6)]
     for _ in range(4):
@@ -87,6 +89,7 @@ def test_workers_killed_from_outside_are_replaced(two):
     assert all(future.result() for future in futures)
 
 
+@pytest.mark.slow
 def test_a_call_that_kills_every_worker_is_given_up(two, monkeypatch):
     monkeypatch.setattr("galton.sweep.executors.ATTEMPTS", 2)
     with pytest.raises(WorkerDiedError, match="killed 2 workers"):

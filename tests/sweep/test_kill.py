@@ -91,6 +91,7 @@ def kill_once(out, grid, programs, seed):
     return n_done(out) if (out / "plan.parquet").exists() else 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 50))])
 def test_killed_at_any_time_it_goes_on_to_the_same_bytes(tmp_path, grid, programs, reference, seed, trust):
     while kill_once(tmp_path / "out", grid, programs, seed) == 8:  # too late: the last shard was done
@@ -144,6 +145,7 @@ def is_worker(process_id):
         return False
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)])
 def test_an_interrupt_is_clean_and_says_how_to_go_on(tmp_path, grid, programs, reference, number):
     out = tmp_path / "out"
@@ -163,6 +165,7 @@ def test_an_interrupt_is_clean_and_says_how_to_go_on(tmp_path, grid, programs, r
     assert (out / results.FILE).read_bytes() == reference
 
 
+@pytest.mark.slow
 def test_a_second_sweep_on_the_folder_is_refused_at_once(tmp_path, grid, programs):
     out = tmp_path / "out"
     first = start(out, grid, programs)

@@ -123,6 +123,7 @@ def test_a_diverged_run_is_kept_as_such(tmp_path):
     assert np.isnan(told.final_training_return).tolist() == [False, True]
 
 
+@pytest.mark.slow
 def test_an_environments_constants_may_be_matrices(tmp_path):
     store = Store(str(tmp_path))
     kwargs = '{"A": [[0.5, 0], [0, 0.5]]}'
@@ -144,6 +145,7 @@ def test_a_module_that_is_not_there_is_told(tmp_path):
         work(store.url, 0)
 
 
+@pytest.mark.slow
 def test_modules_named_in_the_study_are_imported_first(tmp_path, monkeypatch):
     (tmp_path / "my_losses_for_sweeps.py").write_text(
         "from galton import losses\n\n\nclass Mine(losses.NegativeLogLikelihood):\n    label = 'Mine'\n\n\n"

@@ -58,6 +58,7 @@ def refused(strange, content, said):
     assert collect(store, plan).num_rows == 2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("content", [b"", b"PAR1", b"nonsense" * 100, b"PAR1" + b"\0" * 100 + b"PAR1"])
 def test_garbage_is_refused(strange, content):
     refused(strange, content, "is not what this sweep's workers write: ")
@@ -115,6 +116,7 @@ def test_what_is_no_shard_of_this_sweep_is_refused_by_name(strange, make, said):
     refused(strange, to_bytes(make(*strange[2])), said)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("seed", range(100))
 def test_a_changed_shard_is_refused_or_gives_the_right_numbers(strange, done, seed):
     store, plan, (table, _), put = strange

@@ -96,6 +96,7 @@ BROKEN = {
 }
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("env", GOOD)
 def test_what_can_be_trained_on_is_ok_and_its_returns_are_told(env):
     each = found(env)

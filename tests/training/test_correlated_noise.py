@@ -25,6 +25,7 @@ def noise_of(agent, learner, batch):
     return np.asarray((batch.action - distribution.mean) / distribution.std(), np.float64)
 
 
+@pytest.mark.slow
 def test_noise_goes_on_over_rollouts_and_begins_anew_with_an_episode():
     env, static = LQR(max_episode_steps=LENGTH), {"loss": "gaussian", "n_steps": T, "n_envs": N, "net_arch": (4,)}
     agent = make_agent(**static, learning_rate=1e-2, noise_correlation=RHO)
@@ -49,6 +50,7 @@ def learned(model):
     return [leaf.tobytes() for leaf in jax.tree.leaves(jax.device_get(model.learner))]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("env", "loss"), [("lqr", "hl-gauss"), ("Reacher-v5", "gaussian")])
 def test_a_loaded_run_goes_on_to_the_same_bits(env, loss, tmp_path):
     if env.endswith("-v5"):
@@ -65,12 +67,14 @@ def test_a_loaded_run_goes_on_to_the_same_bits(env, loss, tmp_path):
     assert learned(loaded) == learned(model)
 
 
+@pytest.mark.slow
 def test_without_correlation_a_file_has_no_word_of_it(tmp_path):
     settings, arrays = checkpoint.read(A2C("lqr", **SETTINGS).learn(8, progress_bar=False).save(tmp_path / "model"))
     assert "noise_correlation" not in settings["hypers"]
     assert not [name for name in arrays if "noise" in name]
 
 
+@pytest.mark.slow
 def test_a_run_trains_alike_whether_or_not_its_neighbours_noise_is_correlated():
     static = {"loss": "hl-gauss", "n_bins": 9, "n_steps": 5, "n_envs": 2, "net_arch": (8,)}
     returns = {}

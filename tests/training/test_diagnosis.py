@@ -61,6 +61,7 @@ def _setup(agent, seed, scale):
     return learner, batch, diagnose(agent, learner, batch)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("loss", LOSSES)
 def test_the_gradient_never_crosses_its_bound_and_the_bound_is_not_idle(loss):
     for seed in range(20):
@@ -70,6 +71,7 @@ def test_the_gradient_never_crosses_its_bound_and_the_bound_is_not_idle(loss):
     assert diagnosis["grad_bound"] < 1000 * diagnosis["actor_grad_norm"]
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("loss", LOSSES)
 def test_the_gradient_is_that_of_the_update(loss):
     """The norm of the update's gradient over the same parameters, with the critic's and the entropy's part at zero."""
@@ -85,6 +87,7 @@ def test_the_gradient_is_that_of_the_update(loss):
     np.testing.assert_allclose(diagnosis["actor_grad_norm"], np.linalg.norm(np.concatenate(gradient)), rtol=1e-4)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("critic", CRITICS)
 def test_explained_variance_is_sb3s_of_the_decoded_value(critic):
     agent, learner, batch, diagnosis = setup("gaussian", critic=critic)
@@ -140,6 +143,7 @@ def test_the_bias_is_hl_gausss_alone_and_its_closed_form(loss):
     np.testing.assert_allclose(diagnosis["hl_gauss_bias"], expected, rtol=1e-4)
 
 
+@pytest.mark.slow
 def test_centring_takes_the_bias_away():
     """The mean logit gradient over actions of the policy itself, with the advantage off by one."""
     agent, learner, batch, _ = setup("hl-gauss")

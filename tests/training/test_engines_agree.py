@@ -78,6 +78,7 @@ def check_close(ours, theirs):
         np.testing.assert_allclose(a, b, **CLOSE, err_msg=jax.tree_util.keystr(path))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("algorithm", "loss", "more"), CASES)
 def test_the_same_dynamics_on_the_host_give_the_same_rollouts_updates_and_logs(algorithm, loss, more):
     agent = agent_of(algorithm, loss, more)
@@ -113,6 +114,7 @@ def test_a_population_on_the_device_is_one_iteration_after_the_other(algorithm, 
         check_close(jax.tree.map(lambda x, i=i: np.asarray(x)[i], population._batch), batch)
 
 
+@pytest.mark.slow
 def test_both_engines_evaluate_the_same_policy_alike():
     agent = agent_of("a2c", "hl-gauss", NORMALIZE)
     device, host = (populate(env, each(agent), SEEDS) for env in (Slide(), slide))
@@ -121,6 +123,7 @@ def test_both_engines_evaluate_the_same_policy_alike():
     host.close()
 
 
+@pytest.mark.slow
 def test_the_two_tasks_are_one():
     ours, theirs = Slide(), find(slide).make(1)
     state, seen = ours.reset(jax.random.key(0)), theirs.reset(np.array([0]))

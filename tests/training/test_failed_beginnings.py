@@ -87,11 +87,13 @@ OF_THE_FIRST = [
 ]  # the first copy says what they are
 
 
+@pytest.mark.few
 @pytest.mark.parametrize(("fails", "at"), [*((fails, 2) for fails in FAILURES), *OF_THE_FIRST])
 def test_a_model_that_can_not_begin(fails, at):
     begin_and_fail(Rooms(fails, at), lambda rooms: A2C(rooms, n_envs=3, **SMALL), FAILURES[fails])
 
 
+@pytest.mark.few
 @pytest.mark.parametrize(
     "fails", [pytest.param(fails, marks=[pytest.mark.slow] * (fails not in ("make", "reset"))) for fails in FAILURES]
 )
@@ -99,6 +101,7 @@ def test_runs_that_can_not_begin(fails):
     begin_and_fail(Rooms(fails), lambda rooms: galton.train(rooms, AGENT, [0, 1, 2], 8), FAILURES[fails])
 
 
+@pytest.mark.few
 @pytest.mark.parametrize(
     "settings",
     [{"n_envs": 10**9}, {"net_arch": (10**9,)}, {"loss": "mse"}, {"learning_rate": -1.0}, {"seed": -1}],
@@ -112,6 +115,7 @@ def test_one_whose_actions_galton_can_not_take():
     begin_and_fail(Rooms("discrete actions", at=0), lambda rooms: A2C(rooms), UsageError)
 
 
+@pytest.mark.slow
 def test_an_evaluation_that_can_not_begin_closes_its_own_copies_and_leaves_training_its():
     rooms = Rooms("make", at=3)
     model = A2C(rooms, n_envs=1, **SMALL)
@@ -125,6 +129,7 @@ def test_an_evaluation_that_can_not_begin_closes_its_own_copies_and_leaves_train
     assert rooms.open == []
 
 
+@pytest.mark.slow
 def test_the_users_own_environment_stays_open():
     rooms = Rooms()
     env = rooms()

@@ -96,6 +96,7 @@ def another(kind):
     return VECTORS[kind]() if kind in ("normalised", "monitored") else Own
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", VECTORS)
 @pytest.mark.parametrize("n", [1, 2])
 def test_a_vector_environment_is_never_evaluated_on_whatever_the_number_of_episodes(kind, n):
@@ -112,6 +113,7 @@ def test_a_vector_environment_is_never_evaluated_on_whatever_the_number_of_episo
     assert set(learn(model, 40)) == {LENGTH}
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("kind", VECTORS)
 def test_evaluation_on_another_environment_leaves_training_as_it_is(kind):
     models = [make_model(VECTORS[kind]()) for _ in range(2)]
@@ -140,6 +142,7 @@ def in_a_vector(env):
     return DummyVecEnv([lambda: env])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("trained", [given_itself, in_a_function, in_a_wrapper, in_a_vector])
 @pytest.mark.parametrize("evaluated", [given_itself, in_a_function, in_a_wrapper, in_a_vector])
 def test_the_training_environment_given_again_for_evaluation_is_refused(trained, evaluated):
@@ -180,6 +183,7 @@ def by_another_model(model, env):
 OTHERS = [by_evaluate_policy, by_reset, by_a_step, by_the_innermost, by_another_model]
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("other", OTHERS)
 @pytest.mark.parametrize("make", [*SINGLES.values(), *VECTORS.values()], ids=[*SINGLES, *VECTORS])
 def test_an_episode_that_somebody_else_moved_begins_anew_and_it_is_said(make, other):

@@ -38,6 +38,7 @@ def test_programs_are_kept_while_there_is_room(made, monkeypatch, tmp_path):
     assert names == ["a", "b"]
 
 
+@pytest.mark.slow
 def test_what_is_new_makes_room_and_what_is_known_does_not(made, monkeypatch, tmp_path):
     make, names = made
     mapped(monkeypatch, tmp_path, 50)
@@ -56,6 +57,7 @@ def test_where_nothing_tells_how_much_is_mapped_all_is_kept(made, monkeypatch):
     assert names == ["a", "b"]
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not programs._MAPS.exists(), reason="this system does not tell what a process maps")
 def test_forgetting_frees_what_compiled_programs_map():
     import jax

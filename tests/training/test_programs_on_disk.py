@@ -33,6 +33,7 @@ def test_a_second_process_compiles_nothing(tmp_path):
     assert entries(tmp_path / "programs") == kept
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("off", [{PLACE: "off"}, {"JAX_COMPILATION_CACHE_DIR": "elsewhere"}])
 def test_importing_and_looking_keeps_nothing(tmp_path, off):
     python("import galton, jax; galton.PPO; assert not jax.config.jax_compilation_cache_dir", tmp_path / "programs")

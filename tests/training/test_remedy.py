@@ -60,6 +60,7 @@ class Huge(gymnasium.Env):
         return self.observe(), self.reward * self.np_random.normal(), False, False, {}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("observation", "reward", "message"),
     [(1e30, 1.0, "The observations are so large"), (1.0, 1e25, "The rewards are so large")],

@@ -46,18 +46,21 @@ def starts(resets, n_updates, **own):
     return np.array(found), model
 
 
+@pytest.mark.slow
 def test_fresh_states_are_all_different():
     found, _ = starts("fresh", 4)
     n_episodes = 3 * (4 * 7 // LIMIT)
     assert len(np.unique(found.reshape(-1, 2), axis=0)) == n_episodes
 
 
+@pytest.mark.slow
 def test_each_copy_begins_again_where_it_began():
     found, _ = starts("first", 4)
     assert len(np.unique(found.reshape(-1, 2), axis=0)) == 3
     np.testing.assert_array_equal(found, np.broadcast_to(found[:1, :1], found.shape))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", [1, 2, 50])
 def test_a_pool_has_as_many_states_for_each_rollout(size):
     found, model = starts("pool", 4, reset_pool=size)
@@ -68,6 +71,7 @@ def test_a_pool_has_as_many_states_for_each_rollout(size):
     assert jax.tree.leaves(draw_noise(key, model.env, model.agent).fresh_states)[0].shape[0] == size
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("resets", ["pool", "first"])
 def test_a_run_is_resumed_to_the_bit(resets, tmp_path):
     whole = A2C(Told(), resets=resets, **SMALL).learn(84, progress_bar=False)

@@ -54,6 +54,7 @@ def bits(tree):
     return [np.asarray(leaf).tobytes() for leaf in jax.tree.leaves(tree)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -93,6 +94,7 @@ class Endless(Walk):
         return False
 
 
+@pytest.mark.slow
 def test_an_episode_of_training_that_does_not_end_is_told_once_with_the_remedy(monkeypatch):
     monkeypatch.setattr("galton.training.host_group.LONG", 30)
     model = make_model(Endless, n_steps=5)
@@ -115,6 +117,7 @@ def test_an_evaluation_without_a_time_limit_is_cut_and_one_that_breaks_its_limit
         make_model(lambda: TimeLimit(Endless(), 40)).evaluate(2)
 
 
+@pytest.mark.slow
 def test_a_given_environment_trains_alone_and_is_evaluated_only_if_it_can_be_made_again():
     given = Closing()
     model = galton.A2C(given, **CONFIG).learn(10, progress_bar=False)
@@ -147,6 +150,7 @@ def half_and_whole(make, path):
     return half.save(path), whole
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", EXACT)
 def test_a_model_goes_on_exactly_with_environments_that_tell_their_states(name, tmp_path):
     path, whole = half_and_whole(EXACT[name], tmp_path / "half")
@@ -169,6 +173,7 @@ def test_a_file_from_before_the_wrappers_were_saved_loads_and_says_that_it_does_
     assert model.learn(10 * N, progress_bar=False).num_timesteps == 20 * N
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", INEXACT)
 def test_a_model_says_that_it_does_not_go_on_exactly_in_wrappers_that_keep_a_state(name, tmp_path):
     path = make_model(INEXACT[name]).learn(10 * N, progress_bar=False).save(tmp_path / "half")

@@ -18,6 +18,7 @@ TASKS = {
 """Keyword arguments, the package without which there is no such task, and the size of an observation."""
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:builtin type:DeprecationWarning")  # Box2D's, when it is imported
 @pytest.mark.parametrize(
     ("name", "algorithm"),

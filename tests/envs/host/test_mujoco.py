@@ -77,6 +77,7 @@ def check_every_number_is_gymnasiums(name, kwargs, n_steps):
     return ended
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore")  # Gymnasium's and MuJoCo's own
 @pytest.mark.parametrize(
     "name", [pytest.param(name, marks=[pytest.mark.slow] * (name in SHORT)) for name in MUJOCO_FUNCTIONS]
@@ -90,6 +91,7 @@ def test_ten_thousand_steps_are_gymnasiums_to_the_last_bit(name, trust):
     trust("mujoco", promise, topic="numbers", figure=10_000, unit="equal steps", at_least=90_000, over="sum")
 
 
+@pytest.mark.few
 @pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize(
     ("name", "kwargs", "n_steps"), [(name, {}, 1_300) for name in SHORT] + [(*case, 1_000) for case in OTHER_CONSTANTS]
@@ -98,6 +100,7 @@ def test_a_thousand_steps_are_too_and_with_other_constants(name, kwargs, n_steps
     check_every_number_is_gymnasiums(name, kwargs, n_steps)
 
 
+@pytest.mark.few
 @pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize("name", MUJOCO_FUNCTIONS)
 def test_a_state_that_is_put_back_goes_on_to_the_same_bits(name):

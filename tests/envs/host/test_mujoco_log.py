@@ -48,6 +48,7 @@ def test_making_an_environment_leaves_no_line_and_no_file(env, tmp_path, monkeyp
     assert mujoco.get_mju_user_warning() is None
 
 
+@pytest.mark.slow
 def test_a_function_that_is_the_first_to_import_mujoco_leaves_no_line_either(tmp_path):
     code = "import gymnasium; from galton.envs.find import find; find(lambda: gymnasium.make('HalfCheetah-v5'))"
     done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True)

@@ -196,6 +196,7 @@ def test_only_the_copies_that_there_are_can_be_had(make):
 make_model = functools.partial(galton.A2C, loss="gaussian", n_steps=5, net_arch=(4,))
 
 
+@pytest.mark.slow
 def test_a_model_takes_as_many_copies_as_a_vector_environment_has_and_leaves_it_open():
     with pytest.raises(UsageError, match="n_envs is 2, but 3 were given; leave n_envs out"):
         make_model(sync(Walk), n_envs=2)

@@ -122,6 +122,7 @@ INEXACT = {
 }
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("env", [Long, Precise])
 @pytest.mark.parametrize("name", EXACT)
 @pytest.mark.parametrize("n_before", [1, 4, 17])
