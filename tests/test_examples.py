@@ -13,7 +13,7 @@ from galton.benchmark.reading import read
 ROOT = Path(__file__).parents[1]
 
 
-LONG = ("quickstart", "a_sweep", "new_policy", "new_algorithm", "new_environment", "new_study")
+LONG = ("quickstart", "a_sweep", "new_policy", "new_algorithm", "new_environment", "new_network", "new_study")
 ELSEWHERE = ("deploy",)
 """It needs a policy: tests/deploy/test_example.py has one."""
 EXAMPLES = [
@@ -23,7 +23,6 @@ EXAMPLES = [
 ]
 
 
-@pytest.mark.few
 @pytest.mark.parametrize("path", EXAMPLES)
 def test_an_example_runs(path, tmp_path):
     done = subprocess.run([sys.executable, path], capture_output=True, text=True, timeout=300, cwd=tmp_path)
