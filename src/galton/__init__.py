@@ -32,5 +32,5 @@ __all__ = [
     "train",
     "use_all_cores",
 ]
-"""What to begin with. The stub beside this file has every public name, those of earlier versions too."""
+"""The names to begin with. The stub beside this file has every public name, those of earlier versions too."""
 register_with_gymnasium()

@@ -120,7 +120,10 @@ def asked(what: Sequence[str]) -> tuple[list[Sweep], dict[str, FigureStudy]]:
 
 def _import(modules: Sequence[str]) -> None:
     for name in modules:
-        importlib.import_module(name)
+        try:
+            importlib.import_module(name)
+        except ImportError as error:
+            raise UsageError(f"imports names {name!r}, which can't be imported: {error}") from None
 
 
 def main() -> None:

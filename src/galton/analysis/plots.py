@@ -1,4 +1,4 @@
-"""What figures share: the look, a curve with its band, a page of panels. The gid of an artist names its series."""
+"""Figures share a look, curves with bands, and pages of panels. The gid of an artist names its series."""
 
 import io
 import itertools

@@ -26,11 +26,11 @@ class Interval(NamedTuple):
     """A mean, or another estimate, and its 95% confidence interval; arrays where there are several."""
 
     mean: Numbers
-    """The estimate."""
+    """The estimate that the interval is of."""
     low: Numbers
     """The lower end of its interval."""
     high: Numbers
-    """The upper end."""
+    """The upper end of its interval."""
 
     def __format__(self, spec: str) -> str:
         """Mean ± half the width; mean [low, high] if that lies askew; the mean alone if the interval is not known."""

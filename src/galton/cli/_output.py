@@ -1,4 +1,4 @@
-"""What stands for a character where the output's encoding has none."""
+"""Characters that the output's encoding lacks are printed as others that mean the same."""
 
 import codecs
 import io

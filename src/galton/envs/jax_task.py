@@ -34,7 +34,7 @@ class JaxTask:
     """
 
     record: Environment
-    """The environment."""
+    """The environment as it was given, in pure JAX."""
     given: int | None = None
     """None: copies of it are drawn, not given."""
     n_threads = 1

@@ -35,7 +35,7 @@ class Claim:
     source: str
     """Where the paper says it, such as "§5.2, Figure 3"."""
     words: str
-    """The sentence."""
+    """The sentence that is judged."""
     test: str
     """What was compared with what."""
     number: str
@@ -81,7 +81,7 @@ class Cell:
     """A cell of a matrix: what it says, and in which colour."""
 
     text: str
-    """What it says."""
+    """The words of the cell."""
     verdict: str | None = None
     """One of VERDICTS, whose sign and colour it has; None for neither."""
 
@@ -122,11 +122,11 @@ class Answer:
     matrix: Matrix | None = None
     """The table beside them."""
     note: str = ""
-    """What the matrix shows."""
+    """The words below the matrix, which say what it shows."""
     figure: Figure | None = None
     """The figure below them."""
     caption: str = ""
-    """What the figure shows."""
+    """The words below the figure, which say what it shows."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -136,9 +136,9 @@ class Section:
     name: str
     """The section's anchor: lower-case letters, digits and hyphens, a letter first."""
     title: str
-    """Its heading."""
+    """The heading above the figure."""
     caption: str = ""
-    """What the figure shows."""
+    """The words below the figure, which say what it shows."""
     figure: Figure | None = None
     """The figure, as matplotlib drew it."""
     table: Table | Matrix | None = None

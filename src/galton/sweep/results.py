@@ -24,11 +24,11 @@ class Best(NamedTuple):
     """The setting of a loss with the highest mean final training return over its trials (App. C.2)."""
 
     setting: Setting
-    """The winner."""
+    """The setting with the highest mean."""
     final_training_return: Float[np.ndarray, " trials"]
     """The final mean of each trial in training."""
     final_evaluation_return: Float[np.ndarray, " trials"]
-    """That of the deterministic policy."""
+    """The final mean of each trial by the deterministic policy."""
     n_settings: int
     """Of how many it is the best: the more, the more its mean flatters."""
 

@@ -21,7 +21,7 @@ from galton.sweep.store import Store
 
 
 class View:
-    """What a sweep shows while it runs, drawn again whenever rich asks for it."""
+    """A view shows how far a sweep is, and is drawn again whenever rich asks for it."""
 
     def __init__(self, plan: Plan) -> None:
         self._plan, self._start = plan, time.monotonic()
