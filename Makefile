@@ -30,14 +30,14 @@ UNOPTIMISED = JAX_DISABLE_MOST_OPTIMIZATIONS=1 XLA_FLAGS="$(FLAGS)"
 mutants coverage: export JAX_DISABLE_MOST_OPTIMIZATIONS = 1
 mutants coverage: export XLA_FLAGS = $(FLAGS)
 
-test: lint  ## Lint, types and the tests that take seconds.
-	$(UNOPTIMISED) $(PYTEST) -m "not slow and not optimised"
+test: lint  ## Lint, types and the tests of the library that take seconds.
+	$(UNOPTIMISED) $(PYTEST) -m "not slow and not optimised" tests --ignore tests/experiments
 
 test-types: $(VENV)/installed-dev  ## The same with shapes and types checked at every call of every function.
 	CHECKED=1 $(UNOPTIMISED) $(PYTEST) -m "not slow and not optimised" tests studies/tests
 
-test-studies: $(VENV)/installed-dev  ## The tests of the paper's study that take seconds.
-	$(UNOPTIMISED) $(PYTEST) -m "not slow" studies/tests
+test-studies: $(VENV)/installed-dev  ## The tests of experiments and of the paper's study that take seconds.
+	$(UNOPTIMISED) $(PYTEST) -m "not slow and not optimised" tests/experiments studies/tests
 
 test-all: lint  ## All tests, the long learning claims included, compiled as users compile.
 	$(PYTEST) tests studies/tests
@@ -104,7 +104,7 @@ $(VENV)/bin/python:
 	$(PYTHON) -m venv $(VENV)
 
 $(VENV)/installed: pyproject.toml constraints.txt | $(VENV)/bin/python
-	$(PIP) -e '.[studies]'
+	$(PIP) -e '.[experiments]'
 	@touch $@
 
 $(VENV)/installed-dev: pyproject.toml constraints.txt | $(VENV)/bin/python
@@ -112,7 +112,7 @@ $(VENV)/installed-dev: pyproject.toml constraints.txt | $(VENV)/bin/python
 	@touch $@ $(VENV)/installed $(VENV)/installed-docs
 
 $(VENV)/installed-docs: pyproject.toml constraints.txt | $(VENV)/bin/python
-	$(PIP) -e '.[studies,docs]'
+	$(PIP) -e '.[experiments,docs]'
 	@touch $@ $(VENV)/installed
 
 # What builds and checks the wheel, beside no library of Galton's.

@@ -10,7 +10,7 @@ import pytest
 from jaxtyping import install_import_hook
 
 if os.environ.get("CHECKED"):  # make test-types
-    install_import_hook(["galton", "studies"], "beartype.beartype")
+    install_import_hook(["galton", "galton_experiments", "studies"], "beartype.beartype")
 
 import galton
 from galton.training.programs import make_room

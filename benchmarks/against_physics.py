@@ -23,7 +23,7 @@ from sides import SB3, K, Ours, Side, write
 import galton
 from galton.devices import n_cores
 from galton.envs.host import simulation
-from galton.sweep.executors import Place, one_per_core
+from galton_experiments.sweep.executors import Place, one_per_core
 
 RUNS = 64
 TASKS = ("Reacher-v5", "HalfCheetah-v5", "Ant-v5")

@@ -19,10 +19,10 @@ from sides import write
 import galton
 from galton.devices import n_cores
 from galton.envs.registry import ENVS
-from galton.page import quotes
-from galton.sweep.executors import Processes, one_per_core
-from galton.sweep.grid import find_grid
 from galton.tasks import task_of
+from galton_experiments.page import quotes
+from galton_experiments.sweep.executors import Processes, one_per_core
+from galton_experiments.sweep.grid import find_grid
 
 TRIALS, RUNS, LOG_POINTS = 20, 16, 4
 MUJOCO = ("Reacher-v5", "HalfCheetah-v5", "Ant-v5")

@@ -11,8 +11,8 @@ from pathlib import Path
 import gymnasium
 from sides import write
 
-from galton.analysis.statistics import mean_interval
-from galton.benchmark.reading import read
+from galton_experiments.analysis.statistics import mean_interval
+from galton_experiments.benchmark.reading import read
 
 
 def returns(env, episodes):

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 from scipy import stats
 
-from galton.analysis.statistics import mean_interval
+from galton_experiments.analysis.statistics import mean_interval
 
 TASKS = {
     "HalfCheetah-v5": (300_000, {"n_envs": 4, "n_steps": 8, "gamma": 0.99, "gae_lambda": 0.9}),

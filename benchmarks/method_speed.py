@@ -15,11 +15,11 @@ from pathlib import Path
 
 from sides import Side, write
 
-from galton.benchmark.draws import draws, setting
-from galton.benchmark.reading import read
-from galton.page import quotes
-from galton.sweep.executors import one_per_core
 from galton.training.population import populate
+from galton_experiments.benchmark.draws import draws, setting
+from galton_experiments.benchmark.reading import read
+from galton_experiments.page import quotes
+from galton_experiments.sweep.executors import one_per_core
 
 K, RUNS = 50, 16
 TABLES = {

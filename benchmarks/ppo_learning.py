@@ -111,7 +111,7 @@ def galton_runs(job):
 
 def summarise(out):
     """Means and 95% intervals of both sides, side by side."""
-    from galton.analysis.statistics import mean_interval
+    from galton_experiments.analysis.statistics import mean_interval
 
     runs = known(out).values()
     for task in dict.fromkeys(run["task"] for run in runs):

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 import galton
-from galton.analysis.statistics import mean_interval
+from galton_experiments.analysis.statistics import mean_interval
 
 TASKS = {"bandit": 20_000, "lqr": 300_000, "acrobot": 300_000, "HalfCheetah-v5": 300_000}
 LOSSES = [

@@ -87,7 +87,7 @@ def main():
 
 def summarise(out):
     """Means and 95% intervals over seeds 0 to 4, whichever lines they are in."""
-    from galton.analysis.statistics import mean_interval
+    from galton_experiments.analysis.statistics import mean_interval
 
     returns = {}
     for line in map(json.loads, out.read_text().splitlines()):

@@ -20,7 +20,7 @@ from rich.table import Table
 from sides import Discretised, Side, write
 from sweep_speed import Peak
 
-from galton.sweep.executors import one_per_core
+from galton_experiments.sweep.executors import one_per_core
 
 K, HIDDEN, EPOCHS = 41, 64, 10
 TASKS = {"mountain-car": "MountainCarContinuous-v0", "HalfCheetah-v5": "HalfCheetah-v5"}

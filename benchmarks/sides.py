@@ -12,8 +12,8 @@ from gymnasium.spaces import MultiDiscrete
 import galton
 from galton.devices import n_cores
 from galton.saving import provenance
-from galton.sweep.executors import Processes
 from galton.training.population import populate
+from galton_experiments.sweep.executors import Processes
 
 K = 100
 _made = {}

@@ -21,7 +21,7 @@ from rich.table import Table
 from sides import SB3, Ours, Script, Side, write
 
 from galton.devices import n_cores
-from galton.sweep.executors import one_per_core
+from galton_experiments.sweep.executors import one_per_core
 
 TASK, RUNS, UPDATES, HIDDEN = "mountain-car", 16, 250, 64
 SETTINGS = {

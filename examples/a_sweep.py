@@ -1,6 +1,6 @@
 """A study of your own: two losses, two learning rates, five runs each. Run it again: it knows what it has done."""
 
-from galton.sweep import Study, expand, sweep, task_defaults
+from galton_experiments.sweep import Study, expand, sweep, task_defaults
 
 STUDY = Study(
     env="bandit",

@@ -4,10 +4,10 @@ from pathlib import Path
 
 import numpy as np
 
-from galton.analysis import ALPHA, compare, mean_interval
-from galton.analysis.plots import draw_series, finish, look_of, panels, settle
-from galton.page import Claim, Section, render
-from galton.sweep import Study, expand, sweep, task_defaults
+from galton_experiments.analysis import ALPHA, compare, mean_interval
+from galton_experiments.analysis.plots import draw_series, finish, look_of, panels, settle
+from galton_experiments.page import Claim, Section, render
+from galton_experiments.sweep import Study, expand, sweep, task_defaults
 
 OUT = Path("runs/new-study")
 SETTINGS = expand([{"loss": "hl-gauss", "eta": [0.1, 0.5, 1.0, 2.0]}], task_defaults("bandit"))

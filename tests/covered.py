@@ -1,4 +1,4 @@
-"""How many lines of src/galton the tests run: `make coverage` measures it, this makes the record of it.
+"""How many lines of the source the tests run: `make coverage` measures it, this makes the record of it.
 
 Lines of programs for JAX count where they are traced, which is when Python runs them.
 """
@@ -15,15 +15,15 @@ from tests.trust import RECORDS, ROOT, Record, now, write
 
 
 def lines() -> dict[str, tuple[list[int], int]]:
-    """Of each file under src/galton: the lines that no test ran, and how many there are that could be run."""
+    """Of each file under src: the lines that no test ran, and how many there are that could be run."""
     measured = coverage.Coverage()
     measured.load()
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "coverage.json"
-        ours = str(ROOT / "src" / "galton" / "*")  # and no copy that a test made
+        ours = str(ROOT / "src" / "*")  # and no copy that a test made
         measured.json_report(outfile=str(path), include=[ours])
         files = json.loads(path.read_text())["files"]
-    whole = {name.partition("galton/")[2]: (of["missing_lines"], of["summary"]) for name, of in files.items()}
+    whole = {name.partition("src/")[2]: (of["missing_lines"], of["summary"]) for name, of in files.items()}
     return {name: (missing, summary["num_statements"]) for name, (missing, summary) in whole.items()}
 
 
@@ -31,7 +31,7 @@ def main() -> None:
     """Write the record, and print the lines that were not run."""
     found, packages = lines(), collections.defaultdict(lambda: [0, 0])
     for name, (missing, n) in found.items():
-        package = name.rpartition("/")[0].partition("/")[0]
+        package = "/".join(name.split("/")[1:-1][:1])
         packages[package or "galton"][0] += n - len(missing)
         packages[package or "galton"][1] += n
         if missing:

@@ -9,8 +9,8 @@ import pytest
 import galton
 from galton import ALGORITHMS, LOSSES, POLICIES, Model, UsageError, make_agent
 from galton.envs import Bandit
-from galton.sweep.grid import expand
-from galton.sweep.study import Setting
+from galton_experiments.sweep.grid import expand
+from galton_experiments.sweep.study import Setting
 
 from .agents import agent
 

@@ -11,7 +11,7 @@ from scipy.stats import norm
 
 from galton import A2C, PPO, UsageError, make_agent
 from galton.critics import CRITICS, find_critic
-from galton.sweep import Setting
+from galton_experiments.sweep import Setting
 
 K = 21
 CENTERS = -3 + 10 * (np.arange(K) + 0.5) / K

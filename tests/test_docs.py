@@ -14,7 +14,7 @@ import galton
 from galton.envs.lqr import LQR
 
 ROOT = Path(__file__).parents[1]
-SOURCE = Path(galton.__file__).parent
+SOURCE = Path(galton.__file__).parents[1]
 ROWS = [line.split("|")[1:4] for line in (ROOT / "docs" / "paper.md").read_text().splitlines() if line.count("|") == 4]
 EQUATIONS = [row for row in ROWS if row[0].strip()[:2] in ("§2", "§4", "§5", "eq", "Ap")]
 LINKS = [
@@ -27,7 +27,8 @@ LINKS = [
 def check_is_there(name):
     """Find the module or function of a dotted name, or the file of a path."""
     if "/" in name:
-        assert (SOURCE / name).exists() or (ROOT / name).exists(), f"{name} does not exist"
+        places = (SOURCE / "galton", SOURCE / "galton_experiments", ROOT)
+        assert any((place / name).exists() for place in places), f"{name} does not exist"
     else:
         pkgutil.resolve_name(f"galton.{name.removeprefix('galton.')}")
 

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from galton.benchmark import stages
-from galton.benchmark.draws import draws
-from galton.benchmark.reading import read
+from galton_experiments.benchmark import stages
+from galton_experiments.benchmark.draws import draws
+from galton_experiments.benchmark.reading import read
 
 ROOT = Path(__file__).parents[1]
 

@@ -49,7 +49,7 @@ for call in asked:
     print(json.dumps([code, said.getvalue()]))
 """
 
-STUDIES = f"{extras.installing('studies')}\n"
+STUDIES = f"{extras.installing('experiments')}\n"
 FEW = [
     "--algorithm",
     "a2c",
@@ -97,8 +97,8 @@ CORE = [
     (EXPORT, f"MissingExtraError: the format onnx needs onnx: {extras.installing('onnx')}", ""),
     (WANDB, f"MissingExtraError: WeightsAndBiases needs wandb: {extras.installing('wandb')}", ""),
     (
-        "import galton; galton.sweep",
-        f"MissingExtraError: galton.sweep needs pyarrow and fsspec: {extras.installing('studies')}",
+        "from galton_experiments import sweep; sweep.Study",
+        f"MissingExtraError: galton_experiments.sweep needs pyarrow and fsspec: {extras.installing('experiments')}",
         "",
     ),
 ]

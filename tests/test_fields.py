@@ -13,9 +13,9 @@ import pytest
 from galton import UsageError
 from galton.agents import read
 from galton.fields import AtLeast
-from galton.sweep.grid import expand
-from galton.sweep.study import Setting
 from galton.words import CHOOSING, values_of, vocabulary
+from galton_experiments.sweep.grid import expand
+from galton_experiments.sweep.study import Setting
 
 
 def bound(annotation):

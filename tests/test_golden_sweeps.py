@@ -6,10 +6,10 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from galton.sweep.grid import paper_grid, task_defaults
-from galton.sweep.plan import Plan, fold_in
-from galton.sweep.store import Store
-from galton.sweep.study import Study
+from galton_experiments.sweep.grid import paper_grid, task_defaults
+from galton_experiments.sweep.plan import Plan, fold_in
+from galton_experiments.sweep.store import Store
+from galton_experiments.sweep.study import Study
 
 # All that is not public; where it lives may change, what is read with it may not.
 from .golden.files import CLOSE, V1, command, record

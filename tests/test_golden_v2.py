@@ -10,8 +10,8 @@ import pytest
 
 import galton
 from galton.models import Model
-from galton.sweep.plan import Plan
-from galton.sweep.store import Store
+from galton_experiments.sweep.plan import Plan
+from galton_experiments.sweep.store import Store
 
 from .golden.files import CLOSE, V2, arrays, by_path, check_close, check_settings, command, record
 from .test_golden_sweeps import check_rows, rows

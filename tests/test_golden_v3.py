@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 import galton
-from galton.benchmark import stages
-from galton.benchmark.draws import draws
-from galton.benchmark.reading import read
-from galton.sweep.study import Setting
 from galton.words import vocabulary
+from galton_experiments.benchmark import stages
+from galton_experiments.benchmark.draws import draws
+from galton_experiments.benchmark.reading import read
+from galton_experiments.sweep.study import Setting
 
 from .golden.files import CLOSE, V3, arrays, by_path, check_close, check_settings, command, record
 

@@ -9,9 +9,9 @@ import pytest
 
 import galton
 
-ROOT = Path(galton.__file__).parent
+ROOT = Path(galton.__file__).parents[1]
 
-# Folders and files under src/galton, the lowest first; what shares a line may not import one another.
+# Folders and files of both packages, the lowest first; what shares a line may not import one another.
 RANKS = """
     errors devices version
     extras foreign
@@ -31,11 +31,12 @@ RANKS = """
     training
     callbacks sb3
     models
-    analysis sweep
     deploy
+    cli
+    analysis sweep
     page
     benchmark
-    cli
+    commands
 """
 
 # The core computes: beside the standard library it needs no more than these.
@@ -46,7 +47,7 @@ CORE = """
 CORE_LIBRARIES = "jax numpy optax jaxtyping"
 
 # Libraries of the command line and of many runs, and the folders and files outside it that may import them too.
-COMMAND_LINE = "cli"
+COMMAND_LINE = "cli commands"
 COMMAND_LINE_LIBRARIES = {
     "matplotlib": ["analysis", "page", "benchmark"],  # which draw
     "pyarrow": ["analysis", "sweep", "benchmark"],  # which keep what thousands of runs told
@@ -62,7 +63,7 @@ def modules():
     """Every module's file by its dotted name; a folder is its `__init__`."""
     found = {}
     for path in ROOT.rglob("*.py"):
-        parts = path.relative_to(ROOT.parent).with_suffix("").parts
+        parts = path.relative_to(ROOT).with_suffix("").parts
         found[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
     return found
 
@@ -82,15 +83,16 @@ def imports(path):
                 yield whole if whole in MODULES else node.module
 
 
+PACKAGES = {"galton", "galton_experiments"}
 GRAPH = {name: set(imports(path)) for name, path in MODULES.items()}
 LIBRARIES = {
-    path.relative_to(ROOT): {name.split(".")[0] for name in GRAPH[module]} - {"galton"}
+    Path(*path.relative_to(ROOT).parts[1:]): {name.split(".")[0] for name in GRAPH[module]} - PACKAGES
     for module, path in MODULES.items()
 }
 
 
 def layer(name):
-    """The folder or top-level file that a module lies in; None for the package itself and `python -m galton`."""
+    """The folder or top-level file that a module lies in; None for a package itself and `python -m galton`."""
     parts = name.split(".")
     return parts[1] if len(parts) > 1 and parts[1] != "__main__" else None
 
@@ -113,6 +115,12 @@ def test_every_module_has_a_layer_and_imports_none_above_it():
         for other in GRAPH[name] & set(MODULES):
             if None not in (layer(name), layer(other)) and layer(name) != layer(other):
                 assert rank(layer(other)) < rank(layer(name)), f"{name} imports {other}"
+
+
+def test_one_run_needs_nothing_of_many():
+    for name in MODULES:
+        if name.split(".")[0] == "galton":
+            assert not [other for other in GRAPH[name] if other.split(".")[0] == "galton_experiments"], name
 
 
 def test_no_module_imports_itself_by_a_detour():
@@ -146,6 +154,6 @@ def test_a_library_of_the_command_line_stays_there(library):
 @pytest.mark.parametrize("library", EXTRAS)
 def test_a_library_of_an_extra_is_imported_in_one_file(library):
     assert [str(path) for path, names in LIBRARIES.items() if library in names] == [EXTRAS[library]]
-    (tree,) = [ast.parse(path.read_text()) for path in MODULES.values() if path == ROOT / EXTRAS[library]]
+    (tree,) = [ast.parse(path.read_text()) for path in MODULES.values() if path == ROOT / "galton" / EXTRAS[library]]
     at_once = {alias.name for node in tree.body if isinstance(node, ast.Import) for alias in node.names}
     assert library not in at_once | {node.module for node in tree.body if isinstance(node, ast.ImportFrom)}

@@ -13,15 +13,15 @@ import pytest
 
 import galton
 from galton import Model, UsageError
-from galton.benchmark import draws, reading
 from galton.deploy import export
-from galton.sweep.grid import expand
-from galton.sweep.plan import Plan
-from galton.sweep.shard import work
-from galton.sweep.store import Store
-from galton.sweep.study import Study
 from galton.types import Share
 from galton.words import CHOICES, vocabulary
+from galton_experiments.benchmark import draws, reading
+from galton_experiments.sweep.grid import expand
+from galton_experiments.sweep.plan import Plan
+from galton_experiments.sweep.shard import work
+from galton_experiments.sweep.store import Store
+from galton_experiments.sweep.study import Study
 
 FOLDERS = Path(__file__).parents[1] / "examples", Path(__file__).parent
 SMALL = {"n_steps": 10, "learning_rate": 0.01}

@@ -54,7 +54,7 @@ def test_every_direct_dependency_is_pinned_within_what_is_declared():
 
 def test_every_extra_for_users_was_installed_by_itself_and_used():
     assert found("package")["environments"].keys() == {"core"} | USERS
-    assert PROJECT["optional-dependencies"].keys() == USERS | {"test", "bench", "docs", "dev"}
+    assert PROJECT["optional-dependencies"].keys() == USERS | {"test", "bench", "docs", "dev", "studies"}
 
 
 def test_the_core_has_no_library_of_an_extra():

@@ -19,11 +19,11 @@ from galton.envs.host.action_box import ActionBox
 from galton.envs.host.observations import Observations
 from galton.envs.host.space_json import from_json, to_json
 from galton.saving import checkpoint
-from galton.sweep.grid import read_grid
-from galton.sweep.plan import Plan
-from galton.sweep.store import Store
-from galton.sweep.study import Setting, Study
 from galton.words import vocabulary
+from galton_experiments.sweep.grid import read_grid
+from galton_experiments.sweep.plan import Plan
+from galton_experiments.sweep.store import Store
+from galton_experiments.sweep.study import Setting, Study
 
 DTYPES = st.sampled_from([np.float16, np.float32, np.float64])
 SHAPES = hnp.array_shapes(min_dims=0, max_dims=3, max_side=4)

@@ -11,7 +11,8 @@ import pytest
 import galton
 
 ROOT = Path(galton.__file__).parent
-STUBS = sorted(ROOT.rglob("__init__.pyi"))
+STUBS = sorted(ROOT.parent.rglob("__init__.pyi"))
+PACKAGES = ("galton", "galton_experiments")
 CHEAP = "import sys, galton; print(*(name for name in ('jax', 'pyarrow', 'matplotlib', 'rich') if name in sys.modules))"
 
 
@@ -21,7 +22,7 @@ def names(stub):
 
 @pytest.mark.parametrize("stub", STUBS, ids=lambda stub: stub.parent.name)
 def test_every_public_name_is_there(stub):
-    module = importlib.import_module(".".join(("galton", *stub.parent.relative_to(ROOT).parts)))
+    module = importlib.import_module(".".join(stub.parent.relative_to(ROOT.parent).parts))
     assert len(STUBS) >= 4
     assert set(names(stub)) <= set(dir(module))
     for name in names(stub):
@@ -50,18 +51,19 @@ def defined(file):
 
 
 def is_public(module, name):
-    """Whether a module is one that its package names, up to `galton`, and has that name itself."""
+    """Whether a module is one that its package names, up to one of PACKAGES, and has that name itself."""
     package, _, last = module.rpartition(".")
-    return name in public_names(module) and (module == "galton" or is_public(package, last))
+    return name in public_names(module) and (not package or is_public(package, last))
 
 
 def imported(file):
     """What a file imports of Galton: a module and a name in it, which is the module's own last one for `import`."""
     for node in ast.walk(ast.parse(file.read_text())):
-        if isinstance(node, ast.ImportFrom) and (node.module or "").partition(".")[0] == "galton":
+        if isinstance(node, ast.ImportFrom) and (node.module or "").partition(".")[0] in PACKAGES:
             yield from ((node.module, alias.name) for alias in node.names)
         elif isinstance(node, ast.Import):
-            yield from (alias.name.rpartition(".")[::2] for alias in node.names if alias.name.startswith("galton."))
+            whole = [alias.name.rpartition(".") for alias in node.names]
+            yield from ((module, name) for module, _, name in whole if module.partition(".")[0] in PACKAGES)
 
 
 @pytest.mark.few

@@ -19,8 +19,8 @@ from safetensors.numpy import load_file
 import galton
 from galton import A2C, PPO, CheckpointError, NewerVersionError
 from galton.saving import checkpoint
-from galton.sweep.plan import Plan
-from galton.sweep.store import Store
+from galton_experiments.sweep.plan import Plan
+from galton_experiments.sweep.store import Store
 
 HERE = Path(__file__).parent
 FIELDS = {"newer_choice": '"other"', "newer_number": "2.5"}

@@ -13,12 +13,12 @@ from galton import A2C, PPO, UsageError, make_agent, schedules
 from galton.agents import read, words_of
 from galton.parts import at
 from galton.schedules import Cosine, Linear, Step
-from galton.sweep.grid import expand
-from galton.sweep.plan import Plan
-from galton.sweep.results import collect
-from galton.sweep.shard import work
-from galton.sweep.store import Store
-from galton.sweep.study import Setting, Study
+from galton_experiments.sweep.grid import expand
+from galton_experiments.sweep.plan import Plan
+from galton_experiments.sweep.results import collect
+from galton_experiments.sweep.shard import work
+from galton_experiments.sweep.store import Store
+from galton_experiments.sweep.study import Setting, Study
 
 SMALL = {"n_bins": 9, "net_arch": (8,), "loss": "hl-gauss"}
 

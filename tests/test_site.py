@@ -35,7 +35,7 @@ EXAMPLES = sorted((DOCS.parent / "examples").glob("*.py"))
 def public():
     """Every public name by its dotted path, and what it is."""
     for stub in STUBS:
-        module = ".".join(("galton", *stub.parent.relative_to(SOURCE).parts))
+        module = ".".join(stub.parent.relative_to(SOURCE.parent).parts)
         for name in names(stub):
             yield f"{module}.{name}", getattr(importlib.import_module(module), name)
 

@@ -7,9 +7,9 @@ from galton.cli._options import Training
 from galton.envs import ENVS, Bandit
 from galton.envs.find import find
 from galton.models import Model
-from galton.sweep.grid import task_defaults
-from galton.sweep.study import Setting
 from galton.tasks import TASKS, task_of
+from galton_experiments.sweep.grid import task_defaults
+from galton_experiments.sweep.study import Setting
 
 
 @pytest.fixture(autouse=True)

@@ -224,7 +224,7 @@ def number(value: float) -> str:
 
 def page(text: str, records: Iterable[Record]) -> str:
     """The page with the tables of these records."""
-    from galton.page.quotes import filled  # much to import, which conftest.py has no use for
+    from galton_experiments.page.quotes import filled  # much to import, which conftest.py has no use for
 
     known = list(records)
     tables = {title: table(record for record in known if record.topic == topic) for topic, title in TOPICS.items()}

@@ -10,11 +10,11 @@ import sys
 from pathlib import Path
 
 import galton
-from galton.sweep.plan import Plan
-from galton.sweep.results import collect
-from galton.sweep.shard import finished, work
-from galton.sweep.store import Store
-from galton.sweep.study import Setting, Study
+from galton_experiments.sweep.plan import Plan
+from galton_experiments.sweep.results import collect
+from galton_experiments.sweep.shard import finished, work
+from galton_experiments.sweep.store import Store
+from galton_experiments.sweep.study import Setting, Study
 
 SMALL = {"n_bins": 6, "net_arch": [4], "n_steps": 8, "n_envs": 1}
 MODELS = {

@@ -17,9 +17,9 @@ from galton import UsageError
 from galton.agents import read
 from galton.algorithms import Rollout
 from galton.parts import settings
-from galton.sweep.grid import read_grid
-from galton.sweep.study import Setting
 from galton.words import CHOICES, CHOOSING, vocabulary
+from galton_experiments.sweep.grid import read_grid
+from galton_experiments.sweep.study import Setting
 
 KNOWN = vocabulary()
 NUMBERS = [name for name in KNOWN.usual if KNOWN.is_number(name)]

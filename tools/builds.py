@@ -82,7 +82,7 @@ def contents(wheel: Path) -> dict[str, int]:
     with zipfile.ZipFile(wheel) as archive:
         for name in archive.namelist():
             path = Path(name)
-            if path.parts[0] == "galton" and path.suffix in PARTS:
+            if path.parts[0].startswith("galton") and path.suffix in PARTS:
                 if archive.read(name) != (ROOT / "src" / path).read_bytes():
                     sys.exit(f"{name} is not the repository's")
                 kinds[path.suffix] += 1

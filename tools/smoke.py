@@ -56,7 +56,7 @@ CORE = [
     Call(f"galton train bandit --out run --resume {TINY} --steps 600", "run folder: run"),
     Call("galton export run --format card", "card: run/model_card.md"),
 ]
-STUDIES = [
+EXPERIMENTS = [
     Call(
         f"galton compare bandit --losses gaussian hl-gauss --seeds 2 {TINY}", "figure and numbers: runs/compare-bandit"
     ),
@@ -66,7 +66,7 @@ STUDIES = [
 ]
 
 SMOKE = {
-    "studies": STUDIES,
+    "experiments": EXPERIMENTS,
     "mujoco": [Call(f"galton train Reacher-v5 --out reacher {TINY}", "run folder: reacher")],
     "box2d": [Call(f"galton train LunarLanderContinuous-v3 --out lander {TINY}", "run folder: lander")],
     "video": [
@@ -84,11 +84,11 @@ SMOKE = {
 """By extra."""
 
 MISSING = [
-    Call("galton compare bandit", r"^galton: compare needs .*: pip install .*\[studies\]'$", 2),
-    Call("galton sweep bandit", r"^galton: sweep needs .*: pip install .*\[studies\]'$", 2),
+    Call("galton compare bandit", r"^galton: compare needs .*: pip install .*\[experiments\]'$", 2),
+    Call("galton sweep bandit", r"^galton: sweep needs .*: pip install .*\[experiments\]'$", 2),
     Call("galton watch run", r"^galton: .* needs imageio_ffmpeg: pip install .*\[video\]'$", 2),
     Call("galton train Reacher-v5", r"^galton: .* needs mujoco and imageio: pip install .*\[mujoco\]'$", 2),
-    Call("galton benchmark my.toml", r"^galton: benchmark needs .*: pip install .*\[studies\]'$", 2),
+    Call("galton benchmark my.toml", r"^galton: benchmark needs .*: pip install .*\[experiments\]'$", 2),
     Call("galton train LunarLanderContinuous-v3", r"^galton: .* needs Box2D: pip install .*\[box2d\]'$", 2),
     Call("galton export run --format onnx", r"^galton: .* needs onnx: pip install .*\[onnx\]'$", 2),
 ]

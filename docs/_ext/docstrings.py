@@ -13,9 +13,9 @@ from sphinx import addnodes
 from sphinx.application import Sphinx
 from sphinx.ext.napoleon import Config, GoogleDocstring
 
-from galton import sweep
 from galton.fields import annotations
 from galton.parts import Part
+from galton_experiments import sweep
 
 STYLE = Config(napoleon_use_rtype=False)
 FIELDS = ("attribute", "data", "property")

@@ -28,7 +28,6 @@ __all__ = [
     "policies",
     "presets",
     "schedules",
-    "sweep",
     "train",
     "use_all_cores",
 ]

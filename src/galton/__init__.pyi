@@ -1,5 +1,4 @@
 from . import algorithms as algorithms
-from . import analysis as analysis
 from . import callbacks as callbacks
 from . import critics as critics
 from . import deploy as deploy
@@ -8,13 +7,11 @@ from . import errors as errors
 from . import losses as losses
 from . import networks as networks
 from . import optimizers as optimizers
-from . import page as page
 from . import policies as policies
 from . import presets as presets
 from . import returns as returns
 from . import saving as saving
 from . import schedules as schedules
-from . import sweep as sweep
 from . import targets as targets
 from . import tasks as tasks
 from . import theory as theory

@@ -15,10 +15,10 @@ from pathlib import Path
 from galton.errors import UsageError
 
 LIBRARIES = {
-    "pyarrow": "studies",
-    "matplotlib": "studies",
-    "jinja2": "studies",
-    "fsspec": "studies",
+    "pyarrow": "experiments",
+    "matplotlib": "experiments",
+    "jinja2": "experiments",
+    "fsspec": "experiments",
     "mujoco": "mujoco",
     "imageio": "mujoco",
     "Box2D": "box2d",

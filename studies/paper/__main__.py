@@ -11,10 +11,10 @@ from typing import Any
 import tyro
 
 from galton.errors import BrokenEnvironmentError, UsageError, did_you_mean, require
-from galton.page import quotes
-from galton.sweep import Place, one_per_core
-from galton.sweep import workers as processes
 from galton.tasks import TASKS
+from galton_experiments.page import quotes
+from galton_experiments.sweep import Place, one_per_core
+from galton_experiments.sweep import workers as processes
 from studies.paper import report as page
 from studies.paper import reproduce as paper
 from studies.paper import tables as markdown

@@ -4,11 +4,11 @@ from collections.abc import Mapping, Sequence
 
 from matplotlib.figure import Figure
 
-from galton.analysis import fit_curves
-from galton.analysis.plots import finish, panels
 from galton.losses import LOSSES
-from galton.page import VERDICTS, Answer, Cell, Claim, Matrix
 from galton.tasks import TASKS
+from galton_experiments.analysis import fit_curves
+from galton_experiments.analysis.plots import finish, panels
+from galton_experiments.page import VERDICTS, Answer, Cell, Claim, Matrix
 from studies.paper.curves import draw_best, draw_levels, shown
 from studies.paper.measures import DETERMINISTIC, final_return, over_regression
 from studies.paper.scale import Scale

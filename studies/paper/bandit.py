@@ -6,8 +6,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from galton.analysis import AXES, Interval, fit_curves, mean_band
-from galton.analysis.plots import draw_series, finish, label_rows, look_of, marker_of, panels
+from galton_experiments.analysis import AXES, Interval, fit_curves, mean_band
+from galton_experiments.analysis.plots import draw_series, finish, label_rows, look_of, marker_of, panels
 from studies.paper import controls, harder_bandits
 from studies.paper.controls import CONTROLS
 from studies.paper.curves import BANDS, draw_best, draw_levels, numbered, runs_of

@@ -10,8 +10,8 @@ from jaxtyping import Float, Int
 
 from galton.errors import require
 from galton.losses import LOSSES
-from galton.sweep import columns
 from galton.tasks import TASKS
+from galton_experiments.sweep import columns
 from studies.paper.gradients import READINGS, Sample
 
 _WORDS: dict[str, Sequence[str]] = {"task": [*TASKS], "loss": [*LOSSES], "reading": ["", *READINGS]}

@@ -4,8 +4,8 @@ import dataclasses
 import functools
 import json
 
-from galton.page import Cell, Claim, Matrix
-from galton.sweep import Study
+from galton_experiments.page import Cell, Claim, Matrix
+from galton_experiments.sweep import Study
 from studies.paper import bandit
 from studies.paper.figure import FigureStudy
 from studies.paper.sweeps import Budget, Done, Sweep

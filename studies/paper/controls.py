@@ -6,10 +6,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from galton.analysis import Comparison, compare, mean_interval
 from galton.losses import LOSSES
-from galton.page import Claim
-from galton.sweep import Study
+from galton_experiments.analysis import Comparison, compare, mean_interval
+from galton_experiments.page import Claim
+from galton_experiments.sweep import Study
 from studies.paper.measures import (
     CLASSIFICATION,
     DETERMINISTIC,

@@ -7,11 +7,20 @@ from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from galton.analysis import Interval, fit_curves, mean_band
-from galton.analysis.plots import LEVELS, draw_level, draw_series, finish, label_rows, look_of, over_steps, panels
 from galton.losses import LOSSES
 from galton.tasks import TASKS
 from galton.training import MEAN_ACTION_RETURN
+from galton_experiments.analysis import Interval, fit_curves, mean_band
+from galton_experiments.analysis.plots import (
+    LEVELS,
+    draw_level,
+    draw_series,
+    finish,
+    label_rows,
+    look_of,
+    over_steps,
+    panels,
+)
 from studies.paper.scale import optimum
 from studies.paper.summary import Summary
 from studies.paper.trained import Trained, paper_settings

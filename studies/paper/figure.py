@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 import pyarrow as pa
 from matplotlib.figure import Figure
 
-from galton.page import Claim, Matrix, Table
+from galton_experiments.page import Claim, Matrix, Table
 from studies.paper.sweeps import Budget, Sweep
 from studies.paper.trained import Trained
 

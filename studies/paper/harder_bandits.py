@@ -7,11 +7,11 @@ from collections.abc import Mapping
 import numpy as np
 
 from galton import Bins
-from galton.analysis import Comparison, against, compare
 from galton.envs import find
 from galton.losses import LOSSES
-from galton.page import Claim
-from galton.sweep import Study
+from galton_experiments.analysis import Comparison, against, compare
+from galton_experiments.page import Claim
+from galton_experiments.sweep import Study
 from studies.paper.measures import CLASSIFICATION, Scores, final_return, versus
 from studies.paper.scale import optimum
 from studies.paper.summary import Summary

@@ -4,8 +4,8 @@ import functools
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from typing import NamedTuple
 
-from galton.page import Cell, Claim, Matrix
 from galton.tasks import TASKS
+from galton_experiments.page import Cell, Claim, Matrix
 from studies.paper import changes, rescaling, returns, why
 from studies.paper.boxed import cell, in_the_box
 from studies.paper.changes import HYPOTHESES, Change

@@ -6,10 +6,10 @@ from collections.abc import Callable
 import numpy as np
 from jaxtyping import Float
 
-from galton.analysis import Comparison, compare, fill_start
 from galton.losses import LOSSES
-from galton.sweep import Setting
 from galton.training import MEAN_ACTION_RETURN
+from galton_experiments.analysis import Comparison, compare, fill_start
+from galton_experiments.sweep import Setting
 from studies.paper.scale import Scale
 from studies.paper.summary import Summary
 from studies.paper.trained import Judged

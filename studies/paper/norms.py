@@ -5,10 +5,10 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from galton.analysis import Comparison, against, compare
 from galton.losses import LOSSES
-from galton.page import Claim
 from galton.tasks import TASKS
+from galton_experiments.analysis import Comparison, against, compare
+from galton_experiments.page import Claim
 from studies.paper.bounds import (
     Finding,
     Series,

@@ -10,10 +10,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from galton import Bins
-from galton.analysis.plots import finish, look_of, panels
 from galton.losses import LOSSES, find_loss, surrogate
 from galton.policies import Distribution, Gaussian, Histogram
 from galton.types import Params
+from galton_experiments.analysis.plots import finish, look_of, panels
 from studies.paper.figure import FigureStudy
 
 BINS = Bins(-3.0, 3.0, 30)

@@ -3,9 +3,9 @@
 import dataclasses
 from collections.abc import Iterable
 
-from galton.analysis import Comparison, within
-from galton.page import Claim
 from galton.tasks import TASKS
+from galton_experiments.analysis import Comparison, within
+from galton_experiments.page import Claim
 from studies.paper.measures import Scores, final_return, versus
 from studies.paper.scale import Scale
 from studies.paper.summary import Summary

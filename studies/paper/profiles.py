@@ -5,12 +5,12 @@ from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from galton.analysis import Interval, compare, difference_interval, from_best, mean_band
-from galton.analysis.plots import draw_series, finish, label_rows, look_of, panels
 from galton.losses import LOSSES
-from galton.page import Claim
-from galton.sweep import mean_returns
 from galton.tasks import TASKS
+from galton_experiments.analysis import Interval, compare, difference_interval, from_best, mean_band
+from galton_experiments.analysis.plots import draw_series, finish, label_rows, look_of, panels
+from galton_experiments.page import Claim
+from galton_experiments.sweep import mean_returns
 from studies.paper.curves import counted, heading
 from studies.paper.figure import FigureStudy
 from studies.paper.measures import CLASSIFICATION, by_setting, spread

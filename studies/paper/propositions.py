@@ -8,11 +8,11 @@ import pyarrow as pa
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from galton.analysis import Interval
-from galton.analysis.plots import draw_series, finish, look_of, panels
 from galton.losses import LOSSES
-from galton.page import Table
 from galton.tasks import TASKS
+from galton_experiments.analysis import Interval
+from galton_experiments.analysis.plots import draw_series, finish, look_of, panels
+from galton_experiments.page import Table
 from studies.paper import norms
 from studies.paper.bounds import Rows, check, findings, look_means, parts, read
 from studies.paper.figure import FigureStudy

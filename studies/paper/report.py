@@ -6,9 +6,9 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from galton.analysis.plots import images, settle
-from galton.page import Claim, Section, render
-from galton.sweep import Store
+from galton_experiments.analysis.plots import images, settle
+from galton_experiments.page import Claim, Section, render
+from galton_experiments.sweep import Store
 from studies.paper import hypotheses, made, tables
 from studies.paper.answer import answer
 from studies.paper.figure import FigureStudy

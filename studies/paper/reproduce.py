@@ -7,9 +7,9 @@ import pyarrow as pa
 
 from galton.errors import UsageError, in_a_line, require
 from galton.saving import machine, versions
-from galton.sweep import CarryOut, Store, columns
-from galton.sweep import sweep as train_study
-from galton.sweep.parquet import from_bytes, record_of, to_bytes, with_record
+from galton_experiments.sweep import CarryOut, Store, columns
+from galton_experiments.sweep import sweep as train_study
+from galton_experiments.sweep.parquet import from_bytes, record_of, to_bytes, with_record
 from studies.paper.figure import FigureStudy
 from studies.paper.registry import FIGURES, all_sweeps
 from studies.paper.summary import Summary
@@ -117,7 +117,7 @@ def train(
         budget: how much of each.
         out: summaries go to its folder `data`, the runs to `sweeps`; a run needs no second training, and with its
             summary there a sweep needs no runs.
-        workers: train what a plan lacks; `galton.sweep.workers` yields some.
+        workers: train what a plan lacks; `galton_experiments.sweep.workers` yields some.
         tell: is told before each sweep that is trained which of how many it is, and its name.
 
     Raises:

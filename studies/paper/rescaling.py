@@ -9,10 +9,10 @@ import numpy as np
 import pyarrow as pa
 from matplotlib.figure import Figure
 
-from galton.analysis import fit_curves, mean_band, mean_interval
-from galton.analysis.plots import draw_series, finish, label_rows, look_of, marker_of, panels
-from galton.sweep import Setting, Study
 from galton.tasks import TASKS
+from galton_experiments.analysis import fit_curves, mean_band, mean_interval
+from galton_experiments.analysis.plots import draw_series, finish, label_rows, look_of, marker_of, panels
+from galton_experiments.sweep import Setting, Study
 from studies.paper.curves import heading
 from studies.paper.measures import Scores, final_of, logged
 from studies.paper.summary import Summary

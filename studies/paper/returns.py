@@ -5,10 +5,10 @@ from collections.abc import Callable, Iterable, Mapping
 
 import numpy as np
 
-from galton.analysis import AXES, Comparison, compare, mean_interval
 from galton.losses import LOSSES
-from galton.page import Claim
 from galton.tasks import TASKS
+from galton_experiments.analysis import AXES, Comparison, compare, mean_interval
+from galton_experiments.page import Claim
 from studies.paper import order, stability
 from studies.paper.curves import BANDS, best_curves, shown
 from studies.paper.figure import FigureStudy

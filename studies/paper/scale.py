@@ -6,10 +6,10 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 from jaxtyping import Float
 
-from galton.analysis import rest_of
 from galton.envs import LQR, Environment, JaxTask, find, read_constants
-from galton.sweep import mean_returns
 from galton.tasks import TASKS
+from galton_experiments.analysis import rest_of
+from galton_experiments.sweep import mean_returns
 from studies.paper.summary import Summary
 
 Number = TypeVar("Number", float, np.float64, Float[np.ndarray, "*any"])

@@ -10,11 +10,11 @@ from matplotlib.axes import Axes
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
-from galton.analysis import AXES, Interval, against, compare, fit_curves, mean_band, mean_interval, within
-from galton.analysis.plots import draw_series, finish, grid, over_steps
 from galton.losses import LOSSES
-from galton.page import Claim
 from galton.tasks import TASKS
+from galton_experiments.analysis import AXES, Interval, against, compare, fit_curves, mean_band, mean_interval, within
+from galton_experiments.analysis.plots import draw_series, finish, grid, over_steps
+from galton_experiments.page import Claim
 from studies.paper.curves import counted
 from studies.paper.figure import FigureStudy
 from studies.paper.measures import CLASSIFICATION, by_value, spread

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from galton.analysis import mean_interval
-from galton.page import Claim
+from galton_experiments.analysis import mean_interval
+from galton_experiments.page import Claim
 from studies.paper.measures import apart, better, drawdown, final_return, versus
 from studies.paper.scale import Scale
 from studies.paper.trained import Trained

@@ -4,10 +4,10 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from galton.analysis import Comparison, holm, mean_interval
 from galton.losses import LOSSES
-from galton.page import Table
 from galton.tasks import TASKS
+from galton_experiments.analysis import Comparison, holm, mean_interval
+from galton_experiments.page import Table
 from studies.paper.measures import DETERMINISTIC, final_return, mean_return, versus
 from studies.paper.scale import optimum
 from studies.paper.summary import Summary

@@ -9,12 +9,12 @@ import numpy as np
 import pyarrow as pa
 from jaxtyping import Bool, Float, Int
 
-from galton.analysis import fill_until
 from galton.errors import MALFORMED, NewerVersionError, UsageError, in_a_line, require
 from galton.losses import find_loss
-from galton.sweep import Best, Setting, Store, Study, best_settings, columns
-from galton.sweep.parquet import from_bytes, record_of, to_bytes, with_record
 from galton.training import MEAN_ACTION_RETURN, final
+from galton_experiments.analysis import fill_until
+from galton_experiments.sweep import Best, Setting, Store, Study, best_settings, columns
+from galton_experiments.sweep.parquet import from_bytes, record_of, to_bytes, with_record
 
 _KEYS = ("setting", "trial", "seed", "final_training_return", "final_evaluation_return", "diverged_at", "steps")
 """The columns of a sweep's results that are not curves of a metric."""

@@ -6,8 +6,8 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Literal
 
 from galton.errors import require
-from galton.sweep import Setting, Study, expand, paper_blocks, paper_grid, task_defaults
 from galton.tasks import TASKS
+from galton_experiments.sweep import Setting, Study, expand, paper_blocks, paper_grid, task_defaults
 from studies.paper.summary import Summary
 
 Budget = Literal["smoke", "small", "grid", "paper"]

@@ -3,7 +3,7 @@
 A document says <!-- table: NAME --> where one stands, and `python -m studies.paper tables FOLDER FILE ...` writes it.
 """
 
-from galton.page import VERDICTS, Matrix, quotes
+from galton_experiments.page import VERDICTS, Matrix, quotes
 from studies.paper import boxed, hypotheses, rescaling
 from studies.paper.standings import readme_table
 from studies.paper.trained import Trained

@@ -6,9 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from galton.analysis import ALPHA, Comparison, Interval, holm
-from galton.page import MARKS, Claim
 from galton.tasks import TASKS
+from galton_experiments.analysis import ALPHA, Comparison, Interval, holm
+from galton_experiments.page import MARKS, Claim
 from studies.paper.scale import Scale
 from studies.paper.trained import Trained
 

@@ -12,12 +12,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.typing import ColorType
 
-from galton.analysis import Interval, mean_band, mean_interval
-from galton.analysis.plots import draw_marks, finish, fit, look_of, marker_of, panels
 from galton.losses import LOSSES
-from galton.page import Table
-from galton.sweep import Setting, Study, expand, mean_returns, task_defaults
 from galton.tasks import TASKS
+from galton_experiments.analysis import Interval, mean_band, mean_interval
+from galton_experiments.analysis.plots import draw_marks, finish, fit, look_of, marker_of, panels
+from galton_experiments.page import Table
+from galton_experiments.sweep import Setting, Study, expand, mean_returns, task_defaults
 from studies.paper.curves import BANDS, draw_levels, heading, numbered
 from studies.paper.figure import FigureStudy
 from studies.paper.measures import CLASSIFICATION

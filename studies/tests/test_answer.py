@@ -4,8 +4,8 @@ import re
 
 import pytest
 
-from galton.page.page import VERDICTS
 from galton.tasks import TASKS
+from galton_experiments.page.page import VERDICTS
 from studies.paper.answer import answer
 from studies.paper.registry import FIGURES
 from studies.paper.report import claims

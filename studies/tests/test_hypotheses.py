@@ -6,10 +6,10 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from galton.page import quotes
-from galton.sweep.grid import task_defaults
-from galton.sweep.study import Setting
 from galton.tasks import TASKS
+from galton_experiments.page import quotes
+from galton_experiments.sweep.grid import task_defaults
+from galton_experiments.sweep.study import Setting
 from studies.paper import boxed, changes, hypotheses, rescaling, tables
 from studies.paper.changes import HYPOTHESES
 from studies.paper.sweeps import AGAIN, MAIN

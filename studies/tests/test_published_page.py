@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from galton.page import quotes
+from galton_experiments.page import quotes
 from studies.paper import report, reproduce, tables
 
 ROOT = Path(__file__).parents[2]

@@ -5,7 +5,7 @@ import zlib
 import pyarrow as pa
 import pytest
 
-from galton.sweep.store import Store
+from galton_experiments.sweep.store import Store
 from studies.paper import hypotheses
 from studies.paper.returns import ends_higher
 from studies.paper.summary import Summary

@@ -16,8 +16,8 @@ from matplotlib.figure import Figure
 
 from galton.errors import UsageError
 from galton.saving.provenance import machine, versions
-from galton.sweep.parquet import record_of, to_bytes, with_record
 from galton.tasks import TASKS
+from galton_experiments.sweep.parquet import record_of, to_bytes, with_record
 from studies.paper import made, report, reproduce
 from studies.paper.__main__ import asked
 from studies.paper.figure import FigureStudy
@@ -245,7 +245,7 @@ def test_a_summary_is_enough(tmp_path):
 
 
 MINE = """
-from galton.analysis.plots import panels
+from galton_experiments.analysis.plots import panels
 from studies.paper.figure import FigureStudy
 from studies.paper.gradients import Sample
 from studies.paper.registry import FIGURES

@@ -4,8 +4,8 @@ import dataclasses
 import pytest
 
 from galton.errors import UsageError
-from galton.sweep.grid import paper_grid, task_defaults
 from galton.tasks import TASKS
+from galton_experiments.sweep.grid import paper_grid, task_defaults
 from studies.paper.registry import FIGURES, all_sweeps
 from studies.paper.summary import Summary
 from studies.paper.sweeps import AGAIN, CENTRED_ETAS, MAIN, Sweep, needed

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from galton.analysis.statistics import Comparison, Interval
+from galton_experiments.analysis.statistics import Comparison, Interval
 from studies.paper.verdicts import Unit, claim, marks, null, rounded, summed_up, unit, verdict
 
 

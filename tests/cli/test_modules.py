@@ -8,10 +8,10 @@ import gymnasium
 import pytest
 
 from galton.errors import UsageError
-from galton.sweep.grid import expand
-from galton.sweep.plan import Plan
-from galton.sweep.store import Store
-from galton.sweep.study import Study
+from galton_experiments.sweep.grid import expand
+from galton_experiments.sweep.plan import Plan
+from galton_experiments.sweep.store import Store
+from galton_experiments.sweep.study import Study
 
 OWN = """
 import pathlib
@@ -43,7 +43,7 @@ def planned(folder, env="bandit", imports=()):
 
 def command(name, *arguments):
     more = {"shard": ["0"], "rerun": ["--to", "again"]}.get(name, [])
-    importlib.import_module(f"galton.cli.sweep.{name}").main(["sweep", *more, *arguments])
+    importlib.import_module(f"galton_experiments.commands.sweep.{name}").main(["sweep", *more, *arguments])
 
 
 def ran(folder):

@@ -160,7 +160,7 @@ def test_help_shows_no_none_and_whole_sentences(capsys):
 
 @pytest.mark.slow
 def test_help_has_the_defaults_of_the_task_and_the_algorithm_what_matters_first_and_a_group_for_each_part():
-    script = "from galton.cli.sweep.run import main; main(['bandit', '--algorithm', 'ppo', '--help'])"
+    script = "from galton_experiments.commands.sweep.run import main; main(['bandit', '--algorithm', 'ppo', '--help'])"
     told = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True).stdout
     told = re.sub(r"[\s│]+", " ", told)
     assert "--n-steps INT Steps per environment and update. (default: 2048)" in told

@@ -51,7 +51,7 @@ def check(folder, *command):
 
 
 WORKER = """
-from galton.sweep.executors import one_per_core, processes
+from galton_experiments.sweep.executors import one_per_core, processes
 if __name__ == "__main__":
     with processes(one_per_core(1)) as executor:
         assert executor.submit(divmod, 7, 4).result() == (1, 3)

@@ -11,10 +11,11 @@ import pytest
 import tyro
 
 from galton import UsageError
-from galton.cli import compare, train, watch
+from galton.cli import train, watch
 from galton.cli._words import Fills, in_its_words, options_of, resaid
-from galton.cli.sweep import run as sweep
 from galton.errors import did_you_mean, unknown
+from galton_experiments.commands import compare
+from galton_experiments.commands.sweep import run as sweep
 
 
 @dataclasses.dataclass
@@ -48,8 +49,9 @@ def test_a_record_knows_which_option_fills_which_argument():
 HELP = """
 import contextlib, importlib, io, json
 from galton.cli._words import options_of
-for name in ("train", "compare", "sweep.run", "benchmark", "watch", "sweep.rerun"):
-    command, told = importlib.import_module(f"galton.cli.{name}"), io.StringIO()
+many = [f"galton_experiments.commands.{name}" for name in ("compare", "sweep.run", "benchmark", "sweep.rerun")]
+for name in ("galton.cli.train", "galton.cli.watch", *many):
+    command, told = importlib.import_module(name), io.StringIO()
     with contextlib.redirect_stdout(told), contextlib.suppress(SystemExit):
         command.main(["lqr", "--help"])
     print(json.dumps([name, told.getvalue(), sorted(set(options_of(command.Options).values()))]))

@@ -8,18 +8,18 @@ from pathlib import Path
 
 import pytest
 
-from galton.cli import compare
 from galton.cli._options import Training
-from galton.cli.sweep import _folder, status
 from galton.errors import UsageError
 from galton.saving import files
 from galton.saving.checkpoint import read
-from galton.sweep import results
-from galton.sweep.grid import expand
-from galton.sweep.plan import Plan
-from galton.sweep.shard import work
-from galton.sweep.store import Store
-from galton.sweep.study import Study
+from galton_experiments.commands import compare
+from galton_experiments.commands.sweep import _folder, status
+from galton_experiments.sweep import results
+from galton_experiments.sweep.grid import expand
+from galton_experiments.sweep.plan import Plan
+from galton_experiments.sweep.shard import work
+from galton_experiments.sweep.store import Store
+from galton_experiments.sweep.study import Study
 
 
 def no_room(*_):

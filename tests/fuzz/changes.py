@@ -13,8 +13,8 @@ import pyarrow as pa
 from safetensors.numpy import load, save
 
 from galton.saving import checkpoint
-from galton.sweep import plan
-from galton.sweep.parquet import from_bytes, record_of, to_bytes
+from galton_experiments.sweep import plan
+from galton_experiments.sweep.parquet import from_bytes, record_of, to_bytes
 
 from ..mutations import MUTATIONS, replaced
 

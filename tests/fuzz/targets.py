@@ -10,19 +10,19 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
-from galton.benchmark.draws import draws, setting
-from galton.benchmark.reading import read
 from galton.cli._metrics import known, points
 from galton.deploy.card import card
 from galton.envs.registry import read_constants
 from galton.errors import CheckpointError, UsageError
 from galton.models import Model
 from galton.saving.result_folder import CONFIG, read_settings
-from galton.sweep import shard
-from galton.sweep.grid import read_grid
-from galton.sweep.plan import FILE, Plan
-from galton.sweep.results import collect
-from galton.sweep.store import Store, checksum
+from galton_experiments.benchmark.draws import draws, setting
+from galton_experiments.benchmark.reading import read
+from galton_experiments.sweep import shard
+from galton_experiments.sweep.grid import read_grid
+from galton_experiments.sweep.plan import FILE, Plan
+from galton_experiments.sweep.results import collect
+from galton_experiments.sweep.store import Store, checksum
 
 from . import changes
 from .guard import FindingError, reading_only

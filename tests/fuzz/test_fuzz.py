@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from galton.sweep import grid
+from galton_experiments.sweep import grid
 
 from . import guard, targets
 from .__main__ import fuzz

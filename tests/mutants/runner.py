@@ -34,7 +34,7 @@ class Mutant(NamedTuple):
     """A change of one place of the source that breaks something, and who should notice."""
 
     file: str
-    """The file under src/galton."""
+    """The file under src."""
     breaks: str
     """What is broken, as a sentence."""
     old: str
@@ -64,15 +64,15 @@ def _of(path: Path) -> Iterator[Mutant]:
         yield Mutant(**whole | {"tests": tuple(whole["tests"])})
 
 
-def mutated(mutant: Mutant, source: Path) -> str:
-    """The file's text with the mutant in it, from the package in this folder."""
-    text = (source / mutant.file).read_text()
+def mutated(mutant: Mutant, folder: Path) -> str:
+    """The file's text with the mutant in it, from the packages in this folder."""
+    text = (folder / mutant.file).read_text()
     assert text.count(mutant.old) == 1, f"{mutant.file} has {text.count(mutant.old)} × {mutant.old!r}"
     return text.replace(mutant.old, mutant.new)
 
 
 def failing(folder: Path, tests: tuple[str, ...]) -> str:
-    """The first of these tests that fails with the package in this folder, "" if none does."""
+    """The first of these tests that fails with the packages in this folder, "" if none does."""
     output = folder / "output"
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload(PRELOADED)
@@ -89,7 +89,7 @@ def failing(folder: Path, tests: tuple[str, ...]) -> str:
 
 
 def _test(folder: Path, tests: tuple[str, ...], output: Path) -> None:
-    """Run tests in this process, with the package in this folder here and in processes that they start."""
+    """Run tests in this process, with the packages in this folder here and in processes that they start."""
     with output.open("w") as file:
         for stream in (1, 2):
             os.dup2(file.fileno(), stream)
@@ -108,16 +108,15 @@ def main(*chosen: str) -> None:
     mutants = load(*chosen)
     assert mutants, f"there is no mutant {' or '.join(chosen)}"
     with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        source = folder / "galton"
-        shutil.copytree(ROOT / "src" / "galton", source, ignore=shutil.ignore_patterns("__pycache__"))
+        folder = Path(name) / "src"
+        shutil.copytree(ROOT / "src", folder, ignore=shutil.ignore_patterns("__pycache__"))
         wrong = failing(folder, tuple(dict.fromkeys(test for mutant in mutants for test in mutant.tests)))
         assert not wrong, f"{wrong} fails without any mutant"
         for mutant in mutants:
-            whole = (source / mutant.file).read_text()
-            (source / mutant.file).write_text(mutated(mutant, source))
+            whole = (folder / mutant.file).read_text()
+            (folder / mutant.file).write_text(mutated(mutant, folder))
             test = failing(folder, mutant.tests)
-            (source / mutant.file).write_text(whole)
+            (folder / mutant.file).write_text(whole)
             print(f"{'killed' if test else 'SURVIVED':10}{mutant.name} {test}", flush=True)
             keep(mutant, test)
 

@@ -7,16 +7,14 @@ import pytest
 from .runner import HERE, ROOT, load, mutated
 
 MUTANTS = load()
-SOURCE = ROOT / "src" / "galton"
+SOURCE = ROOT / "src"
 
 
 @pytest.mark.few
 @pytest.mark.parametrize("mutant", MUTANTS, ids=lambda mutant: mutant.name)
 def test_a_mutant_changes_one_place_of_a_program(mutant):
-    changed = mutated(mutant, ROOT / "src" / "galton")
-    before, after = (
-        ast.dump(ast.parse(text)) for text in ((ROOT / "src" / "galton" / mutant.file).read_text(), changed)
-    )
+    changed = mutated(mutant, SOURCE)
+    before, after = (ast.dump(ast.parse(text)) for text in ((SOURCE / mutant.file).read_text(), changed))
     assert before != after
     assert mutant.breaks.endswith(".")
     for test in mutant.tests:

@@ -6,20 +6,19 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-import galton
 from galton import A2C, LOSSES, UsageError
 from galton.algorithms import ALGORITHMS
 from galton.callbacks import Checkpoint, Evaluate, JSONLines, TensorBoard
 from galton.cli._options import plain_name
-from galton.cli.compare import Options as Compare
-from galton.cli.sweep.run import Options as Sweeping
 from galton.cli.train import Options as Train
 from galton.deploy import export
 from galton.envs.registry import ENVS
 from galton.saving import files
 from galton.saving.result_folder import result_folder
-from galton.sweep import engine
-from galton.sweep.store import Store
+from galton_experiments.commands.compare import Options as Compare
+from galton_experiments.commands.sweep.run import Options as Sweeping
+from galton_experiments.sweep import Study, engine, expand
+from galton_experiments.sweep.store import Store
 
 from ..cli.test_train_keeps import small
 
@@ -127,9 +126,9 @@ WRITERS = {
     "a checkpoint": lambda model, path: Checkpoint(path, every=5).check(model),
     "the best model": lambda model, path: Evaluate(best_model=path).check(model),
     "a run": lambda model, path: result_folder(Path(path), False).__enter__(),
-    "a sweep": lambda model, path: engine.sweep(galton.sweep.Study("bandit", SETTINGS, 1, 20, 1, 0), path, workers=1),
+    "a sweep": lambda model, path: engine.sweep(Study("bandit", SETTINGS, 1, 20, 1, 0), path, workers=1),
 }
-SETTINGS = galton.sweep.expand([{"n_steps": 5, "net_arch": ()}], {})
+SETTINGS = expand([{"n_steps": 5, "net_arch": ()}], {})
 
 
 @pytest.mark.parametrize("path", UNUSABLE, ids=["NUL", "long", "deep"])

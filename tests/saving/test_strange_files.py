@@ -11,18 +11,18 @@ import pyarrow as pa
 import pytest
 
 from galton import A2C, UsageError, deploy
-from galton.benchmark import folder as benchmark
-from galton.benchmark import reading
 from galton.cli import export, watch
 from galton.cli._metrics import points
 from galton.errors import CheckpointError
 from galton.models import Model
 from galton.saving.result_folder import claimed, read_settings
-from galton.sweep import results
-from galton.sweep.grid import read_grid
-from galton.sweep.plan import Plan
-from galton.sweep.shard import finished, read
-from galton.sweep.store import Store
+from galton_experiments.benchmark import folder as benchmark
+from galton_experiments.benchmark import reading
+from galton_experiments.sweep import results
+from galton_experiments.sweep.grid import read_grid
+from galton_experiments.sweep.plan import Plan
+from galton_experiments.sweep.shard import finished, read
+from galton_experiments.sweep.store import Store
 
 from ..cli.test_train_keeps import galton_train
 

@@ -109,5 +109,5 @@ def _imported(module: str) -> ModuleType:
     try:
         return importlib.import_module(module)
     except MissingExtraError as error:
-        name, (_, rest) = module.split(".")[2], str(error).split(" needs ", 1)
+        name, (_, rest) = module.removesuffix(".run").rpartition(".")[2], str(error).split(" needs ", 1)
         raise MissingExtraError(f"{name} needs {rest}") from None

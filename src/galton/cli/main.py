@@ -1,4 +1,4 @@
-"""The galton command. Each of COMMANDS is a module beside this one, loaded when it is called for.
+"""The galton command. Each of COMMANDS is a module beside this one or of EXPERIMENTS, loaded when it is called for.
 
 Its exit codes: 0 done; 1 an environment broke; 2 a wrong argument, a file that can't be read or written, a full disk
 or too little memory; 130 interrupted; 141 nobody read the output any more, as a shell shows SIGPIPE.
@@ -27,6 +27,9 @@ COMMANDS = {
     "evaluate": "play episodes of a trained policy and say what they return",
     "plot": "draw the learning curves of runs",
 }
+
+EXPERIMENTS = ("compare", "sweep", "benchmark", "plot")
+"""The commands of many runs, which the package above this one has."""
 
 MOVED = ("reproduce", "report")
 """Commands of before 0.2.0 that the studies in a clone have now."""
@@ -106,7 +109,8 @@ def _run(name: str, arguments: list[str]) -> int:
         if name not in COMMANDS:
             raise unknown("command", name, COMMANDS)
         keep_programs()
-        run_command(f"galton.cli.{name}", arguments)
+        package = "galton_experiments.commands" if name in EXPERIMENTS else "galton.cli"
+        run_command(f"{package}.{name}", arguments)
     except tuple(EXIT_CODES) as error:
         print(f"galton: {error}", file=sys.stderr)
         return next(code for kind, code in EXIT_CODES.items() if isinstance(error, kind))

@@ -1,0 +1,3 @@
+from . import analysis as analysis
+from . import page as page
+from . import sweep as sweep

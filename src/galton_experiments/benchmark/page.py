@@ -1,0 +1,97 @@
+"""The page of a benchmark: the answer, the scores, every task, and what each method was given."""
+
+from collections.abc import Mapping
+
+from matplotlib.figure import Figure
+
+from galton_experiments.analysis.plots import settle
+from galton_experiments.analysis.scales import AXES
+from galton_experiments.benchmark import tables
+from galton_experiments.benchmark.answer import sentences
+from galton_experiments.benchmark.figures import FIGURES, few
+from galton_experiments.benchmark.found import Found
+from galton_experiments.page.page import Answer, Section, render
+
+_SCORE = (
+    "A run's score on a task is its percentile among all methods' runs of the stage there: the share of them that are "
+    "below it. Where both settings of a method are the same draw, its runs count twice. Scores of all tasks have the "
+    "same scale, from 0 to 1. A method's score is the mean over tasks of its runs' mean. The interquartile mean (IQM) "
+    "leaves out the lowest and the highest quarter of its runs, which may be all runs of a task. The 95% intervals "
+    "come of drawing each task's runs again. They say nothing of the luck of the draws: other draws of the same "
+    "priors would have given every method another setting."
+)
+_AGAINST = (
+    "P(above) is the chance that a run is above one of the baseline's on a task that is drawn at random; a tie counts "
+    "half. Its interval draws the runs of one seed together. With own settings both have the setting that was selected "
+    "for the task. Sensitivity is what that gains over one setting for all tasks, by the same scores."
+)
+_RETURNS = (
+    "Returns are means over fresh seeds with Student's 95% interval; a diverged run counts as the worst that any "
+    "method had on the task, and as below it by rank. Runs of one trial have the same seed under all methods; p is "
+    "that of a rank test of P(above) which exchanges the two of such a pair, or of Mann and Whitney's with fewer than "
+    "eight. Difference, P and p are those of shared settings against the baseline's. Each method's p values are "
+    "adjusted for the tasks of the stage by Holm's method."
+)
+_BEST_OF = (
+    "The mean over all subsets of n draws, exactly, of the score of the draw that is best among them. With several "
+    "seeds the draw is chosen by all but one of them and judged by that one, so that the best does not flatter."
+)
+
+
+def figures(found: Found) -> dict[str, Figure]:
+    """Every figure for which enough was trained."""
+    drawn = {name: draw(found) for name, draw in FIGURES.items()}
+    drawn = {name: figure for name, figure in drawn.items() if figure.axes}
+    for figure in drawn.values():
+        settle(figure)
+    return drawn
+
+
+def page(found: Found, drawn: Mapping[str, Figure]) -> str:
+    """The whole page as HTML, the same for the same runs."""
+    sections: list[Section] = []
+    for stage, title in tables.STAGES.items():
+        if stage in found.standings:
+            heading = f"Scores by {tables.metric(found)}: {title}"
+            shown = drawn.get("scores") if not sections else None
+            text: tuple[str, ...] = () if sections else (_SCORE, _AGAINST)
+            sections.append(Section(f"scores-{stage}", heading, "", shown, tables.scores(found, stage), text))
+    for stage, title in tables.STAGES.items():
+        if stage in found.standings:
+            text = (_RETURNS,) if stage == next(iter(found.standings)) else ()
+            sections.append(
+                Section(
+                    f"returns-{stage}",
+                    f"{tables.metric(found).capitalize()}: {title}",
+                    "",
+                    None,
+                    tables.returns(found, stage),
+                    text,
+                )
+            )
+            if len(found.protocol.methods) > 2:
+                name = f"pairs-{stage}"
+                sections.append(Section(name, f"Each two methods: {title}", table=tables.pairs(found, stage)))
+    if "curves" in drawn:
+        caption = (
+            "Shared settings on fresh seeds: the mean of all runs that have not diverged so far, and its 95% interval. "
+            f"{AXES} {few(found)}"
+        )
+        sections.append(Section("curves", "Learning curves", caption, drawn["curves"]))
+    if "best-of-n" in drawn:
+        caption = _BEST_OF + few(found)
+        sections.append(Section("best-of-n", "What tuning brings", caption, drawn["best-of-n"], tables.best_of(found)))
+    sections += [
+        Section("selected", "What was selected", "", None, tables.settings(found)),
+        Section("budget", "What each method was given", "", None, tables.budget(found)),
+        Section("prior", "What was searched", "", None, tables.prior(found), (_file(found),)),
+    ]
+    return render(found.protocol.title, (), (), sections, Answer(sentences(found)))
+
+
+def _file(found: Found) -> str:
+    """Which file all of this comes from."""
+    return (
+        f"All of this was made by one file, whose content has the hash {found.protocol.digest}. The common fields come "
+        "from one Latin hypercube for all methods, a method's own fields from a second one beside it."
+    )

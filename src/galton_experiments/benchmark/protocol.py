@@ -1,0 +1,214 @@
+"""The protocol of a benchmark: what its TOML file says, checked before anything is trained."""
+
+import dataclasses
+import functools
+import hashlib
+import json
+from collections.abc import Collection, Mapping
+from typing import Annotated, Any, Literal
+
+from galton.errors import UsageError, require
+from galton.fields import Within
+from galton.losses import LOSSES
+from galton.policies import POLICIES
+from galton.types import Count
+from galton.words import CHOICES, idle
+from galton_experiments.benchmark.priors import Prior, Priors, Record
+from galton_experiments.sweep.grid import MOST_SETTINGS
+from galton_experiments.sweep.study import Natural
+
+MOST_STEPS = 2_000_000_000
+"""How many environment steps a run may have; it counts them in 32 bits."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Budget:
+    """How much each method gets, all of them the same."""
+
+    settings: Count = 16
+    """Draws of each method."""
+    seeds: Count = 3
+    """Runs of each draw on each tuning task; trial t has the same seed for all draws and methods."""
+    fresh_seeds: Count = 10
+    """Runs of what was selected, on seeds that had no part in selecting it."""
+    steps: Count = 500_000
+    """Environment steps of each run while settings are selected."""
+    fresh_steps: Natural = 0
+    """Environment steps of each run on fresh seeds; 0 is as many as `steps`."""
+    logs: Count = 50
+    """Points of each learning curve, with an evaluation at each."""
+    eval_episodes: Natural = 10
+    """Episodes of the deterministic policy at each of them."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Selection:
+    """What a run is judged by, and how settings are selected."""
+
+    score: Literal["mean-percentile"] = "mean-percentile"
+    """A draw's score: the mean over tasks and seeds of its runs' percentiles among all runs of a task."""
+    metric: Literal["evaluation_return", "mean_action_return", "training_return"] = "evaluation_return"
+    """The curve of the log: evaluation_return is the deterministic policy's by the action that its configuration says,
+    mean_action_return that by the mean action, training_return that of the policy that explores."""
+    last: Annotated[float, Within(lambda x: (x > 0) & (x <= 1), "above 0, and 1 at most")] = 0.1
+    """The share of the log points, from the last one back, whose mean a run is judged by."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Method:
+    """One of those that are compared."""
+
+    name: str
+    label: str
+    """Its name in figures and tables."""
+    fixed: Priors
+    """Fields with the same value in all of its draws."""
+    search: Priors
+    """Fields that it alone draws, beside those that all methods draw."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Task:
+    """An environment to select settings on, or one that is held out."""
+
+    name: str
+    label: str
+    env: str
+    """A name in ENVS or a Gymnasium id (`module:Id` imports the module first)."""
+    env_kwargs: Record
+    held_out: bool
+    """Whether no setting is selected by it."""
+    fixed: Priors
+    """Fields with the same value for every method, such as n_envs."""
+    scale: Mapping[str, float]
+    """What drawn numbers are multiplied by, by field, for every method: a task with a hundredth of the updates may need
+    learning rates that are a hundred times those of the others."""
+    budget: Budget
+    """The file's, with what the task has of its own: steps, fresh_steps, logs and eval_episodes."""
+
+    def steps(self, fresh: bool) -> int:
+        """Environment steps of each run, while settings are selected or afterwards."""
+        return (fresh and self.budget.fresh_steps) or self.budget.steps
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Protocol:
+    """All that a benchmark's file says."""
+
+    record: Record
+    """The file as it was read."""
+    title: str
+    seed: int
+    """Of the draws and of all runs: fresh seeds are drawn from it too, and are others."""
+    baseline: Method
+    """The method that all others are compared with."""
+    imports: tuple[str, ...]
+    """Modules that every worker imports first."""
+    budget: Budget
+    selection: Selection
+    fixed: Priors
+    """Fields with the same value for all methods, unless a method or a task says otherwise."""
+    prior: Priors
+    """What all methods draw, and draw alike."""
+    methods: tuple[Method, ...]
+    tasks: tuple[Task, ...]
+
+    @property
+    def tuning(self) -> tuple[Task, ...]:
+        """The tasks that settings are selected on."""
+        return tuple(task for task in self.tasks if not task.held_out)
+
+    @property
+    def held_out(self) -> tuple[Task, ...]:
+        """The tasks that have no part in selecting."""
+        return tuple(task for task in self.tasks if task.held_out)
+
+    @functools.cached_property
+    def digest(self) -> str:
+        """A hash of the file's content, comments and layout aside; it stands in every file of results."""
+        return hashlib.sha256(json.dumps(self.record).encode()).hexdigest()[:32]
+
+    def algorithm(self, method: Method) -> str:
+        """The key in ALGORITHMS of a method's algorithm."""
+        given = method.fixed.get("algorithm", self.fixed.get("algorithm"))
+        name = CHOICES["algorithm"].usual if given is None else given.values[0]
+        require(isinstance(name, str), f"methods.{method.name} has algorithm {name!r}; it must be a name")
+        return name
+
+    def searched(self, method: Method) -> dict[str, Prior]:
+        """What a method draws: the common fields that it has a use for and doesn't fix, and its own."""
+        others = {*method.fixed, *self.idle(method), *idle({"algorithm": self.algorithm(method)}, ["algorithm"])}
+        return {name: prior for name, prior in self.prior.items() if name not in others} | dict(method.search)
+
+    def idle(self, method: Method) -> Collection[str]:
+        """The fields that a method's loss and policy have no use for; none where it draws one of the two."""
+        if {"loss", "policy"} & {*self.prior, *method.search}:
+            return ()
+        fixed = {**self.fixed, **method.fixed}
+        named: dict[str, Any] = {name: fixed[name].values[0] for name in ("loss", "policy") if name in fixed}
+        return idle(named, ["loss", "policy"]) if {*named.values()} <= {*LOSSES, *POLICIES, "auto"} else ()
+
+
+def check(protocol: Protocol) -> None:
+    """Raise UsageError for parts of a file that don't go together."""
+    require(len(protocol.methods) > 1, "methods has fewer than two; add a [methods.NAME] table for each")
+    require(bool(protocol.tuning), "tasks has none to tune on; add a [tasks.NAME] table without held_out = true")
+    for kind, entries in (("methods", protocol.methods), ("tasks", protocol.tasks)):
+        labels = [entry.label for entry in entries]
+        for label in (label for label in labels if labels.count(label) > 1):
+            raise UsageError(f"{kind} has two with the label {label!r}; give each a label of its own")
+    n = len(protocol.methods) * protocol.budget.settings
+    most = f"draw {MOST_SETTINGS:,} settings at most in all"
+    require(n <= MOST_SETTINGS, f"budget.settings times the number of methods is {n:,}; {most}")
+    for field in protocol.prior:
+        require(field not in protocol.fixed, f"fixed has {field}, and so has prior; leave it in one of them")
+        require(
+            field != "algorithm", "prior has algorithm, whose defaults would not be drawn with it; give it to methods"
+        )
+        free = any(field not in method.fixed for method in protocol.methods)
+        require(free, f"prior.{field} is drawn for no method, since all of them fix it; take it out")
+    for task in protocol.tasks:
+        _check_task(protocol, task)
+        for other in protocol.tuning if task.held_out else ():
+            same = _asks(task) == _asks(other)
+            require(
+                not same, f"tasks.{task.name} is held out, but is the same as tasks.{other.name}; change one of them"
+            )
+    for method in protocol.methods:
+        where = f"methods.{method.name}"
+        for field in ("loss", "policy"):
+            for given in (table[field].values[0] for table in (method.fixed, protocol.fixed) if field in table):
+                require(isinstance(given, str), f"{where} has {field} {given!r}; it must be a name")
+        for field in sorted({*method.search} & {*protocol.prior, *protocol.fixed, *method.fixed}):
+            raise UsageError(
+                f"{where}.search has {field}, and so has prior, fixed or {where}.fixed; leave it in one of them"
+            )
+        require("algorithm" not in method.search, f"{where}.search has algorithm; make a method of each instead")
+        for field in sorted({*method.search} & {*protocol.idle(method)}):
+            raise UsageError(f"{where}.search has {field}, which its loss and policy have no use for; take it out")
+        some = bool(protocol.searched(method)) or protocol.budget.settings == 1
+        require(some, f"{where} searches nothing, so its draws would all be alike; add to prior, or to {where}.search")
+
+
+def _asks(task: Task) -> tuple[object, ...]:
+    """All that a task's runs on fresh seeds depend on."""
+    return task.env, task.env_kwargs, task.fixed, task.scale, task.steps(fresh=True)
+
+
+def _check_task(protocol: Protocol, task: Task) -> None:
+    """Raise UsageError for a task that can't be judged, or that fixes what is not its own to fix."""
+    where, metric = f"tasks.{task.name}", protocol.selection.metric
+    require(
+        metric == "training_return" or task.budget.eval_episodes > 0,
+        f"{where} has eval_episodes 0, but selection.metric is {metric!r}; give it some, or judge by 'training_return'",
+    )
+    for fresh in (False, True):
+        n = task.steps(fresh)
+        require(n <= MOST_STEPS, f"{where} has {n:,} steps; a run may have {MOST_STEPS:,} at most")
+    for field in sorted({*task.scale} - {*protocol.prior}):
+        raise UsageError(f"{where}.scale has {field}, which prior does not draw; draw it there, or take it out")
+    for field in sorted({"algorithm", "loss", "policy", *protocol.prior} & {*task.fixed}):
+        raise UsageError(f"{where}.fixed has {field}, which is the methods' or the prior's; take it out")
+    for method in protocol.methods:
+        for field in sorted({*task.fixed} & {*method.fixed, *method.search}):
+            raise UsageError(f"{where}.fixed has {field}, and so has methods.{method.name}; leave it in one of them")

@@ -1,0 +1,213 @@
+"""What a benchmark found as tables, for the terminal and for the page alike."""
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from galton.records import Fields
+from galton_experiments.analysis.statistics import Numbers
+from galton_experiments.benchmark.found import Found
+from galton_experiments.benchmark.priors import Priors
+from galton_experiments.benchmark.protocol import Method
+from galton_experiments.benchmark.runs import Runs
+from galton_experiments.benchmark.stages import Role, Stage
+from galton_experiments.benchmark.standings import Standings, Versus
+from galton_experiments.page.page import Table
+
+METRICS = {
+    "evaluation_return": "deterministic return",
+    "mean_action_return": "mean-action return",
+    "training_return": "training return",
+}
+"""The returns that runs may be judged by, in words."""
+STAGES: dict[Stage, str] = {"fresh": "tuning tasks, fresh seeds", "held-out": "held-out tasks"}
+"""What the later stages are called."""
+_SHORT: dict[Stage, str] = {"tuning": "tuning", "fresh": "fresh seeds", "held-out": "held-out tasks"}
+_HEADINGS = ("return", "training return", "worst run", "diverged", "difference", "P(above)", "p (Holm)")
+"""What a table of returns has of each setting; the last three compare it with the baseline's."""
+_ROLES: dict[Role, str] = {"shared": "one for all tasks", "per-task": "of the task"}
+
+
+def metric(found: Found) -> str:
+    """The return that runs are judged by, in words."""
+    return METRICS[found.protocol.selection.metric]
+
+
+def budget(found: Found) -> Table:
+    """What each method got: draws, and in each stage environment steps, every run counted as if it stood alone."""
+    headings = ["method", "draws", "different settings", *(f"steps, {_SHORT[stage]}" for stage in found.runs)]
+    headings.append("diverged, tuning")
+    rows = []
+    for method in found.protocol.methods:
+        draws = found.draws[method.name]
+        different = len({repr(sorted(drawn.items())) for drawn in draws})
+        steps = (sum(_steps(each, method) for each in runs) for runs in found.runs.values())
+        diverged = sum(each.diverged(method.name, "draw") for each in found.tuning)
+        rows.append([method.label, f"{len(draws)}", f"{different}", *(f"{n:,}" for n in steps), f"{diverged}"])
+    return Table(headings, rows)
+
+
+def _steps(runs: Runs, method: Method) -> int:
+    """How many environment steps a method's runs have on a task, diverged ones in full."""
+    roles = dict.fromkeys(entry.role for entry in runs.part.entries)
+    return sum(runs.trained(method.name, role) for role in roles)
+
+
+def prior(found: Found) -> Table:
+    """What is drawn, by whom and from what."""
+    protocol = found.protocol
+
+    def rows(who: str, priors: Priors) -> list[list[str]]:
+        return [[name, who, of.told()] for name, of in priors.items()]
+
+    own = [row for method in protocol.methods for row in rows(method.label, method.search)]
+    return Table(["field", "drawn for", "from"], [*rows("all that have a use for it", protocol.prior), *own])
+
+
+def settings(found: Found) -> Table:
+    """The draw that was selected for all tuning tasks, and those for each of them."""
+    rows = []
+    for method in found.protocol.methods:
+        chosen = {"all tuning tasks": found.selected.shared[method.name]}
+        chosen |= {task.label: found.selected.per_task[task.name][method.name] for task in found.protocol.tuning}
+        rows += [
+            [method.label, where, f"{i}", drawn_as_text(found.draws[method.name][i])] for where, i in chosen.items()
+        ]
+    return Table(["method", "selected for", "draw", "what it drew"], rows)
+
+
+def drawn_as_text(drawn: Fields) -> str:
+    """The values of a draw in a line."""
+    return ", ".join(
+        f"{name} {value:g}" if isinstance(value, float) else f"{name} {value}" for name, value in drawn.items()
+    )
+
+
+def scores(found: Found, stage: Stage) -> Table:
+    """How the shared settings do over all tasks of a stage."""
+    standings, base = found.standings[stage], found.protocol.baseline
+    headings = ["method", "score", "IQM", "training score", "P(above)", "P, training"]
+    headings += ["P(above), own settings", "sensitivity"] * bool(standings.sensitivity) + ["diverged"]
+    rows = []
+    for method in found.protocol.methods:
+        name, score = method.name, standings.scores[method.name]["shared"]
+        row = [method.label, f"{score.judged:.3f}", f"{score.middle:.3f}", f"{score.training:.3f}"]
+        if method == base:
+            row += ["—", "—"]
+        else:
+            row += [f"{standings.above[name][base.name]:.2f}", f"{standings.above_in_training[name]:.2f}"]
+        if standings.sensitivity:
+            row.append("—" if method == base else f"{standings.above_per_task[name]:.2f}")
+            row.append(f"{standings.sensitivity[name]:+.3f}")
+        diverged = sum(of_task[name]["shared"].diverged for of_task in standings.results.values())
+        rows.append([*row, f"{diverged}"])
+    return Table(headings, rows)
+
+
+def speeds(found: Found, made: Mapping[str, Any]) -> Table:
+    """Environment steps a second of one worker while it trained each method's draws, by task.
+
+    Args:
+        found: what there is.
+        made: the folder's record of how its parts were made.
+    """
+    tasks = [each.part for each in found.tuning if each.part.name in made]
+    rows = [
+        [method.label, *(f"{made[part.name]['steps_per_second'][method.name]:,}" for part in tasks)]
+        for method in found.protocol.methods
+    ]
+    return Table(["method", *(part.task.label for part in tasks)], rows)
+
+
+def pairs(found: Found, stage: Stage) -> Table:
+    """P(X > Y) for each two methods, by what the runs of their shared settings are judged by."""
+    above, methods = found.standings[stage].above, found.protocol.methods
+    rows = [
+        [method.label, *("—" if method == other else f"{above[method.name][other.name]:.2f}" for other in methods)]
+        for method in methods
+    ]
+    return Table(["P(row above column)", *(method.label for method in methods)], rows)
+
+
+def returns(found: Found, stage: Stage) -> Table:
+    """Each method's returns on each task of a stage, its worst run, and how it does against the baseline."""
+    rows = [
+        [task, method.label, _ROLES[role], *_returns(found, stage, name, method, role)]
+        for name, task in _tasks(found, stage).items()
+        for method in found.protocol.methods
+        for role in found.standings[stage].scores[method.name]
+    ]
+    return Table(["task", "method", "setting", *_HEADINGS], rows)
+
+
+def returns_in_brief(found: Found, stage: Stage) -> Table:
+    """The same of the shared settings alone, methods below their task: a terminal is narrow."""
+    rows = []
+    for name, task in _tasks(found, stage).items():
+        rows.append([task, *[""] * (len(_HEADINGS) - 1)])
+        for method in found.protocol.methods:
+            cells = _returns(found, stage, name, method, "shared")
+            rows.append(
+                [f"  {method.label}", *(cells[i] for i, heading in enumerate(_HEADINGS) if heading != "diverged")]
+            )
+    return Table(["task, method", *(heading for heading in _HEADINGS if heading != "diverged")], rows)
+
+
+def _tasks(found: Found, stage: Stage) -> dict[str, str]:
+    """The labels of a stage's tasks."""
+    return {runs.task: runs.part.task.label for runs in found.later[stage]}
+
+
+def _returns(found: Found, stage: Stage, task: str, method: Method, role: Role) -> list[str]:
+    """The cells of a method's setting on a task, below _HEADINGS."""
+    standings = found.standings[stage]
+    form = _form_of(standings, task)
+    result = standings.results[task][method.name][role]
+    row = [returns_of(standings, task, method, role), f"{result.training:{form}}", _number(result.worst, form)]
+    return [*row, f"{result.diverged}", *_versus(standings, method.name, task, role, form)]
+
+
+def returns_of(standings: Standings, task: str, method: Method, role: Role) -> str:
+    """What a method's setting is judged by on a task, with its interval."""
+    return f"{standings.results[task][method.name][role].judged:{_form_of(standings, task)}}"
+
+
+def _form_of(standings: Standings, task: str) -> str:
+    of_method = standings.results[task].values()
+    return _form([result.judged.mean for of_role in of_method for result in of_role.values()])
+
+
+def _versus(standings: Standings, method: str, task: str, role: Role, form: str) -> list[str]:
+    if role != "shared" or method not in standings.versus:
+        return ["—"] * 3
+    versus = standings.versus[method][task]
+    return [f"{versus.difference:+{form}}", _number(versus.above, ".2f"), _p(versus)]
+
+
+def _form(returns: Sequence[Numbers]) -> str:
+    """How returns of a task are written, all with as many decimals: four digits of the largest."""
+    size = max((abs(float(value)) for value in returns if np.isfinite(value)), default=0.0)
+    return f",.{max(0, 3 - math.floor(math.log10(size))) if size else 3}f"
+
+
+def _number(value: float, form: str) -> str:
+    return "—" if math.isnan(value) else f"{value:{form}}".replace("-", "−")
+
+
+def _p(versus: Versus) -> str:
+    if math.isnan(versus.p):
+        return "—"
+    return f"{versus.p:.3f}" if versus.p >= 0.001 else "< 0.001"
+
+
+def best_of(found: Found) -> Table:
+    """What tuning with fewer draws gets, by the normalised score of one setting for all tasks."""
+    n = found.protocol.budget.settings
+    sizes = sorted({size for size in (1, 2, 4, 8, 16, 32, 64) if size < n} | {n})
+    rows = [
+        [method.label, *(f"{found.best_of[method.name].shared[size - 1]:.3f}" for size in sizes)]
+        for method in found.protocol.methods
+    ]
+    return Table(["method", *(f"of {size}" for size in sizes)], rows)

@@ -1,0 +1,1 @@
+"""The commands of many runs: compare, sweep, benchmark and plot."""

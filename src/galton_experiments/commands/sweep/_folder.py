@@ -1,0 +1,53 @@
+"""The folder of a sweep that was planned: what it holds, and how a command ends that has trained there."""
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Annotated
+
+import tyro
+
+from galton.cli._console import plain_console
+from galton.cli._modules import import_of_file, import_typed
+from galton_experiments.commands._sweep_view import winners
+from galton_experiments.sweep import results
+from galton_experiments.sweep.plan import Plan
+from galton_experiments.sweep.store import Store
+
+
+@dataclasses.dataclass(frozen=True)
+class Folder:
+    """A sweep that was planned."""
+
+    out: tyro.conf.Positional[Annotated[str, tyro.conf.arg(metavar="DIR")]]
+    """Its folder, or the address that fsspec opens."""
+    imports: tuple[str, ...] = dataclasses.field(default=(), kw_only=True)
+    """Modules to import first. One that the sweep names and that lies in the current folder must be given."""
+
+
+def load(store: Store, imports: Sequence[str], *, to_train: bool = False) -> Plan:
+    """The plan that is there, with its losses and environments registered.
+
+    Args:
+        store: the folder.
+        imports: modules that the command line names.
+        to_train: whether the module of its environment is needed too.
+
+    Raises:
+        UsageError: no plan, one that was damaged, or a module that can't be imported.
+    """
+    import_typed(imports)
+    import_of_file(Plan.imports(store))
+    plan = Plan.load(store)
+    import_of_file(plan.study.modules if to_train else ())
+    return plan
+
+
+def conclude(store: Store, plan: Plan) -> None:
+    """Write the table of all runs that are done, and show the best settings."""
+    table = results.collect(store, plan)
+    try:
+        results.save(store, table)
+    finally:  # who can't write here may read all the same
+        plain_console().print(winners(results.best_settings(plan.study, table)))
+    runs = f"{table.num_rows:,}" if table.num_rows == plan.n_runs else f"{table.num_rows:,} of {plan.n_runs:,}"
+    print(f"{runs} runs: {store.url}/{results.FILE}")

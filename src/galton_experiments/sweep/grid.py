@@ -1,0 +1,144 @@
+"""Grids: products of values, and those with a name."""
+
+import itertools
+import math
+import tomllib
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from galton.errors import UsageError, did_you_mean, require, require_integer
+from galton.losses import LOSSES
+from galton.parts import settings
+from galton.records import Fields
+from galton.saving import files
+from galton.tasks import settings_of, task_of
+from galton.words import CHOICES, idle, may_idle, values_of
+from galton_experiments.sweep.study import Setting
+
+MOST_SETTINGS = 100_000
+"""The most points that a block of a grid may have, or settings that are drawn of a loss; ten short lists make more."""
+
+
+def expand(blocks: Iterable[Mapping[str, object]], base: Mapping[str, object]) -> tuple[Setting, ...]:
+    """Each block's product: a list is an axis (net_arch's, a list of lists), anything else is fixed.
+
+    Args:
+        blocks: settings by name.
+        base: for the fields that a block doesn't name, as `bases` has it.
+
+    Raises:
+        UsageError: an unknown field, a value out of range, or more than MOST_SETTINGS points.
+    """
+    points: list[Fields] = []
+    for block in blocks:
+        axes = {name: _axis(name, value) for name, value in block.items()}
+        n = math.prod(map(len, axes.values()))
+        require(
+            n <= MOST_SETTINGS, f"{', '.join(axes)} have {n:,} combinations; give lists with {MOST_SETTINGS:,} at most"
+        )
+        points += [dict(zip(axes, point, strict=True)) for point in itertools.product(*axes.values())]
+    of_points = zip(bases(points, [base] * len(points)), points, strict=True)
+    return tuple(dict.fromkeys(Setting(shared | point) for shared, point in of_points))
+
+
+def bases(points: Sequence[Mapping[str, object]], given: Sequence[Mapping[str, object]]) -> Iterator[Fields]:
+    """The base given for each point, without what its loss and policy have no use for where those of another have one.
+
+    What none of them has a use for stays, to be refused by name.
+    """
+    whole = [{**base, **point} for base, point in zip(given, points, strict=True)]
+    usual = {word: CHOICES[word].usual for word in ("loss", "policy")}
+    choices = [tuple(values_of({word: fields.get(word, usual[word]) for word in usual}).values()) for fields in whole]
+    unused = {choice: idle(dict(zip(("loss", "policy"), choice, strict=True))) for choice in dict.fromkeys(choices)}
+    nobodys = set.intersection(*unused.values()) if unused else set()
+    for base, point, choice in zip(given, points, choices, strict=True):
+        own = unused[choice] - nobodys
+        own |= {"decay_steps"} if isinstance(point.get("learning_rate"), str) else set()
+        yield {name: value for name, value in base.items() if name not in own or may_idle(name, value)}
+
+
+def _axis(name: str, value: object) -> Sequence[object]:
+    if not isinstance(value, list | tuple):
+        return [value]
+    if name in ("net_arch", "critic_arch"):
+        return value if value and isinstance(value[0], list | tuple) else [value]
+    require(len(value) > 0, f"{name} is an empty list; give at least one value")
+    return value
+
+
+def task_defaults(env: str) -> dict[str, object]:
+    """The settings of App. C.2 for a task, to put a grid upon."""
+    return settings_of(env)
+
+
+def paper_blocks(rates: Sequence[float], bins: Sequence[int], etas: Sequence[float]) -> list[dict[str, object]]:
+    """App. C.2's grid with these values: rates for all three losses, bins for both classifications, η for HL-Gauss."""
+    return [
+        {"loss": "gaussian", "learning_rate": rates},
+        {"loss": "hl-one-hot", "learning_rate": rates, "n_bins": bins},
+        {"loss": "hl-gauss", "learning_rate": rates, "n_bins": bins, "eta": etas},
+    ]
+
+
+def paper_grid(env: str, base: Mapping[str, object]) -> tuple[Setting, ...]:
+    """The grid of App. C.2: 88 settings, 76 on the bandit."""
+    task = task_of(env)
+    return expand(paper_blocks(task.learning_rates, [50, 100, 200], task.etas), base)
+
+
+def random_grid(base: Mapping[str, Any], n: int = 16, seed: int = 0) -> tuple[Setting, ...]:
+    """N settings of each loss, drawn around the base's learning rate.
+
+    Log-uniform: the learning rate within a factor of 10 of the base's, η from 0.1 to 4; n_bins is 50, 100 or 200. A
+    longer draw begins with a shorter one.
+    """
+    require_integer("n_settings", n, 1, MOST_SETTINGS)
+    found: list[dict[str, object]] = []
+    for name, loss in LOSSES.items():
+        draw = np.random.default_rng((seed, *name.encode()))
+        for _ in range(n):
+            rate = base["learning_rate"] * 10 ** draw.uniform(-1, 1)
+            bins, eta = int(draw.choice([50, 100, 200])), math.exp(draw.uniform(math.log(0.1), math.log(4)))
+            found.append({"loss": name, "learning_rate": float(f"{rate:.3g}")})
+            if loss.family == "histogram":
+                found[-1]["n_bins"] = bins
+            if "eta" in settings(loss):
+                found[-1]["eta"] = float(f"{eta:.3g}")
+    return expand(found, base)
+
+
+def read_grid(path: Path, base: Mapping[str, object]) -> tuple[Setting, ...]:
+    """The settings of a TOML file: `[[grid]]` tables as for `expand`.
+
+    Raises:
+        UsageError: no such file, no TOML, no grid in it, an unknown field, a value out of range.
+    """
+    try:
+        record = tomllib.loads(files.read(path, files.TEXT).decode())
+    except (OSError, ValueError, RecursionError) as error:
+        meant = did_you_mean(path, GRIDS)
+        raise UsageError(f"grid is {str(path)!r}, which can't be read as TOML: {error}{meant}") from None
+    blocks = record.get("grid")
+    right = set(record) == {"grid"} and isinstance(blocks, list) and all(isinstance(b, dict) for b in blocks)
+    require(right and bool(blocks), f"grid is {str(path)!r}; it must hold one or more [[grid]] tables and nothing else")
+    try:
+        return expand(blocks, base)  # type: ignore[arg-type]
+    except (TypeError, UsageError) as error:
+        raise UsageError(f"grid is {str(path)!r}: {error}") from None
+
+
+GRIDS: dict[str, Callable[[str, Mapping[str, object], int], tuple[Setting, ...]]] = {
+    "paper": lambda env, base, _: paper_grid(env, base),
+    "random": lambda _, base, n: random_grid(base, n),
+}
+"""The grids with a name: (environment, fields that all settings share unless the grid says otherwise, settings per loss
+where the grid leaves that open) → settings."""
+
+
+def find_grid(name: str, env: str, base: Mapping[str, object] | None = None, n: int = 16) -> tuple[Setting, ...]:
+    """A name in GRIDS, or a TOML file; the base is by default the task's."""
+    base = task_defaults(env) if base is None else base
+    return GRIDS[name](env, base, n) if name in GRIDS else read_grid(Path(name), base)

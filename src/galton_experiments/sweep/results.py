@@ -1,0 +1,117 @@
+"""What a sweep found: the table of all runs, the best setting of each loss, and the study that checks it."""
+
+import dataclasses
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import pyarrow as pa
+from jaxtyping import Float
+
+from galton.errors import UsageError, require
+from galton.records import filled
+from galton.words import vocabulary
+from galton_experiments.sweep.parquet import to_bytes
+from galton_experiments.sweep.plan import Plan
+from galton_experiments.sweep.shard import finished, read
+from galton_experiments.sweep.store import Store
+from galton_experiments.sweep.study import Setting, Study
+
+FILE = "results.parquet"
+
+
+class Best(NamedTuple):
+    """The setting of a loss with the highest mean final training return over its trials (App. C.2)."""
+
+    setting: Setting
+    """The setting with the highest mean."""
+    final_training_return: Float[np.ndarray, " trials"]
+    """The final mean of each trial in training."""
+    final_evaluation_return: Float[np.ndarray, " trials"]
+    """The final mean of each trial by the deterministic policy."""
+    n_settings: int
+    """Of how many it is the best: the more, the more its mean flatters."""
+
+
+def collect(store: Store, plan: Plan) -> pa.Table:
+    """One row per run that is done, by setting and trial: its setting, its final numbers, its curves.
+
+    The bytes depend on the runs alone, not on when, where or in which order they were trained.
+
+    Raises:
+        UsageError: a shard's file was damaged.
+    """
+    parts = []
+    for done in finished(store, plan).values():
+        table = read(store, done)
+        if table is None:
+            raise UsageError(f"{done.file} in {store.url} was damaged; run the sweep again to replace it")
+        parts.append(table.replace_schema_metadata(None))
+    require(bool(parts), f"out is {store.url}, where no shard is done yet")
+    runs = pa.concat_tables(same_columns(parts)).sort_by([("setting", "ascending"), ("trial", "ascending")])
+    records = filled([setting.record() for setting in plan.study.settings], vocabulary().usual)
+    mixed = {name for record in records for name, value in record.items() if isinstance(value, str)}  # schedules, too
+    settings = pa.Table.from_pylist([r | {name: str(r[name]) for name in mixed} for r in records])
+    return pa.table(
+        {f"setting.{name}": settings.column(name).take(runs.column("setting")) for name in settings.column_names}
+        | {name: runs.column(name) for name in runs.column_names}
+    ).combine_chunks()
+
+
+def same_columns(tables: Sequence[pa.Table]) -> list[pa.Table]:
+    """The tables with the same columns each: curves that one of them lacks are NaN in it.
+
+    Losses and algorithms tell different things of themselves, and later versions more than earlier ones.
+    """
+    schemas = {field.name: field for table in tables for field in table.schema}
+    found = []
+    for table in tables:
+        for name, field in schemas.items():
+            if name not in table.column_names:
+                width, n = field.type.list_size, table.num_rows
+                nothing = pa.array(np.full(n * width, np.nan, field.type.value_type.to_pandas_dtype()))
+                table = table.append_column(field, pa.FixedSizeListArray.from_arrays(nothing, width))
+        found.append(table.select(list(schemas)))
+    return found
+
+
+def save(store: Store, table: pa.Table) -> None:
+    """Write the table as results.parquet, unless that is what is there: a folder may be for reading alone."""
+    data = to_bytes(table)
+    if FILE not in store.names("") or store.read(FILE) != data:
+        store.write(FILE, data)
+
+
+def best_settings(study: Study, table: pa.Table) -> dict[str, Best]:
+    """For each loss, among the settings whose trials are all there; one with a diverged trial comes last."""
+    columns = ("setting", "final_training_return", "final_evaluation_return")
+    setting, training, evaluation = (table.column(name).to_numpy() for name in columns)
+    means = mean_returns(study, table)
+    found: dict[str, Best] = {}
+    for loss in dict.fromkeys(s["loss"] for s in study.settings):
+        own = [s for s in means if s["loss"] == loss]
+        if own:
+            best = max(own, key=lambda s: means[s])
+            rows = setting == study.settings.index(best)
+            found[loss] = Best(best, training[rows], evaluation[rows], len(own))
+    return found
+
+
+def mean_returns(study: Study, table: pa.Table, metric: str = "training_return") -> dict[Setting, float]:
+    """The mean final return of each setting whose trials are all there; −∞ where one diverged or has none."""
+    setting, final = (table.column(name).to_numpy() for name in ("setting", f"final_{metric}"))
+    n = len(study.settings)
+    count = np.bincount(setting, minlength=n)
+    total = np.bincount(setting, np.where(np.isnan(final), -np.inf, final), n)
+    whole = np.flatnonzero(count == study.trials).tolist()
+    return {study.settings[i]: float(total[i] / count[i]) for i in whole}
+
+
+def rerun(study: Study, best: dict[str, Best], trials: int, seed: int) -> Study:
+    """The winners alone, on fresh seeds: the mean of the best of many settings flatters, this one doesn't.
+
+    Raises:
+        UsageError: the seed is the study's own.
+    """
+    require(seed != study.seed, f"seed is {seed}, the sweep's own; another one gives fresh seeds")
+    return dataclasses.replace(study, settings=tuple(b.setting for b in best.values()), trials=trials, seed=seed)

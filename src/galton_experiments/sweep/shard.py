@@ -1,0 +1,226 @@
+"""One shard: trained, and committed as one Parquet file whose name holds its checksum."""
+
+import dataclasses
+import datetime
+import functools
+import json
+import re
+
+import jax
+import numpy as np
+import pyarrow as pa
+
+from galton.devices import use_all_cores
+from galton.envs.find import find
+from galton.envs.registry import read_constants
+from galton.errors import UsageError, in_a_line, require
+from galton.foreign import import_all
+from galton.saving.provenance import machine, versions
+from galton.training.log import Log
+from galton.training.train import Result, log_points, train
+from galton_experiments.sweep import columns
+from galton_experiments.sweep.parquet import from_bytes, record_of, to_bytes, with_record
+from galton_experiments.sweep.plan import Plan, Shard
+from galton_experiments.sweep.store import Store, checksum
+
+FOLDER = "shards"
+NEEDED = (
+    *("setting", "trial", "seed", "diverged_at", "steps", "final_training_return", "final_evaluation_return"),
+    *(name for name in Log._fields if name != "scalars"),
+)
+"""The columns that every shard has, beside those that its algorithm tells of."""
+RECORD = {
+    "shard": "",
+    "env_steps": 0.0,
+    "compile_seconds": 0.0,
+    "train_seconds": 0.0,
+    "finished": "",
+    "versions": {},
+    "machine": "",
+}
+"""What every shard's metadata say, each of its type."""
+_prepare = functools.cache(use_all_cores)
+"""Prepares a process for its shards, once."""
+_NAME = re.compile(r"(\d{7,})-([0-9a-f]{16})-([0-9a-f]{32})\.parquet")
+
+
+@dataclasses.dataclass(frozen=True)
+class Done:
+    """What is known of a finished shard without opening its file."""
+
+    index: int
+    name: str
+    """The shard's name: a hash of all that determined its results."""
+    checksum: str
+    file: str
+    plan: Plan = dataclasses.field(repr=False, compare=False)
+    """The plan whose runs it must hold."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Report:
+    """What a worker tells of the shard it finished; arrays of plain numbers, small enough to send."""
+
+    index: int
+    setting: list[int]
+    trial: list[int]
+    final_training_return: list[float]
+    """The final return of each run; NaN for one that diverged."""
+    steps: int
+    """How many environment steps were trained, all runs together."""
+    compile_seconds: float
+    train_seconds: float
+
+
+def work(url: str, index: int, name: str | None = None) -> Report:
+    """Train shard `index` of the plan at `url` and commit it. Doing it again replaces nothing and does no harm.
+
+    Args:
+        url: the sweep's folder, as this process sees it.
+        index: of the shard.
+        name: of the shard, if the plan might be another by now.
+
+    Raises:
+        UsageError: no such plan, or one whose shard is of another name; no room to write.
+        BrokenEnvironmentError: the environment broke.
+    """
+    _prepare()
+    store = Store(url)
+    import_all(Plan.imports(store))
+    plan = Plan.load(store)
+    shard = plan.get(index)
+    require(
+        name in (None, shard.name),
+        f"out is {url}, whose plan was replaced meanwhile; give each sweep a folder of its own",
+    )
+    study = plan.study
+    result = train(
+        find(study.env, **read_constants(study.env_kwargs)),
+        shard.agent,
+        shard.seeds.tolist(),
+        study.steps,
+        n_logs=study.logs,
+        n_eval_episodes=study.eval_episodes,
+        eval_mean=study.eval_mean,
+        devices=jax.devices()[:1],  # a split would change the last bits
+    )
+    table = tabulate(shard, result)
+    data = to_bytes(table)
+    store.write(f"{FOLDER}/{index:07d}-{shard.name}-{checksum(data)}.parquet", data)
+    return report(index, table)
+
+
+def tabulate(shard: Shard, result: Result) -> pa.Table:
+    """A table of one row per run: what it is, its final numbers and its curves. Machine and times are its metadata."""
+    n = len(shard.seeds)
+    content: dict[str, object] = {
+        "setting": shard.setting,
+        "trial": shard.trial,
+        "seed": shard.seeds,
+        "final_training_return": result.final("training_return").astype(np.float32),
+        "final_evaluation_return": result.final("evaluation_return").astype(np.float32),
+        "diverged_at": result.diverged_at,
+        "steps": _lists(np.broadcast_to(result.steps.astype(np.int32), (n, len(result.steps)))),
+    }
+    for name, curves in result.log.columns().items():
+        content[name] = _lists(np.asarray(curves, np.float32))
+    record = {
+        "shard": shard.name,
+        "env_steps": n * int(result.steps[-1]),
+        "compile_seconds": result.compile_seconds,
+        "train_seconds": result.train_seconds,
+        "finished": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
+        "versions": versions(),
+        "machine": machine(),
+    }
+    return with_record(pa.table(content), record)
+
+
+def report(index: int, table: pa.Table) -> Report:
+    """The report of a shard, from its table."""
+    record = record_of(table)
+    names = ("setting", "trial", "final_training_return")
+    lists = (table.column(name).to_pylist() for name in names)
+    return Report(index, *lists, *(record[name] for name in ("env_steps", "compile_seconds", "train_seconds")))
+
+
+def provenance(store: Store, plan: Plan) -> dict[str, object]:
+    """What made a sweep that is done: versions and machines, each once, and the seconds of all workers together."""
+    records = []
+    for done in finished(store, plan).values():
+        table = read(store, done)
+        if table is not None:
+            records.append(record_of(table))
+    found = {json.dumps(record["versions"], sort_keys=True) for record in records}
+    return {
+        "versions": [json.loads(text) for text in sorted(found)],
+        "machines": sorted({record["machine"] for record in records}),
+        "train_seconds": round(sum(record["train_seconds"] for record in records)),
+        "compile_seconds": round(sum(record["compile_seconds"] for record in records)),
+    }
+
+
+def finished(store: Store, plan: Plan) -> dict[int, Done]:
+    """The shards of this plan that are there, by their names alone; a file of other runs does not count."""
+    found: dict[int, Done] = {}
+    for file in store.names(FOLDER):
+        match = _NAME.fullmatch(file)
+        if match and int(match[1]) < plan.n_shards and plan.names[int(match[1])] == match[2]:
+            found[int(match[1])] = Done(int(match[1]), match[2], match[3], file, plan)
+    return found
+
+
+def read(store: Store, done: Done) -> pa.Table | None:
+    """The table of a finished shard; None where the file was damaged or is gone.
+
+    Raises:
+        UsageError: it can't be read now, which says nothing of what is in it; or it is whole, but does not hold the
+            shard's runs as `work` writes them.
+    """
+    try:
+        data = store.read(f"{FOLDER}/{done.file}")
+    except FileNotFoundError:
+        return None
+    if checksum(data) != done.checksum:
+        return None
+    try:
+        table = from_bytes(data)
+        check(table, done)
+    except (pa.ArrowException, OSError, KeyError, TypeError, ValueError) as error:
+        told = in_a_line(error)
+        raise UsageError(
+            f"{FOLDER}/{done.file} in {store.url} is not what this sweep's workers write: {told}; remove the file and "
+            "run the sweep again, which trains its runs anew"
+        ) from None
+    return table
+
+
+def check(table: pa.Table, done: Done) -> None:
+    """Raise UsageError unless a table holds what `tabulate` makes of the runs of a shard."""
+    plan, runs = done.plan, slice(*done.plan.bounds[done.index : done.index + 2].tolist())
+    columns.check_names(table, NEEDED)
+    for name, wanted in (("setting", plan.setting), ("trial", plan.trial), ("seed", plan.seed)):
+        same = np.array_equal(columns.numbers(table, name, wanted.dtype.type), wanted[runs])
+        require(same, f"its {name} are not those of shard {done.index}")
+    steps = log_points(plan.firsts[done.index].rollout_size, plan.study.steps, plan.study.logs)
+    given = columns.curves(table, "steps", np.int32, len(steps))
+    require((given == steps).all(), f"its steps are not the {len(steps)} log points of this sweep")
+    diverged_at = columns.numbers(table, "diverged_at", np.int32)
+    require(((diverged_at >= -1) & (diverged_at <= steps[-1])).all(), "its diverged_at are no steps of this sweep")
+    for name in set(table.column_names) - {"setting", "trial", "seed", "diverged_at", "steps"}:
+        if name.startswith("final_"):
+            columns.numbers(table, name, np.float32)
+        else:
+            columns.curves(table, name, np.float32, len(steps))
+    columns.check_record(record_of(table), RECORD)
+    same = record_of(table)["shard"] == done.name
+    require(same, f"its record is of shard {record_of(table)['shard']}, not {done.name}")
+
+
+def discard(store: Store, done: Done) -> None:
+    """Remove a damaged file, so that its shard is trained again."""
+    store.remove(f"{FOLDER}/{done.file}")
+
+
+def _lists(rows: np.ndarray) -> pa.Array:
+    return pa.FixedSizeListArray.from_arrays(pa.array(np.ascontiguousarray(rows).ravel()), rows.shape[1])

@@ -1,0 +1,123 @@
+"""Plans that are carried out in view of whoever asked for them: progress, speed, and the best settings so far."""
+
+import contextlib
+import time
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Executor
+
+import numpy as np
+from rich.console import Console
+from rich.live import Live
+from rich.progress_bar import ProgressBar
+from rich.table import Table
+
+from galton.losses import find_loss
+from galton_experiments.sweep import engine, executors
+from galton_experiments.sweep.engine import CarryOut
+from galton_experiments.sweep.executors import Place
+from galton_experiments.sweep.plan import Plan
+from galton_experiments.sweep.shard import Report, finished
+from galton_experiments.sweep.store import Store
+
+
+class View:
+    """A view shows how far a sweep is, and is drawn again whenever rich asks for it."""
+
+    def __init__(self, plan: Plan) -> None:
+        self._plan, self._start = plan, time.monotonic()
+        self._runs = self._steps = 0
+        self._steps_before = self._runs_before = 0
+        self._returns: dict[int, list[float]] = {}
+
+    def resumed(self, reports: list[Report]) -> None:
+        """Count shards that were done before; speed and time left don't."""
+        for report in reports:
+            self._add(report)
+        self._runs_before, self._steps_before = self._runs, self._steps
+
+    def finished(self, report: Report) -> None:
+        """Count a shard that has just been done."""
+        self._add(report)
+
+    def _add(self, report: Report) -> None:
+        self._runs += len(report.setting)
+        self._steps += report.steps
+        for setting, value in zip(report.setting, report.final_training_return, strict=True):
+            self._returns.setdefault(setting, []).append(value)
+
+    def __rich__(self) -> Table:
+        """Draw progress, speed, time left, and the best setting of each loss so far."""
+        bar = ProgressBar(total=self._plan.n_runs, completed=self._runs, width=60)
+        rows = Table.grid()
+        for row in (self.line(), bar, self._best()):
+            rows.add_row(row)
+        return rows
+
+    def line(self) -> str:
+        """Say progress, speed and time left in one line."""
+        line, runs = f"{self._runs:,} of {self._plan.n_runs:,} runs", self._runs - self._runs_before
+        if not runs:
+            return line
+        elapsed = time.monotonic() - self._start
+        speed, left = (self._steps - self._steps_before) / elapsed, (self._plan.n_runs - self._runs) / runs * elapsed
+        return f"{line}, {speed:,.0f} env-steps/s, {_duration(left)} left"
+
+    def _best(self) -> Table:
+        table = Table("loss", "best setting so far", "final training return", "runs", box=None)
+        best: dict[str, tuple[int, float, int]] = {}
+        for i, values in list(self._returns.items()):  # the sweep adds to it from another thread
+            loss, mean = self._plan.study.settings[i]["loss"], float(np.mean(values))
+            mean = -np.inf if np.isnan(mean) else mean
+            if loss not in best or mean > best[loss][1]:
+                best[loss] = i, mean, len(values)
+        for loss, (i, mean, n) in sorted(best.items()):
+            table.add_row(find_loss(loss).label, self._plan.study.settings[i].brief(), f"{mean:,.2f}", str(n))
+        return table
+
+
+@contextlib.contextmanager
+def workers(places: Sequence[Place] | None = None) -> Iterator[CarryOut]:
+    """Processes for a while, by default one per core: a function that has them train one plan after the other.
+
+    `sweep(study, out, workers=…)` takes it, so that many studies share the processes and what they have compiled.
+    """
+    places = executors.one_per_core() if places is None else places
+    with executors.processes(places) as executor:
+        yield lambda store, plan: carry(store, plan, executor, lambda: len(places))
+
+
+def carry(
+    store: Store,
+    plan: Plan,
+    executor: Executor,
+    width: Callable[[], int],
+    lost: tuple[type[BaseException], ...] = (),
+) -> None:
+    """Carry a plan out as `engine.run` does, and show how far it is.
+
+    Raises:
+        KeyboardInterrupt: Ctrl-C; it says how many shards are done, which stay.
+    """
+    try:
+        with live(Console(markup=False, emoji=False, highlight=False), plan) as view:
+            engine.run(store, plan, executor, width, view, lost=lost)
+    except KeyboardInterrupt:
+        done = len(finished(store, plan))
+        raise KeyboardInterrupt(f"{done:,} of {plan.n_shards:,} shards are done") from None
+
+
+@contextlib.contextmanager
+def live(console: Console, plan: Plan) -> Iterator[View]:
+    """The view, drawn again and again on a terminal; elsewhere its line alone, at the end."""
+    view = View(plan)
+    if console.is_terminal:
+        with Live(view, console=console, refresh_per_second=2):
+            yield view
+    else:
+        yield view
+        console.print(view.line(), highlight=False)
+
+
+def _duration(seconds: float) -> str:
+    minutes, hours = int(seconds // 60), int(seconds // 3600)
+    return f"{hours} h {minutes % 60} min" if hours else f"{minutes} min {int(seconds % 60)} s"

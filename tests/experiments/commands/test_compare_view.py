@@ -1,0 +1,42 @@
+import io
+
+from rich.console import Console
+
+from galton import LOSSES
+from galton.envs import LQR
+from galton_experiments.analysis.comparison import Row
+from galton_experiments.analysis.statistics import Interval
+from galton_experiments.commands._compare_view import table
+
+
+def row(loss, mean=-21.0, share=None, diverged=0):
+    interval = Interval(mean, mean - 2.48, mean + 2.48)
+    return Row(loss, interval, interval, share, 1234.5, 6.78, diverged, 4)
+
+
+def text(*rows):
+    console = Console(file=io.StringIO(), width=80)
+    console.print(table(list(rows), LQR()))
+    return console.file.getvalue()
+
+
+def test_the_table_fits_a_terminal_and_holds_every_loss():
+    of_paper = {name: loss.label for name, loss in LOSSES.items() if loss.in_paper}
+    shown = " ".join(text(*(row(loss, share=-0.125) for loss in of_paper)).split())
+    assert "…" not in shown
+    assert all(label in shown for label in of_paper.values())
+    for words in ("−21.00 ± 2.48", "−12.5%", "1,234", "6.8 s", "the optimum −9.77 100%"):
+        assert words in shown
+
+
+def test_without_a_known_optimum_there_is_no_share():
+    assert "optimum" not in text(row("gaussian"))
+
+
+def test_what_is_not_known_of_one_loss_is_a_dash():
+    assert "—" in text(row("gaussian"), row("hl-gauss", share=0.5))
+
+
+def test_diverged_runs_are_counted_and_said_to_be_left_out():
+    assert "left out of the means" in text(row("gaussian", diverged=3))
+    assert "left out of the means" not in text(row("gaussian"))

@@ -1,0 +1,38 @@
+"""What a sweep shows while it runs."""
+
+import time
+
+from rich.console import Console
+
+from galton_experiments.sweep.grid import expand
+from galton_experiments.sweep.plan import Plan
+from galton_experiments.sweep.shard import Report
+from galton_experiments.sweep.study import Study
+from galton_experiments.sweep.view import View
+
+SETTINGS = expand([{"loss": "gaussian", "learning_rate": [0.1, 0.2]}], {})
+
+
+def report(setting, value):
+    return Report(0, [setting], [0], [value], steps=100, compile_seconds=0.0, train_seconds=1.0)
+
+
+def shown(view):
+    console = Console(width=120)
+    with console.capture() as capture:
+        console.print(view)
+    return capture.get()
+
+
+def test_a_setting_that_diverged_is_not_the_best_so_far(monkeypatch):
+    view = View(Plan.create(Study("bandit", SETTINGS, 1, 100)))
+    view.finished(report(0, float("nan")))
+    assert "nan" not in shown(view)
+    view.finished(report(1, -3.0))
+    assert "learning rate 0.2" in shown(view)
+    assert "-3.00" in shown(view)
+
+
+def test_a_clock_that_stands_still_divides_by_nothing(monkeypatch):
+    monkeypatch.setattr(time, "monotonic", lambda: 5.0)
+    assert View(Plan.create(Study("bandit", SETTINGS, 1, 100))).line() == "0 of 2 runs"
