@@ -1,6 +1,6 @@
 """What doing nothing earns on the tasks of a benchmark's file that are Gymnasium's.
 
-Nothing is the middle of the box at each step. The table stands in docs/winner_mujoco.md.
+Nothing is the middle of the box at each step. The table stands in docs/winner.md.
 
     python benchmarks/doing_nothing.py benchmarks/winner-mujoco.toml [--episodes 100]
 """

@@ -2,8 +2,8 @@
 
 Every method has its file's fixed fields and its own first draw, but for k, which is 50 wherever there are bins: k
 differs from draw to draw, and what it costs has nothing to do with the method. A process per core trains 16 runs, and
-the methods take turns; medians over the rounds, of training without evaluation. Nothing else should be running. The
-tables stand in docs/winner.md.
+the methods take turns; medians over the rounds, of training without evaluation. Nothing else should be running.
+MuJoCo's table stands in docs/winner.md.
 
     python benchmarks/method_speed.py [--rounds 5] [--steps 8000] [--out FOLDER]
 """
@@ -26,7 +26,7 @@ TABLES = {
     "analytic": (("A2C, LQR", "winner-a2c", "lqr"), ("PPO, LQR", "winner", "lqr")),
     "mujoco": (("PPO, HalfCheetah", "winner-mujoco", "HalfCheetah-v5"),),
 }
-"""The tables of docs/winner.md, and of each column: heading, file and task."""
+"""The tables, and of each column: heading, file and task."""
 
 
 class InTurn:

@@ -75,7 +75,7 @@ _A2C_CLASSIFICATION = {
     "deterministic_action": "mean",
 }
 """What benchmarks/winner-a2c.toml selected for its best head over bins, but for the decay of the learning rate, which
-changes little here (docs/winner_a2c.md)."""
+changes little here (docs/winner.md)."""
 
 _PPO_CLASSIFICATION = {
     "n_bins": 50,

@@ -2,8 +2,9 @@
 
 A document says <!-- table: BENCHMARK: NAME --> where one stands, and
 `python -m galton_experiments.benchmark.quoted benchmarks/BENCHMARK.toml results/BENCHMARK DOCUMENT ...` writes it.
-NAME is `returns, fresh`, `returns, held-out`, `all tasks: METHOD; METHOD`, with the methods' names, or, where the
-labels of all methods are "A, B", `crossed, TASK`: a row for each A, a column for each B.
+NAME is `returns, fresh`, `returns, held-out`, `all tasks: METHOD; METHOD`, with the methods' names,
+`above: METHOD; METHOD` for P(above the baseline), or, where the labels of all methods are "A, B", `crossed, TASK`: a
+row for each A, a column for each B.
 """
 
 import sys
@@ -28,12 +29,14 @@ def tables(file: Path, folder: str) -> Callable[[str], str | None]:
         known[f"{name}: returns, fresh, a setting for each task"] = _returns(found, "fresh", "per-task")
     if all(", " in method.label for method in found.protocol.methods) and "fresh" in found.standings:
         known |= {f"{name}: crossed, {task}": _crossed(found, task) for task in found.standings["fresh"].tasks}
-    some = f"{name}: all tasks: "
+    of_some: dict[str, Callable[[Sequence[str]], str]] = {
+        f"{name}: all tasks": lambda names: _of_methods(found, names),
+        f"{name}: above": lambda names: _above(found, names),
+    }
 
     def table(wanted: str) -> str | None:
-        if wanted.startswith(some):
-            return _of_methods(found, wanted.removeprefix(some).split("; "))
-        return known.get(wanted)
+        kind, _, names = wanted.rpartition(": ")
+        return of_some[kind](names.split("; ")) if kind in of_some else known.get(wanted)
 
     return table
 
@@ -53,6 +56,23 @@ def _returns(found: Found, stage: Stage, role: Role = "shared") -> str:
         rows.append([method.label, f"{_even(score):.2f}", chance, *of_tasks])
     against = f"P(above {found.protocol.baseline.label})"
     return quotes.markdown(["method", "score", against, *(labels[task] for task in standings.tasks)], rows)
+
+
+def _above(found: Found, names: Sequence[str]) -> str:
+    """P(above the baseline) of some methods: with one setting at each stage, and with a setting for each task."""
+    named, base = {method.name: method for method in found.protocol.methods}, found.protocol.baseline
+    fresh, held_out = found.standings["fresh"], found.standings["held-out"]
+    rows = [
+        [
+            named[name].label,
+            f"{fresh.above[name][base.name]:.2f}",
+            f"{held_out.above[name][base.name]:.2f}",
+            f"{fresh.above_per_task[name]:.2f}",
+        ]
+        for name in names
+    ]
+    against = f"P(above {base.label})"
+    return quotes.markdown([against, "tuning tasks", "held-out tasks", "tuned for each task"], rows)
 
 
 def _of_methods(found: Found, names: Sequence[str]) -> str:

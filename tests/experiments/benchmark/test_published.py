@@ -122,7 +122,7 @@ def test_the_runs_that_fail_without_a_floor_under_sigma_are_as_many_as_told():
 
 
 def test_as_many_runs_stay_where_acrobot_begins_as_told():
-    """The counts of docs/held_entropy.md."""
+    """The counts of docs/options.md."""
     table = pq.read_table(ROOT / "results" / "held-entropy" / "data" / "fresh-acrobot.parquet")
     stay = table.filter((pc.field("role") == "shared") & (pc.field("final_judged") < -499))["method"].to_pylist()
     told = {"bonus": (20, 20), "floor": (2, 2), "held": (11, 7)}
@@ -168,7 +168,7 @@ def test_what_is_told_of_held_out_tasks_under_a2c_beside_the_bandit():
 
 
 def test_what_is_told_of_pairs_of_runs_on_mujoco():
-    """What docs/winner_mujoco.md and README say beyond their tables: of Ant's part, and of pairs on single tasks."""
+    """What docs/winner.md and README say beyond their tables: of Ant's part, and of pairs on single tasks."""
 
     def above(ours, theirs):
         return int((ours[:, None] > theirs).sum())
