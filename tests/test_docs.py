@@ -97,14 +97,16 @@ def test_the_comparison_in_two_units_is_quoted_as_it_was_run():
         assert [cell.strip() for cell in line.split("|")[2:-1]] == [each.replace("-", "−") for each in told]
 
 
-def test_readme_quotes_the_demo_as_it_was_run():
+def test_readme_and_quickstart_quote_the_demo_as_it_was_run():
     lines = (ROOT / "README.md").read_text().splitlines()
+    quickstart = (ROOT / "docs" / "quickstart.md").read_text()
     for task, folder in (("Pendulum", "pendulum"), ("LQR", "lqr-ppo")):
         rows = json.loads((ROOT / "results" / "demo" / folder / "summary.json").read_text())
         ends = [row["evaluation_return"] for row in rows]
         told = [f"{end['mean']:.2f} ± {(end['high'] - end['low']) / 2:.2f}".replace("-", "−") for end in ends]
         (line,) = [line for line in lines if line.startswith(f"| {task} (")]
         assert [cell.strip() for cell in line.split("|")[2:-1]] == told
+        assert task != "Pendulum" or f"ends at {told[0]} (`results/demo/pendulum`" in quickstart
 
 
 def test_what_doing_nothing_earns_is_quoted_as_it_was_measured():

@@ -12,7 +12,11 @@ from pathlib import Path
 import pytest
 
 from galton.algorithms import ALGORITHMS
+from galton.critics import CRITICS
 from galton.losses import LOSSES
+from galton.networks import NETWORKS
+from galton.optimizers import OPTIMIZERS
+from galton.parts import settings
 from galton.policies import POLICIES
 
 from .test_public import ROOT as SOURCE
@@ -22,13 +26,15 @@ DOCS = Path(__file__).parents[1] / "docs"
 REFERENCE = "\n".join(path.read_text() for path in sorted((DOCS / "api").glob("*.md")))
 PAGES = "\n".join(path.read_text() for path in sorted(DOCS.rglob("*.md")))
 FORM = ["When to use it", "The equation", "An example", "Measured results", "How to reproduce them", "Every parameter"]
-IN_FORM = [DOCS / f"{name}.md" for name in ALGORITHMS] + [
-    DOCS / "losses" / f"{name.replace('-', '_')}.md" for name in LOSSES
-]
-OLDER = ("gaussian", "histogram")
-"""Policies that the pages of losses describe."""
-IN_FORM += [DOCS / "policies" / f"{name.replace('-', '_')}.md" for name in POLICIES if name not in OLDER]
-IN_FORM += [DOCS / "critics.md"]
+SECTIONS = [("losses", loss) for loss in LOSSES.values()] + [("policies", policy) for policy in POLICIES.values()]
+IN_LOSSES = (POLICIES["gaussian"], POLICIES["histogram"])
+"""The policies whose likelihood is the equation of a loss's section."""
+REGISTRIES = {
+    "losses": [LOSSES],
+    "policies": [POLICIES],
+    "parts": [CRITICS, NETWORKS, OPTIMIZERS],
+}
+"""The pages that list every setting of the entries of registries."""
 EXAMPLES = sorted((DOCS.parent / "examples").glob("*.py"))
 
 
@@ -91,9 +97,26 @@ def test_every_field_of_a_public_record_is_described(name):
     assert list(bare_fields(DESCRIBED[name])) == []
 
 
-@pytest.mark.parametrize("page", IN_FORM, ids=lambda page: page.stem)
-def test_the_page_of_an_algorithm_a_loss_or_a_policy_has_the_one_form(page):
-    assert re.findall(r"^## (.+)$", page.read_text(), re.M) == FORM
+@pytest.mark.parametrize("name", ALGORITHMS)
+def test_the_page_of_an_algorithm_has_the_one_form(name):
+    assert re.findall(r"^## (.+)$", (DOCS / f"{name}.md").read_text(), re.M) == FORM
+
+
+@pytest.mark.parametrize(("page", "part"), SECTIONS, ids=lambda value: getattr(value, "__name__", value))
+def test_a_loss_or_a_policy_has_a_section_with_its_equation_and_its_class(page, part):
+    title = part.label.partition(" (")[0]
+    sections = (DOCS / f"{page}.md").read_text().split("\n## ")
+    (text,) = [section for section in sections if section.partition("\n")[0].lower() == title.lower()]
+    assert f"`galton.{page}.{part.__name__}`" in text
+    assert "$$\n" in text or part in IN_LOSSES
+
+
+@pytest.mark.parametrize("page", REGISTRIES)
+def test_every_setting_of_an_entry_is_on_the_page_of_its_kind(page):
+    listed = set(" ".join(re.findall(r"^```{parameters} (.+)$", (DOCS / f"{page}.md").read_text(), re.M)).split())
+    for registry in REGISTRIES[page]:
+        for part in registry.values():
+            assert set(settings(part)) <= listed, part
 
 
 @pytest.mark.parametrize("example", EXAMPLES, ids=lambda path: path.stem)

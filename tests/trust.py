@@ -210,8 +210,8 @@ def table(records: Iterable[Record]) -> str:
         bound = " and ".join(f"{word} {number(value)}" for word, value in bounds.items() if value is not None)
         figure = f"{number(record.figure)} {record.unit}".replace(" %", "%") + ("" if kept(record) else ", **missed**")
         test = f"[{Path(path).name}](../{path}{title})"
-        rows.append(f"| {record.promise} | {test} | {bound} | {figure} | {record.measured}, {record.version} |")
-    head = "| promise | test | asked | last measured | when |\n|---|---|---|---|---|\n"
+        rows.append(f"| {record.promise} | {test} | {bound} | {figure} |")
+    head = "| promise | test | asked | last measured |\n|---|---|---|---|\n"
     return head + "\n".join(rows) if rows else ""
 
 

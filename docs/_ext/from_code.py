@@ -84,23 +84,26 @@ def listed(names: Iterable[str]) -> str:
     return ", ".join(f"`{name}`" for name in names) or "none"
 
 
+def section(page: str, name: str, label: str) -> str:
+    """A link to the section of a page that has a part's label as its heading."""
+    return f"[`{name}`](/{page}.md#{label.partition(' (')[0].lower().replace(' ', '-')})"
+
+
 def losses() -> Rows:
-    """LOSSES, each with its page."""
+    """LOSSES, each with its section."""
     rows = [
-        [f"[`{name}`](/losses/{name.replace('-', '_')}.md)", loss.label, f"`{loss.policy}`", said(loss)]
+        [section("losses", name, loss.label), loss.label, f"`{loss.policy}`", said(loss)]
         for name, loss in LOSSES.items()
     ]
     return [["loss", "in figures", "usual policy", "what it is"], *rows]
 
 
 def policies() -> Rows:
-    """POLICIES, each with its page if it has one, and with the losses that can train it."""
+    """POLICIES, each with its section, and with the losses that can train it."""
     rows = []
     for name, policy in POLICIES.items():
         fitting = [f"`{key}`" for key, loss in LOSSES.items() if loss.family in ("density", policy.family)]
-        page = f"policies/{name.replace('-', '_')}.md"
-        shown = f"[`{name}`](/{page})" if (RESULTS.parents[1] / "docs" / page).exists() else f"`{name}`"
-        rows.append([shown, policy.label, ", ".join(fitting), said(policy)])
+        rows.append([section("policies", name, policy.label), policy.label, ", ".join(fitting), said(policy)])
     return [["policy", "in figures", "losses that fit it", "what it is"], *rows]
 
 
