@@ -104,7 +104,7 @@ WRONG = [
     (["train", "bandit", "--net-arch", "64,64"], "--net-arch: '64,64' is no integer"),
     (["sweep", "lqr", "--grid", "papr"], "--grid is 'papr', which can't be read as TOML: [Errno 2] No such file or"),
     (["sweep", "status"], "Missing from galton sweep status: DIR Its folder"),
-    (["train", "bandit", "lqr"], "'lqr' is one argument too many; `galton train --help` lists the options"),
+    (["train", "bandit", "lqr"], "'lqr' is one argument too many; `galton train --help-all` lists the options"),
     (["compare"], "Missing from galton compare: ENV one of bandit, lqr"),
     (["train", "bandit", "--ratio", "x"], "invalid choice 'x' for argument '--ratio'"),
     (["train", "mountaincar"], "environment is 'mountaincar'; Gymnasium knows no environment of that name"),

@@ -12,6 +12,8 @@ import numpy as np
 import pytest
 
 import galton
+from galton.cli._parsing import COMMON
+from galton.cli.main import COMMANDS
 from galton.envs.lqr import LQR
 
 ROOT = Path(__file__).parents[1]
@@ -55,6 +57,13 @@ def test_a_link_between_documents_leads_somewhere(document, target):
     assert there.exists()
     # A file that git ignores is here and nowhere else. Git says 0 of such a file, and 128 where this is no checkout.
     assert subprocess.run(["git", "check-ignore", "-q", there], cwd=ROOT).returncode != 0
+
+
+def test_the_page_of_the_command_line_has_each_command_and_the_options_that_help_shows():
+    text = (ROOT / "docs" / "command_line.md").read_text()
+    assert [name for name in COMMANDS if f"| `{name}` |" not in text or f"`galton {name} " not in text] == []
+    options = ["--" + name.replace("_", "-") for name in COMMON if name not in ("env", "training")]
+    assert [option for option in options if f"| `{option}` |" not in text] == []
 
 
 LQRS = {

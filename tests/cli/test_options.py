@@ -175,6 +175,26 @@ def test_help_has_the_defaults_of_the_task_and_the_algorithm_what_matters_first_
     assert told.count(" options ─") == 12  # those of the command itself and of its workers are the other two
 
 
+HELP = """
+import contextlib, importlib, sys
+for name in ("train", "compare"):
+    for words in (["-h"], ["lqr", "--gamma", "0.5", "--help"]):
+        with contextlib.suppress(SystemExit):
+            importlib.import_module(f"galton.cli.{name}").main(words)
+        print("---")
+"""
+BOTH = {"help", "algorithm", "out", "overwrite", "steps", "eval-episodes", "n-envs", "learning-rate", "gamma"}
+
+
+@pytest.mark.slow
+def test_help_is_the_dozen_options_that_people_use_and_says_how_to_see_all():
+    done = subprocess.run([sys.executable, "-c", HELP], capture_output=True, text=True, check=True)
+    shown = [set(re.findall(r" --(?!no-|help-all)([a-z-]+)", told)) for told in done.stdout.split("---\n")[:-1]]
+    assert shown == [BOTH | {"loss", "preset", "seed", "resume"}] * 2 + [BOTH | {"losses", "seeds"}] * 2
+    for name in ("train", "compare"):
+        assert done.stdout.count(f"\ngalton {name} --help-all lists all options.\n") == 2
+
+
 @pytest.mark.parametrize("name", ["lqr", "galton/LQR-v0"])
 def test_a_folder_is_called_after_the_task(name):
     assert folder_name(name, "a2c") == "lqr"

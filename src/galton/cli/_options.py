@@ -71,7 +71,7 @@ class Training:
     logs: Annotated[int, Fills("n_logs")] = 100
     """Points of a learning curve."""
     eval_episodes: Annotated[int, Fills("n_eval_episodes")] = 10
-    """Episodes of the deterministic policy at each of them; 0 turns evaluation off."""
+    """Episodes of the deterministic policy at each point of the curve; 0 turns evaluation off."""
     env_kwargs: Annotated[str, tyro.conf.arg(metavar="JSON")] = "{}"
     """Keyword arguments of the environment, such as '{"noise_std": 0.5}'."""
     words: Flat = dataclasses.field(default_factory=lambda: dict(vocabulary().usual))

@@ -25,6 +25,12 @@ OptionsT = TypeVar("OptionsT")
 ELSEWHERE = ("loss", "algorithm")
 """The words that each command has as options of its own."""
 
+COMMON = (
+    *("env", "loss", "losses", "preset", "algorithm", "seed", "seeds", "out", "overwrite", "resume", "training"),
+    *("steps", "eval_episodes", "n_envs", "learning_rate", "gamma"),
+)
+"""What `--help` shows of a command's options, and `--help-all` the rest too."""
+
 TrainingOptions = Annotated[Training, tyro.conf.arg(name=""), Without(*ELSEWHERE)]
 """Training among the options of a command, whose help names its groups."""
 
@@ -41,20 +47,23 @@ def parse(
     arguments: Sequence[str],
     preset: Preset | None = None,
     eval_episodes: int = 0,
+    common: Collection[str] = (),
 ) -> OptionsT:
     """Parse twice: the first time for the task, the algorithm and the preset, whose settings are the second's defaults.
 
     Modules that are typed are imported before, for what they register has options too. A preset that is given here is
-    taken whatever was typed, and an evaluation has at least so many episodes, unless it is typed how many.
+    taken whatever was typed, and an evaluation has at least so many episodes, unless it is typed how many. A short help
+    shows the `common` options.
     """
     import_typed(_imports(arguments))
 
     def usual(training: Training, asked: Sequence[str], **others: str) -> OptionsT:
-        return read_options(options, name, asked, options(env=tyro.MISSING, training=training, **others))  # type: ignore[call-arg]
+        default = options(env=tyro.MISSING, training=training, **others)  # type: ignore[call-arg]
+        return read_options(options, name, asked, default, common)
 
     untold = Training(words=vocabulary().usual | {"n_envs": _UNTOLD})
     try:
-        first = usual(untold, [word for word in arguments if word not in ("-h", "--help")])
+        first = usual(untold, [word for word in arguments if word not in ("-h", "--help", "--help-all")])
     except UsageError:
         first = usual(Training(), arguments)  # help is printed even so
     env, algorithm, loss = first.env, first.algorithm, getattr(first, "loss", None)  # type: ignore[attr-defined]

@@ -4,12 +4,12 @@ import contextlib
 import io
 import re
 import sys
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import TypeVar
 
 import tyro
 
-from galton.cli._registry import REGISTRY
+from galton.cli._registry import REGISTRY, showing
 from galton.cli._words import options_of
 from galton.errors import UsageError, did_you_mean
 
@@ -17,20 +17,29 @@ OptionsT = TypeVar("OptionsT")
 
 
 def read_options(
-    options: type[OptionsT], name: str, arguments: Sequence[str], default: OptionsT | None = None
+    options: type[OptionsT],
+    name: str,
+    arguments: Sequence[str],
+    default: OptionsT | None = None,
+    common: Collection[str] = (),
 ) -> OptionsT:
-    """The options of the command of that name, from its arguments; `--help` is printed, and ends the process.
+    """The options of the command of that name, from its arguments; help is printed, and ends the process.
+
+    `--help` shows the `common` options if there are some, and `--help-all` shows all.
 
     Raises:
         UsageError: what can't be read, in one sentence.
     """
     said = io.StringIO()
+    words = ["--help" if word == "--help-all" else word for word in arguments]
+    few = common if words == [*arguments] and {"-h", "--help"} & {*words} else ()
+    help_ = f"`galton {name} {'--help-all' if common else '--help'}` lists the options"
     try:
-        with contextlib.redirect_stderr(said):
+        with contextlib.redirect_stderr(said), showing(few):
             found, unknown = tyro.cli(
                 options,
                 prog=f"galton {name}",
-                args=list(arguments),
+                args=words,
                 default=default,
                 config=(tyro.conf.OmitArgPrefixes,),
                 return_unknown_args=True,
@@ -38,16 +47,18 @@ def read_options(
             )
     except SystemExit as exit_:
         if not exit_.code:
+            if few:
+                print(f"galton {name} --help-all lists all options.")
             raise
         cause = exit_.__context__
         while cause and not isinstance(cause, UsageError):
             cause = cause.__context__
         odd = [word for word in arguments if word.startswith("--") and not _is_known(word, options)]
-        told = _stray(odd[0], options, name) if odd else _in_a_line(said.getvalue(), name)
+        told = _stray(odd[0], options, name, help_) if odd else f"{_in_a_line(said.getvalue())}; {help_}"
         raise cause or UsageError(told) from None
     sys.stderr.write(said.getvalue())
     if unknown:
-        raise UsageError(_stray(unknown[0], options, name))
+        raise UsageError(_stray(unknown[0], options, name, help_))
     assert found is not None
     return found
 
@@ -55,12 +66,12 @@ def read_options(
 def _is_known(word: str, options: type) -> bool:
     """Whether a word is an option, or the opposite of one."""
     typed = word.partition("=")[0].replace("_", "-")
-    return {typed, typed.replace("--no-", "--", 1)} & {*options_of(options).values(), "--help", "--"} != set()
+    known = {*options_of(options).values(), "--help", "--help-all", "--"}
+    return not known.isdisjoint({typed, typed.replace("--no-", "--", 1)})
 
 
-def _stray(word: str, options: type, name: str) -> str:
+def _stray(word: str, options: type, name: str, help_: str) -> str:
     """What to say of a word that is no option and has no place."""
-    help_ = f"`galton {name} --help` lists the options"
     if word.lower() in ("true", "false", "0", "1", "yes", "no"):
         return f"{word!r} is one argument too many; a switch stands alone, as --resume or --no-resume; {help_}"
     if not word.startswith("-"):
@@ -73,8 +84,8 @@ def _stray(word: str, options: type, name: str) -> str:
     return f"{typed} is no option of `galton {name}`{meant or f'; {help_}'}"
 
 
-def _in_a_line(box: str, name: str) -> str:
+def _in_a_line(box: str) -> str:
     """The first part of a box that tyro drew, where it says what is wrong."""
     first = re.split(r"─{3,}", re.sub(r"\A.*\n", "", box))[0]
     told = " ".join(word for word in first.split() if word not in ("│", "(required)"))
-    return f"{told.removeprefix('Error parsing ').rstrip('.')}; `galton {name} --help` lists the options"
+    return told.removeprefix("Error parsing ").rstrip(".")

@@ -2,6 +2,8 @@
 
 import contextlib
 import dataclasses
+from collections.abc import Collection, Iterator
+from contextvars import ContextVar
 from decimal import Decimal, InvalidOperation
 from types import NoneType, UnionType
 from typing import Annotated, Union, cast, get_args, get_origin
@@ -93,6 +95,19 @@ def _what_may_be_left_out(info: PrimitiveTypeInfo) -> PrimitiveConstructorSpec[o
     )
 
 
+_shown: ContextVar[Collection[str]] = ContextVar("shown", default=())
+
+
+@contextlib.contextmanager
+def showing(names: Collection[str]) -> Iterator[None]:
+    """Leave all fields of records out but those of these names, if there are any: what a short help shows."""
+    token = _shown.set(names)
+    try:
+        yield
+    finally:
+        _shown.reset(token)
+
+
 _asked: set[object] = set()
 
 
@@ -118,8 +133,9 @@ def _plain(field: StructFieldSpec) -> StructFieldSpec:
         text = field.helptext() if callable(field.helptext) else field.helptext
         return text and " ".join(text.split())
 
-    hint = tyro.conf.arg(help_behavior_hint=_default)
-    return dataclasses.replace(field, type=cast("type[object]", Annotated[field.type, hint]), helptext=told)
+    marks = [tyro.conf.arg(help_behavior_hint=_default)]
+    marks += [tyro.conf.Suppress] * bool(_shown.get() and field.name not in _shown.get())
+    return dataclasses.replace(field, type=cast("type[object]", Annotated[field.type, *marks]), helptext=told)
 
 
 def _default(label: str) -> str:

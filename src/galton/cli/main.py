@@ -64,7 +64,8 @@ Policy gradients for continuous control: classification against regression.
 commands:
 {chr(10).join(f"  {name:10}{summary}" for name, summary in COMMANDS.items())}
 
-galton COMMAND --help lists the options of a command.
+galton COMMAND --help lists the options of a command. Those of train and compare are the ones that people use most;
+--help-all lists all.
 """
 
 

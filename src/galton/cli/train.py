@@ -26,7 +26,7 @@ from galton.cli._options import (
     plain_name,
     short_name,
 )
-from galton.cli._parsing import TrainingOptions, parse
+from galton.cli._parsing import COMMON, TrainingOptions, parse
 from galton.cli._progress import Show, live_progress
 from galton.devices import use_all_cores
 from galton.envs.find import find
@@ -91,7 +91,7 @@ class Options:
 
 def main(arguments: Sequence[str]) -> None:
     """Train and write config.json, metrics.jsonl, model.safetensors and best_model.safetensors."""
-    options = parse(Options, "train", arguments, eval_episodes=10)  # they choose the best model
+    options = parse(Options, "train", arguments, eval_episodes=10, common=COMMON)  # they choose the best model
     out, steps, label = options.folder, options.training.steps, find_loss(options.loss).label
     options.training.check([options.seed])
     require(options.save_every >= 1, f"save_every is {options.save_every}; it must be at least 1")

@@ -9,7 +9,7 @@ from galton.agents import written
 from galton.cli._console import plain_console
 from galton.cli._modules import Imports
 from galton.cli._options import AlgorithmName, EnvName, LossNames, Training, command_line, folder_name
-from galton.cli._parsing import TrainingOptions, parse
+from galton.cli._parsing import COMMON, TrainingOptions, parse
 from galton.cli._progress import live_progress
 from galton.devices import use_all_cores
 from galton.envs.base import Environment
@@ -55,7 +55,7 @@ class Options:
 
 def main(arguments: Sequence[str]) -> None:
     """Train all losses, print the table and write figure, curves and settings."""
-    options = parse(Options, "compare", arguments)
+    options = parse(Options, "compare", arguments, common=COMMON)
     require(
         len({present(word) for word in options.losses}) == len(options.losses) > 0,
         f"losses is {options.losses}; name each loss once, and at least one",
@@ -103,7 +103,7 @@ def _compared(options: Options, arguments: Sequence[str]) -> Iterator[tuple[str,
         require_word("losses", word, [*LOSSES, *(preset for preset in PRESETS if preset not in LOSSES)])
         if word not in LOSSES or (tuned and options.algorithm in PRESETS.get(word, {})):
             preset = find_preset(word, None, options.algorithm)
-            own = parse(Options, "compare", arguments, preset=preset).training
+            own = parse(Options, "compare", arguments, preset=preset, common=COMMON).training
             yield named(preset.loss, word), (preset.loss, own)
         else:
             yield named(word), (word, options.training)
