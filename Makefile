@@ -5,7 +5,7 @@ OUT ?= runs/demo
 BIN = $(VENV)/bin
 PIP = $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
 
-.PHONY: demo paper test test-studies test-types test-all fuzz trust mutants coverage lint docs bench package lowest matrix audit clean
+.PHONY: demo paper test test-studies test-types test-all fuzz trust mutants coverage lint docs bench package lowest matrix newest audit clean
 
 COMPARE = $(BIN)/galton compare --algorithm ppo --losses gaussian classification --overwrite
 demo: $(VENV)/installed  ## PPO's two presets beside each other on two tasks: tables and figures in runs/demo.
@@ -51,7 +51,7 @@ fuzz: $(VENV)/installed-dev  ## Readers of files under strange ones, SECONDS for
 trust: $(VENV)/installed-dev  ## Measure every promise of docs/trust.md again: results/trust and the page.
 	rm -rf build/trust
 	CHECKED=1 GALTON_TRUST=build/trust $(BIN)/python -m pytest -n auto $(or $(TESTS),tests studies/tests)
-	$(if $(TESTS),,$(MAKE) mutants coverage package lowest matrix)
+	$(if $(TESTS),,$(MAKE) mutants coverage package lowest matrix newest)
 	$(if $(TESTS),,$(BIN)/python benchmarks/starting.py)
 	$(BIN)/python -m tests.trust build/trust
 
@@ -91,6 +91,9 @@ lowest: $(VENV)-package/installed  ## The wheel, used with the lowest versions o
 
 matrix: $(VENV)-package/installed  ## The wheel with all extras, used under each version of Python that is here.
 	$(VENV)-package/bin/python tools/matrix.py
+
+newest: $(VENV)-package/installed  ## The same with the newest versions of libraries, as pip takes them today.
+	$(VENV)-package/bin/python tools/matrix.py --newest
 
 audit: $(VENV)-package/installed  ## Whether a known vulnerability is in the pinned versions; needs the network.
 	$(VENV)-package/bin/python tools/audit.py

@@ -1,8 +1,8 @@
 """Uses the wheel, with all extras for users, under every version of Python that is here.
 
-The versions of the libraries are those of constraints.txt.
+The versions of the libraries are those of constraints.txt, or with --newest those that pip takes by itself.
 
-    python tools/matrix.py [--pythons 3.11 3.12 3.13] [--out results/packaging]
+    python tools/matrix.py [--newest] [--pythons 3.11 3.12 3.13] [--out results/packaging]
 """
 
 import argparse
@@ -20,11 +20,13 @@ CALLS = [*CORE, *(call for extra in USERS for call in SMOKE[extra])]
 def main() -> None:
     """Try each version, print a line for it, and keep what was seen."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--newest", action="store_true", help="without constraints.txt")
     parser.add_argument("--pythons", nargs="+", default=["3.11", "3.12", "3.13"], help="their versions")
     parser.add_argument("--keep", type=Path, default=builds.ROOT / "build" / "matrix", help="the folder to work in")
     parser.add_argument("--out", type=Path, default=builds.ROOT / "results" / "packaging")
     options = parser.parse_args()
     folder = options.keep.resolve()
+    name, constraints = ("newest", None) if options.newest else ("matrix", builds.ROOT / "constraints.txt")
     wheel, _ = builds.build(folder / "built")
     made = builds.made(wheel)
     options.out.mkdir(parents=True, exist_ok=True)
@@ -35,13 +37,15 @@ def main() -> None:
             print(f"Python {version}: not here", flush=True)
             continue
         requirement = f"{wheel}[{','.join(USERS)}]"
-        environment = Environment.make(folder / version, [requirement], builds.ROOT / "constraints.txt", python)
+        environment = Environment.make(folder / version, [requirement], constraints, python)
         seconds = check(environment, CALLS, str(folder.with_name("programs")))
         whole = environment.run("python", "-c", "import platform; print(platform.python_version())").stdout.strip()
+        installed = {library: release for library, (release, _) in environment.installed().items()}
         environment.remove()
         found[version] = {"python": whole, "calls": len(CALLS), "seconds": round(seconds)} | made
-        ordered = {name: found[name] for name in sorted(found, key=lambda name: int(name.partition(".")[2]))}
-        (options.out / "matrix.json").write_text(json.dumps(ordered, indent=1) + "\n")
+        found[version] |= {"installed": installed} if options.newest else {}
+        ordered = {one: found[one] for one in sorted(found, key=lambda one: int(one.partition(".")[2]))}
+        (options.out / f"{name}.json").write_text(json.dumps(ordered, indent=1) + "\n")
         print(f"Python {whole}: {len(CALLS)} calls as they must be, {round(seconds)} s", flush=True)
 
 

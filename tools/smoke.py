@@ -53,7 +53,7 @@ CORE = [
     Call("galton --version", r"^\d+\.\d+"),
     Call(("python", "-c", MODEL), r"\[\]"),
     TRAIN,
-    Call(f"galton train bandit --out run --resume {TINY} --steps 600", "run folder: run"),
+    Call(f"galton train bandit --out run --resume {TINY} --steps 4000", "run folder: run"),
     Call("galton export run --format card", "card: run/model_card.md"),
 ]
 EXPERIMENTS = [
