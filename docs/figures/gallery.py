@@ -14,7 +14,7 @@ NEAR = '{"default_camera_config": {"trackbodyid": 0, "distance": 3.3}, "width": 
 FOLLOWED = '{"camera_name": "track", "width": 320, "height": 240}'
 TASKS = {  # a name, how it is trained, how many steps are filmed, which are shown, and how it is made for that
     "half-cheetah": (["HalfCheetah-v5", "--steps", "500000"], 100, 1, FOLLOWED),
-    "hopper": (["Hopper-v5", "--steps", "300000", "--preset", "classification", "--logs", "10"], 400, 6, FOLLOWED),
+    "hopper": (["Hopper-v5", "--steps", "300000", "--preset", "classification", "--logs", "10"], 400, 2, FOLLOWED),
     "double-pendulum": (["InvertedDoublePendulum-v5", "--steps", "100000", "--logs", "10"], 80, 1, NEAR),
     "pendulum": (["Pendulum-v1", "--steps", "100000", "--logs", "10"], 120, 2, "{}"),
 }
@@ -28,11 +28,11 @@ def galton(*words: object) -> None:
 
 
 def shrink(film: Path, every: int, out: Path) -> None:
-    """Write every n-th frame of a film again, smaller. A picture that did not change lasts for several frames."""
+    """Write every n-th picture of a film again, smaller; one that did not change lasts for several frames."""
     with Image.open(film) as pictures:
-        pairs = [(each.convert("RGB"), each.info.get("duration", 0)) for each in ImageSequence.Iterator(pictures)]
-    frame = max(1, min(duration for _, duration in pairs))  # a GIF has none below ten milliseconds
-    shown = [picture for picture, duration in pairs for _ in range(max(1, round(duration / frame)))]
+        pairs = [(each.convert("RGB"), each.info["duration"]) for each in ImageSequence.Iterator(pictures)]
+    frame = min(duration for _, duration in pairs)
+    shown = [picture for picture, duration in pairs for _ in range(round(duration / frame))]
     width = round(HEIGHT * shown[0].width / shown[0].height)
     first, *rest = [picture.resize((width, HEIGHT)).quantize(64) for picture in shown[::every]]
     first.save(out, save_all=True, append_images=rest, duration=MILLISECONDS, loop=0)

@@ -1,5 +1,6 @@
 """Pictures of an environment, and the film that they make."""
 
+import math
 import subprocess
 from pathlib import Path
 
@@ -50,8 +51,9 @@ def write(out: Path, frames: list[np.ndarray], fps: int) -> None:
 def _write_gif(path: Path, frames: list[np.ndarray], fps: int) -> None:
     from PIL import Image
 
-    first, *rest = [Image.fromarray(frame) for frame in frames]
-    first.save(path, save_all=True, append_images=rest, duration=round(1000 / fps), loop=0)
+    every = math.ceil(fps / 50)  # what lasts less than 20 ms is shown for longer by browsers
+    first, *rest = [Image.fromarray(frame) for frame in frames[::every]]
+    first.save(path, save_all=True, append_images=rest, duration=round(1000 * every / fps), loop=0)
 
 
 def _write_mp4(path: Path, frames: list[np.ndarray], fps: int) -> None:

@@ -1,0 +1,17 @@
+"""A film lasts as long as what it shows."""
+
+import numpy as np
+import pytest
+from PIL import Image, ImageSequence
+
+from galton.cli import _film
+
+
+@pytest.mark.parametrize("fps", [20, 50, 125])
+def test_a_gif_plays_in_real_time_and_no_picture_is_too_short_for_browsers(tmp_path, fps):
+    frames = [np.full((4, 6, 3), 7 * i, np.uint8) for i in range(30)]
+    _film.write(tmp_path / "film.gif", frames, fps)
+    with Image.open(tmp_path / "film.gif") as film:
+        lasting = [picture.info["duration"] for picture in ImageSequence.Iterator(film)]
+    assert min(lasting) >= 20
+    assert sum(lasting) == pytest.approx(1000 * 30 / fps, rel=0.2)  # a GIF counts in hundredths of seconds
