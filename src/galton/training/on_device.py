@@ -104,6 +104,8 @@ def begin_on_device(task: JaxTask, agent: Agent, seed: UInt[Array, ""]) -> Devic
 class DevicePopulation:
     """R runs on an environment in JAX. They are split evenly over devices, the last repeated to fill up.
 
+    All arrays that go in or out are numpy's, with a leading axis R.
+
     Args:
         task: what to train on.
         agent: whose numbers are `[R]` each.
@@ -151,21 +153,24 @@ class DevicePopulation:
         self._agent = self._place(over_all(self._given, begin, end))
 
     def compile(self) -> None:
-        """Compile what training runs, unless that is done."""
+        """Compile what training runs, unless that is done; the first `advance` does it otherwise."""
         if self._programs is None:
             start = time.perf_counter()
             self._programs = _compile(*self._shapes, self._on_runs)
             self.compile_seconds += time.perf_counter() - start
 
     def advance(self, n_updates: int) -> None:
-        """Train all runs for so many updates each; they are done when it returns."""
+        """Train all runs for so many updates each. The results do not depend on how training is cut into calls."""
         self.compile()
         assert self._programs
         self._state, self._batch = self._programs.advance(self._task, self._agent, self._state, np.int32(n_updates))
         jax.block_until_ready(self._state.run.step)
 
     def log(self, begin_next: bool = True) -> Log:
-        """What is recorded of the updates since the last log, each number `[R]`, without evaluation."""
+        """What is recorded of the updates since the last log, each number `[R]`, without evaluation.
+
+        With begin_next=False this one only looks: the next log has the same updates again.
+        """
         assert self._programs
         run, log = self._programs.log(self._agent, self._state.run, self._batch)
         if begin_next:
@@ -173,7 +178,10 @@ class DevicePopulation:
         return self._fetch(log)
 
     def evaluate(self, n_episodes: int, rule: Rule | None = None) -> Float[np.ndarray, "R n_episodes"]:
-        """Undiscounted returns of whole episodes without exploration."""
+        """Undiscounted returns of whole episodes without exploration; training is not touched by it.
+
+        The rule says which deterministic action is taken; None is the configuration's. The episodes are the same.
+        """
         run, agent = self._state.run, self._agent.acting_by(rule)
         program, seconds = _compile_evaluation(self._shapes[0], _shapes(agent), n_episodes, self._on_runs)
         self.compile_seconds += seconds()
@@ -187,7 +195,7 @@ class DevicePopulation:
         return yardsticks_on(self._task, self._agent.low, self._agent.high)
 
     def put(self, learner: Learner) -> None:
-        """Go on with something else learnt, each leaf `[R, ...]`."""
+        """Go on with something else learnt, each leaf `[R, ...]`, also where a run had diverged."""
         padded = self._place(jax.tree.map(lambda x: np.asarray(x)[self._padded], learner))
         never = jnp.full_like(self._state.run.diverged_at, -1)
         self._state = self._state._replace(run=self._state.run._replace(learner=padded, diverged_at=never))

@@ -28,6 +28,9 @@ Answer = TypeVar("Answer")
 class HostPopulation:
     """R runs with N copies of a task each, dealt to groups that train without waiting for each other.
 
+    Its methods are those of `DevicePopulation`. Each may raise BrokenEnvironmentError; the learner then stays what the
+    last update made it.
+
     Args:
         task: what to train on.
         agent: whose numbers are `[R]` each.
@@ -124,7 +127,11 @@ class HostPopulation:
             group.reseed(np.asarray(seeds, np.uint32)[part])
 
     def snapshot(self) -> Snapshot:
-        """Runs and, where they can tell their states, environments, from which `restore` goes on."""
+        """Runs and environments, from which `restore` goes on exactly.
+
+        Where the environments can't give their states its entry `environments` is missing, and `restore` begins new
+        episodes.
+        """
         parts = [group.snapshot() for group in self._groups]
         if any(part["environments"] is None for part in parts):
             for part in parts:
