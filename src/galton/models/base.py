@@ -4,17 +4,21 @@ from typing import Any, TypeVar
 
 import gymnasium
 
-from galton.agents import words_of
+from galton.agents import in_two, words_of, written
 from galton.algorithms import Agent
 from galton.envs.host.action_box import ActionBox
 from galton.envs.host.base import Space
 from galton.envs.host.observations import Observations
+from galton.envs.host.space_json import to_json
 from galton.envs.task import Task
+from galton.errors import DivergenceError
+from galton.models.file import Taken
 from galton.models.settings import unusual
 from galton.models.state import Loaded, Run, parameters_of
 from galton.parts import at, has_schedules
 from galton.records import Fields
 from galton.training.population import Population
+from galton.training.remedy import remedy
 from galton.training.train import check_seed
 from galton.types import Learner, Params
 
@@ -110,6 +114,35 @@ class Base:
         Raises UsageError for other names or shapes than its own, and for numbers that are not finite.
         """
         self._run.set_parameters(parameters)
+
+    def advance(self, n_updates: int) -> None:
+        """Train for so many updates; no callback is called and nothing is logged.
+
+        Raises:
+            BrokenEnvironmentError, DivergenceError: as `learn`.
+        """
+        self._run.advance(n_updates)
+        step = int(self.population.diverged_at[0])
+        if step >= 0:
+            raise DivergenceError(
+                f"the gradient was not finite at step {step:,}; the model keeps the parameters before it. "
+                f"{remedy(at(self.agent, step), self.population.learner)}"
+            )
+
+    def take(self) -> Taken:
+        """What `save` would write now, to be written later or by another thread."""
+        settings = {
+            "class": self.agent.algorithm.label,
+            "env": self.env_name,
+            **in_two(written(self.settings)),
+            "seed": int(self.seed),
+            "step": self.num_timesteps,
+            "log_interval": self._interval,
+            "n_predictions": self.n_predictions,
+            "action_space": to_json(self.action_space),
+            "observation_space": to_json(self.observation_space),
+        }
+        return Taken(settings, self._run.arrays)
 
     def close(self) -> None:
         """Close the environments that the model made. Nobody has to: they are closed too once nobody holds the model.

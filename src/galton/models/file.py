@@ -1,20 +1,17 @@
 """How a model is written to one file and read from it again."""
 
 from pathlib import Path
-from typing import NamedTuple, Protocol, runtime_checkable
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from galton.agents import in_two, words_of, written
-from galton.agents import read as read_words
 from galton.algorithms import ALGORITHMS, Agent, actor_critic
 from galton.envs.host.action_box import ActionBox
 from galton.envs.host.observations import Observations
-from galton.envs.host.space_json import from_json, to_json
 from galton.errors import MALFORMED, CheckpointError, UsageError, require
-from galton.parts import Box, at
+from galton.parts import at
 from galton.saving import checkpoint
 from galton.saving import model_file as saved
 from galton.saving.result_folder import MODEL
@@ -26,30 +23,6 @@ from galton.types import Learner
 
 class InexactResume(UserWarning):
     """A loaded run goes on from the start of new episodes, because its environments can't tell their states."""
-
-
-@runtime_checkable
-class Described(Protocol):
-    """What is written of a model, beside its arrays."""
-
-    agent: Agent
-    seed: int
-    n_predictions: int
-    """How many batches of sampled actions it was asked for; each has a key of its own."""
-    actions: ActionBox
-    observations: Observations
-
-    @property
-    def env_name(self) -> str:
-        """What its environment is called."""
-
-    @property
-    def num_timesteps(self) -> int:
-        """How many environment steps its run has taken."""
-
-    @property
-    def log_interval(self) -> int:
-        """How many environment steps lie between two log points."""
 
 
 class ModelFile(NamedTuple):
@@ -93,22 +66,6 @@ class Taken(NamedTuple):
         return path
 
 
-def take(model: Described, arrays: dict[str, np.ndarray]) -> Taken:
-    """What a file would hold of a model and its arrays now; UsageError for a part without a name."""
-    settings = {
-        "class": model.agent.algorithm.label,
-        "env": model.env_name,
-        **in_two(written(words_of(model.agent))),
-        "seed": int(model.seed),
-        "step": model.num_timesteps,
-        "log_interval": model.log_interval // model.agent.rollout.size,
-        "n_predictions": model.n_predictions,
-        "action_space": to_json(model.actions.space),
-        "observation_space": to_json(model.observations.space),
-    }
-    return Taken(settings, arrays)
-
-
 def read(path: Path, opener: type) -> tuple[ModelFile, dict[str, np.ndarray]]:
     """What a file says of its model, and the arrays beside it, for a class: Model, an algorithm's, or one made of them.
 
@@ -119,30 +76,28 @@ def read(path: Path, opener: type) -> tuple[ModelFile, dict[str, np.ndarray]]:
     path = saved.existing(path)
     a_run = path.is_dir() and (path / MODEL).is_file()
     require(not a_run, f"path is {path}, the folder of a run; name a file in it, such as {path / MODEL}")
-    settings, arrays = checkpoint.read(path)
-    settings = saved.checked(path, settings, arrays)
+    found = saved.opened(path)
+    settings, agent = found.settings, found.agent
     try:
-        agent, seed = read_words(saved.words_of(settings)), settings["seed"]
         check_one_run(agent)
-        check_seed(seed)
-        actions = ActionBox("the checkpoint", from_json(settings["action_space"]))
-        model = ModelFile(
-            path,
-            settings["env"],
-            seed,
-            settings["step"],
-            settings["log_interval"],
-            settings["n_predictions"],
-            actions,
-            Observations("the checkpoint", from_json(settings["observation_space"])),
-            agent.on(Box.of(actions.low, actions.high)),
-        )
-    except MALFORMED as error:
+        check_seed(settings["seed"])
+    except UsageError as error:
         raise saved.unusable(path, error) from None
+    model = ModelFile(
+        path,
+        settings["env"],
+        settings["seed"],
+        settings["step"],
+        settings["log_interval"],
+        settings["n_predictions"],
+        found.actions,
+        found.observations,
+        agent,
+    )
     bound = {cls.__name__ for cls in opener.__mro__} & {algorithm.label for algorithm in ALGORITHMS.values()}
     fits = not bound or model.label in bound
     require(fits, f"path is {path}, which holds a model of {model.label}; load it with galton.{model.label}.load")
-    return model, arrays
+    return model, found.arrays
 
 
 def learner_of(model: ModelFile, arrays: dict[str, np.ndarray]) -> Learner:

@@ -19,7 +19,7 @@ from galton.models import file
 from galton.models.acting import exploit, explore, returns_on
 from galton.models.base import Base
 from galton.models.hints import refuse_policy, unexpected
-from galton.models.learning import check_divergence, learn, updates_for
+from galton.models.learning import learn, updates_for
 from galton.models.of_class import of_class
 from galton.models.settings import all_words
 from galton.models.state import Arrays, Loaded, Run
@@ -139,15 +139,6 @@ class Model(Base):
         learn(self, n_updates, callback, progress_bar, self.verbose > 0, decay_from)
         return self
 
-    def advance(self, n_updates: int) -> None:
-        """Train for so many updates; no callback is called and nothing is logged.
-
-        Raises:
-            BrokenEnvironmentError, DivergenceError: as `learn`.
-        """
-        self._run.advance(n_updates)
-        check_divergence(self.agent, self.population)
-
     def predict(
         self, observation: object, state: object = None, episode_start: object = None, deterministic: bool = False
     ) -> tuple[np.ndarray, Any]:
@@ -215,10 +206,6 @@ class Model(Base):
         It holds all that `load` needs to go on exactly. Loading it runs no code.
         """
         return self.take().save(path)
-
-    def take(self) -> file.Taken:
-        """What `save` would write now, to be written later or by another thread."""
-        return file.take(self, self._run.arrays)
 
     @of_class
     def load(

@@ -140,7 +140,7 @@ def named(name: str, path: str | Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        raise UsageError(f"{name} is {path}, which can't be written: {error.strerror}; name another") from None
+        raise UsageError(f"{name} is {path}, which can't be written: {error.strerror or error}; name another") from None
 
 
 def check_place(name: str, path: Path) -> None:

@@ -157,15 +157,9 @@ def read_settings(folder: Path) -> dict[str, object]:
     return settings
 
 
-@contextlib.contextmanager
-def told(path: Path) -> Iterator[None]:
+def told(path: Path) -> contextlib.AbstractContextManager[None]:
     """Turn the error of what can't be written in a folder of results into a UsageError that names the folder."""
-    try:
-        yield
-    except OSError as error:
-        raise UsageError(
-            f"out is {path}, which can't be written: {error.strerror or error}; name another folder"
-        ) from None
+    return files.named("out", path)
 
 
 def _discard(scratch: Path, path: Path) -> None:

@@ -1,5 +1,6 @@
 """Gymnasium's spaces as plain JSON, for a model's file."""
 
+import math
 from typing import Any
 
 import numpy as np
@@ -29,15 +30,17 @@ def to_json(space: Space) -> dict[str, object]:
     raise UsageError(f"a space of type {type(space).__name__} can't be saved")
 
 
-def from_json(record: dict[str, Any]) -> Space:
-    """The space that `to_json` described."""
+def from_json(record: dict[str, Any], most: float = math.inf) -> Space:
+    """The space that `to_json` described; ValueError for a Box of more entries than `most`, or not of numbers."""
     ((kind, content),) = record.items()
     if kind == "Dict":
-        return Dict([(key, from_json(part)) for key, part in content])  # in this order
+        return Dict([(key, from_json(part, most)) for key, part in content])  # in this order
     if kind == "Tuple":
-        return Tuple([from_json(part) for part in content])
+        return Tuple([from_json(part, most) for part in content])
     if kind == "Box":
         low, high, shape, dtype = content
+        if math.prod(shape) > most or np.dtype(dtype).kind not in "fiub":
+            raise ValueError(f"it can't be a Box of shape {shape} and type {dtype}")
         low, high = (
             np.full(shape, bound[0], dtype) if len(bound) == 1 else np.array(bound, dtype).reshape(shape)
             for bound in (low, high)
