@@ -1,25 +1,16 @@
-"""How words become values, and how the help of a command shows them: tyro's rules, and Galton's before them."""
+"""How words become values: tyro's rules, and Galton's before them."""
 
 import contextlib
-import dataclasses
 from decimal import Decimal, InvalidOperation
-from types import NoneType, UnionType
-from typing import Annotated, Union, cast, get_args, get_origin
+from types import NoneType
+from typing import get_args, get_origin
 
-import tyro
-from tyro.constructors import (
-    ConstructorRegistry,
-    PrimitiveConstructorSpec,
-    PrimitiveTypeInfo,
-    StructConstructorSpec,
-    StructFieldSpec,
-    StructTypeInfo,
-)
+from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec, PrimitiveTypeInfo
 
 from galton.types import Number
 
 REGISTRY = ConstructorRegistry()
-"""How types are read from words and shown in the help of a command."""
+"""How types are read from words."""
 
 
 def integer(text: str) -> int:
@@ -76,51 +67,3 @@ def _one_number(info: PrimitiveTypeInfo) -> PrimitiveConstructorSpec[float | str
 def _number(text: str) -> float | str:
     """A number, or the words of a schedule, which `agents.read` checks."""
     return text if "(" in text else float(text)
-
-
-@REGISTRY.primitive_rule
-def _what_may_be_left_out(info: PrimitiveTypeInfo) -> PrimitiveConstructorSpec[object] | None:
-    """None can't be typed: it is what an option is that was not given."""
-    kinds = [kind for kind in get_args(info.type) if kind is not NoneType]
-    if get_origin(info.type) not in (Union, UnionType) or len(kinds) != 1:
-        return None
-    spec = ConstructorRegistry.get_primitive_spec(PrimitiveTypeInfo.make(kinds[0], info.markers))
-    assert isinstance(spec, PrimitiveConstructorSpec)
-    return dataclasses.replace(
-        spec,
-        is_instance=lambda value: value is None or spec.is_instance(value),
-        str_from_instance=lambda value: ["None"] if value is None else spec.str_from_instance(value),
-    )
-
-
-_asked: set[object] = set()
-
-
-@REGISTRY.struct_rule
-def _record(info: StructTypeInfo) -> StructConstructorSpec | None:
-    """Records are read as tyro reads them; only what the help says of a field is put plainly."""
-    if info.type in _asked:
-        return None  # so that tyro's own rules are the next
-    _asked.add(info.type)
-    try:
-        spec = ConstructorRegistry.get_struct_spec(info)
-    finally:
-        _asked.discard(info.type)
-    if not isinstance(spec, StructConstructorSpec):
-        return None
-    return dataclasses.replace(spec, fields=tuple(map(_plain, spec.fields)))
-
-
-def _plain(field: StructFieldSpec) -> StructFieldSpec:
-    """The field with its docstring as one paragraph, and with its default only where there is something to say."""
-
-    def told() -> str | None:
-        text = field.helptext() if callable(field.helptext) else field.helptext
-        return text and " ".join(text.split())
-
-    hint = tyro.conf.arg(help_behavior_hint=_default)
-    return dataclasses.replace(field, type=cast("type[object]", Annotated[field.type, hint]), helptext=told)
-
-
-def _default(label: str) -> str:
-    return "" if label in ("None", "()", "", "''") else f"(default: {label})"
