@@ -16,7 +16,7 @@ import numpy as np
 from gymnasium.wrappers import TimeLimit
 from jaxtyping import Float
 
-from galton.envs.host.wrappers import is_monitor
+from galton.envs.host.wrappers import is_monitor, put
 from galton.errors import UsageError, require
 from galton.foreign import is_instance_of
 
@@ -88,10 +88,9 @@ def statistics_of(layers: Layers) -> dict[str, Any]:
 
 
 def set_moments(statistics: Any, moments: dict[str, Any]) -> None:
-    """Give running statistics these moments. A number of Python's stays one, and an array an array."""
+    """Give running statistics these moments."""
     for name, value in moments.items():
-        plain = not isinstance(getattr(statistics, name), np.ndarray | np.generic)
-        setattr(statistics, name, np.asarray(value).item() if plain else np.array(value))
+        put(statistics, name, value)
 
 
 def take_statistics(name: str, layers: Layers, trained: Layers | None) -> None:
