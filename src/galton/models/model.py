@@ -247,7 +247,7 @@ class Model(Base):
         check_same_spaces(task, self.actions, self.observations)
         run = Run(task, self.agent, self.seed)
         cause = run.resume(path, arrays)
-        self._run.close()
+        self.close()
         self._run = run
         return cause
 

@@ -11,7 +11,7 @@ import numpy as np
 from galton.algorithms import Agent
 from galton.envs.host.base import HostEnvironments
 from galton.envs.task import Task
-from galton.errors import UsageError, require
+from galton.errors import require
 from galton.models import file
 from galton.normalization import Moments
 from galton.saving import checkpoint
@@ -45,25 +45,6 @@ class Loaded:
     @property
     def environments(self) -> None:
         """None, since there are none."""
-
-    @property
-    def population(self) -> Population:
-        """UsageError, since there is no run."""
-        raise UsageError(
-            "the model was loaded without an environment; give it one: load(path, env=...), or set_env(env)"
-        )
-
-    def advance(self, n_updates: int) -> None:
-        """UsageError, since there is no run."""
-        self.population.advance(n_updates)
-
-    def set_parameters(self, parameters: Params) -> None:
-        """UsageError, since there is no run."""
-        del parameters
-        _ = self.population
-
-    def close(self) -> None:
-        """Do nothing, since there is nothing open."""
 
 
 class Run:
