@@ -183,8 +183,9 @@ class DevicePopulation:
         The rule says which deterministic action is taken; None is the configuration's. The episodes are the same.
         """
         run, agent = self._state.run, self._agent.acting_by(rule)
-        program, seconds = _compile_evaluation(self._shapes[0], _shapes(agent), n_episodes, self._on_runs)
-        self.compile_seconds += seconds()
+        start = time.perf_counter()
+        program = _compile_evaluation(self._shapes[0], _shapes(agent), n_episodes, self._on_runs)
+        self.compile_seconds += time.perf_counter() - start
         return np.asarray(self._fetch(program(self._task, agent, run.evaluation_key, run.step, run.learner)))
 
     def check_evaluation(self, n_episodes: int) -> None:
@@ -262,24 +263,16 @@ def _compile(task: JaxTask, agent: Agent, on_runs: NamedSharding) -> _Programs:
 
 
 @kept
-def _compile_evaluation(
-    task: JaxTask, agent: Agent, n_episodes: int, on_runs: NamedSharding
-) -> tuple[Callable[..., Array], Callable[[], float]]:
-    """The compiled evaluation, and a function that tells the seconds it took to compile at its first call only."""
-    start = time.perf_counter()
+def _compile_evaluation(task: JaxTask, agent: Agent, n_episodes: int, on_runs: NamedSharding) -> Callable[..., Array]:
+    """The program that evaluates."""
 
     def program(task: JaxTask, agent: Agent, key: Array, step: Array, learner: Learner) -> Array:
         return evaluate(jax.random.fold_in(key, step), task, at(agent, step), learner, n_episodes)
 
     axes = (None, 0, 0, 0, 0)
     run = _shapes(jax.eval_shape(_begin_all(on_runs), task, agent, _seeds(agent)).run, on_runs)
-    compiled = (
-        jax.jit(_on_all_devices(jax.vmap(program, axes), on_runs, axes))
-        .lower(task, _shapes(agent, on_runs), run.evaluation_key, run.step, run.learner)
-        .compile()
-    )
-    seconds = [time.perf_counter() - start]
-    return compiled, lambda: seconds.pop() if seconds else 0.0
+    given = (task, _shapes(agent, on_runs), run.evaluation_key, run.step, run.learner)
+    return jax.jit(_on_all_devices(jax.vmap(program, axes), on_runs, axes)).lower(*given).compile()
 
 
 def _shapes(tree: Tree, on_runs: NamedSharding | None = None) -> Tree:
