@@ -17,7 +17,7 @@ _SAID = re.compile(r"Error (reading|writing) persistent compilation cache entry 
 def keep_programs() -> None:
     """Have this command and its workers keep what they compile, unless the user says where JAX does, or PLACE is off.
 
-    To be called before JAX is imported. A folder that can't be written, or is full, is told, and nothing is kept.
+    To be called before JAX is imported. A folder that can't be written is told, and nothing is kept.
     """
     try:
         folder = place()

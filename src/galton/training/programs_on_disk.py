@@ -22,9 +22,6 @@ MOST = 10**9
 _ZSTANDARD = b"\x28\xb5\x2f\xfd"
 """How a file begins that JAX has packed with zstandard, which it prefers to zlib where it is installed."""
 
-
-ROOM = 1 << 20
-"""Bytes that there must be room for; small programs take some tens of kilobytes, large ones a megabyte."""
 REMEDY = f"{PLACE} names another folder, or is off"
 """What a user can do about a folder that can't be used."""
 
@@ -33,7 +30,7 @@ def place() -> Path | None:
     """The folder for this machine's programs, made and tidied; None where the user says where else, or PLACE is off.
 
     Raises:
-        OSError, ValueError: a folder that can't be, can't be written, or is full.
+        OSError, ValueError: a folder that can't be, or can't be written.
     """
     given = os.environ.get(PLACE) or platformdirs.user_cache_dir("galton")
     if given == "off" or "JAX_COMPILATION_CACHE_DIR" in os.environ:
@@ -41,7 +38,6 @@ def place() -> Path | None:
     folder = Path(given, _kind())
     folder.mkdir(parents=True, exist_ok=True)
     tidy(folder)
-    check_room(folder)
     return folder
 
 
@@ -49,7 +45,7 @@ def place() -> Path | None:
 def keep_programs() -> None:
     """Have this process keep what it compiles from now on, once, unless the user has told JAX where to.
 
-    A folder that can't be written, or is full, is told by a warning, and nothing is kept.
+    A folder that can't be written is told by a warning, and nothing is kept.
     """
     import jax
 
@@ -63,15 +59,6 @@ def keep_programs() -> None:
     if folder:
         jax.config.update("jax_compilation_cache_dir", str(folder))
         jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
-
-
-def check_room(folder: Path) -> None:
-    """Raise OSError where nothing of ROOM bytes can be written into a folder."""
-    probe = folder / f"probe-{os.getpid()}"
-    try:
-        probe.write_bytes(bytes(ROOM))
-    finally:
-        probe.unlink(missing_ok=True)
 
 
 def tidy(folder: Path) -> None:
