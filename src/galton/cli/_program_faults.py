@@ -35,10 +35,6 @@ def tell_once(folder: Path, remedy: str) -> None:
     """Say once in a line what JAX warns of at each program; what could not be read is removed, so that it is kept anew.
 
     Worker processes say nothing.
-
-    Args:
-        folder: where programs are kept.
-        remedy: what the user can do about it.
     """
     before, told = warnings.showwarning, set[str]()
 

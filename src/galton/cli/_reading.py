@@ -19,11 +19,7 @@ OptionsT = TypeVar("OptionsT")
 def read_options(
     options: type[OptionsT], name: str, arguments: Sequence[str], default: OptionsT | None = None
 ) -> OptionsT:
-    """The options of the command of that name, from its arguments; `--help` is printed, and ends the process.
-
-    Raises:
-        UsageError: what can't be read, in one sentence.
-    """
+    """A command's options from its arguments; UsageError in one sentence. `--help` is printed and ends the process."""
     said = io.StringIO()
     try:
         with contextlib.redirect_stderr(said):

@@ -51,13 +51,7 @@ def learn(
     printed: bool = False,
     decay_from: int | None = None,
 ) -> None:
-    """Train for so many updates, with a log point every `model.log_interval` steps and at the end.
-
-    Callbacks of SB3's are called after each update, ours as `galton.callbacks` says, until one says to stop.
-
-    Raises:
-        UsageError: a callback that can't be called, or would not be before the end.
-    """
+    """Train for so many updates with callbacks of SB3's and ours; UsageError for one that can't be called."""
     first, size, start = model.num_timesteps, model.agent.rollout.size, time.perf_counter()
     last, log_interval = first + n_updates * size, model.log_interval
     begin = first if decay_from is None else decay_from

@@ -48,10 +48,7 @@ class Loaded:
 
 
 class Run:
-    """A model with an environment: a population of one.
-
-    It raises what `populate` does.
-    """
+    """A model with an environment: a population of one, which raises what `populate` does."""
 
     def __init__(self, task: Task, agent: Agent, seed: int) -> None:
         self.task = task

@@ -29,11 +29,7 @@ Settings = dict[str, Any]
 
 
 def write(path: Path, settings: Settings, arrays: dict[str, np.ndarray]) -> None:
-    """Put a checkpoint at path, all of it or none.
-
-    Raises:
-        UsageError: a path that can't be written, or more than `read` takes.
-    """
+    """Put a checkpoint at path, all of it or none; UsageError if it can't be written or is more than `read` takes."""
     record = {"format": FORMAT, "galton": version(), "settings": settings}
     text = json.dumps(record | {"sha256": _digest(record, arrays)})
     content = save({name: np.asarray(array, order="C") for name, array in arrays.items()}, {"galton": text})
@@ -97,12 +93,9 @@ def flatten(tree: PyTree) -> dict[str, np.ndarray]:
 
 
 def unflatten(arrays: dict[str, np.ndarray], like: PyTree) -> PyTree:
-    """Undo `flatten`, into the structure, shapes and types of `like`.
+    """Undo `flatten`, into the structure, shapes and types of `like`; CheckpointError where an array differs.
 
     Where float64 is wanted float32 will do: observations were in float32 before they had their own precision.
-
-    Raises:
-        CheckpointError: an array that is missing or differs.
     """
     leaves, structure = jax.tree_util.tree_flatten_with_path(like)
     told = []
@@ -119,16 +112,7 @@ def unflatten(arrays: dict[str, np.ndarray], like: PyTree) -> PyTree:
 
 
 def check_numbers(arrays: dict[str, np.ndarray], prefix: str, never_negative: Collection[str]) -> None:
-    """Check the numbers of the arrays whose names begin with this.
-
-    Args:
-        arrays: those of a checkpoint.
-        prefix: such as run/learner/.
-        never_negative: parts of names; what has one is 0 or more.
-
-    Raises:
-        CheckpointError: one is NaN or infinite, or negative where it must not be.
-    """
+    """Raise CheckpointError unless arrays of this prefix are finite, and 0 or more if so named."""
     for name, array in arrays.items():
         if name.startswith(prefix) and array.dtype.kind in "fiu":
             signed = set(name.split("/")).isdisjoint(never_negative)

@@ -53,11 +53,7 @@ class Saved(NamedTuple):
 
 
 def with_suffix(path: Path) -> Path:
-    """The file that `save` writes for a path: `.safetensors` is added to a name without a suffix.
-
-    Raises:
-        UsageError: the path has no name.
-    """
+    """A path with `.safetensors` where it has no suffix, as `save` writes it; UsageError for one without a name."""
     files.check_name("path", path)
     return path if path.suffix else path.with_suffix(".safetensors")
 

@@ -105,12 +105,6 @@ class DevicePopulation:
     """R runs on an environment in JAX. They are split evenly over devices, the last repeated to fill up.
 
     All arrays that go in or out are numpy's, with a leading axis R.
-
-    Args:
-        task: what to train on.
-        agent: whose numbers are `[R]` each.
-        seeds: one for each run, 0 … 2³² − 1.
-        devices: what to compute on.
     """
 
     def __init__(self, task: JaxTask, agent: Agent, seeds: Sequence[int], devices: Sequence[jax.Device]) -> None:

@@ -26,20 +26,10 @@ Answer = TypeVar("Answer")
 
 
 class HostPopulation:
-    """R runs with N copies of a task each, dealt to groups that train without waiting for each other.
+    """R runs on a task outside JAX, dealt to groups that train without waiting for each other, one for each device.
 
     Its methods are those of `DevicePopulation`. Each may raise BrokenEnvironmentError; the learner then stays what the
     last update made it.
-
-    Args:
-        task: what to train on.
-        agent: whose numbers are `[R]` each.
-        seeds: one for each run, 0 … 2³² − 1.
-        devices: what to compute on, each with a thread.
-
-    Raises:
-        UsageError: more copies than the task has.
-        BrokenEnvironmentError: an environment broke in its first reset.
     """
 
     def __init__(self, task: Task, agent: Agent, seeds: Sequence[int], devices: Sequence[jax.Device]) -> None:

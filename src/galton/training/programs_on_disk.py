@@ -27,11 +27,7 @@ REMEDY = f"{PLACE} names another folder, or is off"
 
 
 def place() -> Path | None:
-    """The folder for this machine's programs, made and tidied; None where the user says where else, or PLACE is off.
-
-    Raises:
-        OSError, ValueError: a folder that can't be, or can't be written.
-    """
+    """The tidied folder for programs, None if the user wants none or another; OSError or ValueError if it can't be."""
     given = os.environ.get(PLACE) or platformdirs.user_cache_dir("galton")
     if given == "off" or "JAX_COMPILATION_CACHE_DIR" in os.environ:
         return None
@@ -62,11 +58,7 @@ def keep_programs() -> None:
 
 
 def tidy(folder: Path) -> None:
-    """Remove what a process left half-written that was killed, which JAX would never replace, and what is too much.
-
-    Raises:
-        OSError: a folder that can't be written.
-    """
+    """Remove what a killed process left half-written, which JAX would never replace, and the oldest of too many."""
     checked, now = folder / "checked", time.time()
     since = checked.stat().st_mtime if checked.exists() else 0.0
     files = {path: stat for path in folder.iterdir() if path != checked and (stat := _stat(path))}

@@ -21,11 +21,7 @@ from galton.errors import BrokenEnvironmentError
 
 
 class MujocoTask:
-    """One of MUJOCO_FUNCTIONS, with Gymnasium's keyword arguments.
-
-    Raises:
-        UsageError: an argument that Gymnasium refuses, or no MuJoCo.
-    """
+    """One of MUJOCO_FUNCTIONS; UsageError for keyword arguments that Gymnasium refuses, or without MuJoCo."""
 
     given: int | None = None
 

@@ -24,11 +24,7 @@ IMAGE_REMEDY = (
 
 @dataclasses.dataclass(frozen=True)
 class Observations:
-    """A checked observation space.
-
-    Raises:
-        UsageError: a space that can't be flattened into a vector.
-    """
+    """A checked observation space; UsageError for one that can't be flattened into a vector."""
 
     name: str
     space: Space
