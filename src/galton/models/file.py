@@ -7,9 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from galton.algorithms import ALGORITHMS, Agent, actor_critic
-from galton.envs.host.action_box import ActionBox
-from galton.envs.host.observations import Observations
+from galton.algorithms import ALGORITHMS, actor_critic
 from galton.errors import MALFORMED, CheckpointError, UsageError, require
 from galton.parts import at
 from galton.saving import checkpoint
@@ -23,25 +21,6 @@ from galton.types import Learner
 
 class InexactResume(UserWarning):
     """A loaded run goes on from the start of new episodes, because its environments can't tell their states."""
-
-
-class ModelFile(NamedTuple):
-    """What a file says of a model, beside its arrays."""
-
-    path: Path
-    env_name: str
-    seed: int
-    num_timesteps: int
-    updates_per_log: int
-    n_predictions: int
-    actions: ActionBox
-    observations: Observations
-    agent: Agent
-
-    @property
-    def label(self) -> str:
-        """The label of its algorithm, which is the name of the class that loads it."""
-        return self.agent.algorithm.label
 
 
 class Taken(NamedTuple):
@@ -66,8 +45,8 @@ class Taken(NamedTuple):
         return path
 
 
-def read(path: Path, opener: type) -> tuple[ModelFile, dict[str, np.ndarray]]:
-    """What a file says of its model, and the arrays beside it, for a class: Model, an algorithm's, or one made of them.
+def read(path: Path, opener: type) -> saved.Saved:
+    """What a file holds of a model, for a class: Model, an algorithm's, or one made of them.
 
     Raises:
         UsageError: no such file, or one for another class; NewerVersionError: a newer version of Galton wrote it.
@@ -77,40 +56,29 @@ def read(path: Path, opener: type) -> tuple[ModelFile, dict[str, np.ndarray]]:
     a_run = path.is_dir() and (path / MODEL).is_file()
     require(not a_run, f"path is {path}, the folder of a run; name a file in it, such as {path / MODEL}")
     found = saved.opened(path)
-    settings, agent = found.settings, found.agent
     try:
-        check_one_run(agent)
-        check_seed(settings["seed"])
+        check_one_run(found.agent)
+        check_seed(found.settings["seed"])
     except UsageError as error:
         raise saved.unusable(path, error) from None
-    model = ModelFile(
-        path,
-        settings["env"],
-        settings["seed"],
-        settings["step"],
-        settings["log_interval"],
-        settings["n_predictions"],
-        found.actions,
-        found.observations,
-        agent,
-    )
     bound = {cls.__name__ for cls in opener.__mro__} & {algorithm.label for algorithm in ALGORITHMS.values()}
-    fits = not bound or model.label in bound
-    require(fits, f"path is {path}, which holds a model of {model.label}; load it with galton.{model.label}.load")
-    return model, found.arrays
+    label = found.agent.algorithm.label
+    fits = not bound or label in bound
+    require(fits, f"path is {path}, which holds a model of {label}; load it with galton.{label}.load")
+    return found
 
 
-def learner_of(model: ModelFile, arrays: dict[str, np.ndarray]) -> Learner:
+def learner_of(found: saved.Saved) -> Learner:
     """What the model had learnt; CheckpointError if the arrays are not those of its settings, or not finite."""
     try:
-        checkpoint.check_numbers(arrays, "run/learner/", never_negative=("count", "nu", "variance", "n"))
-        agent, size = model.agent, model.observations.size
-        one = jax.eval_shape(lambda key: actor_critic.init(key, at(agent, 0), size), jax.random.key(0))
+        checkpoint.check_numbers(found.arrays, "run/learner/", never_negative=("count", "nu", "variance", "n"))
+        agent, size = at(found.agent, 0), found.observations.size
+        one = jax.eval_shape(lambda key: actor_critic.init(key, agent, size), jax.random.key(0))
         like = {"run": {"learner": jax.tree.map(lambda x: jax.ShapeDtypeStruct((1, *x.shape), x.dtype), one)}}
         # NamedTuples and dictionaries have the same names in a checkpoint.
-        learner = checkpoint.unflatten(_by_todays_names(arrays), like)["run"]["learner"]
+        learner = checkpoint.unflatten(_by_todays_names(found.arrays), like)["run"]["learner"]
     except MALFORMED as error:
-        raise saved.unusable(model.path, error) from None
+        raise saved.unusable(found.path, error) from None
     first: Learner = jax.tree.map(lambda rows: jnp.asarray(rows[0]), learner)
     return first
 

@@ -229,14 +229,14 @@ class Model(Base):
         """
         for name in others:
             raise unexpected("load", name)
-        found, arrays = file.read(Path(path), cls)
-        model = cls.__new__(cls)
-        model._describe(found.agent, found.seed, found.actions, found.observations)
-        model._interval, model.n_predictions = found.updates_per_log, found.n_predictions
-        model._run = Loaded(found.env_name, found.num_timesteps, file.learner_of(found, arrays), arrays)
+        found = file.read(Path(path), cls)
+        settings, model = found.settings, cls.__new__(cls)
+        model._describe(found.agent, settings["seed"], found.actions, found.observations)
+        model._interval, model.n_predictions = settings["log_interval"], settings["n_predictions"]
+        model._run = Loaded(settings["env"], settings["step"], file.learner_of(found), found.arrays)
         if env is None:
             _refuse_alone(env_kwargs)
-        elif cause := model._go_on(find(env, **(env_kwargs or {})), found.path, arrays):
+        elif cause := model._go_on(find(env, **(env_kwargs or {})), found.path, found.arrays):
             message = f"{model.env_name} goes on from the start of new episodes: {cause}"
             warnings.warn(message, file.InexactResume, stacklevel=2)
         return model

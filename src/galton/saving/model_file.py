@@ -11,7 +11,7 @@ from galton.algorithms import Agent
 from galton.envs.host.action_box import ActionBox
 from galton.envs.host.answers import shown
 from galton.envs.host.observations import Observations
-from galton.envs.host.space_json import from_json
+from galton.envs.host.space_json import from_json, n_entries
 from galton.errors import MALFORMED, CheckpointError, NewerVersionError, UsageError, in_a_line, require
 from galton.parts import Box
 from galton.parts import settings as settings_of
@@ -44,6 +44,7 @@ SCORE = "evaluation/mean_reward"
 class Saved(NamedTuple):
     """What a model's file holds, and what its settings describe."""
 
+    path: Path
     settings: Settings
     arrays: dict[str, np.ndarray]
     agent: Agent
@@ -95,14 +96,14 @@ def opened(path: Path) -> Saved:
     """
     settings, arrays = checkpoint.read(path)
     try:
-        return _described(settings, arrays)
+        return _described(path, settings, arrays)
     except NewerVersionError as error:
         raise NewerVersionError(f"{path} can't be loaded: {error}") from None
     except MALFORMED as error:
         raise unusable(path, error) from None
 
 
-def _described(settings: Settings, arrays: dict[str, np.ndarray]) -> Saved:
+def _described(path: Path, settings: Settings, arrays: dict[str, np.ndarray]) -> Saved:
     """A size that reading makes something of is one that the arrays have: spaces, layers, bins."""
     refuse_unknown("the checkpoint", settings, EXAMPLE)
     known = in_two(vocabulary().usual)
@@ -115,8 +116,11 @@ def _described(settings: Settings, arrays: dict[str, np.ndarray]) -> Saved:
         require(not missing, f"{part} lacks {', '.join(missing)}")
     agent = read({**settings["config"], **settings["hypers"]})
     n_numbers = sum(array.size for array in arrays.values())
-    spaces = [from_json(settings[f"{name}_space"], n_numbers) for name in ("action", "observation")]
-    actions, observations = ActionBox("the checkpoint", spaces[0]), Observations("the checkpoint", spaces[1])
+    records = settings["action_space"], settings["observation_space"]
+    for record in records:
+        require(n_entries(record) <= n_numbers, f"a space is {shown(record)}, larger than all that is in the file")
+    actions = ActionBox("the checkpoint", from_json(records[0]))
+    observations = Observations("the checkpoint", from_json(records[1]))
     step, size, network = settings["step"], agent.rollout.size, agent.network
     fitting = {
         "class": settings["class"] == agent.algorithm.label,
@@ -130,7 +134,7 @@ def _described(settings: Settings, arrays: dict[str, np.ndarray]) -> Saved:
     for name, fits in fitting.items():
         value = settings.get(name, settings["config"].get(name))
         require(fits, f"{name} is {shown(value)}, which does not go with the rest of it")
-    return Saved(settings, arrays, agent.on(Box.of(actions.low, actions.high)), actions, observations)
+    return Saved(path, settings, arrays, agent.on(Box.of(actions.low, actions.high)), actions, observations)
 
 
 def _is_of_size(value: object, arrays: dict[str, np.ndarray], n_numbers: int) -> bool:
