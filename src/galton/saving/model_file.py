@@ -114,6 +114,9 @@ def _described(path: Path, settings: Settings, arrays: dict[str, np.ndarray]) ->
         refuse_unknown(f"the checkpoint's {part}", settings[part], words)
         missing = [name for name in words if name in FIRST_FIELDS and name not in settings[part]]
         require(not missing, f"{part} lacks {', '.join(missing)}")
+    for name, value in settings["config"].items():
+        long = isinstance(value, list) and len(value) > len(arrays)
+        require(not long, f"{name} is {shown(value)}, longer than the list of arrays in the file")
     agent = read({**settings["config"], **settings["hypers"]})
     n_numbers = sum(array.size for array in arrays.values())
     records = settings["action_space"], settings["observation_space"]
@@ -129,7 +132,7 @@ def _described(path: Path, settings: Settings, arrays: dict[str, np.ndarray]) ->
         "n_predictions": 0 <= settings["n_predictions"] < 2**32,
         "n_steps": size < 2**31,
         "n_bins": len(actions.low) * getattr(agent.policy, "n_bins", 1) <= max(n_numbers, MAX_BINS),
-        **{name: _is_of_size(getattr(network, name), arrays, n_numbers) for name in settings_of(type(network))},
+        **{name: _n_units(getattr(network, name)) <= n_numbers for name in settings_of(type(network))},
     }
     for name, fits in fitting.items():
         value = settings.get(name, settings["config"].get(name))
@@ -137,7 +140,6 @@ def _described(path: Path, settings: Settings, arrays: dict[str, np.ndarray]) ->
     return Saved(path, settings, arrays, agent.on(Box.of(actions.low, actions.high)), actions, observations)
 
 
-def _is_of_size(value: object, arrays: dict[str, np.ndarray], n_numbers: int) -> bool:
-    """Whether a file of these arrays may call for a network with this setting."""
-    sizes = [size for size in (value if isinstance(value, tuple) else [value]) if isinstance(size, int)]
-    return len(sizes) <= len(arrays) and sum(sizes) <= n_numbers
+def _n_units(value: object) -> int:
+    """How many units or blocks a setting of a network says that it has."""
+    return sum(size for size in (value if isinstance(value, tuple) else [value]) if isinstance(size, int))
