@@ -135,7 +135,7 @@ class Model(Base):
             require_integer("decay_from", decay_from, 0)
             past = f"decay_from is {decay_from}, but the run is at step {self.num_timesteps}; name an earlier one"
             require(decay_from <= self.num_timesteps, past)
-        self._interval = log_interval
+        self._interval = int(log_interval)
         learn(self, n_updates, callback, progress_bar, self.verbose > 0, decay_from)
         return self
 
