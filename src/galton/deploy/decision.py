@@ -38,11 +38,7 @@ class Decision(NamedTuple):
 
 
 def decide(model: Model) -> Decision:
-    """Put the decision of a model's policy together: normaliser, clip, network, rule and bounds.
-
-    Raises:
-        UsageError: a policy that has no line in ACTIONS, or a network without one in BODIES.
-    """
+    """The decision of a model's policy as a graph; UsageError where ACTIONS lacks it, or BODIES its network."""
     name, kind = policy_name(model.agent), type(model.agent.network)
     nobody, remedy = "of which nobody has said how it is computed in ONNX; add a function to", "as docs/deploy.md shows"
     require(name in ACTIONS, f"policy is {name!r}, {nobody} galton.deploy.ACTIONS[{name!r}], {remedy}")

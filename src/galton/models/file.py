@@ -48,9 +48,7 @@ class Taken(NamedTuple):
 def read(path: Path, opener: type) -> saved.Saved:
     """What a file holds of a model, for a class: Model, an algorithm's, or one made of them.
 
-    Raises:
-        UsageError: no such file, or one for another class; NewerVersionError: a newer version of Galton wrote it.
-        CheckpointError: a file that is damaged or not a model.
+    UsageError for one of another class, and what `opened` raises.
     """
     path = saved.existing(path)
     a_run = path.is_dir() and (path / MODEL).is_file()

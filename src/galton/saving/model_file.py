@@ -90,9 +90,7 @@ def unusable(path: Path, error: Exception) -> CheckpointError:
 def opened(path: Path) -> Saved:
     """What a file holds, once its settings are what `save` writes beside its arrays; errors name the file.
 
-    Raises:
-        UsageError: no such file; NewerVersionError: a newer version of Galton wrote it.
-        CheckpointError: it is not what `save` wrote.
+    NewerVersionError where a newer version of Galton wrote it, CheckpointError where it is not what `save` wrote.
     """
     settings, arrays = checkpoint.read(path)
     try:

@@ -96,10 +96,8 @@ def set_moments(statistics: Any, moments: dict[str, Any]) -> None:
 def take_statistics(name: str, layers: Layers, trained: Layers | None) -> None:
     """Give an environment of the user's own the observations' statistics that training's has, one for one.
 
-    Without one, as after loading a model by itself, it keeps its own, if they have counted anything.
-
-    Raises:
-        UsageError: it has others than training's, or empty ones.
+    Without one, as after loading a model by itself, it keeps its own. UsageError for others than training's, or for
+    empty ones.
     """
     own = _of_observations(layers)
     if trained is None:
