@@ -2,8 +2,10 @@
 
 import datetime
 import json
+import platform
 import subprocess
 import time
+from pathlib import Path
 
 import gymnasium
 import numpy as np
@@ -18,6 +20,14 @@ from galton_experiments.sweep.executors import Processes
 K = 100
 _made = {}
 """What this process measures."""
+
+
+def processor():
+    """The name of this machine's processor, where the system tells, or else its architecture."""
+    cpu = Path("/proc/cpuinfo")
+    lines = cpu.read_text().splitlines() if cpu.exists() else []
+    names = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
+    return names[0] if names else platform.processor() or platform.machine()
 
 
 class Discretised(gymnasium.ActionWrapper):
@@ -119,7 +129,7 @@ class Script:
 def write(path, packages, **found):
     """A benchmark's numbers with the machine and the versions that they were taken on."""
     today = datetime.datetime.now(datetime.UTC).date().isoformat()
-    record = {"measured": today, "cores": n_cores(), "machine": provenance.processor()}
+    record = {"measured": today, "cores": n_cores(), "machine": processor()}
     record["versions"] = provenance.versions(*packages)
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(json.dumps(record | found, indent=2) + "\n")

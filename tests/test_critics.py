@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scipy.stats import norm
 
 from galton import A2C, PPO, UsageError, make_agent
-from galton.critics import CRITICS, find_critic
+from galton.critics import CRITICS
 from galton_experiments.sweep import Setting
 
 K = 21
@@ -19,7 +19,7 @@ CLASSIFIERS = ("hl-gauss", "two-hot")
 
 
 def critic(name, **settings):
-    return find_critic(name)(**{"n_value_bins": K, "value_min": -3.0, "value_max": 7.0} | settings)
+    return CRITICS[name](**{"n_value_bins": K, "value_min": -3.0, "value_max": 7.0} | settings)
 
 
 @jax.jit

@@ -193,7 +193,7 @@ def test_a_flax_module_trains_and_is_saved_and_says_that_it_is_not_exported(flax
     assert again.settings["flax_width"] == 6
     np.testing.assert_array_equal(again.predict(np.ones(1))[0].shape, model.predict(np.ones(1))[0].shape)
     assert "train/grad_bound" not in logged(model)  # nobody has said its Lipschitz constant
-    with pytest.raises(UsageError, match=r"^network is a Width, of which nobody has said how its features are"):
+    with pytest.raises(UsageError, match=r"^network is a Width, of which nobody has said how it is"):
         export(model, tmp_path / "policy.onnx")
 
 

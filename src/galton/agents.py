@@ -32,20 +32,12 @@ def make_agent(**words: Any) -> Agent:
 
 
 def read(words: Words) -> Agent:
-    """The agent of these words; what they leave out has its part's own default, whatever the algorithm.
-
-    Raises:
-        UsageError: as `make_agent`.
-    """
+    """The agent of these words, with each part's own default for what they leave out; UsageError as `make_agent`."""
     return Agent(**parts_of(words))
 
 
 def parts_of(words: Words) -> dict[str, Any]:
-    """The parts of these words, by the agent's fields, of which nobody has said whether they fit together.
-
-    Raises:
-        UsageError: as `make_agent`, but for parts that don't fit together.
-    """
+    """The parts of these words, by the agent's fields, whether or not they fit together; UsageError as `make_agent`."""
     given = values_of(words)
     found: dict[str, Any] = chosen(given) | {"rollout": Rollout}
     refuse_idle(given)
@@ -87,11 +79,7 @@ def policy_name(agent: Agent) -> str:
 
 
 def written(words: Words) -> Fields:
-    """The words to write down: those of version 1, and the later ones that differ from their usual values.
-
-    Raises:
-        UsageError: a part that is no name, for files hold names.
-    """
+    """The words to write down, those of version 1 and later unusual ones; UsageError for a part without a name."""
     for name, value in words.items():
         told = f"{name} is {value!r}, and files hold names; give its class a line in the registry of its kind"
         require(not isinstance(value, Part) or isinstance(value, Schedule), told)

@@ -14,7 +14,7 @@ from jaxtyping import Array, Float
 
 from galton import targets
 from galton.bins import Bins
-from galton.errors import UsageError, require, unknown
+from galton.errors import UsageError, require
 from galton.fields import AtLeast
 from galton.parts import Part
 from galton.types import Finite, Positive
@@ -155,10 +155,3 @@ CRITICS: dict[str, type[Critic]] = {
     "hl-gauss": HLGaussCritic,
     "two-hot": TwoHotCritic,
 }
-
-
-def find_critic(name: str) -> type[Critic]:
-    """The entry of that name; UsageError lists the names if there is none."""
-    if name not in CRITICS:
-        raise unknown("critic", name, CRITICS)
-    return CRITICS[name]

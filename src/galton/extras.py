@@ -37,12 +37,7 @@ class MissingExtraError(UsageError, ImportError):
 
 
 def require_libraries(what: str, *libraries: str) -> None:
-    """Raise MissingExtraError unless all of these are installed; none is imported, for that may take a second.
-
-    Args:
-        what: the part of Galton that needs them; the message begins with it.
-        libraries: of LIBRARIES, all in one extra.
-    """
+    """Raise MissingExtraError, which begins with `what`, unless all are installed; none is imported, to be quick."""
     missing = [library for library in libraries if not _is_there(library)]
     if missing:
         raise MissingExtraError(_told(what, missing))
@@ -50,12 +45,7 @@ def require_libraries(what: str, *libraries: str) -> None:
 
 @contextlib.contextmanager
 def needed(what: str, *libraries: str) -> Iterator[None]:
-    """Import these libraries inside; where one is not installed, or is and can't be loaded, MissingExtraError says so.
-
-    Args:
-        what: the part of Galton that needs them; the message begins with it.
-        libraries: of LIBRARIES, all in one extra.
-    """
+    """Import libraries of an extra inside; MissingExtraError, which begins with `what`, where one can't be."""
     require_libraries(what, *libraries)
     try:
         yield
@@ -64,12 +54,7 @@ def needed(what: str, *libraries: str) -> Iterator[None]:
 
 
 def check_named(what: str, error: BaseException) -> None:
-    """Raise MissingExtraError if the error of another library names one of LIBRARIES that is not installed.
-
-    Args:
-        what: the part of Galton that needs it; the message begins with it.
-        error: such as Gymnasium's, which tells how to install the library beside Gymnasium.
-    """
+    """Raise MissingExtraError, which begins with `what`, if another library's error names one that is lacking."""
     named = re.findall(r"\w+", str(error).lower())
     for library in LIBRARIES:
         if library.lower() in named:

@@ -12,11 +12,7 @@ def is_instance_of(value: object, package: str, name: str) -> bool:
 
 
 def import_all(modules: Iterable[str]) -> None:
-    """Import the modules that a study or a command names, which register losses and environments.
-
-    Raises:
-        UsageError: a module that can't be imported.
-    """
+    """Import modules that a study or a command names; UsageError for one that can't be imported."""
     for module in modules:
         try:
             importlib.import_module(module)

@@ -135,9 +135,7 @@ def receive(
 ) -> tuple[Normalizer, Float[Array, " N"], Float[Array, "N o"]]:
     """Take in one step: its rewards, the observations that end it and those, after any reset, that follow.
 
-    Observations are told from the origin.
-
-    The new statistics, the normalised rewards and the normalised ends.
+    The new statistics, normalised rewards and normalised ends; observations are told from the origin.
     """
     normalizer, scaled = reward(observe(normalizer, following), raw, done, gamma)
     return normalizer, scaled, observation(normalizer, final)

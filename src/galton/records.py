@@ -27,11 +27,7 @@ FIRST_FIELDS = (
 
 
 def refuse_unknown(what: str, names: Collection[str], known: Collection[str]) -> None:
-    """Raise unless this version knows every name.
-
-    Raises:
-        NewerVersionError: a field that this version does not have, which a newer one may have added.
-    """
+    """Raise NewerVersionError for names that this version does not know, which a newer one may have added."""
     unknown = sorted(set(names) - set(known))
     if unknown:
         raise NewerVersionError(

@@ -5,7 +5,8 @@ Those that read the variables of SB3's rollout (`self.locals["dones"]`) don't wo
 SB3 is not imported here: whoever has a callback of its has it.
 """
 
-import collections
+import functools
+import sys
 from collections.abc import Sequence
 from numbers import Real
 from typing import Any
@@ -58,10 +59,13 @@ class Callbacks:
 
     def recorded(self, is_log_point: bool) -> dict[str, float]:
         """The numbers that the callbacks recorded since the last log point; at a log point they are forgotten."""
+        if not self._callbacks:
+            return {}
         logger = self._facade.logger
         numbers = {key: float(value) for key, value in logger.name_to_value.items() if isinstance(value, Real)}
         if is_log_point:
-            logger.forget()
+            logger.name_to_value.clear()
+            logger.name_to_count.clear()
         return numbers
 
     def end(self) -> None:
@@ -76,10 +80,19 @@ class Facade:
     def __init__(self, model: Any) -> None:
         self._model = model
         self.num_timesteps = model.num_timesteps
-        self.logger = _Logger(model.verbose > 0)
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._model, name)
+
+    @functools.cached_property
+    def logger(self) -> Any:
+        """SB3's logger, which prints messages; what is recorded is in the log of the next log point."""
+        from stable_baselines3.common import logger
+
+        made: Any = logger.Logger(None, [logger.HumanOutputFormat(sys.stdout)])
+        made.set_level(logger.INFO if self._model.verbose > 0 else logger.WARN)
+        made.dump = lambda *_, **__: None
+        return made
 
     def get_vec_normalize_env(self) -> object:
         """The VecNormalize that the model is trained on, if it is; else normalising is the model's, in `predict`."""
@@ -120,53 +133,3 @@ class _Spaces(Env):
             "the environment of get_env() tells spaces alone, for the model's own is training's; make another to step, "
             "or play episodes with model.evaluate"
         )
-
-
-class _Logger:
-    """SB3's logger as far as callbacks need it: the numbers that they record are in the log of the next log point."""
-
-    def __init__(self, is_verbose: bool) -> None:
-        self._is_verbose = is_verbose
-        self.name_to_value: dict[str, Any] = collections.defaultdict(float)
-        self.name_to_count: dict[str, int] = collections.defaultdict(int)
-
-    def record(self, key: str, value: object, exclude: object = None) -> None:
-        """Keep the latest value of a key; what SB3 would exclude it from is of no matter here."""
-        del exclude
-        self.name_to_value[key] = value
-
-    def record_mean(self, key: str, value: float | None, exclude: object = None) -> None:
-        """Keep the mean of a key's values."""
-        if value is not None:
-            self.name_to_count[key] += 1
-            mean = self.name_to_value[key]
-            self.record(key, mean + (value - mean) / self.name_to_count[key], exclude)
-
-    def dump(self, step: int = 0) -> None:
-        """Do nothing, since the log of the next log point has the records."""
-
-    def forget(self) -> None:
-        """Begin the records anew."""
-        self.name_to_value.clear()
-        self.name_to_count.clear()
-
-    def log(self, *args: object, level: int = 20) -> None:
-        """Print these: with verbose=0 warnings and errors alone, and else all but what is for debugging."""
-        if level >= (20 if self._is_verbose else 30):
-            print(*args)
-
-    def debug(self, *args: object) -> None:
-        """Print nothing: what SB3 keeps for debugging is not kept here."""
-        self.log(*args, level=10)
-
-    def info(self, *args: object) -> None:
-        """Print these, if the model is verbose."""
-        self.log(*args)
-
-    def warn(self, *args: object) -> None:
-        """Print these as a warning, whatever `verbose` is."""
-        self.log(*args, level=30)
-
-    def error(self, *args: object) -> None:
-        """Print these as an error, whatever `verbose` is."""
-        self.log(*args, level=40)

@@ -89,11 +89,7 @@ _VOCABULARIES: dict[tuple[type[Part], ...], Vocabulary] = {}
 
 
 def vocabulary() -> Vocabulary:
-    """The words that choose parts, and the settings of all parts that are registered by now.
-
-    Raises:
-        UsageError: a part's setting has the name of another's, and another default.
-    """
+    """All words and settings that are registered by now; UsageError where parts differ in a default of one name."""
     kinds = (*(kind for choice in CHOICES.values() for kind in choice.registry.values()), Rollout)
     if kinds not in _VOCABULARIES:
         _VOCABULARIES[kinds] = _vocabulary(kinds)
@@ -123,13 +119,10 @@ def usual_of(algorithm: Any) -> Fields:
 
 
 def from_sb3(words: Words) -> Fields:
-    """The words, where some may be written as SB3 has them.
+    """The words, where some may be written as SB3 has them; UsageError for what can't be understood.
 
     That is a linear function of what remains of training in the place of a number, target_kl=None, and
     net_arch={"pi": [...], "vf": [...]}.
-
-    Raises:
-        UsageError: a function that is not linear, or a net_arch for other networks.
     """
     known, net_arch = vocabulary(), words.get("net_arch")
     found = {name: schedules.of_remaining(name, v) if known.is_number(name) else v for name, v in words.items()}
@@ -143,11 +136,7 @@ def from_sb3(words: Words) -> Fields:
 
 
 def values_of(words: Words) -> Fields:
-    """The words with values as their annotations have them.
-
-    Raises:
-        UsageError: an unknown word, or a value out of range.
-    """
+    """The words with values as their annotations have them; UsageError for an unknown word or a value out of range."""
     known = vocabulary()
     for name in words:
         if name not in known.usual:
@@ -191,14 +180,9 @@ def _key(word: str, name: Any, registry: Mapping[Any, type[Part]]) -> Any:
 
 
 def idle(words: Words, fields: Collection[str] = tuple(CHOICES)) -> set[str]:
-    """The settings that some part has, and none of those that these words choose.
+    """The settings that some part has, and none of those that these words choose; none for an unknown policy.
 
-    Args:
-        words: of which only those count that choose a part.
-        fields: the parts that the words choose; of the others each may be there.
-
-    Returns:
-        nothing for a policy that nobody has registered here, of which nothing is known.
+    Of parts that are not among `fields` each may be there.
     """
     policy = words.get("policy", "auto")
     if isinstance(policy, str) and policy not in ("auto", *POLICIES):

@@ -20,6 +20,5 @@ def test_the_commit_is_that_of_this_checkout_or_none():
     assert commit is None or len(commit.removesuffix("-dirty")) >= 12
 
 
-def test_the_machine_has_a_name_and_a_processor():
+def test_the_machine_has_a_name():
     assert platform.node() in provenance.machine()
-    assert provenance.processor()

@@ -18,12 +18,9 @@ SHARE = 0.01
 
 
 class KeptModel:
-    """Writes one model again and again, from the thread that trains it or another.
+    """Writes one model again and again to a path, from the thread that trains it or another.
 
-    Args:
-        path: of its file.
-        begin: makes the run's folder with the model in it, before the file is written for the first time.
-        may_begin: whether there is room for one.
+    Before the first time `begin` makes the run's folder with the model, if `may_begin` says that there is room.
     """
 
     def __init__(self, path: Path, begin: Callable[[Taken], None], may_begin: Callable[[], bool]) -> None:

@@ -13,10 +13,7 @@ STEP = "time/total_timesteps"
 
 def known(path: Path) -> dict[str, float]:
     """The last number of each metric that was written down."""
-    numbers: dict[str, float] = {}
-    for line in _lines(path):
-        numbers |= _point(line)
-    return numbers
+    return {name: value for point in points(path) for name, value in point.items()}
 
 
 def points(path: Path) -> list[dict[str, float]]:

@@ -34,11 +34,7 @@ def import_typed(modules: Sequence[str]) -> None:
 
 
 def import_of_file(modules: Sequence[str]) -> None:
-    """Import modules that a file names; those that were typed as well are there already.
-
-    Raises:
-        UsageError: one can't be imported, with what to do if it lies in the current folder.
-    """
+    """Import modules that a file names, unless they were typed; UsageError for one that can't be, with what to do."""
     found = [path for path in sys.path if path == ""]
     sys.path[:] = [path for path in sys.path if path != ""]
     try:

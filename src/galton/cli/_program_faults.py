@@ -17,7 +17,7 @@ _SAID = re.compile(r"Error (reading|writing) persistent compilation cache entry 
 def keep_programs() -> None:
     """Have this command and its workers keep what they compile, unless the user says where JAX does, or PLACE is off.
 
-    To be called before JAX is imported. A folder that can't be written, or is full, is told, and nothing is kept.
+    To be called before JAX is imported. A folder that can't be written is told, and nothing is kept.
     """
     try:
         folder = place()
@@ -35,10 +35,6 @@ def tell_once(folder: Path, remedy: str) -> None:
     """Say once in a line what JAX warns of at each program; what could not be read is removed, so that it is kept anew.
 
     Worker processes say nothing.
-
-    Args:
-        folder: where programs are kept.
-        remedy: what the user can do about it.
     """
     before, told = warnings.showwarning, set[str]()
 

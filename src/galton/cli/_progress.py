@@ -21,12 +21,7 @@ STOPPING = "interrupted; stopping after this update (once more: at once)"
 
 @contextlib.contextmanager
 def live_progress(console: Console, at_first: Callable[[], None] | None = None) -> Iterator[Follow]:
-    """A line per task: done, speed, time left. A Ctrl-C or SIGTERM is raised between two updates.
-
-    Args:
-        console: where it is drawn.
-        at_first: what a thread of its own does at once when the user asks to stop.
-    """
+    """A line per task: done, speed, time left; an interrupt calls `at_first` and is raised between two updates."""
     columns = (
         TextColumn("{task.description:<24}", markup=False),
         BarColumn(),

@@ -23,12 +23,9 @@ def read_options(
     default: OptionsT | None = None,
     common: Collection[str] = (),
 ) -> OptionsT:
-    """The options of the command of that name, from its arguments; help is printed, and ends the process.
+    """A command's options from its arguments; UsageError in one sentence. Help is printed and ends the process.
 
     `--help` shows the `common` options if there are some, and `--help-all` shows all.
-
-    Raises:
-        UsageError: what can't be read, in one sentence.
     """
     said = io.StringIO()
     words = ["--help" if word == "--help-all" else word for word in arguments]

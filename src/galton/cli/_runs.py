@@ -11,11 +11,7 @@ from galton.saving.result_folder import CONFIG, MODEL, read_settings
 
 
 def model_of(run: Path) -> Path:
-    """The model's file in a run folder, or the file that was named.
-
-    Raises:
-        UsageError: nothing of that name, a folder without a model, or one that can't be read.
-    """
+    """The model's file in a run folder, or the file that was named; UsageError where there is none."""
     try:
         if not run.is_dir():
             file = existing(run)
@@ -29,11 +25,7 @@ def model_of(run: Path) -> Path:
 
 
 def environment_of(file: Path, env: str | None, env_kwargs: str | None) -> tuple[str, dict[str, object]]:
-    """The id and the keyword arguments to play on: those that were given, or else those of the run beside a model.
-
-    Raises:
-        UsageError: they are not known, or a module would be imported that nobody named here.
-    """
+    """The given id and keyword arguments, or those of the run beside a model; UsageError where they are not known."""
     beside, known = file.with_name(CONFIG), {} if None not in (env, env_kwargs) else _settings_beside(file)
     name = known.get("env") if env is None else env
     require(name is not None, f"env is not known: there is no {CONFIG} beside {file}; give --env")

@@ -6,15 +6,12 @@ from collections.abc import Sequence
 from typing import Annotated
 
 import tyro
-from rich import box
-from rich.table import Table
 
-from galton.cli._console import plain_console
 from galton.cli._modules import search_here
 from galton.cli._options import EnvName
 from galton.cli._reading import read_options
 from galton.envs.registry import read_constants
-from galton.training.check import Check, check_env
+from galton.training.check import check_env
 
 
 @dataclasses.dataclass(frozen=True)
@@ -35,15 +32,6 @@ def main(arguments: Sequence[str]) -> None:
     if ":" in options.env:
         search_here()
     check = check_env(options.env, read_constants(options.env_kwargs))
-    plain_console().print(_table(check))
+    print(check)
     print("it can be trained on" if check.ok else "it can't be trained on as it is")
     sys.exit(0 if check.ok else 1)
-
-
-def _table(check: Check) -> Table:
-    """A row for each finding; its remedy stands below what was found."""
-    table = Table(box=box.SIMPLE, show_header=False, pad_edge=False)
-    for finding in check.findings:
-        mark = "stop" if not finding.ok else "note" if finding.remedy else ""
-        table.add_row(finding.name, mark, finding.value + (f"\n-> {finding.remedy}" if finding.remedy else ""))
-    return table

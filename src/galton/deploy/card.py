@@ -36,13 +36,7 @@ Table = Sequence[Sequence[str]]
 
 
 def card(model: Model, settings: Mapping[str, Any], points: Sequence[Point]) -> str:
-    """The card of a model.
-
-    Args:
-        model: as it was saved.
-        settings: config.json of its run folder; what is not there is left out.
-        points: the log points of its run, in order.
-    """
+    """The card of a saved model, from its run's config.json and log points; what is not there is left out."""
     env, algorithm = settings.get("env", model.env_name), model.agent.algorithm.label
     parts = [
         _head(str(env)),

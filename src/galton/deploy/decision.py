@@ -13,7 +13,7 @@ from galton.deploy.bodies import BODIES, linear
 from galton.deploy.graph import Graph
 from galton.envs.host.action_box import ActionBox
 from galton.envs.host.observations import Observations
-from galton.errors import UsageError
+from galton.errors import require
 from galton.models import Model
 from galton.normalization import Normalizer
 from galton.parts import at
@@ -38,23 +38,12 @@ class Decision(NamedTuple):
 
 
 def decide(model: Model) -> Decision:
-    """Put the decision of a model's policy together: normaliser, clip, network, rule and bounds.
-
-    Raises:
-        UsageError: a policy that has no line in ACTIONS, or a network without one in BODIES.
-    """
-    name = policy_name(model.agent)
-    if name not in ACTIONS:
-        raise UsageError(
-            f"policy is {name!r}, of which nobody has said how its action is computed in ONNX; add a function to "
-            f"galton.deploy.ACTIONS[{name!r}], as docs/deploy.md shows"
-        )
-    kind = type(model.agent.network)
-    if kind not in BODIES:
-        raise UsageError(
-            f"network is a {kind.__name__}, of which nobody has said how its features are computed in ONNX; add a "
-            f"function to galton.deploy.BODIES[{kind.__name__}], as docs/deploy.md shows"
-        )
+    """The decision of a model's policy as a graph; UsageError where ACTIONS lacks it, or BODIES its network."""
+    name, kind = policy_name(model.agent), type(model.agent.network)
+    nobody, remedy = "of which nobody has said how it is computed in ONNX; add a function to", "as docs/deploy.md shows"
+    require(name in ACTIONS, f"policy is {name!r}, {nobody} galton.deploy.ACTIONS[{name!r}], {remedy}")
+    told = f"network is a {kind.__name__}, {nobody} galton.deploy.BODIES[{kind.__name__}], {remedy}"
+    require(kind in BODIES, told)
     graph, params, observations = Graph(), model.learner.params, model.observations
     shape = observation_shape(observations)
     rows = OBSERVATION if len(shape) == 1 else graph.add("Reshape", OBSERVATION, np.array([-1, observations.size]))

@@ -15,11 +15,7 @@ BATCH = "batch"
 
 
 def encode(decision: Decision) -> bytes:
-    """The bytes of the ONNX file; the same decision has the same bytes.
-
-    Raises:
-        UsageError: ONNX is not installed, or a policy of your own added steps that ONNX does not understand.
-    """
+    """A decision's ONNX file, always of the same bytes; UsageError without ONNX, or for steps unknown to it."""
     onnx = _onnx()
     helper, float32 = onnx.helper, onnx.TensorProto.FLOAT
     graph = decision.graph

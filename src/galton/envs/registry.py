@@ -69,11 +69,7 @@ def make(name: str, **constants: object) -> "Environment":
 
 
 def read_constants(text: str) -> dict[str, object]:
-    """An environment's keyword arguments from JSON; lists become tuples, as hashable records want them.
-
-    Raises:
-        UsageError: no JSON, or no object.
-    """
+    """An environment's keyword arguments from JSON, with tuples for lists; UsageError for anything but an object."""
     try:
         constants = json.loads(text)
     except (ValueError, RecursionError) as error:

@@ -4,17 +4,21 @@ from typing import Any, TypeVar
 
 import gymnasium
 
-from galton.agents import words_of
+from galton.agents import in_two, words_of, written
 from galton.algorithms import Agent
 from galton.envs.host.action_box import ActionBox
 from galton.envs.host.base import Space
 from galton.envs.host.observations import Observations
+from galton.envs.host.space_json import to_json
 from galton.envs.task import Task
+from galton.errors import DivergenceError, UsageError
+from galton.models.file import Taken
 from galton.models.settings import unusual
 from galton.models.state import Loaded, Run, parameters_of
 from galton.parts import at, has_schedules
 from galton.records import Fields
 from galton.training.population import Population
+from galton.training.remedy import remedy
 from galton.training.train import check_seed
 from galton.types import Learner, Params
 
@@ -37,6 +41,13 @@ class Base:
         what = f"{self.settings['loss']} on {self.env_name}"
         said = ", ".join([what, *(f"{name}={value!r}" for name, value in told.items())])
         return f"<galton.{type(self).__name__}: {said}, {self.num_timesteps:,} steps>"
+
+    @property
+    def _going(self) -> Run:
+        if isinstance(self._run, Loaded):
+            told = "the model was loaded without an environment; give it one: load(path, env=...), or set_env(env)"
+            raise UsageError(told)
+        return self._run
 
     @property
     def _now(self) -> Agent:
@@ -86,7 +97,7 @@ class Base:
     @property
     def population(self) -> Population:
         """The one run, as training sees it; UsageError for a model without an environment."""
-        return self._run.population
+        return self._going.population
 
     def set_random_seed(self, seed: int) -> None:
         """Draw all that is random from here on from another seed; episodes that have begun go on as they are."""
@@ -109,14 +120,44 @@ class Base:
 
         Raises UsageError for other names or shapes than its own, and for numbers that are not finite.
         """
-        self._run.set_parameters(parameters)
+        self._going.set_parameters(parameters)
+
+    def advance(self, n_updates: int) -> None:
+        """Train for so many updates; no callback is called and nothing is logged.
+
+        Raises:
+            BrokenEnvironmentError, DivergenceError: as `learn`.
+        """
+        self._going.advance(n_updates)
+        step = int(self.population.diverged_at[0])
+        if step >= 0:
+            raise DivergenceError(
+                f"the gradient was not finite at step {step:,}; the model keeps the parameters before it. "
+                f"{remedy(at(self.agent, step), self.population.learner)}"
+            )
+
+    def take(self) -> Taken:
+        """What `save` would write now, to be written later or by another thread."""
+        settings = {
+            "class": self.agent.algorithm.label,
+            "env": self.env_name,
+            **in_two(written(self.settings)),
+            "seed": int(self.seed),
+            "step": self.num_timesteps,
+            "log_interval": self._interval,
+            "n_predictions": self.n_predictions,
+            "action_space": to_json(self.action_space),
+            "observation_space": to_json(self.observation_space),
+        }
+        return Taken(settings, self._run.arrays)
 
     def close(self) -> None:
         """Close the environments that the model made. Nobody has to: they are closed too once nobody holds the model.
 
         One that was given ready-made is its owner's, and stays open.
         """
-        self._run.close()
+        if isinstance(self._run, Run):
+            self._run.close()
 
     def __copy__(self: BaseT) -> BaseT:
         """Another view of the same run, as `copy.copy` makes of any object."""

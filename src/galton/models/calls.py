@@ -11,17 +11,7 @@ from galton.errors import UsageError, require, require_integer
 
 
 class Calls:
-    """Our callbacks of one call of `learn`.
-
-    Args:
-        model: what they are given.
-        callbacks: in the order in which they are called.
-        first: the step at which `learn` begins.
-        last: the step at which it ends, if nobody stops it.
-
-    Raises:
-        UsageError: one that can't be called, or would not be before the end.
-    """
+    """Our callbacks of one call of `learn`; UsageError for one that can't be called, or would not be before the end."""
 
     def __init__(self, model: Any, callbacks: Sequence[object], first: int, last: int) -> None:
         self._model, self._callbacks = model, [_callable(one) for one in callbacks]

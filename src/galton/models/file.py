@@ -1,20 +1,15 @@
 """How a model is written to one file and read from it again."""
 
 from pathlib import Path
-from typing import NamedTuple, Protocol, runtime_checkable
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from galton.agents import in_two, words_of, written
-from galton.agents import read as read_words
-from galton.algorithms import ALGORITHMS, Agent, actor_critic
-from galton.envs.host.action_box import ActionBox
-from galton.envs.host.observations import Observations
-from galton.envs.host.space_json import from_json, to_json
+from galton.algorithms import ALGORITHMS, actor_critic
 from galton.errors import MALFORMED, CheckpointError, UsageError, require
-from galton.parts import Box, at
+from galton.parts import at
 from galton.saving import checkpoint
 from galton.saving import model_file as saved
 from galton.saving.result_folder import MODEL
@@ -26,49 +21,6 @@ from galton.types import Learner
 
 class InexactResume(UserWarning):
     """A loaded run goes on from the start of new episodes, because its environments can't tell their states."""
-
-
-@runtime_checkable
-class Described(Protocol):
-    """What is written of a model, beside its arrays."""
-
-    agent: Agent
-    seed: int
-    n_predictions: int
-    """How many batches of sampled actions it was asked for; each has a key of its own."""
-    actions: ActionBox
-    observations: Observations
-
-    @property
-    def env_name(self) -> str:
-        """What its environment is called."""
-
-    @property
-    def num_timesteps(self) -> int:
-        """How many environment steps its run has taken."""
-
-    @property
-    def log_interval(self) -> int:
-        """How many environment steps lie between two log points."""
-
-
-class ModelFile(NamedTuple):
-    """What a file says of a model, beside its arrays."""
-
-    path: Path
-    env_name: str
-    seed: int
-    num_timesteps: int
-    updates_per_log: int
-    n_predictions: int
-    actions: ActionBox
-    observations: Observations
-    agent: Agent
-
-    @property
-    def label(self) -> str:
-        """The label of its algorithm, which is the name of the class that loads it."""
-        return self.agent.algorithm.label
 
 
 class Taken(NamedTuple):
@@ -93,69 +45,38 @@ class Taken(NamedTuple):
         return path
 
 
-def take(model: Described, arrays: dict[str, np.ndarray]) -> Taken:
-    """What a file would hold of a model and its arrays now; UsageError for a part without a name."""
-    settings = {
-        "class": model.agent.algorithm.label,
-        "env": model.env_name,
-        **in_two(written(words_of(model.agent))),
-        "seed": int(model.seed),
-        "step": model.num_timesteps,
-        "log_interval": model.log_interval // model.agent.rollout.size,
-        "n_predictions": model.n_predictions,
-        "action_space": to_json(model.actions.space),
-        "observation_space": to_json(model.observations.space),
-    }
-    return Taken(settings, arrays)
+def read(path: Path, opener: type) -> saved.Saved:
+    """What a file holds of a model, for a class: Model, an algorithm's, or one made of them.
 
-
-def read(path: Path, opener: type) -> tuple[ModelFile, dict[str, np.ndarray]]:
-    """What a file says of its model, and the arrays beside it, for a class: Model, an algorithm's, or one made of them.
-
-    Raises:
-        UsageError: no such file, or one for another class; NewerVersionError: a newer version of Galton wrote it.
-        CheckpointError: a file that is damaged or not a model.
+    UsageError for one of another class, and what `opened` raises.
     """
     path = saved.existing(path)
     a_run = path.is_dir() and (path / MODEL).is_file()
     require(not a_run, f"path is {path}, the folder of a run; name a file in it, such as {path / MODEL}")
-    settings, arrays = checkpoint.read(path)
-    settings = saved.checked(path, settings, arrays)
+    found = saved.opened(path)
     try:
-        agent, seed = read_words(saved.words_of(settings)), settings["seed"]
-        check_one_run(agent)
-        check_seed(seed)
-        actions = ActionBox("the checkpoint", from_json(settings["action_space"]))
-        model = ModelFile(
-            path,
-            settings["env"],
-            seed,
-            settings["step"],
-            settings["log_interval"],
-            settings["n_predictions"],
-            actions,
-            Observations("the checkpoint", from_json(settings["observation_space"])),
-            agent.on(Box.of(actions.low, actions.high)),
-        )
-    except MALFORMED as error:
+        check_one_run(found.agent)
+        check_seed(found.settings["seed"])
+    except UsageError as error:
         raise saved.unusable(path, error) from None
     bound = {cls.__name__ for cls in opener.__mro__} & {algorithm.label for algorithm in ALGORITHMS.values()}
-    fits = not bound or model.label in bound
-    require(fits, f"path is {path}, which holds a model of {model.label}; load it with galton.{model.label}.load")
-    return model, arrays
+    label = found.agent.algorithm.label
+    fits = not bound or label in bound
+    require(fits, f"path is {path}, which holds a model of {label}; load it with galton.{label}.load")
+    return found
 
 
-def learner_of(model: ModelFile, arrays: dict[str, np.ndarray]) -> Learner:
+def learner_of(found: saved.Saved) -> Learner:
     """What the model had learnt; CheckpointError if the arrays are not those of its settings, or not finite."""
     try:
-        checkpoint.check_numbers(arrays, "run/learner/", never_negative=("count", "nu", "variance", "n"))
-        agent, size = model.agent, model.observations.size
-        one = jax.eval_shape(lambda key: actor_critic.init(key, at(agent, 0), size), jax.random.key(0))
+        checkpoint.check_numbers(found.arrays, "run/learner/", never_negative=("count", "nu", "variance", "n"))
+        agent, size = at(found.agent, 0), found.observations.size
+        one = jax.eval_shape(lambda key: actor_critic.init(key, agent, size), jax.random.key(0))
         like = {"run": {"learner": jax.tree.map(lambda x: jax.ShapeDtypeStruct((1, *x.shape), x.dtype), one)}}
         # NamedTuples and dictionaries have the same names in a checkpoint.
-        learner = checkpoint.unflatten(_by_todays_names(arrays), like)["run"]["learner"]
+        learner = checkpoint.unflatten(_by_todays_names(found.arrays), like)["run"]["learner"]
     except MALFORMED as error:
-        raise saved.unusable(model.path, error) from None
+        raise saved.unusable(found.path, error) from None
     first: Learner = jax.tree.map(lambda rows: jnp.asarray(rows[0]), learner)
     return first
 

@@ -6,50 +6,23 @@ import threading
 import time
 import warnings
 from collections.abc import Callable, Iterator
-from typing import Any, Protocol, runtime_checkable
+from typing import Any
 
 import numpy as np
 
 from galton import sb3
 from galton.agents import words_of
-from galton.algorithms import Agent, Rollout
+from galton.algorithms import Rollout
 from galton.callbacks import Print
-from galton.errors import DivergenceError, WideGaussian, require, require_integer
+from galton.errors import WideGaussian, require, require_integer
+from galton.models.base import Base
 from galton.models.calls import Calls, next_call
 from galton.optimizers import Optimizer
 from galton.parts import Schedule, at
 from galton.training.log import Log
 from galton.training.pieces import Pieces
-from galton.training.population import Population
-from galton.training.remedy import outgrown, remedy
+from galton.training.remedy import outgrown
 from galton.training.run import over_all
-from galton.types import Learner
-
-
-@runtime_checkable
-class Learning(Protocol):
-    """What the training loop needs of a model."""
-
-    agent: Agent
-
-    @property
-    def learner(self) -> Learner:
-        """Parameters, Adam's moments and the statistics that normalise."""
-
-    @property
-    def num_timesteps(self) -> int:
-        """How many environment steps the run has taken, all copies together."""
-
-    @property
-    def log_interval(self) -> int:
-        """How many environment steps lie between two log points."""
-
-    @property
-    def population(self) -> Population:
-        """The one run, as training sees it."""
-
-    def advance(self, n_updates: int) -> None:
-        """Train for so many updates, without callbacks or a log."""
 
 
 def updates_for(total_timesteps: object, rollout: Rollout, step: int) -> int:
@@ -71,20 +44,14 @@ def updates_for(total_timesteps: object, rollout: Rollout, step: int) -> int:
 
 
 def learn(
-    model: Learning,
+    model: Base,
     n_updates: int,
     callback: object,
     progress_bar: bool,
     printed: bool = False,
     decay_from: int | None = None,
 ) -> None:
-    """Train for so many updates, with a log point every `model.log_interval` steps and at the end.
-
-    Callbacks of SB3's are called after each update, ours as `galton.callbacks` says, until one says to stop.
-
-    Raises:
-        UsageError: a callback that can't be called, or would not be before the end.
-    """
+    """Train for so many updates with callbacks of SB3's and ours; UsageError for one that can't be called."""
     first, size, start = model.num_timesteps, model.agent.rollout.size, time.perf_counter()
     last, log_interval = first + n_updates * size, model.log_interval
     begin = first if decay_from is None else decay_from
@@ -117,16 +84,6 @@ def learn(
             show(step - first)
         theirs.end()
         ours.end()
-
-
-def check_divergence(agent: Agent, population: Population) -> None:
-    """Raise DivergenceError once the run's gradient was not finite."""
-    step = int(population.diverged_at[0])
-    if step >= 0:
-        raise DivergenceError(
-            f"the gradient was not finite at step {step:,}; the model keeps the parameters before it. "
-            f"{remedy(at(agent, step), population.learner)}"
-        )
 
 
 def named(log: Log, step: int, seconds: float, first: int) -> dict[str, float]:
@@ -166,7 +123,7 @@ def _tell_of_no_rate(optimizer: Optimizer, first: int, last: int, size: int) -> 
     warnings.warn(told, stacklevel=4)
 
 
-def _sorted_out(model: Learning, callback: object, printed: bool, first: int, last: int) -> tuple[sb3.Callbacks, Calls]:
+def _sorted_out(model: Base, callback: object, printed: bool, first: int, last: int) -> tuple[sb3.Callbacks, Calls]:
     """The callbacks that `learn` was given, SB3's and ours apart; UsageError for what can't be called."""
     given: list[Any] = [] if callback is None else [callback] if not isinstance(callback, list | tuple) else [*callback]
     given += [Print()] if printed else []

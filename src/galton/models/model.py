@@ -19,7 +19,7 @@ from galton.models import file
 from galton.models.acting import exploit, explore, returns_on
 from galton.models.base import Base
 from galton.models.hints import refuse_policy, unexpected
-from galton.models.learning import check_divergence, learn, updates_for
+from galton.models.learning import learn, updates_for
 from galton.models.of_class import of_class
 from galton.models.settings import all_words
 from galton.models.state import Arrays, Loaded, Run
@@ -135,18 +135,9 @@ class Model(Base):
             require_integer("decay_from", decay_from, 0)
             past = f"decay_from is {decay_from}, but the run is at step {self.num_timesteps}; name an earlier one"
             require(decay_from <= self.num_timesteps, past)
-        self._interval = log_interval
+        self._interval = int(log_interval)
         learn(self, n_updates, callback, progress_bar, self.verbose > 0, decay_from)
         return self
-
-    def advance(self, n_updates: int) -> None:
-        """Train for so many updates; no callback is called and nothing is logged.
-
-        Raises:
-            BrokenEnvironmentError, DivergenceError: as `learn`.
-        """
-        self._run.advance(n_updates)
-        check_divergence(self.agent, self.population)
 
     def predict(
         self, observation: object, state: object = None, episode_start: object = None, deterministic: bool = False
@@ -216,10 +207,6 @@ class Model(Base):
         """
         return self.take().save(path)
 
-    def take(self) -> file.Taken:
-        """What `save` would write now, to be written later or by another thread."""
-        return file.take(self, self._run.arrays)
-
     @of_class
     def load(
         cls: type[ModelT],  # noqa: N805
@@ -242,14 +229,14 @@ class Model(Base):
         """
         for name in others:
             raise unexpected("load", name)
-        found, arrays = file.read(Path(path), cls)
-        model = cls.__new__(cls)
-        model._describe(found.agent, found.seed, found.actions, found.observations)
-        model._interval, model.n_predictions = found.updates_per_log, found.n_predictions
-        model._run = Loaded(found.env_name, found.num_timesteps, file.learner_of(found, arrays), arrays)
+        found = file.read(Path(path), cls)
+        settings, model = found.settings, cls.__new__(cls)
+        model._describe(found.agent, settings["seed"], found.actions, found.observations)
+        model._interval, model.n_predictions = settings["log_interval"], settings["n_predictions"]
+        model._run = Loaded(settings["env"], settings["step"], file.learner_of(found), found.arrays)
         if env is None:
             _refuse_alone(env_kwargs)
-        elif cause := model._go_on(find(env, **(env_kwargs or {})), found.path, arrays):
+        elif cause := model._go_on(find(env, **(env_kwargs or {})), found.path, found.arrays):
             message = f"{model.env_name} goes on from the start of new episodes: {cause}"
             warnings.warn(message, file.InexactResume, stacklevel=2)
         return model
@@ -260,7 +247,7 @@ class Model(Base):
         check_same_spaces(task, self.actions, self.observations)
         run = Run(task, self.agent, self.seed)
         cause = run.resume(path, arrays)
-        self._run.close()
+        self.close()
         self._run = run
         return cause
 

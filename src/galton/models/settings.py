@@ -51,17 +51,8 @@ def all_words(
 ) -> Fields:
     """The settings as `agents.read` takes them; what is not among them is as `usual` has it.
 
-    Args:
-        algorithm: what learns.
-        preset: the loss, and what changes the usual values.
-        n_envs: copies of the environment, None for the usual number.
-        settings: what was named beside these.
-        env: what was given as the environment; only a name means something here.
-        ready: how many environments were given ready-made, None where copies are made.
-
-    Raises:
-        TypeError: a name that is no setting of this algorithm.
-        UsageError: a value out of range.
+    `ready` says how many environments were given ready-made, None where copies are made. TypeError for a name that is
+    no setting of this algorithm, UsageError for a value out of range.
     """
     known = usual(algorithm, env, preset)
     for name in settings:

@@ -11,7 +11,7 @@ import numpy as np
 from galton.algorithms import Agent
 from galton.envs.host.base import HostEnvironments
 from galton.envs.task import Task
-from galton.errors import UsageError, require
+from galton.errors import require
 from galton.models import file
 from galton.normalization import Moments
 from galton.saving import checkpoint
@@ -46,31 +46,9 @@ class Loaded:
     def environments(self) -> None:
         """None, since there are none."""
 
-    @property
-    def population(self) -> Population:
-        """UsageError, since there is no run."""
-        raise UsageError(
-            "the model was loaded without an environment; give it one: load(path, env=...), or set_env(env)"
-        )
-
-    def advance(self, n_updates: int) -> None:
-        """UsageError, since there is no run."""
-        self.population.advance(n_updates)
-
-    def set_parameters(self, parameters: Params) -> None:
-        """UsageError, since there is no run."""
-        del parameters
-        _ = self.population
-
-    def close(self) -> None:
-        """Do nothing, since there is nothing open."""
-
 
 class Run:
-    """A model with an environment: a population of one.
-
-    It raises what `populate` does.
-    """
+    """A model with an environment: a population of one, which raises what `populate` does."""
 
     def __init__(self, task: Task, agent: Agent, seed: int) -> None:
         self.task = task

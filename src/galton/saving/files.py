@@ -21,17 +21,9 @@ _ODD = {stat.S_IFIFO: "a pipe", stat.S_IFSOCK: "a socket"}
 
 
 def read(path: Path, most: int) -> bytes:
-    """The whole content of a regular file, or of the one that a link leads to; it may be a stranger's.
+    """The whole content of a regular file, maybe a stranger's, of so many bytes at most; OSError says what is amiss.
 
     Nothing else is opened, for a pipe would never end, nor anything larger read.
-
-    Args:
-        path: of the file.
-        most: bytes that it may have, TEXT or DATA.
-
-    Raises:
-        FileNotFoundError: there is none.
-        OSError: it can't be read, is something else, or is larger; the message says so without the path.
     """
     _readable_size(path.stat(), most)
     with open(path, "rb", opener=_at_once) as file:  # which Path.open doesn't take
@@ -55,11 +47,7 @@ def _at_once(path: str, flags: int) -> int:
 
 
 def write(path: Path, data: bytes) -> None:
-    """Put all of the data at path, even if the machine stops meanwhile, or leave what was there.
-
-    Raises:
-        OSError: a path that can't be written.
-    """
+    """Put all of the data at path, even if the machine stops meanwhile, or leave what was there; OSError if not."""
     with replacing(path) as scratch:
         scratch.write_bytes(data)
 
@@ -69,9 +57,6 @@ def replacing(path: Path) -> Iterator[Path]:
     """A scratch file beside `path` to write; it becomes `path` at the end, or vanishes if that is never reached.
 
     It has the suffix of `path`, by which some writers choose a format. A link stays: what it points to is replaced.
-
-    Raises:
-        OSError: a path that can't be written.
     """
     path = _target(path)
     scratch = path.with_name(f"{SCRATCH}{platform.node()}-{os.getpid()}-{secrets.token_hex(4)}{path.suffix}")
@@ -97,14 +82,9 @@ def check_inside(name: str, value: str) -> None:
 
 
 def check_no_way_out(name: str, folder: Path, *files: str) -> None:
-    """Raise UsageError, which calls the folder by this name, where a link in it leads what would be written elsewhere.
+    """Raise UsageError, which calls the folder by this name, where a link leads one of its files elsewhere.
 
     A folder that somebody else filled may hold one. The folder itself may be a link, since its user named it.
-
-    Args:
-        name: of the argument.
-        folder: that is written into.
-        files: the names in it that are written, which may lie in folders of its own.
     """
     top = _target(folder)
     for file in files:
@@ -140,7 +120,7 @@ def named(name: str, path: str | Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        raise UsageError(f"{name} is {path}, which can't be written: {error.strerror}; name another") from None
+        raise UsageError(f"{name} is {path}, which can't be written: {error.strerror or error}; name another") from None
 
 
 def check_place(name: str, path: Path) -> None:
@@ -154,11 +134,7 @@ def check_place(name: str, path: Path) -> None:
 
 
 def append_line(path: Path, text: str) -> None:
-    """Put a line behind those of a file, all of it or nothing; it begins anew where the last one broke off.
-
-    Raises:
-        OSError: a path that can't be written, or a disk that is full.
-    """
+    """Put a line behind a file's whole ones, all of it or nothing; OSError where it can't be, as on a full disk."""
     with path.open("a+b", buffering=0) as file:
         end = file.seek(0, os.SEEK_END)
         if end:

@@ -1,19 +1,21 @@
 """The settings of a saved model: what they must be before anything of their size is made."""
 
 import math
-from collections.abc import Callable
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
-from galton.agents import in_two, read
-from galton.agents import words_of as words_of_agent
-from galton.algorithms import Agent, find_algorithm
+from galton.agents import in_two, read, words_of
+from galton.algorithms import Agent
+from galton.envs.host.action_box import ActionBox
 from galton.envs.host.answers import shown
-from galton.errors import MALFORMED, CheckpointError, NewerVersionError, UsageError, in_a_line
-from galton.networks import NETWORKS
+from galton.envs.host.observations import Observations
+from galton.envs.host.space_json import from_json, n_entries
+from galton.errors import MALFORMED, CheckpointError, NewerVersionError, UsageError, in_a_line, require
+from galton.parts import Box
 from galton.parts import settings as settings_of
-from galton.records import FIRST_FIELDS, Fields, refuse_unknown
+from galton.records import FIRST_FIELDS, refuse_unknown
 from galton.saving import checkpoint, files
 from galton.saving.checkpoint import Settings
 from galton.words import vocabulary
@@ -39,12 +41,20 @@ SCORE = "evaluation/mean_reward"
 """The array of a best model's file that holds its mean return."""
 
 
-def with_suffix(path: Path) -> Path:
-    """The file that `save` writes for a path: `.safetensors` is added to a name without a suffix.
+class Saved(NamedTuple):
+    """What a model's file holds, and what its settings describe."""
 
-    Raises:
-        UsageError: the path has no name.
-    """
+    path: Path
+    settings: Settings
+    arrays: dict[str, np.ndarray]
+    agent: Agent
+    """On the box of its actions."""
+    actions: ActionBox
+    observations: Observations
+
+
+def with_suffix(path: Path) -> Path:
+    """A path with `.safetensors` where it has no suffix, as `save` writes it; UsageError for one without a name."""
     files.check_name("path", path)
     return path if path.suffix else path.with_suffix(".safetensors")
 
@@ -64,13 +74,12 @@ def best_before(path: Path, env_name: str, agent: Agent, step: int) -> float:
     if not path.is_file():
         return -math.inf
     try:
-        settings, arrays = checkpoint.read(path)
-        settings = checked(path, settings, arrays)
-        other = words_of_agent(read(words_of(settings)))
-    except (CheckpointError, UsageError, *MALFORMED):
+        saved = opened(path)
+    except (CheckpointError, UsageError):
         return -math.inf
-    same = settings["env"] == env_name and other == words_of_agent(agent)
-    return float(arrays[SCORE]) if same and settings["step"] <= step and SCORE in arrays else -math.inf
+    same = saved.settings["env"] == env_name and words_of(saved.agent) == words_of(agent)
+    earlier = saved.settings["step"] <= step
+    return float(saved.arrays[SCORE]) if same and earlier and SCORE in saved.arrays else -math.inf
 
 
 def unusable(path: Path, error: Exception) -> CheckpointError:
@@ -78,110 +87,57 @@ def unusable(path: Path, error: Exception) -> CheckpointError:
     return CheckpointError(f"{path} is not a model of Galton's: {in_a_line(error)}")
 
 
-def checked(path: Path, settings: Settings, arrays: dict[str, np.ndarray]) -> Settings:
-    """What `check` gives; its errors name the file.
+def opened(path: Path) -> Saved:
+    """What a file holds, once its settings are what `save` writes beside its arrays; errors name the file.
 
-    Raises:
-        NewerVersionError: a newer version of Galton wrote it.
-        CheckpointError: it is not what `save` wrote.
+    NewerVersionError where a newer version of Galton wrote it, CheckpointError where it is not what `save` wrote.
     """
+    settings, arrays = checkpoint.read(path)
     try:
-        return check(settings, arrays)
+        return _described(path, settings, arrays)
     except NewerVersionError as error:
         raise NewerVersionError(f"{path} can't be loaded: {error}") from None
     except MALFORMED as error:
         raise unusable(path, error) from None
 
 
-def check(settings: Settings, arrays: dict[str, np.ndarray]) -> Settings:
-    """The settings with what they leave out filled in, once they are what `save` writes beside these arrays.
-
-    A size in them that reading makes something of is one that the arrays have: spaces, layers, copies of an environment
-    that tells its state. What training would take is refused where it begins (`check_size`).
-
-    Raises:
-        NewerVersionError: a field that this version does not know.
-        CheckpointError: anything else.
-    """
+def _described(path: Path, settings: Settings, arrays: dict[str, np.ndarray]) -> Saved:
+    """A size that reading makes something of is one that the arrays have: spaces, layers, bins."""
     refuse_unknown("the checkpoint", settings, EXAMPLE)
-    example = EXAMPLE | in_two(vocabulary().usual)
-    for part in ("config", "hypers"):
-        _check_like(part, settings[part], {})
-        refuse_unknown(f"the checkpoint's {part}", settings[part], example[part])
-        later = {name: value for name, value in example[part].items() if name not in FIRST_FIELDS}
-        settings = settings | {part: later | settings[part]}
-    numbers = {name: 0.0 if isinstance(value, str) else value for name, value in settings["hypers"].items()}
-    _check_like("settings", settings | {"hypers": numbers}, example)  # a text is a schedule, which `read` checks
-    config = settings["config"]
-    for name, fits in _fitting(settings, arrays).items():
-        if not fits:
-            value = settings.get(name, config.get(name, config["n_steps"] * config["n_envs"]))
-            raise CheckpointError(f"{name} is {shown(value)}, which does not go with the rest of it")
-    return settings
-
-
-def _fitting(settings: Settings, arrays: dict[str, np.ndarray]) -> dict[str, bool]:
-    """Whether each setting goes with the others and with the arrays."""
-    config, step = settings["config"], settings["step"]
-    size = config["n_steps"] * config["n_envs"]
+    known = in_two(vocabulary().usual)
+    for name, like in EXAMPLE.items():
+        right = type(settings[name]) is type(like)
+        require(right, f"{name} is {shown(settings[name])}; it must be of type {type(like).__name__}")
+    for part, words in known.items():
+        refuse_unknown(f"the checkpoint's {part}", settings[part], words)
+        missing = [name for name in words if name in FIRST_FIELDS and name not in settings[part]]
+        require(not missing, f"{part} lacks {', '.join(missing)}")
+    for name, value in settings["config"].items():
+        long = isinstance(value, list) and len(value) > len(arrays)
+        require(not long, f"{name} is {shown(value)}, longer than the list of arrays in the file")
+    agent = read({**settings["config"], **settings["hypers"]})
     n_numbers = sum(array.size for array in arrays.values())
-    n_actions, n_observations = _flat_size(settings["action_space"]), _flat_size(settings["observation_space"])
-    length = arrays.get("environments/length")
-    return {
-        "class": settings["class"] == find_algorithm(config["algorithm"]).label,
-        "action_space": n_actions <= n_numbers,
-        "observation_space": n_observations <= n_numbers,
-        "step": 0 <= step < 2**31 and size > 0 and step % size == 0 and arrays["run/step"].tolist() == [step],
+    records = settings["action_space"], settings["observation_space"]
+    for record in records:
+        require(n_entries(record) <= n_numbers, f"a space is {shown(record)}, larger than all that is in the file")
+    actions = ActionBox("the checkpoint", from_json(records[0]))
+    observations = Observations("the checkpoint", from_json(records[1]))
+    step, size, network = settings["step"], agent.rollout.size, agent.network
+    fitting = {
+        "class": settings["class"] == agent.algorithm.label,
+        "step": 0 <= step < 2**31 and step % size == 0 and arrays["run/step"].tolist() == [step],
         "log_interval": settings["log_interval"] > 0,
         "n_predictions": 0 <= settings["n_predictions"] < 2**32,
         "n_steps": size < 2**31,
-        "n_envs": length is None or length.shape == (1, config["n_envs"]),
-        "n_bins": n_actions * config["n_bins"] <= max(n_numbers, MAX_BINS),
-        **{name: _is_of_size(size, arrays, n_numbers) for name, size in _sizes(config).items()},
+        "n_bins": len(actions.low) * getattr(agent.policy, "n_bins", 1) <= max(n_numbers, MAX_BINS),
+        **{name: _n_units(getattr(network, name)) <= n_numbers for name in settings_of(type(network))},
     }
+    for name, fits in fitting.items():
+        value = settings.get(name, settings["config"].get(name))
+        require(fits, f"{name} is {shown(value)}, which does not go with the rest of it")
+    return Saved(path, settings, arrays, agent.on(Box.of(actions.low, actions.high)), actions, observations)
 
 
-def _sizes(config: Settings) -> dict[str, int | list[int]]:
-    """The settings of the network that say how many units, blocks or layers it has."""
-    own = settings_of(NETWORKS[config["network"]])
-    return {name: size for name, size in config.items() if name in own and isinstance(size, int | list)}
-
-
-def _is_of_size(size: int | list[int], arrays: dict[str, np.ndarray], n_numbers: int) -> bool:
-    """Whether a file of these arrays may call for a network of this size."""
-    return size <= n_numbers if isinstance(size, int) else len(size) <= len(arrays) and sum(size) <= n_numbers
-
-
-def words_of(settings: Settings) -> Fields:
-    """The words of the agent in checked settings."""
-    return {**settings["config"], **settings["hypers"]}
-
-
-def _check_like(name: str, given: object, like: object) -> None:
-    """Raise unless given has the types and keys of like."""
-    if like is not None and type(given) is not type(like):
-        raise CheckpointError(f"{name} is {shown(given)}; it must be of type {type(like).__name__}")
-    if isinstance(given, dict) and isinstance(like, dict) and like:
-        if given.keys() != like.keys():
-            raise CheckpointError(f"{name} has {shown(sorted(given))}; it must have {sorted(like)}")
-        for key, value in like.items():
-            _check_like(key, given[key], value)
-
-
-def _flat_size(record: Settings) -> int:
-    """Numbers in a space, from `to_json` of it."""
-    ((kind, content),) = record.items()
-    if kind in ("Dict", "Tuple"):
-        return sum(_flat_size(part[1] if kind == "Dict" else part) for part in content)
-    if kind == "Box" and np.dtype(content[3]).kind not in "fiub":
-        raise CheckpointError(f"a space is of {shown(content[3])}, not of numbers")
-    sizes: dict[str, Callable[[], int]] = {
-        "Box": lambda: math.prod(content[2]),
-        "Discrete": lambda: content[0],
-        "MultiDiscrete": lambda: sum(np.array(content[0], object).ravel().tolist()),  # without overflow
-        "MultiBinary": lambda: math.prod(content) if isinstance(content, list) else content,
-    }
-    size = sizes[kind]()
-    if size < 0:
-        raise CheckpointError(f"a space is {shown(record)}, of negative size")
-    return size
+def _n_units(value: object) -> int:
+    """How many units or blocks a setting of a network says that it has."""
+    return sum(size for size in (value if isinstance(value, tuple) else [value]) if isinstance(size, int))

@@ -34,16 +34,6 @@ def machine() -> str:
     return f"{platform.node()} {platform.machine()} {platform.platform()}"
 
 
-def processor() -> str:
-    """The name of this machine's processor, where the system tells, or else its architecture."""
-    try:
-        described = Path("/proc/cpuinfo").read_text().splitlines()
-    except OSError:
-        described = []
-    names = [line.split(":", 1)[1].strip() for line in described if line.startswith("model name")]
-    return names[0] if names else platform.processor() or platform.machine()
-
-
 def commit() -> str | None:
     """The commit of the checkout that this file belongs to, if it belongs to one."""
 

@@ -51,13 +51,7 @@ def result_folder(path: Path, overwrite: bool) -> Iterator[Path]:
 
 
 def check_free(path: Path, overwrite: bool, instead: str = "--overwrite") -> None:
-    """Raise UsageError if path holds something that may not be replaced.
-
-    Args:
-        path: of the folder.
-        overwrite: whether an earlier folder of results may be.
-        instead: the options that the user could give, where it may not.
-    """
+    """Raise UsageError, with the options to give `instead`, if path holds something that may not be replaced."""
     files.check_text("out", path)
     path = path.resolve()
     with told(path):
@@ -79,11 +73,7 @@ def check_free(path: Path, overwrite: bool, instead: str = "--overwrite") -> Non
 
 @contextlib.contextmanager
 def claimed(path: Path) -> Iterator[None]:
-    """A time in which no other process claims the same folder. What killed ones left of it is put in order first.
-
-    Raises:
-        UsageError: another process has claimed it, or nothing can be written beside it.
-    """
+    """A time in which no other process claims the folder, without what killed ones left; UsageError if one has it."""
     path = path.resolve()
     lock = filelock.FileLock(path.parent / f".{path.name}.lock", blocking=False)
     with told(path):
@@ -108,11 +98,7 @@ def claimed(path: Path) -> Iterator[None]:
 
 @contextlib.contextmanager
 def replacing(path: Path, overwrite: bool) -> Iterator[Path]:
-    """What `result_folder` gives, of a folder that is claimed: it takes the place of `path`, whose content goes then.
-
-    Raises:
-        UsageError: it can't be written, or somebody has filled `path` meanwhile.
-    """
+    """A folder to write into that takes the place of a claimed `path` at the end; UsageError if that can't be."""
     path = path.resolve()
     with told(path):
         scratch = Path(tempfile.mkdtemp(prefix=f".{path.name}.galton-", dir=path.parent))
@@ -141,11 +127,7 @@ def write_settings(folder: Path, settings: dict[str, object]) -> None:
 
 
 def read_settings(folder: Path) -> dict[str, object]:
-    """What `write_settings` wrote; nothing where there is no config.json.
-
-    Raises:
-        UsageError: the file can't be read, or is something else.
-    """
+    """What `write_settings` wrote, nothing without a config.json; UsageError for one that can't be read or is none."""
     path = folder / CONFIG
     try:
         settings = json.loads(files.read(path, files.TEXT))
@@ -157,15 +139,9 @@ def read_settings(folder: Path) -> dict[str, object]:
     return settings
 
 
-@contextlib.contextmanager
-def told(path: Path) -> Iterator[None]:
+def told(path: Path) -> contextlib.AbstractContextManager[None]:
     """Turn the error of what can't be written in a folder of results into a UsageError that names the folder."""
-    try:
-        yield
-    except OSError as error:
-        raise UsageError(
-            f"out is {path}, which can't be written: {error.strerror or error}; name another folder"
-        ) from None
+    return files.named("out", path)
 
 
 def _discard(scratch: Path, path: Path) -> None:

@@ -89,14 +89,8 @@ def play(
 ) -> Float[np.ndarray, " n_episodes"]:
     """Undiscounted returns of whole episodes in M environments outside JAX, dealt out evenly.
 
-    Statistics of wrappers stay what they are, and rewards are those that the environment gives, not what such
-    statistics make of them.
-
-    Raises:
-        BrokenEnvironmentError: an environment broke, or an episode does not end that has a time limit.
-
-    Warns:
-        UserWarning: an episode without a time limit was cut after LONG steps.
+    Statistics of wrappers stay what they are, and rewards are those that the environment gives. An episode without a
+    time limit is cut after LONG steps, with a warning; BrokenEnvironmentError where one with a limit does not end.
     """
     n, cut = len(seeds), False
     endless = np.array([has_no_limit(layers) for layers in envs.layers] or [False] * n)

@@ -24,12 +24,6 @@ def empty_finished(shape: Shape) -> Finished:
 
 
 def environment_seeds(seeds: UInt[np.ndarray, " P"], n: int, *purpose: int) -> UInt[np.ndarray, " M"]:
-    """Seeds for n copies of each run, run after run.
-
-    Args:
-        seeds: of the runs.
-        n: how many copies each has.
-        purpose: 0 for training; 1 and the step for evaluation; 2 and the step for starting anew.
-    """
+    """Seeds for n copies of each run: for training (0), evaluation at a step (1, step) or new episodes (2, step)."""
     sequences: list[Any] = [np.random.SeedSequence((int(seed), *purpose)) for seed in seeds]
     return np.concatenate([sequence.generate_state(n) for sequence in sequences])

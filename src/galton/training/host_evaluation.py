@@ -38,12 +38,7 @@ class Evaluator:
     ) -> Float[np.ndarray, " M"]:
         """Undiscounted returns of an episode on each copy, once it is what one of training's is by now.
 
-        Args:
-            trained: the layers of the copies of all runs that are trained on, from whose statistics and attributes
-                those of evaluation are made.
-            at_first: what these had in their attributes at first.
-            seeds: one for each episode, run after run.
-            act: gives their actions.
+        What a copy has learnt or been given is in the layers of training's copies, and is not what they had `at_first`.
         """
         n, n_envs = (len(of_all) // self._n_runs for of_all in (seeds, trained))
         envs = self.make(n)

@@ -28,15 +28,7 @@ from galton.types import Learner, Params, Rule, Transition
 
 
 class Group:
-    """P runs with N copies of the task each, stepped and trained together.
-
-    Args:
-        task: what to train on.
-        agent: whose numbers are `[P]` each.
-        seeds: one for each run.
-        device: what to compute on.
-        n_threads: how many threads the environments may be stepped on.
-    """
+    """P runs with N copies of the task each, stepped and trained together; the agent's numbers are `[P]` each."""
 
     def __init__(
         self, task: Task, agent: Agent, seeds: UInt[np.ndarray, " P"], device: jax.Device, n_threads: int

@@ -2,7 +2,7 @@
 
 import functools
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 from jaxtyping import Array, PyTree
@@ -13,70 +13,56 @@ from galton.normalization import Normalizer
 from galton.parts import at
 from galton.policies.correlation import continued
 from galton.training.evaluate import deterministic_action
-from galton.training.log import Log
 from galton.training.programs import kept
 from galton.training.run import RunState, begin, learn, over_runs, read_log, rollout_key
 from galton.types import Params
-
-
-class HostPrograms(NamedTuple):
-    """A group's programs, compiled at their first call on each device; all but `begin` are mapped over its runs.
-
-    The first argument of each but `observe` is the leaves of the agent: flat, for a call to be quick.
-    """
-
-    begin: Callable[..., RunState]
-    """(agent, observation size, seeds) → runs."""
-    observe: Callable[..., RunState]
-    """(runs, first observations from the origin `[P, N, o]`) → runs."""
-    prepare: Callable[..., PyTree[Array]]
-    """(agent, runs) → the noise of their next rollout, each leaf `[P, T, N, ...]`."""
-    act: Callable[..., tuple[Array, Array | None, PyTree[Array]]]
-    """(agent, params, normalizers, observations from the origin `[P, N, o]`, noise, t, what the noise goes on from,
-    which episodes begin `[P, N]`) → actions, if it is on normalised observations, and what the next noise goes on
-    from. Where noise is not correlated the last two arguments and the last answer are ()."""
-    receive: Callable[..., tuple[Normalizer, Array, Array]]
-    """(agent, normalizers, rewards, dones, final and following observations) → as normalization.receive."""
-    learn: Callable[..., RunState]
-    """(agent, runs, batch `[P, T, N]`, finished) → runs."""
-    log: Callable[..., tuple[RunState, Log]]
-    """(agent, runs, batch) → runs and logs."""
-    now: Callable[..., list[Array]]
-    """(agent, steps `[P]`) → the numbers of the same agent without its schedules."""
-    exploit: Callable[..., Array]
-    """(agent, learners, observations from the origin `[P, n, o]`) → deterministic actions."""
-
 
 Numbers = list[Array]
 """The leaves of an agent."""
 
 
-@kept
-def host_programs(structure: Any) -> HostPrograms:
-    """The programs that train agents of this tree structure, made once for each."""
+class HostPrograms:
+    """A group's programs, compiled at their first call on each device; all but `begin` are mapped over its runs.
 
-    def agent_of(numbers: Sequence[Any]) -> Agent:
-        return jax.tree.unflatten(structure, numbers)
+    The first argument of each but `observe` is the leaves of the agent: flat, for a call to be quick.
+    """
 
-    def of(function: Callable[..., Any]) -> Callable[..., Any]:
-        """The function of an agent as one of its leaves."""
-        return functools.wraps(function)(lambda numbers, *others: function(agent_of(numbers), *others))
+    def __init__(self, structure: Any) -> None:
+        def agent_of(numbers: Sequence[Any]) -> Agent:
+            return jax.tree.unflatten(structure, numbers)
 
-    def begin_all(numbers: Numbers, size: int, seeds: Array) -> RunState:
-        return jax.lax.map(lambda run: begin(agent_of(run[0]), size, run[1])[0], (numbers, seeds))
+        def of(function: Callable[..., Any]) -> Callable[..., Any]:
+            """The function of an agent as one of its leaves."""
+            return functools.wraps(function)(lambda numbers, *others: function(agent_of(numbers), *others))
 
-    side_by_side = agent_of(range(structure.num_leaves)).algorithm.side_by_side
-    return HostPrograms(
-        jax.jit(begin_all, static_argnums=1),
-        jax.jit(jax.vmap(_observe)),
-        jax.jit(jax.vmap(of(_prepare))),
-        jax.jit(jax.vmap(of(_act), (0, 0, 0, 0, 0, None, 0, 0))),
-        jax.jit(jax.vmap(of(_receive))),
-        jax.jit(over_runs(side_by_side, of(learn), (0, 0, 0, 0))),
-        jax.jit(jax.vmap(of(read_log))),
-        jax.jit(jax.vmap(of(_now))),
-        jax.jit(jax.vmap(of(deterministic_action))),
-    )
+        def begin_all(numbers: Numbers, size: int, seeds: Array) -> RunState:
+            return jax.lax.map(lambda run: begin(agent_of(run[0]), size, run[1])[0], (numbers, seeds))
+
+        side_by_side = agent_of(range(structure.num_leaves)).algorithm.side_by_side
+        self.begin = jax.jit(begin_all, static_argnums=1)
+        """(agent, observation size, seeds) → runs."""
+        self.observe = jax.jit(jax.vmap(_observe))
+        """(runs, first observations from the origin `[P, N, o]`) → runs."""
+        self.prepare = jax.jit(jax.vmap(of(_prepare)))
+        """(agent, runs) → the noise of their next rollout, each leaf `[P, T, N, ...]`."""
+        self.act = jax.jit(jax.vmap(of(_act), (0, 0, 0, 0, 0, None, 0, 0)))
+        """(agent, params, normalizers, observations from the origin `[P, N, o]`, noise, t, what the noise goes on from,
+        which episodes begin `[P, N]`) → actions, if it is on normalised observations, and what the next noise goes on
+        from. Where noise is not correlated the last two arguments and the last answer are ()."""
+        self.receive = jax.jit(jax.vmap(of(_receive)))
+        """(agent, normalizers, rewards, dones, final and following observations) → as normalization.receive."""
+        self.learn = jax.jit(over_runs(side_by_side, of(learn), (0, 0, 0, 0)))
+        """(agent, runs, batch `[P, T, N]`, finished) → runs."""
+        self.log = jax.jit(jax.vmap(of(read_log)))
+        """(agent, runs, batch) → runs and logs."""
+        self.now = jax.jit(jax.vmap(of(_now)))
+        """(agent, steps `[P]`) → the numbers of the same agent without its schedules."""
+        self.exploit = jax.jit(jax.vmap(of(deterministic_action)))
+        """(agent, learners, observations from the origin `[P, n, o]`) → deterministic actions."""
+
+
+host_programs = kept(HostPrograms)
+"""The programs that train agents of a tree structure, made once for each."""
 
 
 def _observe(run: RunState, observation: Array) -> RunState:

@@ -104,11 +104,7 @@ def begin_on_device(task: JaxTask, agent: Agent, seed: UInt[Array, ""]) -> Devic
 class DevicePopulation:
     """R runs on an environment in JAX. They are split evenly over devices, the last repeated to fill up.
 
-    Args:
-        task: what to train on.
-        agent: whose numbers are `[R]` each.
-        seeds: one for each run, 0 … 2³² − 1.
-        devices: what to compute on.
+    All arrays that go in or out are numpy's, with a leading axis R.
     """
 
     def __init__(self, task: JaxTask, agent: Agent, seeds: Sequence[int], devices: Sequence[jax.Device]) -> None:
@@ -151,21 +147,24 @@ class DevicePopulation:
         self._agent = self._place(over_all(self._given, begin, end))
 
     def compile(self) -> None:
-        """Compile what training runs, unless that is done."""
+        """Compile what training runs, unless that is done; the first `advance` does it otherwise."""
         if self._programs is None:
             start = time.perf_counter()
             self._programs = _compile(*self._shapes, self._on_runs)
             self.compile_seconds += time.perf_counter() - start
 
     def advance(self, n_updates: int) -> None:
-        """Train all runs for so many updates each; they are done when it returns."""
+        """Train all runs for so many updates each. The results do not depend on how training is cut into calls."""
         self.compile()
         assert self._programs
         self._state, self._batch = self._programs.advance(self._task, self._agent, self._state, np.int32(n_updates))
         jax.block_until_ready(self._state.run.step)
 
     def log(self, begin_next: bool = True) -> Log:
-        """What is recorded of the updates since the last log, each number `[R]`, without evaluation."""
+        """What is recorded of the updates since the last log, each number `[R]`, without evaluation.
+
+        With begin_next=False this one only looks: the next log has the same updates again.
+        """
         assert self._programs
         run, log = self._programs.log(self._agent, self._state.run, self._batch)
         if begin_next:
@@ -173,10 +172,14 @@ class DevicePopulation:
         return self._fetch(log)
 
     def evaluate(self, n_episodes: int, rule: Rule | None = None) -> Float[np.ndarray, "R n_episodes"]:
-        """Undiscounted returns of whole episodes without exploration."""
+        """Undiscounted returns of whole episodes without exploration; training is not touched by it.
+
+        The rule says which deterministic action is taken; None is the configuration's. The episodes are the same.
+        """
         run, agent = self._state.run, self._agent.acting_by(rule)
-        program, seconds = _compile_evaluation(self._shapes[0], _shapes(agent), n_episodes, self._on_runs)
-        self.compile_seconds += seconds()
+        start = time.perf_counter()
+        program = _compile_evaluation(self._shapes[0], _shapes(agent), n_episodes, self._on_runs)
+        self.compile_seconds += time.perf_counter() - start
         return np.asarray(self._fetch(program(self._task, agent, run.evaluation_key, run.step, run.learner)))
 
     def check_evaluation(self, n_episodes: int) -> None:
@@ -187,7 +190,7 @@ class DevicePopulation:
         return yardsticks_on(self._task, self._agent.low, self._agent.high)
 
     def put(self, learner: Learner) -> None:
-        """Go on with something else learnt, each leaf `[R, ...]`."""
+        """Go on with something else learnt, each leaf `[R, ...]`, also where a run had diverged."""
         padded = self._place(jax.tree.map(lambda x: np.asarray(x)[self._padded], learner))
         never = jnp.full_like(self._state.run.diverged_at, -1)
         self._state = self._state._replace(run=self._state.run._replace(learner=padded, diverged_at=never))
@@ -254,24 +257,16 @@ def _compile(task: JaxTask, agent: Agent, on_runs: NamedSharding) -> _Programs:
 
 
 @kept
-def _compile_evaluation(
-    task: JaxTask, agent: Agent, n_episodes: int, on_runs: NamedSharding
-) -> tuple[Callable[..., Array], Callable[[], float]]:
-    """The compiled evaluation, and a function that tells the seconds it took to compile at its first call only."""
-    start = time.perf_counter()
+def _compile_evaluation(task: JaxTask, agent: Agent, n_episodes: int, on_runs: NamedSharding) -> Callable[..., Array]:
+    """The program that evaluates."""
 
     def program(task: JaxTask, agent: Agent, key: Array, step: Array, learner: Learner) -> Array:
         return evaluate(jax.random.fold_in(key, step), task, at(agent, step), learner, n_episodes)
 
     axes = (None, 0, 0, 0, 0)
     run = _shapes(jax.eval_shape(_begin_all(on_runs), task, agent, _seeds(agent)).run, on_runs)
-    compiled = (
-        jax.jit(_on_all_devices(jax.vmap(program, axes), on_runs, axes))
-        .lower(task, _shapes(agent, on_runs), run.evaluation_key, run.step, run.learner)
-        .compile()
-    )
-    seconds = [time.perf_counter() - start]
-    return compiled, lambda: seconds.pop() if seconds else 0.0
+    given = (task, _shapes(agent, on_runs), run.evaluation_key, run.step, run.learner)
+    return jax.jit(_on_all_devices(jax.vmap(program, axes), on_runs, axes)).lower(*given).compile()
 
 
 def _shapes(tree: Tree, on_runs: NamedSharding | None = None) -> Tree:

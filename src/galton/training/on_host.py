@@ -26,17 +26,10 @@ Answer = TypeVar("Answer")
 
 
 class HostPopulation:
-    """R runs with N copies of a task each, dealt to groups that train without waiting for each other.
+    """R runs on a task outside JAX, dealt to groups that train without waiting for each other, one for each device.
 
-    Args:
-        task: what to train on.
-        agent: whose numbers are `[R]` each.
-        seeds: one for each run, 0 … 2³² − 1.
-        devices: what to compute on, each with a thread.
-
-    Raises:
-        UsageError: more copies than the task has.
-        BrokenEnvironmentError: an environment broke in its first reset.
+    Its methods are those of `DevicePopulation`. Each may raise BrokenEnvironmentError; the learner then stays what the
+    last update made it.
     """
 
     def __init__(self, task: Task, agent: Agent, seeds: Sequence[int], devices: Sequence[jax.Device]) -> None:
@@ -124,7 +117,11 @@ class HostPopulation:
             group.reseed(np.asarray(seeds, np.uint32)[part])
 
     def snapshot(self) -> Snapshot:
-        """Runs and, where they can tell their states, environments, from which `restore` goes on."""
+        """Runs and environments, from which `restore` goes on exactly.
+
+        Where the environments can't give their states its entry `environments` is missing, and `restore` begins new
+        episodes.
+        """
         parts = [group.snapshot() for group in self._groups]
         if any(part["environments"] is None for part in parts):
             for part in parts:

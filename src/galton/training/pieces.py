@@ -8,11 +8,7 @@ SECONDS = 0.5
 
 
 class Pieces:
-    """Cuts training into pieces of about half a second. How long an update takes is learnt on the way.
-
-    Args:
-        advance: trains for so many updates, and returns when they are done.
-    """
+    """Cuts training by `advance` into pieces of half a second. How long an update takes is learnt on the way."""
 
     def __init__(self, advance: Callable[[int], None]) -> None:
         self._advance, self._n = advance, 1

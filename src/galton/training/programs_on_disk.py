@@ -22,26 +22,18 @@ MOST = 10**9
 _ZSTANDARD = b"\x28\xb5\x2f\xfd"
 """How a file begins that JAX has packed with zstandard, which it prefers to zlib where it is installed."""
 
-
-ROOM = 1 << 20
-"""Bytes that there must be room for; small programs take some tens of kilobytes, large ones a megabyte."""
 REMEDY = f"{PLACE} names another folder, or is off"
 """What a user can do about a folder that can't be used."""
 
 
 def place() -> Path | None:
-    """The folder for this machine's programs, made and tidied; None where the user says where else, or PLACE is off.
-
-    Raises:
-        OSError, ValueError: a folder that can't be, can't be written, or is full.
-    """
+    """The tidied folder for programs, None if the user wants none or another; OSError or ValueError if it can't be."""
     given = os.environ.get(PLACE) or platformdirs.user_cache_dir("galton")
     if given == "off" or "JAX_COMPILATION_CACHE_DIR" in os.environ:
         return None
     folder = Path(given, _kind())
     folder.mkdir(parents=True, exist_ok=True)
     tidy(folder)
-    check_room(folder)
     return folder
 
 
@@ -49,7 +41,7 @@ def place() -> Path | None:
 def keep_programs() -> None:
     """Have this process keep what it compiles from now on, once, unless the user has told JAX where to.
 
-    A folder that can't be written, or is full, is told by a warning, and nothing is kept.
+    A folder that can't be written is told by a warning, and nothing is kept.
     """
     import jax
 
@@ -65,21 +57,8 @@ def keep_programs() -> None:
         jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
 
 
-def check_room(folder: Path) -> None:
-    """Raise OSError where nothing of ROOM bytes can be written into a folder."""
-    probe = folder / f"probe-{os.getpid()}"
-    try:
-        probe.write_bytes(bytes(ROOM))
-    finally:
-        probe.unlink(missing_ok=True)
-
-
 def tidy(folder: Path) -> None:
-    """Remove what a process left half-written that was killed, which JAX would never replace, and what is too much.
-
-    Raises:
-        OSError: a folder that can't be written.
-    """
+    """Remove what a killed process left half-written, which JAX would never replace, and the oldest of too many."""
     checked, now = folder / "checked", time.time()
     since = checked.stat().st_mtime if checked.exists() else 0.0
     files = {path: stat for path in folder.iterdir() if path != checked and (stat := _stat(path))}

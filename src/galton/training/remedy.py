@@ -16,12 +16,7 @@ OUTGROWN = 3.0
 
 
 def remedy(agent: Agent, learner: Learner) -> str:
-    """A sentence that names the cause, if it is numbers that are too large, and otherwise what may help.
-
-    Args:
-        agent: of the run.
-        learner: of one run, or of several.
-    """
+    """A sentence that names the cause, if it is numbers that are too large, and otherwise what may help."""
     normalizer = learner.normalizer
     for moments, what, setting, wrapper in (
         (normalizer.observation, "observations", "normalize_observation", "TransformObservation"),

@@ -97,13 +97,7 @@ def over_all(agent: Agent, begin: int, end: int) -> Agent:
 
 
 def over_runs(side_by_side: bool, f: Callable[..., Tree], in_axes: Sequence[int | None]) -> Callable[..., Tree]:
-    """A function of one run as one of many on a device: side by side, or one after the other where that is faster.
-
-    Args:
-        side_by_side: which is faster on a processor core, as the algorithm says.
-        f: of one run.
-        in_axes: 0 for an argument that has the axis of runs, None for one that they share.
-    """
+    """A function of one run as one of many: side by side, or one after the other. Runs share arguments of axis None."""
     if side_by_side or jax.default_backend() != "cpu":
         return jax.vmap(f, tuple(in_axes))
 

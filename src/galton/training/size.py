@@ -18,14 +18,7 @@ COPY = 1_000
 
 
 def check_size(task: Task, agent: Agent, n_runs: int, n_eval_episodes: int = 0) -> None:
-    """Raise UsageError where this process can't have the memory that training would need, and say what to lower.
-
-    Args:
-        task: what is trained on.
-        agent: of every run.
-        n_runs: how many there are, one for each of `seeds`.
-        n_eval_episodes: of each evaluation.
-    """
+    """Raise UsageError where this process can't have the memory that training would need, and say what to lower."""
     outside, room = not isinstance(task, JaxTask), memory()
     n_envs, n_steps = agent.rollout.n_envs, agent.rollout.n_steps
     d, o = len(task.actions.low), task.observations.size

@@ -64,23 +64,14 @@ def at_random(low: Bound, high: Bound) -> Act:
 
 
 def yardsticks(name: str, envs: HostEnvironments, n_copies: int, low: Bound, high: Bound) -> Yardsticks:
-    """Play both on these copies, from the same first states.
-
-    Raises:
-        BrokenEnvironmentError: an environment broke, or an episode does not end.
-    """
+    """Play both on these copies, from the same first states; BrokenEnvironmentError where an episode does not end."""
     seeds = np.random.SeedSequence(SEED).generate_state(n_copies)
     means = [play(name, envs, seeds, act(low, high), N_EPISODES).mean() for act in (nothing, at_random)]
     return Yardsticks(*map(float, means))
 
 
 def yardsticks_on(task: Task, low: Bound, high: Bound) -> Yardsticks:
-    """Play both on copies of an environment, or on those given.
-
-    Raises:
-        UsageError: an environment that is being trained on and can't be copied.
-        BrokenEnvironmentError: as `yardsticks`.
-    """
+    """Play both on copies of an environment, or on those given; UsageError for one that is being trained on."""
     n_copies = task.given or N_EPISODES
     envs = copies(task, n_copies)
     try:

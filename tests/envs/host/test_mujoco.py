@@ -8,8 +8,7 @@ import pytest
 
 from galton import BrokenEnvironmentError, UsageError
 from galton.envs import find
-from galton.envs.host.mujoco import MujocoEnvs
-from galton.envs.host.mujoco_functions import MUJOCO_FUNCTIONS
+from galton.envs.host.mujoco import MUJOCO_FUNCTIONS, MujocoEnvs
 
 COPIES = 4
 

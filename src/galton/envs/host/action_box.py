@@ -18,11 +18,7 @@ LEAST_SPAN = 1e-30
 
 @dataclasses.dataclass(frozen=True)
 class ActionBox:
-    """A checked action space: an environment's own, or that in other units.
-
-    Raises:
-        UsageError: a space that isn't a Box with finite bounds in every dimension.
-    """
+    """A checked action space, in units of its own; UsageError for one that isn't a Box with finite bounds."""
 
     name: str
     own: Any

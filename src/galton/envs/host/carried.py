@@ -16,7 +16,7 @@ import numpy as np
 from gymnasium.wrappers import TimeLimit
 from jaxtyping import Float
 
-from galton.envs.host.wrappers import is_monitor
+from galton.envs.host.wrappers import is_monitor, put
 from galton.errors import UsageError, require
 from galton.foreign import is_instance_of
 
@@ -88,19 +88,16 @@ def statistics_of(layers: Layers) -> dict[str, Any]:
 
 
 def set_moments(statistics: Any, moments: dict[str, Any]) -> None:
-    """Give running statistics these moments. A number of Python's stays one, and an array an array."""
+    """Give running statistics these moments."""
     for name, value in moments.items():
-        plain = not isinstance(getattr(statistics, name), np.ndarray | np.generic)
-        setattr(statistics, name, np.asarray(value).item() if plain else np.array(value))
+        put(statistics, name, value)
 
 
 def take_statistics(name: str, layers: Layers, trained: Layers | None) -> None:
     """Give an environment of the user's own the observations' statistics that training's has, one for one.
 
-    Without one, as after loading a model by itself, it keeps its own, if they have counted anything.
-
-    Raises:
-        UsageError: it has others than training's, or empty ones.
+    Without one, as after loading a model by itself, it keeps its own. UsageError for others than training's, or for
+    empty ones.
     """
     own = _of_observations(layers)
     if trained is None:
@@ -131,42 +128,36 @@ def frozen(copies: Sequence[Layers]) -> Iterator[Callable[[Float[np.ndarray, " M
     below the innermost wrapper that does so; any other is what it is.
     """
     with contextlib.ExitStack() as stack:
-        seen: set[int] = set()
-        listening: dict[int, _Rewards] = {}
-        heard: list[_Rewards | None] = []
-        for layers in copies:
-            for statistics in statistics_of(layers).values():
-                if id(statistics) not in seen:
-                    seen.add(id(statistics))
-                    stack.enter_context(_replaced(statistics, "update", lambda *_, **__: None))
+        for statistics in {id(one): one for layers in copies for one in statistics_of(layers).values()}.values():
+            stack.enter_context(_replaced(statistics, "update", lambda *_, **__: None))
+        told: dict[int, np.ndarray] = {}
+
+        def heard_from(layers: Layers) -> int | None:
+            """The key in `told` of what last rewarded a copy, below all that scales rewards; None if nothing does."""
             scaling = [layer for layer in layers if any(map(_is_of_rewards, vars(layer).values()))]
-            below = _below(scaling[-1]) if scaling else None
-            if below is not None and id(below) not in listening:
-                method = "step_wait" if _is_sb3_wrapper(scaling[-1]) else "step"
-                listening[id(below)] = rewards = _Rewards(getattr(below, method), hasattr(below, "num_envs"))
-                stack.enter_context(_replaced(below, method, rewards))
-            heard.append(None if below is None else listening[id(below)])
+            if not scaling:
+                return None
+            below = _below(scaling[-1])
+            method = "step_wait" if _is_sb3_wrapper(scaling[-1]) else "step"
+            step = getattr(below, method)
+
+            def remembering(*arguments: Any) -> Any:
+                answer = step(*arguments)
+                told[id(below)] = np.array(answer[1], np.float64).ravel()
+                return answer
+
+            if id(below) not in told:
+                told[id(below)] = np.zeros(1)
+                stack.enter_context(_replaced(below, method, remembering))
+            return id(below)
+
+        heard = [heard_from(layers) for layers in copies]
 
         def as_given(rewards: Float[np.ndarray, " M"]) -> Float[np.ndarray, " M"]:
-            return np.array([rewards[i] if one is None else one.of(i) for i, one in enumerate(heard)], np.float64)
+            own = [rewards[i] if key is None else told[key][i % len(told[key])] for i, key in enumerate(heard)]
+            return np.array(own, np.float64)
 
-        yield as_given if any(heard) else lambda rewards: rewards
-
-
-class _Rewards:
-    """A `step` that remembers what it last rewarded."""
-
-    def __init__(self, step: Callable[..., Any], of_all: bool) -> None:
-        self._step, self._of_all, self._rewards = step, of_all, np.zeros(1)
-
-    def __call__(self, *arguments: Any) -> Any:
-        answer = self._step(*arguments)
-        self._rewards = np.array(answer[1], np.float64).ravel()
-        return answer
-
-    def of(self, copy: int) -> float:
-        """The last reward of a copy."""
-        return float(self._rewards[copy if self._of_all else 0])
+        yield as_given if told else lambda rewards: rewards
 
 
 @contextlib.contextmanager

@@ -36,13 +36,7 @@ _NAMELESS = ("<lambda>", "partial")
 
 
 class GymnasiumTask:
-    """A Gymnasium environment by what makes it: an id, a function, or one that is already there.
-
-    Args:
-        source: an id (`module:Id` imports the module first), a function without arguments that returns an
-            environment, or an environment.
-        action_scale: the factor by which a policy's action is larger than the environment's.
-        kwargs: for `gymnasium.make`, where source is an id.
+    """A Gymnasium environment by what makes it: an id with its keyword arguments, a function, or one that is there.
 
     Raises:
         UsageError: an id that Gymnasium doesn't know, a function that fails, spaces that Galton can't use.

@@ -2,6 +2,7 @@
 
 import dataclasses
 import functools
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -23,11 +24,7 @@ IMAGE_REMEDY = (
 
 @dataclasses.dataclass(frozen=True)
 class Observations:
-    """A checked observation space.
-
-    Raises:
-        UsageError: a space that can't be flattened into a vector.
-    """
+    """A checked observation space; UsageError for one that can't be flattened into a vector."""
 
     name: str
     space: Space
@@ -36,7 +33,7 @@ class Observations:
         remedy = "wrap the environment so that it observes a Box, or a Dict or Tuple of them"
         observations = f"{self.name} observes {self.space}"
         require(
-            _has_fixed_size(self.space),
+            all(isinstance(leaf, Box | Discrete | MultiDiscrete | MultiBinary) for leaf in _leaves(self.space)),
             f"{observations}; only Box, Discrete, MultiDiscrete, MultiBinary, and Dict and Tuple of them, can be "
             f"flattened: {remedy}",
         )
@@ -50,12 +47,14 @@ class Observations:
     @property
     def has_image(self) -> bool:
         """Say whether a Box of bytes in three dimensions is in it, as images are."""
-        return _has_image(self.space)
+        boxes = [leaf for leaf in _leaves(self.space) if isinstance(leaf, Box)]
+        return any(box.dtype == np.uint8 and len(box.shape) == 3 for box in boxes)
 
     @functools.cached_property
     def dtype(self) -> np.dtype[np.floating[Any]]:
         """Vectors hold float32 where that has all numbers of the space, else float64."""
-        return np.dtype(np.float64 if _is_precise(self.space) else np.float32)
+        kinds = [leaf.dtype for leaf in _leaves(self.space) if isinstance(leaf, Box)]
+        return np.dtype(np.float32 if all(np.can_cast(kind, np.float32) for kind in kinds) else np.float64)
 
     def flatten(self, raw: object, where: str) -> Float[np.ndarray, " o"]:
         """One observation as a vector; BrokenEnvironmentError says what is wrong with it."""
@@ -93,9 +92,10 @@ class Observations:
                 require(single or values.shape[1:] == self.space.shape, f"its shape is {values.shape}")
                 require(values.dtype.kind in "fiub", f"its type is {values.dtype}")
                 return self.checked(values, "it", "predict").reshape(-1, self.size), single
-            single = _depth(observation, self.space) == 0
+            found = list(_parts(observation, self.space))
+            single = np.ndim(found[0][0]) == len(found[0][1].shape or ())
             if not single:
-                lengths = _lengths(observation, self.space)
+                lengths = {len(part) for part, _ in found}
                 require(len(lengths) == 1, f"its parts are batches of {sorted(lengths)}")
             one_by_one = [observation] if single else iterate(batch_space(self.space, 1), observation)
             return np.stack([self.flatten(part, "predict") for part in one_by_one]), single
@@ -128,45 +128,19 @@ def _check_parts(space: Space, raw: Any, name: str, where: str) -> None:
         raise ValueError(f"{name} is {shown(raw)}, which is not in {space}")
 
 
-def _depth(observation: Any, space: Space) -> int:
-    """How many axes an observation has beyond those of its space: 0, or 1 for a batch."""
-    if isinstance(space, Dict):
-        key, part = next(iter(space.spaces.items()))
-        return _depth(observation[key], part)
-    if isinstance(space, Tuple):
-        return _depth(observation[0], space.spaces[0])
-    return np.ndim(observation) - len(space.shape or ())
+def _leaves(space: Any) -> Iterator[Any]:
+    """The spaces without parts of their own that a space is made of."""
+    if isinstance(space, Dict | Tuple):
+        for part in space.spaces.values() if isinstance(space, Dict) else space.spaces:
+            yield from _leaves(part)
+    else:
+        yield space
 
 
-def _lengths(observation: Any, space: Space) -> set[int]:
-    """The lengths of the batches in a batch of observations; they should be one."""
-    if isinstance(space, Dict):
-        return set().union(*(_lengths(observation[key], part) for key, part in space.spaces.items()))
-    if isinstance(space, Tuple):
-        return set().union(*(_lengths(observation[i], part) for i, part in enumerate(space.spaces)))
-    return {len(observation)}
-
-
-def _has_image(space: object) -> bool:
-    if isinstance(space, Dict):
-        return any(map(_has_image, space.spaces.values()))
-    if isinstance(space, Tuple):
-        return any(map(_has_image, space.spaces))
-    return isinstance(space, Box) and space.dtype == np.uint8 and len(space.shape) == 3
-
-
-def _is_precise(space: object) -> bool:
-    """The space is or holds a Box whose numbers float32 can't all hold."""
-    if isinstance(space, Dict):
-        return any(map(_is_precise, space.spaces.values()))
-    if isinstance(space, Tuple):
-        return any(map(_is_precise, space.spaces))
-    return isinstance(space, Box) and not np.can_cast(space.dtype, np.float32)
-
-
-def _has_fixed_size(space: object) -> bool:
-    if isinstance(space, Dict):
-        return all(map(_has_fixed_size, space.spaces.values()))
-    if isinstance(space, Tuple):
-        return all(map(_has_fixed_size, space.spaces))
-    return isinstance(space, Box | Discrete | MultiDiscrete | MultiBinary)
+def _parts(observation: Any, space: Space) -> Iterator[tuple[Any, Space]]:
+    """What an observation has for each of those spaces."""
+    if isinstance(space, Dict | Tuple):
+        for key, part in space.spaces.items() if isinstance(space, Dict) else enumerate(space.spaces):
+            yield from _parts(observation[key], part)
+    else:
+        yield observation, space

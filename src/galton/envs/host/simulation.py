@@ -1,11 +1,10 @@
 """N MuJoCo simulations of one model: in `mujoco.batch`, or in a loop where a task needs what that doesn't compute."""
 
 from concurrent.futures import ThreadPoolExecutor
-from typing import Protocol, runtime_checkable
 
 import mujoco
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 from mujoco.batch import Batch
 
 from galton.envs.host.clock import unprofiled
@@ -16,32 +15,6 @@ Fields = dict[str, Float[np.ndarray, "N ..."]]
 STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 UNSTABLE = [int(getattr(mujoco.mjtWarning, f"mjWARN_BAD{name}")) for name in ("QPOS", "QVEL", "QACC")]
 """The warnings after which MuJoCo resets a simulation without a word."""
-
-
-@runtime_checkable
-class Simulations(Protocol):
-    """N simulations, each with its own state."""
-
-    fields: Fields
-    was_reset: Bool[np.ndarray, " N"]
-    """Which simulations MuJoCo reset in the last step because they were unstable."""
-
-    def __init__(self, model: mujoco.MjModel, n: int, n_threads: int, fields: tuple[str, ...]) -> None: ...
-
-    def step(self, control: Float[np.ndarray, "N u"], n_substeps: int) -> None:
-        """Take that many substeps under constant controls."""
-
-    def reset(self, ids: Int[np.ndarray, " n"], qpos: Float[np.ndarray, "n q"], qvel: Float[np.ndarray, "n v"]) -> None:
-        """Start these simulations again from the given positions and velocities."""
-
-    def get_state(self) -> Float[np.ndarray, "N state"]:
-        """The state of each simulation that integration goes on from."""
-
-    def set_state(self, physics: Float[np.ndarray, "N state"], fields: dict[str, np.ndarray]) -> None:
-        """Go on from a state, with the fields that were computed on the way to it."""
-
-    def close(self) -> None:
-        """End the threads, where there are any."""
 
 
 class Batched:
@@ -55,6 +28,7 @@ class Batched:
         self.fields = {name: live[name].copy() if name in self._derived else live[name] for name in fields}
         self._live, self._control = live, self._batch.bind("ctrl")
         self.was_reset = np.zeros(n, bool)
+        """Which simulations MuJoCo reset in the last step because they were unstable."""
 
     def step(self, control: Float[np.ndarray, "N u"], n_substeps: int) -> None:
         """Take that many substeps under constant controls."""
@@ -147,3 +121,7 @@ class Looped:
     def _read(self, i: int) -> None:
         for name, values in self.fields.items():
             values[i] = getattr(self._data[i], name)
+
+
+Simulations = Batched | Looped
+"""N simulations, each with its own state."""

@@ -1,5 +1,6 @@
 """Gymnasium's spaces as plain JSON, for a model's file."""
 
+import math
 from typing import Any
 
 import numpy as np
@@ -29,8 +30,16 @@ def to_json(space: Space) -> dict[str, object]:
     raise UsageError(f"a space of type {type(space).__name__} can't be saved")
 
 
+def n_entries(record: dict[str, Any]) -> int:
+    """How many entries the Boxes have that `to_json` described."""
+    ((kind, content),) = record.items()
+    if kind in ("Dict", "Tuple"):
+        return sum(n_entries(part[1] if kind == "Dict" else part) for part in content)
+    return abs(math.prod(content[2])) if kind == "Box" else 0
+
+
 def from_json(record: dict[str, Any]) -> Space:
-    """The space that `to_json` described."""
+    """The space that `to_json` described; ValueError for a Box that is not of numbers."""
     ((kind, content),) = record.items()
     if kind == "Dict":
         return Dict([(key, from_json(part)) for key, part in content])  # in this order
@@ -38,6 +47,8 @@ def from_json(record: dict[str, Any]) -> Space:
         return Tuple([from_json(part) for part in content])
     if kind == "Box":
         low, high, shape, dtype = content
+        if np.dtype(dtype).kind not in "fiub":
+            raise ValueError(f"a space is of {dtype}, not of numbers")
         low, high = (
             np.full(shape, bound[0], dtype) if len(bound) == 1 else np.array(bound, dtype).reshape(shape)
             for bound in (low, high)

@@ -19,10 +19,7 @@ def is_sb3(env: object) -> bool:
 
 
 class VectorTask:
-    """A vector environment as it is: its copies are all that there are.
-
-    Args:
-        source: a gymnasium.vector.VectorEnv in SAME_STEP mode, or an SB3 VecEnv.
+    """A gymnasium.vector.VectorEnv in SAME_STEP mode or an SB3 VecEnv as it is: its copies are all that there are.
 
     Raises:
         UsageError: another autoreset mode, or spaces that Galton can't use.

@@ -60,11 +60,13 @@ def set_state(wrapper: Wrapper, state: dict[str, Any]) -> None:
     """Put a known wrapper into what `get_state` told."""
     for name in _ATTRIBUTES.get(_name(wrapper), ()):
         *path, last = name.split(".")
-        holder = operator.attrgetter(*path)(wrapper) if path else wrapper
-        # A number of Python's must stay one: as numpy's it would decide on the precision of what it is multiplied with.
-        plain = isinstance(getattr(holder, last), int | float) and not isinstance(getattr(holder, last), np.generic)
-        value = np.array(state[name])
-        setattr(holder, last, value.item() if plain else value)
+        put(operator.attrgetter(*path)(wrapper) if path else wrapper, last, state[name])
+
+
+def put(holder: Any, name: str, value: Any) -> None:
+    """Set an array or a number of Python's, which stays one: numpy's would decide on the precision of products."""
+    plain = not isinstance(getattr(holder, name), np.ndarray | np.generic)
+    setattr(holder, name, np.asarray(value).item() if plain else np.array(value))
 
 
 def _name(wrapper: Wrapper) -> str:
