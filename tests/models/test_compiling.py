@@ -7,10 +7,7 @@ import pytest
 
 from galton import A2C, PPO
 
-TRAINING = {
-    "bandit": {"jit(iterate)", "jit(read_log)"},
-    "Pendulum-v1": {"jit(_prepare)", "jit(_act)", "jit(read_log)"},
-}
+TRAINING = {"bandit": {"jit(iterate)", "jit(read_log)"}, "Pendulum-v1": {"jit(_prepare)", "jit(_act)", "jit(read_log)"}}
 """The names of the programs that train on the device, and of those outside JAX."""
 
 

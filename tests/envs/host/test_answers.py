@@ -7,19 +7,7 @@ from gymnasium.spaces import Box, Dict, Discrete, MultiDiscrete, Tuple
 from galton import BrokenEnvironmentError
 from galton.envs.host.gymnasium import GymnasiumTask
 
-from .walks import (
-    LENGTH,
-    N,
-    Unconvertible,
-    Walk,
-    Walks,
-    fail,
-    observation,
-    play,
-    reward,
-    terminated,
-    truncated,
-)
+from .walks import LENGTH, N, Unconvertible, Walk, Walks, fail, observation, play, reward, terminated, truncated
 
 SHAPE = r"the space is Box\(-inf, inf, \(2,\), float32\)"
 FIVE = r"it must return \(observation, reward, terminated, truncated, info\)"

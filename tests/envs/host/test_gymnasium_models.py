@@ -21,16 +21,7 @@ import galton
 from galton import BrokenEnvironmentError, UsageError
 from galton.saving import checkpoint
 
-from .walks import (
-    Closing,
-    N,
-    Stateful,
-    Walk,
-    Walks,
-    fail,
-    observation,
-    reward,
-)
+from .walks import Closing, N, Stateful, Walk, Walks, fail, observation, reward
 
 CONFIG = {"loss": "gaussian", "n_steps": 5, "net_arch": (4,)}
 make_model = functools.partial(galton.A2C, n_envs=N, **CONFIG)

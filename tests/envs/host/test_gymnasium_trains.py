@@ -11,10 +11,7 @@ from galton.envs import find
 from galton.envs.host.gymnasium import GymnasiumTask
 
 ALGORITHMS = {"a2c": (galton.A2C, {}), "ppo": (galton.PPO, {"batch_size": 4, "n_epochs": 2})}
-TASKS = {
-    "Pendulum-v1": ({}, "gymnasium", 3),
-    "LunarLander-v3": ({"continuous": True}, "Box2D", 8),
-}
+TASKS = {"Pendulum-v1": ({}, "gymnasium", 3), "LunarLander-v3": ({"continuous": True}, "Box2D", 8)}
 """Keyword arguments, the package without which there is no such task, and the size of an observation."""
 
 
