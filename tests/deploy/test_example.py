@@ -31,7 +31,7 @@ def folder(tmp_path_factory):
     """A folder with a policy that turns a pendulum somehow."""
     folder = tmp_path_factory.mktemp("exported")
     model = galton.A2C("Pendulum-v1", "hl-gauss", n_bins=5, net_arch=(8,), normalize_observation=True)
-    galton.deploy.export(model.learn(100, progress_bar=False), folder / "policy.onnx")
+    galton.deploy.export(model, folder / "policy.onnx")
     return folder
 
 
@@ -44,7 +44,7 @@ def run(folder):
 def test_the_example_runs_a_policy_without_galton_or_jax(folder):
     done = run(folder)
     assert done.returncode == 0, done.stderr
-    assert "a2c with hl-gauss, 100 steps, rule: mode" in done.stdout
+    assert "a2c with hl-gauss, 0 steps, rule: mode" in done.stdout
     assert re.search(r"return of 10 swings: -\d+ ± \d+", done.stdout)
 
 

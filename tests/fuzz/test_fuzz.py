@@ -104,7 +104,7 @@ def test_another_error_than_ours_is_found(tmp_path, monkeypatch):
         targets.run("grids", b"[[grid]]", tmp_path)
 
 
-def test_changes_keep_checksums_right(tmp_path):
+def test_changes_keep_checksums_right_and_the_corpus_is_small(tmp_path):
     """Most changed checkpoints and plans come to where their content is looked at, behind the checksum."""
     draw = random.Random(0)
     for name, told in (("checkpoints", "its checksum is wrong"), ("plans", "was damaged")):
@@ -116,8 +116,5 @@ def test_changes_keep_checksums_right(tmp_path):
             except targets.ERRORS as error:
                 errors.append(str(error))
         assert sum(told not in error for error in errors) > 5, name
-
-
-def test_the_corpus_is_small():
     sizes = [path.stat().st_size for path in (targets.HERE / "corpus").rglob("*") if path.is_file()]
     assert 0 < sum(sizes) < 100_000

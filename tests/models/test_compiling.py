@@ -25,7 +25,7 @@ def compiled():
     inside = False
 
 
-@pytest.mark.few
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::galton.models.file.InexactResume")
 @pytest.mark.parametrize(("model_of", "env"), [(A2C, "bandit"), (PPO, "Pendulum-v1")])
 def test_nothing_that_trains_is_compiled_until_a_model_learns(model_of, env, tmp_path):

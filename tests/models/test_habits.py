@@ -330,7 +330,7 @@ def test_set_env_goes_on_with_what_was_learnt_on_another_environment(tmp_path):
 
 def test_set_env_refuses_other_spaces_and_keeps_the_environment():
     model = made("bandit")
-    with pytest.raises(UsageError, match="env has (actions|observations)"):
+    with pytest.raises(UsageError, match=r"env has (actions|observations)"):
         model.set_env("mountain-car")
     with pytest.raises(UsageError, match="n_envs is 2, but one environment was given"):
         model.set_env(swing())

@@ -157,10 +157,3 @@ def test_a_spread_is_numpys():
     np.testing.assert_allclose(spread.mean, rows.mean(0), rtol=1e-12)
     np.testing.assert_allclose(spread.deviation, rows.std(0), rtol=1e-6)
     np.testing.assert_array_equal((spread.low, spread.high), (rows.min(0), rows.max(0)))
-
-
-def test_a_check_is_shown_with_a_line_for_each_finding_and_for_its_remedy():
-    shown = check.Check((check.Finding("a", "1"), check.Finding("b", "2", "c"), check.Finding("d", "3", "e", ok=False)))
-    assert [" ".join(line.split()) for line in repr(shown).splitlines()] == [
-        *("a 1", "b note: 2", "-> c", "d stop: 3", "-> e")
-    ]

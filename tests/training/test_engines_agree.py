@@ -28,11 +28,11 @@ CLOSE = {"rtol": 1e-4, "atol": 1e-5}
 NORMALIZE = {"normalize_observation": True, "normalize_reward": True}
 CASES = [
     ("a2c", "gaussian", NORMALIZE),
-    pytest.param("a2c", "hl-gauss", {}, marks=pytest.mark.slow),
-    pytest.param("ppo", "gaussian", {}, marks=pytest.mark.slow),
+    ("a2c", "hl-gauss", {}),
+    ("ppo", "gaussian", {}),
     ("ppo", "hl-gauss-centred", NORMALIZE),
-    pytest.param("a2c", "gaussian", {"noise_correlation": 0.8}, marks=pytest.mark.slow),
-    pytest.param("ppo", "hl-gauss", {"noise_correlation": 0.8}, marks=pytest.mark.slow),
+    ("a2c", "gaussian", {"noise_correlation": 0.8}),
+    ("ppo", "hl-gauss", {"noise_correlation": 0.8}),
 ]
 
 
@@ -102,6 +102,7 @@ def test_the_same_dynamics_on_the_host_give_the_same_rollouts_updates_and_logs(a
     population.close()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("algorithm", "loss", "more"), [*CASES[1:3], CASES[-1]])
 def test_a_population_on_the_device_is_one_iteration_after_the_other(algorithm, loss, more):
     agent = agent_of(algorithm, loss, more)

@@ -47,14 +47,9 @@ def starts(resets, n_updates, **own):
 
 
 @pytest.mark.slow
-def test_fresh_states_are_all_different():
+def test_fresh_states_are_all_different_and_each_copy_may_begin_again_where_it_began():
     found, _ = starts("fresh", 4)
-    n_episodes = 3 * (4 * 7 // LIMIT)
-    assert len(np.unique(found.reshape(-1, 2), axis=0)) == n_episodes
-
-
-@pytest.mark.slow
-def test_each_copy_begins_again_where_it_began():
+    assert len(np.unique(found.reshape(-1, 2), axis=0)) == 3 * (4 * 7 // LIMIT)
     found, _ = starts("first", 4)
     assert len(np.unique(found.reshape(-1, 2), axis=0)) == 3
     np.testing.assert_array_equal(found, np.broadcast_to(found[:1, :1], found.shape))
@@ -91,13 +86,10 @@ def test_a_pool_of_every_step_resets_as_often_as_fresh_states_and_no_more():
     assert [drawn(), drawn(resets="pool", reset_pool=5), drawn(resets="first")] == [21, 5, 0]
 
 
-def test_environments_outside_jax_reset_themselves():
+def test_a_way_to_begin_that_has_no_use_is_refused():
     with pytest.raises(
-        UsageError, match=r"^resets is 'pool', but Pendulum-v1 is no environment in JAX and resets itself"
+        UsageError, match=r"^resets is 'pool', but Pendulum-v1 is no environment in JAX and resets itse"
     ):
         A2C("Pendulum-v1", "hl-gauss", resets="pool")
-
-
-def test_a_pool_that_nothing_uses_is_refused():
     with pytest.raises(UsageError, match=r"^reset_pool is 5; it has no use with resets at 'first'"):
         A2C("lqr", "hl-gauss", resets="first", reset_pool=5)

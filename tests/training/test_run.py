@@ -42,13 +42,10 @@ def numbers(key):
     return tuple(np.asarray(jax.random.key_data(key)).tolist())
 
 
-def test_a_seed_is_a_run():
+def test_a_seed_is_a_run_with_keys_apart_for_training_evaluation_and_first_episodes():
     assert bits(without_keys(new(1))) == bits(without_keys(new(1)))
     assert bits(new(1).learner) != bits(new(2).learner)
     assert numbers(new(1).key) != numbers(new(2).key)
-
-
-def test_training_evaluation_and_first_episodes_have_keys_apart():
     run, episodes_key = begin(AGENT, 2, jnp.uint32(0))
     assert len({*map(numbers, (run.key, run.evaluation_key, episodes_key))}) == 3
 
@@ -75,14 +72,11 @@ def test_an_update_has_a_key_of_its_own():
     assert len({*seen, *rollouts}) == 6
 
 
-def test_the_learning_rate_falls_to_zero_with_the_last_update_and_stays_there():
+def test_the_learning_rate_falls_to_zero_with_the_last_update_and_a_decayed_update_is_one_with_that_rate():
     decaying = AGENT.optimizer.replace(decay_steps=40.0)
     shares = [float(decaying.remaining(jnp.int32(step))) for step in (8, 16, 32, 40, 48)]
     np.testing.assert_allclose(shares, [0.8, 0.6, 0.2, 0.0, 0.0], atol=1e-6)
     assert float(AGENT.optimizer.remaining(jnp.int32(10**6))) == 1
-
-
-def test_a_decayed_update_is_one_with_that_learning_rate():
     decayed = update(new(), batch(), learning_rate=1e-2, decay_steps=32.0)
     plain = update(new(), batch(), learning_rate=1e-2 * 24 / 32)
     for a, b in zip(jax.tree.leaves(decayed.learner), jax.tree.leaves(plain.learner), strict=True):

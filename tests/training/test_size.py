@@ -24,34 +24,34 @@ def room(monkeypatch):
     monkeypatch.setattr(size, "memory", lambda: 8 * 10**9)
 
 
-@pytest.mark.usefixtures("room")
-@pytest.mark.parametrize("env", ["bandit", "lqr", PENDULUM])
-@pytest.mark.parametrize(
-    ("changes", "n_runs", "n_episodes", "named"),
-    [
-        ({"net_arch": (10**9,)}, 1, 0, r"net_arch is \(1000000000,\)"),
-        ({"net_arch": (100_000, 100_000)}, 1, 0, r"net_arch is \(100000, 100000\)"),
-        ({"n_envs": 10**9}, 1, 0, "n_envs or n_steps is 1000000000 or 5"),
-        ({"n_steps": 10**9}, 1, 0, "n_envs or n_steps is 1 or 1000000000"),
-        ({"n_envs": 50_000, "n_steps": 50_000}, 1, 0, "n_envs or n_steps is 50000 or 50000"),
-        ({}, 1, 10**10, "n_eval_episodes is 10000000000"),
-        ({}, 10**9, 0, "seeds is 1000000000 of them"),
-        ({"net_arch": (10_000, 1_000)}, 1_000, 10, "seeds is 1000 of them"),
-    ],
-)
-def test_what_is_too_big_is_named(env, changes, n_runs, n_episodes, named):
-    with pytest.raises(UsageError, match=f"^{named}, too many: this needs .* GB of memory at least, and there are 8.0"):
-        size.check_size(find(env), agent(SMALL | changes), n_runs, n_episodes)
+TOO_BIG = [
+    ({"net_arch": (10**9,)}, 1, 0, r"net_arch is \(1000000000,\)"),
+    ({"net_arch": (100_000, 100_000)}, 1, 0, r"net_arch is \(100000, 100000\)"),
+    ({"n_envs": 10**9}, 1, 0, "n_envs or n_steps is 1000000000 or 5"),
+    ({"n_steps": 10**9}, 1, 0, "n_envs or n_steps is 1 or 1000000000"),
+    ({"n_envs": 50_000, "n_steps": 50_000}, 1, 0, "n_envs or n_steps is 50000 or 50000"),
+    ({}, 1, 10**10, "n_eval_episodes is 10000000000"),
+    ({}, 10**9, 0, "seeds is 1000000000 of them"),
+    ({"net_arch": (10_000, 1_000)}, 1_000, 10, "seeds is 1000 of them"),
+]
 
 
 @pytest.mark.usefixtures("room")
 @pytest.mark.parametrize("env", ["bandit", "lqr", PENDULUM])
-@pytest.mark.parametrize(
-    ("changes", "n_runs", "n_episodes"),
-    [({}, 1, 10), ({"net_arch": (1024, 1024)}, 50, 100), ({"n_envs": 10_000}, 1, 0), ({"n_steps": 10**6}, 10, 1000)],
-)
-def test_what_may_fit_is_not_refused(env, changes, n_runs, n_episodes):
-    size.check_size(find(env), agent(SMALL | changes), n_runs, n_episodes)
+def test_what_is_too_big_is_named(env):
+    for changes, n_runs, n_episodes, named in TOO_BIG:
+        told = f"^{named}, too many: this needs .* GB of memory at least, and there are 8.0"
+        with pytest.raises(UsageError, match=told):
+            size.check_size(find(env), agent(SMALL | changes), n_runs, n_episodes)
+
+
+@pytest.mark.usefixtures("room")
+@pytest.mark.parametrize("env", ["bandit", "lqr", PENDULUM])
+def test_what_may_fit_is_not_refused(env):
+    size.check_size(find(env), agent(SMALL), 1, 10)
+    size.check_size(find(env), agent(SMALL | {"net_arch": (1024, 1024)}), 50, 100)
+    size.check_size(find(env), agent(SMALL | {"n_envs": 10_000}), 1, 0)
+    size.check_size(find(env), agent(SMALL | {"n_steps": 10**6}), 10, 1000)
 
 
 @pytest.mark.parametrize("env", ["bandit", PENDULUM, lambda: gymnasium.make(PENDULUM)])

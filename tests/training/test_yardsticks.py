@@ -72,32 +72,28 @@ def test_the_returns_of_records_are_those_that_are_known(env, rest, random):
     assert found.random_actions == pytest.approx(random, rel=0.5)
 
 
-def test_training_has_the_same_bits_with_them_and_without():
-    def trained(callback):
-        run = galton.A2C(Summing, "gaussian", **SETTINGS)
-        return np.asarray(run.learn(32, callback, progress_bar=False).learner.params["actor"][0]["kernel"])
-
-    np.testing.assert_array_equal(trained(Evaluate(8, 2)), trained(None))
-
-
-def test_the_first_evaluation_of_a_run_logs_them_and_no_other():
+def test_training_has_the_same_bits_with_them_and_without_and_the_first_evaluation_of_a_run_alone_logs_them():
     logs, evaluate = [], Evaluate(8, 2)
-    model = galton.A2C(Summing, "gaussian", **SETTINGS)
-    for _ in range(2):
-        model.learn(16, [evaluate, lambda model, log: logs.append(log)], 1, progress_bar=False)
+    models = [galton.A2C(Summing, "gaussian", **SETTINGS) for _ in range(2)]
+    for model, callback in zip(models, ([evaluate, lambda model, log: logs.append(log)], None), strict=True):
+        for _ in range(2):
+            model.learn(16, callback, 1, progress_bar=False)
     first, *others = [logged(log) for log in logs]
-    assert first == model.yardsticks()
+    assert first == models[0].yardsticks()
     assert others == [None] * 3
+    np.testing.assert_array_equal(*(model.learner.params["actor"][0]["kernel"] for model in models))
 
 
-BELOW = [(-3.0, ["doing nothing", "random actions"]), (-2.0, ["doing nothing"]), (-1.0, []), (np.nan, [])]
-
-
-@pytest.mark.parametrize(("mean", "names"), BELOW)
-def test_a_policy_below_them_is_told_so(mean, names):
-    told = Yardsticks(-1.0, -2.5).not_reached_by(mean)
-    assert [name for name in ("doing nothing", "random actions") if name in told] == names
-    assert bool(told) == bool(names)
+def test_a_policy_below_them_is_told_so():
+    for mean, names in (
+        (-3.0, ["doing nothing", "random actions"]),
+        (-2.0, ["doing nothing"]),
+        (-1.0, []),
+        (np.nan, []),
+    ):
+        told = Yardsticks(-1.0, -2.5).not_reached_by(mean)
+        assert [name for name in ("doing nothing", "random actions") if name in told] == names
+        assert bool(told) == bool(names)
 
 
 def test_learn_warns_at_its_end_of_a_policy_below_doing_nothing():

@@ -25,21 +25,22 @@ def test_a_function_that_makes_no_new_environment_is_refused():
             task.make(2)
 
 
-@pytest.mark.parametrize(
-    ("field", "space", "message"),
-    [("action_space", Box(-2, 2, (1,)), "actions"), ("observation_space", Box(-1, 1, (2,)), "observations")],
-)
-def test_copies_with_other_spaces_are_refused(field, space, message):
-    numbers = itertools.count()
+def test_copies_with_other_spaces_are_refused():
+    for field, space in (("action_space", Box(-2, 2, (1,))), ("observation_space", Box(-1, 1, (2,)))):
+        numbers = itertools.count()
 
-    def make():
-        env = Walk()
-        if next(numbers):
-            setattr(env, field, space)
-        return env
+        def make(numbers=numbers, field=field, space=space):
+            env = Walk()
+            if next(numbers):
+                setattr(env, field, space)
+            return env
 
-    with pytest.raises(UsageError, match=rf"make's copies differ: one has {message} Box\(.*, another Box\("):
-        GymnasiumTask(make).make(2)
+        with pytest.raises(UsageError, match=rf"make's copies differ: one has {field[:3]}.*s Box\(.*, another Box\("):
+            GymnasiumTask(make).make(2)
+
+
+def made_of(*kinds):
+    return [GymnasiumTask(kind).make(N) for kind in kinds]
 
 
 class Leaky(Walk):
@@ -70,30 +71,21 @@ def answering(number, flag):
     return Answering
 
 
-@pytest.mark.parametrize(
-    "sloppy",
-    [
-        Leaky,
-        Writing,
-        answering(np.float64, np.bool),
-        answering(np.float32, bool),
-        answering(float, int),
-        answering(float, lambda flag: np.array(flag, np.int8)),
-        answering(np.array, np.array),
-        answering(lambda value: [value], bool),
-        answering(lambda value: np.array([[value]]), lambda flag: np.asarray(flag)[()]),
-    ],
-)
-def test_sloppy_environments_give_what_a_tidy_one_gives(sloppy):
-    answers = []
-    for made in (Walk, sloppy):
-        envs = GymnasiumTask(made).make(N)
-        first = envs.reset(np.arange(N))
-        answers.append([first, *play(envs, 10)])
-    assert_same(*answers)
+SLOPPY = [
+    Leaky,
+    Writing,
+    answering(np.float32, np.bool),
+    answering(float, int),
+    answering(np.array, lambda flag: np.array(flag, np.int8)),
+    answering(lambda value: [value], np.array),
+    answering(lambda value: np.array([[value]]), lambda flag: np.asarray(flag)[()]),
+]
 
 
-def test_the_actions_are_not_changed_by_an_environment_that_writes_into_them():
+def test_sloppy_environments_give_what_a_tidy_one_gives_and_do_not_change_the_actions():
+    tidy, *answers = ([envs.reset(np.arange(N)), *play(envs, 10)] for envs in made_of(Walk, *SLOPPY))
+    for answer in answers:
+        assert_same(answer, tidy)
     envs = GymnasiumTask(Writing).make(1)
     envs.reset(np.arange(1))
     action = np.array([[0.5]], np.float32)
@@ -101,8 +93,7 @@ def test_the_actions_are_not_changed_by_an_environment_that_writes_into_them():
     assert action == 0.5
 
 
-@pytest.mark.parametrize("dtype", [np.float32, np.float64])
-@pytest.mark.parametrize("shape", [(), (1,), (2, 3)])
+@pytest.mark.parametrize(("shape", "dtype"), [((), np.float32), ((), np.float64), ((1,), np.float32), ((2, 3), float)])
 def test_an_environment_gets_arrays_of_its_action_space(shape, dtype):
     class Checking(Walk):
         action_space = Box(np.full(shape, 0.1, dtype), np.full(shape, 0.3, dtype), dtype=dtype)
@@ -115,9 +106,8 @@ def test_an_environment_gets_arrays_of_its_action_space(shape, dtype):
 
     envs = GymnasiumTask(Checking).make(2)
     envs.reset(np.arange(2))
-    size = int(np.prod(shape))
     for value in (-9, 0.1, 0.2, 0.3, 9):
-        envs.step(np.full((2, size), value, np.float32))
+        envs.step(np.full((2, int(np.prod(shape))), value, np.float32))
 
 
 def test_the_final_observation_is_told_apart_from_the_next_episodes_first():

@@ -6,16 +6,8 @@ import warnings
 import jax
 import numpy as np
 import pytest
-from gymnasium.wrappers import (
-    DelayObservation,
-    FrameStackObservation,
-    NormalizeObservation,
-    NormalizeReward,
-    StickyAction,
-    TimeAwareObservation,
-    TimeLimit,
-    TransformReward,
-)
+from gymnasium import wrappers
+from gymnasium.wrappers import NormalizeObservation, TimeLimit
 
 import galton
 from galton import BrokenEnvironmentError, UsageError
@@ -125,13 +117,15 @@ EXACT = {
     "a time limit": lambda: TimeLimit(Stateful(), 7),
     "no time limit": Stateful,
     "no numbers": Memoryless,
-    "statistics": lambda: NormalizeReward(NormalizeObservation(TimeAwareObservation(TimeLimit(Stateful(), 7)))),
+    "statistics": lambda: wrappers.NormalizeReward(
+        NormalizeObservation(wrappers.TimeAwareObservation(TimeLimit(Stateful(), 7)))
+    ),
 }
 INEXACT = {
-    "frames": lambda: FrameStackObservation(TimeLimit(Stateful(), 7), 2),
-    "a delay": lambda: DelayObservation(Stateful(), 1),
-    "sticky actions": lambda: StickyAction(Stateful(), 0.5),
-    "a function": lambda: TransformReward(Stateful(), lambda reward: 2 * reward),
+    "frames": lambda: wrappers.FrameStackObservation(TimeLimit(Stateful(), 7), 2),
+    "a delay": lambda: wrappers.DelayObservation(Stateful(), 1),
+    "sticky actions": lambda: wrappers.StickyAction(Stateful(), 0.5),
+    "a function": lambda: wrappers.TransformReward(Stateful(), lambda reward: 2 * reward),
 }
 
 

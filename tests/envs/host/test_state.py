@@ -5,7 +5,7 @@ from gymnasium.wrappers import TimeLimit
 from galton import BrokenEnvironmentError
 from galton.envs.host.gymnasium import GymnasiumTask
 
-from .walks import LENGTH, N, Stateful, Unconvertible, Walk, assert_same, play
+from .walks import LENGTH, N, Stateful, Unconvertible, assert_same, play
 
 
 def test_environments_go_on_exactly_from_their_states():
@@ -20,12 +20,6 @@ def test_environments_go_on_exactly_from_their_states():
     assert expected[-1].any()
     others.set_state(state)
     assert_same(play(others, 10, seed=1), expected)
-
-
-def test_environments_that_can_not_tell_their_states_say_none():
-    envs = GymnasiumTask(Walk).make(N)
-    envs.reset(np.arange(N))
-    assert envs.get_state() is None
 
 
 @pytest.mark.parametrize(
