@@ -33,13 +33,10 @@ def read(*arguments):
     return tyro.cli(Grown, args=list(arguments), registry=_registry.REGISTRY)
 
 
-def test_a_field_that_is_added_is_an_option_of_one_number():
+def test_a_field_that_is_added_is_an_option_of_one_number_and_its_docstring_the_help(capsys):
     assert read() == Grown()
     assert read("--bound", "2.5", "--floor", "-1e3", "--count", "4") == Grown(7e-4, 2.5, -1000.0, 4.0)
     assert read("--bound", "inf", "--floor", "-inf") == Grown()
-
-
-def test_its_docstring_is_the_help(capsys):
     with pytest.raises(SystemExit):
         read("--help")
     said = capsys.readouterr().out
@@ -66,12 +63,8 @@ def test_options_make_the_training_itself_with_the_words_of_every_part():
     typed = {"loss": "gaussian", "n_bins": 7, "eta": 0.5}
     used = without_idle(vocabulary().usual | typed, vocabulary().usual)
     assert options["training"]["words"] == used | {"net_arch": [64, 64]}
-
-
-@pytest.mark.slow
-def test_the_tasks_settings_are_the_defaults():
     training = parsed("bandit", "--algorithm", "a2c", "--n-steps", "6")[0]["training"]
-    assert training["steps"] == 2_000
+    assert training["steps"] == 2_000, "the task's settings are the defaults"
     assert [training["words"][name] for name in ("n_steps", "net_arch", "learning_rate")] == [6, [], 0.05]
 
 
@@ -104,10 +97,15 @@ def read_numbers(*arguments):
     return _reading.read_options(Numbers, "test", arguments)
 
 
-def test_every_integer_option_is_read_alike():
+def test_every_integer_option_is_read_alike_and_what_can_not_be_read_is_one_sentence():
     assert read_numbers("--one", "1e2", "--some", "1e1", "2_0", "--perhaps", "3e0") == Numbers(100, (10, 20), 3)
     assert read_numbers() == Numbers()
     assert read_numbers("--perhaps", "4", "--file", "None").file == Path("None")
+    for arguments, message in UNREADABLE:
+        with pytest.raises(UsageError) as caught:
+            read_numbers(*arguments)
+        assert str(caught.value).startswith(message)
+        assert not {"\n", "│"} & {*str(caught.value)}
 
 
 UNREADABLE = [
@@ -121,14 +119,6 @@ UNREADABLE = [
     (("--one", "2", "false"), "'false' is one argument too many; a switch stands alone"),
     (("--onr", "1", "--one"), "--onr is no option of `galton test`; did you mean --one?"),
 ]
-
-
-def test_what_can_not_be_read_is_one_sentence():
-    for arguments, message in UNREADABLE:
-        with pytest.raises(UsageError) as caught:
-            read_numbers(*arguments)
-        assert str(caught.value).startswith(message)
-        assert not {"\n", "│"} & {*str(caught.value)}
 
 
 def test_help_shows_no_none_and_whole_sentences(capsys):

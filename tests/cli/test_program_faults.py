@@ -12,7 +12,7 @@ import pytest
 from galton.cli import _program_faults
 from galton.training import programs_on_disk
 
-from .test_programs import COMPARE, entries, galton, keeping
+from .test_programs import entries, keeping
 
 SMALL = """
 import errno, os, pathlib, resource, sys
@@ -81,54 +81,13 @@ def test_programs_that_rotted_are_told_in_a_line_and_kept_anew(tmp_path):
     assert all(zlib.decompress(data) != b"abcdef" for data in again.values())
 
 
-@pytest.fixture(scope="module")
-def compared(tmp_path_factory):
-    """A folder with the comparison "usual", and the programs that it kept."""
-    folder = tmp_path_factory.mktemp("usual")
-    done = galton(folder, *COMPARE, "usual", programs=folder / "programs")
-    assert (done.returncode, done.stderr) == (0, "")
-    return folder
-
-
-MAIN = "from galton.cli.main import main; main()"
-
-
-def curves(folder):
-    return (folder / "curves.parquet").read_bytes()
-
-
-@pytest.mark.slow
-def test_a_comparison_with_a_folder_that_is_full_has_the_same_numbers(compared, tmp_path):
-    limited = f"import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (2**19, 2**19)); {MAIN}"
-    done = subprocess.run(
-        [sys.executable, "-c", limited, *COMPARE, tmp_path / "one"],
-        capture_output=True,
-        text=True,
-        env=keeping(tmp_path / "programs"),
-        timeout=300,
-    )
-    assert (done.returncode, done.stderr.count("\n")) == (0, 1)
-    assert done.stderr.startswith("galton: compiled programs are not kept: ")
-    assert curves(tmp_path / "one") == curves(compared / "usual")
-
-
-@pytest.mark.slow
-def test_a_comparison_whose_programs_rotted_has_the_same_numbers(compared):
-    assert rot(compared / "programs")
-    done = galton(compared, *COMPARE, "one", programs=compared / "programs")
-    assert (done.returncode, done.stderr.count("\n")) == (0, 1)
-    assert done.stderr.startswith("galton: compiled programs can't be read and are made again: ")
-    assert curves(compared / "one") == curves(compared / "usual")
-    assert galton(compared, *COMPARE, "two", programs=compared / "programs").stderr == ""
-
-
-@pytest.mark.parametrize("given", ["a\0b", "n" * 300, "/dev/null/programs", "/proc/galton"])
-def test_a_place_that_can_not_be_is_told(given, monkeypatch, capsys):
-    monkeypatch.setattr(programs_on_disk.os, "environ", {programs_on_disk.PLACE: given})
-    _program_faults.keep_programs()
-    (line,) = capsys.readouterr().err.splitlines()
-    assert line.startswith("galton: compiled programs are not kept: ")
-    assert "JAX_COMPILATION_CACHE_DIR" not in os.environ
+def test_a_place_that_can_not_be_is_told(monkeypatch, capsys):
+    for given in ("a\0b", "n" * 300, "/dev/null/programs", "/proc/galton"):
+        monkeypatch.setattr(programs_on_disk.os, "environ", {programs_on_disk.PLACE: given})
+        _program_faults.keep_programs()
+        (line,) = capsys.readouterr().err.splitlines()
+        assert line.startswith("galton: compiled programs are not kept: ")
+        assert "JAX_COMPILATION_CACHE_DIR" not in os.environ
 
 
 def test_other_warnings_are_shown_as_ever_and_workers_are_quiet(tmp_path, monkeypatch, capsys):

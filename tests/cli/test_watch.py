@@ -137,12 +137,9 @@ def test_broken_settings_beside_the_model_are_named_and_not_needed(name, run):
         film(run)
     film(run, "--env", "Watched-v0", "--env-kwargs", "{}")
     assert (run / "film.gif").exists()
-
-
-def test_settings_that_can_not_be_read_are_not_passed_over_where_something_is_wanted_of_them(run):
-    (run / "config.json").write_text("{")
-    with pytest.raises(UsageError, match=r"can't be read: .*; give --env and --env-kwargs"):
-        film(run, "--env", "Watched-v0")
+    if message == "can't be read":  # something is wanted of them
+        with pytest.raises(UsageError, match=r"can't be read: .*; give --env and --env-kwargs"):
+            film(run, "--env", "Watched-v0")
 
 
 def test_wrong_numbers_are_refused_before_anything_is_loaded(tmp_path):

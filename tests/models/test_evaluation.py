@@ -161,12 +161,14 @@ class Staged(gymnasium.Wrapper):
         return observation, reward * self.stage_weight, *ends
 
 
-def test_copies_have_what_training_was_given_meanwhile():
+def test_copies_have_what_training_was_given_meanwhile_and_a_users_wrapper_of_rewards_is_part_of_the_task():
     made = []
     model = galton.PPO(lambda: made.append(Staged(Falling())) or made[-1], "gaussian", **SETTINGS)
     np.testing.assert_array_equal(model.evaluate(2), [-30, -30])
     made[0].unwrapped.reward, made[0].stage_weight = -5.0, 2.0
     np.testing.assert_array_equal(model.evaluate(2), [-100, -100])
+    tenth = galton.PPO(lambda: TransformReward(Falling(), lambda reward: reward / 10), "gaussian", **SETTINGS)
+    np.testing.assert_allclose(tenth.evaluate(1), [-3], rtol=1e-6)
 
 
 def test_an_environment_that_differs_from_its_spec_is_not_made_anew_and_one_that_was_played_on_is():
@@ -192,8 +194,3 @@ def test_episodes_on_a_given_environment_follow_one_another():
     model.learn(64, evaluate, progress_bar=False)
     assert evaluate.best == -10
     assert given.stage == 17  # with three episodes of doing nothing, and three of random actions
-
-
-def test_a_user_wrapper_of_rewards_is_part_of_the_task():
-    model = galton.PPO(lambda: TransformReward(Falling(), lambda reward: reward / 10), "gaussian", **SETTINGS)
-    np.testing.assert_allclose(model.evaluate(1), [-3], rtol=1e-6)

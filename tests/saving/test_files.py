@@ -108,49 +108,39 @@ def test_a_line_that_does_not_fit_leaves_the_file_as_it_was(room, there, tmp_pat
 
 
 WRITERS = {"write_text", "write_bytes", "savefig", "write_table", "open", "dump", "touch", "symlink_to"}
-WHY = {
-    "saving/files.py": {"write_bytes", "open"},  # this is the mechanism
-    "callbacks.py": {"open"},  # a log: it is appended to, a line at a time
-    "training/programs_on_disk.py": {"write_bytes", "touch"},  # what is removed at once, and an empty file
-    "cli/compare.py": {"write_table"},  # into a scratch file of `files.replacing`
-    "sweep/parquet.py": {"write_table"},  # into memory
-    "analysis/plots.py": {"savefig"},  # into memory
-    "cli/main.py": {"open"},  # os.devnull
+WRITING = {
+    "galton/saving/files.py": {"write_bytes", "open"},  # this is the mechanism
+    "galton/callbacks.py": {"open"},  # a log: it is appended to, a line at a time
+    "galton/training/programs_on_disk.py": {"write_bytes", "touch"},  # what is removed at once, and an empty file
+    "galton/cli/main.py": {"open"},  # os.devnull
+    "galton_experiments/commands/compare.py": {"write_table"},  # into a scratch file of `files.replacing`
+    "galton_experiments/sweep/parquet.py": {"write_table"},  # into memory
+    "galton_experiments/analysis/plots.py": {"savefig"},  # into memory
 }
-
-
 READERS = {"read_text", "read_bytes", "cat_file"}
-OWN = {
-    "training/programs_on_disk.py": {"read_text", "read_bytes"},  # /proc, and what this user's processes compiled
-    "devices.py": {"read_text"},  # /sys
-    "extras.py": {"read_text"},  # what pip notes of an installation
-    "page/page.py": {"read_text"},  # of this package
-    "page/quotes.py": {"read_text"},  # documents of Galton's own, for its developers
-    "saving/provenance.py": {"read_text"},  # /proc
-    "sweep/store.py": {"cat_file"},  # of an object store, which has nothing but files
-    "training/programs.py": {"read_text", "read_bytes"},  # /proc
+READING = {
+    "galton/training/programs_on_disk.py": {
+        "read_text",
+        "read_bytes",
+    },  # /proc, and what this user's processes compiled
+    "galton/training/programs.py": {"read_text", "read_bytes"},  # /proc
+    "galton/saving/provenance.py": {"read_text"},  # /proc
+    "galton/devices.py": {"read_text"},  # /sys
+    "galton/extras.py": {"read_text"},  # what pip notes of an installation
+    "galton_experiments/page/page.py": {"read_text"},  # of this package
+    "galton_experiments/page/quotes.py": {"read_text"},  # documents of Galton's own, for its developers
+    "galton_experiments/sweep/store.py": {"cat_file"},  # of an object store, which has nothing but files
 }
 
 
-def test_what_may_be_a_strangers_is_read_by_one_function():
-    """What reads by itself may wait for a pipe for ever; what reads none of a stranger's is listed."""
-    assert calls_of(READERS) == OWN
-
-
-def calls_of(names):
-    """The files of Galton's that call functions of these names, with those that they call."""
-    root, found = Path(galton.__file__).parent, {}
-    for path in root.rglob("*.py"):
-        for node in ast.walk(ast.parse(path.read_text())):
-            if isinstance(node, ast.Call):
-                name = getattr(node.func, "attr", getattr(node.func, "id", None))
-                if name in names:
-                    found.setdefault(path.relative_to(root).as_posix(), set()).add(name)
-    return found
-
-
-def test_files_are_written_by_one_mechanism():
-    """What writes a file by itself can leave half of it; what may is listed, with the reason."""
-    found = calls_of(WRITERS)
-    found.pop("cli/watch.py", None)  # it reads a picture
-    assert found == WHY
+def test_files_are_written_by_one_mechanism_and_what_may_be_a_strangers_is_read_by_one_function():
+    """What writes by itself can leave half of a file, and what reads by itself may wait for a pipe for ever."""
+    root, written, read = Path(galton.__file__).parents[1], {}, {}
+    for path in (*root.glob("galton/**/*.py"), *root.glob("galton_experiments/**/*.py")):
+        calls = [node.func for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.Call)]
+        names = {getattr(call, "attr", getattr(call, "id", None)) for call in calls}
+        for found, wanted in ((written, WRITERS), (read, READERS)):
+            if names & wanted:
+                found[path.relative_to(root).as_posix()] = names & wanted
+    assert written == WRITING
+    assert read == READING

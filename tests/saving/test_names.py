@@ -3,7 +3,7 @@
 from pathlib import Path, PureWindowsPath
 
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from galton import A2C, LOSSES, UsageError
@@ -46,7 +46,7 @@ def check_part(folder):
     assert len(folder.name.encode()) <= 230  # with what a lock and a scratch folder add
 
 
-@settings(max_examples=40)
+@pytest.mark.slow
 @given(NAMES, NAMES, NAMES)
 @example("..", "..", "../x")
 def test_the_folder_of_a_run_lies_in_runs_whatever_environment_loss_and_algorithm_are_called(env, loss, algorithm):
@@ -55,10 +55,12 @@ def test_the_folder_of_a_run_lies_in_runs_whatever_environment_loss_and_algorith
     check_part(Path("runs", f"compare-{plain_name(env)}"))
 
 
-def test_registered_names_are_as_they_are():
+def test_registered_names_are_as_they_are_and_odd_ones_are_made_plain():
     for name in (*LOSSES, *ALGORITHMS, *ENVS, "Pendulum-v1", "HalfCheetah-v5", "galton_x.y-v0", "conic", "nullable.x"):
         assert plain_name(name) == name
     assert Compare("lqr", small()).out is None
+    for name in ODD:
+        check_part(Path("runs", f"compare-{plain_name(name)}"))
 
 
 def test_a_store_writes_reads_and_removes_nothing_elsewhere(tmp_path):

@@ -30,28 +30,24 @@ def test_the_folder_appears_whole_where_there_is_none_or_an_empty_one(empty, tmp
 
 
 @pytest.mark.parametrize("error", [RuntimeError, KeyboardInterrupt])
-def test_an_error_leaves_what_was_there(error, tmp_path):
-    (tmp_path / "out").mkdir()
-    fill(tmp_path / "out", "old")
+def test_an_error_leaves_what_was_there_and_overwriting_replaces_everything(error, tmp_path):
+    out = tmp_path / "out"
+    out.mkdir()
+    fill(out, "old")
+    (out / "metrics.jsonl").write_text("old")
 
     def fail():
-        with result_folder(tmp_path / "out", overwrite=True) as folder:
+        with result_folder(out, overwrite=True) as folder:
             fill(folder, "new")
             raise error
 
     with pytest.raises(error):
         fail()
-    assert text_of(tmp_path / "out") == "old"
-    assert list(tmp_path.iterdir()) == [tmp_path / "out"]
-
-
-def test_overwriting_replaces_everything(tmp_path):
-    (tmp_path / "out").mkdir()
-    fill(tmp_path / "out", "old")
-    (tmp_path / "out" / "metrics.jsonl").write_text("old")
-    with result_folder(tmp_path / "out", overwrite=True) as folder:
+    assert text_of(out) == "old"
+    with result_folder(out, overwrite=True) as folder:
         fill(folder, "new")
-    assert [path.name for path in (tmp_path / "out").iterdir()] == ["config.json"]
+    assert [path.name for path in out.iterdir()] == ["config.json"]
+    assert list(tmp_path.iterdir()) == [out]
 
 
 @pytest.mark.parametrize("other", ["notes.txt", "src", "model.safetensors.bak"])
@@ -117,20 +113,17 @@ def test_what_a_process_killed_between_two_renames_set_aside_is_put_back(tmp_pat
     assert text_of(tmp_path / "out") == "precious"
 
 
-def test_settings_come_back_with_what_made_them(tmp_path):
+def test_settings_come_back_with_what_made_them_and_something_else_is_a_usage_error(tmp_path):
     assert read_settings(tmp_path) == {}
     write_settings(tmp_path, {"env": "lqr", "env_kwargs": {"noise_std": 0.5}})
     known = read_settings(tmp_path)
     assert (known["env"], known["env_kwargs"]) == ("lqr", {"noise_std": 0.5})
     assert known["versions"]["galton"]
     assert known["machine"]
-
-
-@pytest.mark.parametrize("text", ["", "{", "[1]", '"env"', "[" * 100_000])
-def test_settings_that_are_something_else_are_a_usage_error(tmp_path, text):
-    (tmp_path / "config.json").write_text(text)
-    with pytest.raises(UsageError, match=r"config\.json"):
-        read_settings(tmp_path)
+    for text in ("", "{", "[1]", '"env"', "[" * 100_000):
+        (tmp_path / "config.json").write_text(text)
+        with pytest.raises(UsageError, match=r"config\.json"):
+            read_settings(tmp_path)
 
 
 def test_a_claim_ends_with_its_block_and_leaves_no_trace(tmp_path):

@@ -60,18 +60,14 @@ def test_a_loaded_run_goes_on_to_the_same_bits(env, loss, tmp_path):
     settings, arrays = checkpoint.read(path)
     assert settings["hypers"]["noise_correlation"] == pytest.approx(0.9)
     assert arrays["environments/noise"].shape == (1, 2, 2)
+    plain, names = checkpoint.read(A2C(env, loss, **SETTINGS).save(tmp_path / "plain"))
+    assert "noise_correlation" not in plain["hypers"]
+    assert not [name for name in names if "noise" in name]
     loaded = A2C.load(path, env)
     for each in (model, loaded):
         each.learn(8 * 8, progress_bar=False)
         each.close()
     assert learned(loaded) == learned(model)
-
-
-@pytest.mark.slow
-def test_without_correlation_a_file_has_no_word_of_it(tmp_path):
-    settings, arrays = checkpoint.read(A2C("lqr", **SETTINGS).learn(8, progress_bar=False).save(tmp_path / "model"))
-    assert "noise_correlation" not in settings["hypers"]
-    assert not [name for name in arrays if "noise" in name]
 
 
 @pytest.mark.slow

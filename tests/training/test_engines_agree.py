@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 
 from galton import make_agent
-from galton.envs import find
 from galton.envs.jax_task import JaxTask
 from galton.parts import Box
 from galton.training.on_device import DevicePopulation, begin_on_device, iteration
@@ -122,21 +121,3 @@ def test_both_engines_evaluate_the_same_policy_alike():
     check_close(device.learner, host.learner)
     np.testing.assert_allclose(device.evaluate(2), host.evaluate(2), rtol=1e-5)
     host.close()
-
-
-@pytest.mark.slow
-def test_the_two_tasks_are_one():
-    ours, theirs = Slide(), find(slide).make(1)
-    state, seen = ours.reset(jax.random.key(0)), theirs.reset(np.array([0]))
-    rng = np.random.default_rng(0)
-    for _ in range(50):
-        np.testing.assert_allclose(seen[0], ours.observe(state), rtol=1e-5)
-        action = rng.uniform(ours.action_low, ours.action_high, (1, 2)).astype(np.float32)
-        steps = theirs.step(action)
-        state, reward, terminated = ours.step(state, action[0], ())
-        np.testing.assert_allclose(steps.final_observation[0], state, rtol=1e-5)
-        np.testing.assert_allclose(steps.reward[0], reward, rtol=1e-5, atol=1e-6)
-        assert steps.terminated[0] == terminated
-        seen = steps.observation
-        state = jnp.asarray(seen[0])
-    theirs.close()

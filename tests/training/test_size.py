@@ -1,18 +1,22 @@
-"""What can't fit into memory is refused by arithmetic; what may fit is not."""
+"""What is said before anything is compiled: what can't fit into memory is refused, images don't suit the networks."""
 
 import time
+import warnings
 
 import gymnasium
 import jax
+import numpy as np
 import pytest
+from gymnasium.spaces import Box, Dict, Discrete
 
 from galton import A2C, UsageError, devices
 from galton.algorithms import actor_critic
 from galton.envs.find import find
-from galton.training import size
+from galton.training import population, size
 from galton.training.population import populate
 
 from ..agents import agent
+from ..envs.host.walks import Walk
 
 SMALL = {"n_bins": 4, "net_arch": (4,), "n_steps": 5}
 PENDULUM = "Pendulum-v1"
@@ -82,3 +86,31 @@ def test_what_it_counts_is_what_a_model_has():
     n = sum(array.size for name in ("actor", "critic") for layer in params[name] for array in layer.values())
     counted = [size._n_parameters(made.network, o, outputs, of_critic=outputs == 1) for outputs in (d, 1)]
     assert sum(counted) == n
+
+
+class Seeing(Walk):
+    observation_space = Dict(eye=Box(0, 255, (4, 4, 3), np.uint8), t=Discrete(4))
+
+
+class Feeling(Walk):
+    observation_space = Box(0, 255, (4,), np.uint8)
+
+
+def stop(*_):
+    raise NotImplementedError("what follows is slow")
+
+
+@pytest.mark.parametrize(
+    ("env", "normalize", "is_told"), [(Seeing, False, True), (Seeing, True, False), (Feeling, False, False)]
+)
+def test_raw_images_are_said_not_to_suit_the_networks(env, normalize, is_told, monkeypatch):
+    monkeypatch.setattr(population, "HostPopulation", stop)
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        with pytest.raises(NotImplementedError):
+            population.populate(env, agent({"normalize_observation": normalize}), [0])
+    assert len(told) == is_told
+    for warning in told:
+        assert str(warning.message).startswith("Seeing observes Dict('eye': Box(0, 255, (4, 4, 3), uint8)")
+        assert "Galton has no convolutions" in str(warning.message)
+        assert "normalize_observation=True" in str(warning.message)

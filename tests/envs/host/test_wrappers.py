@@ -8,10 +8,11 @@ from gymnasium.spaces import Box
 from gymnasium.wrappers import TimeLimit
 from stable_baselines3.common.monitor import Monitor
 
+from galton import BrokenEnvironmentError
 from galton.envs.find import find
 from galton.envs.host.gymnasium import GymnasiumTask
 
-from .walks import N, Stateful, Walk, assert_same, play
+from .walks import N, Stateful, Unconvertible, Walk, assert_same, play
 
 
 class Long(Stateful):
@@ -162,3 +163,23 @@ def test_an_environment_of_an_id_is_restorable_in_all_that_gymnasium_puts_around
     envs.reset(np.arange(2))
     play(envs, 3, 2)
     assert envs.get_state()["elapsed_steps"].tolist() == [[3], [3]]
+
+
+@pytest.mark.parametrize(
+    ("state", "message"),
+    [
+        (lambda _: [1], r"get_state returned \[1\], not a dict of arrays"),
+        (lambda _: {"a": "text"}, "get_state's 'a' is 'text', not numbers"),
+        (lambda _: {"a": Unconvertible()}, "get_state's 'a' is <unconvertible>, not numbers"),
+        (lambda self: {"a": np.zeros(int(1e3 * abs(self.position)))}, r"get_state returned .*, but copy 0"),
+        (lambda self: 1 / 0, "get_state raised ZeroDivisionError"),
+    ],
+)
+def test_a_broken_state_is_named(state, message):
+    class Strange(Stateful):
+        get_state = state
+
+    envs = GymnasiumTask(Strange).make(2)
+    envs.reset(np.arange(2))
+    with pytest.raises(BrokenEnvironmentError, match=rf"^Strange, copy \d, step 0: {message}"):
+        envs.get_state()
