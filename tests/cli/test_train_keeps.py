@@ -4,6 +4,7 @@ import dataclasses
 import errno
 import json
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -23,6 +24,8 @@ from galton.models.file import Taken
 from galton.saving import files
 from galton.saving.checkpoint import read
 from galton.saving.result_folder import write_settings
+
+from ..envs.host.walks import Walk
 
 
 def small(steps=100, env_kwargs="{}", **words):
@@ -191,18 +194,9 @@ def test_a_disk_that_fills_up_is_told_in_a_line_and_the_model_is_kept(tmp_path):
     assert A2C.load(out / "model.safetensors", "bandit").num_timesteps > 0
 
 
-class Slope(gymnasium.Env):
-    action_space = observation_space = gymnasium.spaces.Box(-1, 1, (1,))
-
+class Slope(Walk):
     def __init__(self, angle=1.0):
         self.angle = angle
-
-    def reset(self, *, seed=None, options=None):
-        super().reset(seed=seed)
-        return np.zeros(1, np.float32), {}
-
-    def step(self, action):
-        return np.zeros(1, np.float32), float(action[0]), True, False, {}
 
 
 @pytest.fixture
@@ -286,6 +280,4 @@ def test_what_a_policy_has_to_beat_is_told_once_and_in_the_end_if_it_does_not(tm
 def test_a_policy_that_ends_below_doing_nothing_is_said_to_in_the_last_line(tmp_path, capsys):
     galton_train(tmp_path / "run", training=small(5), loss="hl-gauss")
     last = capsys.readouterr().out.splitlines()[-1]
-    assert "the policy's return of" in last
-    assert "is below that of" in last
-    assert "`galton check bandit`" in last
+    assert re.search("the policy's return of.* is below that of.*`galton check bandit`", last)

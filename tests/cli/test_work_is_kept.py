@@ -107,14 +107,11 @@ def test_results_are_shown_where_nothing_can_be_written(trained, monkeypatch, ca
     assert "learning rate" in capsys.readouterr().out
 
 
-def test_results_of_more_runs_replace_those_that_are_there(trained):
+def test_results_of_more_runs_replace_those_that_are_there_and_status_shows_the_folder(trained, capsys, monkeypatch):
     before = trained.read(results.FILE)
     trained.write(results.FILE, b"of fewer")
     results.save(trained, results.collect(trained, Plan.load(trained)))
     assert trained.read(results.FILE) == before
-
-
-def test_status_shows_a_folder_as_it_is_called(trained, capsys, monkeypatch):
     monkeypatch.setattr(status, "read_options", lambda *_: _folder.Folder(trained.url))
     status.main([])
     assert f"{trained.url}: bandit\n" in capsys.readouterr().out

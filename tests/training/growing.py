@@ -1,4 +1,4 @@
-"""What a process holds while it trains for long: `python tests/training/growing.py ENGINE`, a JSON object at the end.
+"""What a process holds while it trains for long: `python -m tests.training.growing ENGINE`, a JSON object at the end.
 
 ENGINE is jax or gymnasium. 10,000 updates in 200 calls of `learn`, with all that users do between them.
 """
@@ -11,31 +11,16 @@ import tempfile
 import threading
 from pathlib import Path
 
-import gymnasium
 import jax
 import numpy as np
 
 import galton
 from galton.callbacks import Checkpoint, Evaluate, JSONLines
+from tests.envs.host.walks import Walk
 
 CALLS, UPDATES = 200, 50
 """Calls of `learn`, and updates in each."""
 SETTINGS = {"preset": "paper", "n_bins": 5, "net_arch": (4,), "n_steps": 5, "n_envs": 2, "normalize_observation": True}
-
-
-class Walk(gymnasium.Env):
-    """Ten steps, each of them noise."""
-
-    observation_space = action_space = gymnasium.spaces.Box(-1, 1, (1,))
-
-    def reset(self, *, seed=None, options=None):
-        super().reset(seed=seed)
-        self.t = 0
-        return np.zeros(1, np.float32), {}
-
-    def step(self, action):
-        self.t += 1
-        return self.np_random.uniform(-1, 1, 1).astype(np.float32), float(action[0]), self.t == 10, False, {}
 
 
 def held():

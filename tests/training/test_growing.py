@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+ROOT = Path(__file__).parents[2]
 KILOBYTES = 300
 """How many more may be held after each 1,000 updates: of some hundred thousand, what the allocator keeps."""
 
@@ -16,8 +17,8 @@ KILOBYTES = 300
 @pytest.mark.skipif(sys.platform != "linux", reason="/proc tells")
 @pytest.mark.parametrize("engine", ["jax", "gymnasium"])
 def test_10_000_updates_in_200_calls_of_learn_hold_no_more_than_the_first(engine, trust):
-    command = [sys.executable, str(Path(__file__).with_name("growing.py")), engine]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=3000)
+    command = [sys.executable, "-m", "tests.training.growing", engine]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=3000)
     assert done.returncode == 0, done.stderr
     told = json.loads(done.stdout.splitlines()[-1])
     assert told["updates"] == 10_000

@@ -1,9 +1,7 @@
 """A divergence names what was too large, and never tells to set what is set."""
 
-import gymnasium
 import numpy as np
 import pytest
-from gymnasium.spaces import Box
 
 import galton
 from galton import DivergenceError
@@ -12,6 +10,7 @@ from galton.training.remedy import remedy
 from galton.types import Learner
 
 from ..agents import agent
+from ..envs.host.walks import Walk
 
 FINE = Moments(np.zeros(2), np.ones(2), np.float32(9))
 
@@ -21,37 +20,30 @@ def told(low=-1.0, observation=(), reward=(), **words):
     return remedy(made, Learner({}, (), Normalizer(observation, reward, ()), {}))
 
 
-@pytest.mark.parametrize(
-    ("facts", "message"),
-    [
-        ({}, "^Lower learning_rate, or set normalize_reward, or set normalize_observation$"),
-        ({"normalize_reward": True}, "^Lower learning_rate, or set normalize_observation$"),
-        ({"normalize_observation": True, "normalize_reward": True}, "^Lower learning_rate$"),
-        ({"observation": FINE, "reward": FINE, "normalize_reward": True}, "^Lower learning_rate, or set normalize_obs"),
-        ({"low": -1e38}, r"^The action box is 1\.0e\+38 wide, .*RescaleAction"),
-        ({"low": -3e18}, r"^The action box is 3\.0e\+18 wide"),
-        ({"low": -1e6}, "^Lower learning_rate"),
-        ({"observation": FINE._replace(variance=np.array([1, np.inf]))}, "^The observations are so large .*Transform"),
-        ({"observation": FINE._replace(mean=np.array([np.nan, 1]))}, "^The observations are so large"),
-        ({"observation": FINE, "reward": FINE._replace(variance=np.float32(np.inf))}, "^The rewards are so large"),
-        ({"low": -1e38, "reward": FINE._replace(variance=np.float32(np.nan))}, "^The rewards are so large"),
-    ],
-)
+CAUSES = [
+    ({}, "^Lower learning_rate, or set normalize_reward, or set normalize_observation$"),
+    ({"normalize_reward": True}, "^Lower learning_rate, or set normalize_observation$"),
+    ({"normalize_observation": True, "normalize_reward": True}, "^Lower learning_rate$"),
+    ({"observation": FINE, "reward": FINE, "normalize_reward": True}, "^Lower learning_rate, or set normalize_obs"),
+    ({"low": -1e38}, r"^The action box is 1\.0e\+38 wide, .*RescaleAction"),
+    ({"low": -3e18}, r"^The action box is 3\.0e\+18 wide"),
+    ({"low": -1e6}, "^Lower learning_rate"),
+    ({"observation": FINE._replace(variance=np.array([1, np.inf]))}, "^The observations are so large .*Transform"),
+    ({"observation": FINE._replace(mean=np.array([np.nan, 1]))}, "^The observations are so large"),
+    ({"observation": FINE, "reward": FINE._replace(variance=np.float32(np.inf))}, "^The rewards are so large"),
+    ({"low": -1e38, "reward": FINE._replace(variance=np.float32(np.nan))}, "^The rewards are so large"),
+]
+
+
+@pytest.mark.parametrize(("facts", "message"), CAUSES)
 def test_the_remedy_fits_the_cause(facts, message):
     with pytest.raises(DivergenceError, match=message):
         raise DivergenceError(told(**facts))
 
 
-class Huge(gymnasium.Env):
-    action_space = Box(-1, 1, (1,))
-    observation_space = Box(-np.inf, np.inf, (2,))
-
+class Huge(Walk):
     def __init__(self, observation, reward):
         self.observation, self.reward = observation, reward
-
-    def reset(self, *, seed=None, options=None):
-        super().reset(seed=seed)
-        return self.observe(), {}
 
     def observe(self):
         return (self.observation * self.np_random.normal(size=2)).astype(np.float32)

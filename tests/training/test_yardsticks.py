@@ -43,26 +43,20 @@ def begins():
     return [gymnasium.utils.seeding.np_random(int(seed))[0].uniform() for seed in seeds]
 
 
-def test_doing_nothing_is_the_action_0_or_the_middle_where_the_box_leaves_it_out():
-    act = nothing(Summing.action_space.low, Summing.action_space.high)
-    np.testing.assert_array_equal(act(np.zeros((2, 1), np.float32)), [[0, 3], [0, 3]])
-
-
 def test_both_are_played_from_the_same_first_states():
+    act = nothing(Summing.action_space.low, Summing.action_space.high)  # 0, or the middle where the box leaves 0 out
+    np.testing.assert_array_equal(act(np.zeros((2, 1), np.float32)), [[0, 3], [0, 3]])
     found = on(Summing)
     rng = np.random.default_rng(SEED)
     random = sum(rng.uniform([-1, 2], [1, 4], (N_EPISODES, 2)).astype(np.float32)[:, 0] for _ in range(4))
     assert found.doing_nothing == pytest.approx(np.mean(begins()), rel=1e-6)
     assert found.random_actions == pytest.approx(np.mean(begins()) + random.mean(), rel=1e-5)
+    there = Summing()  # on one that is there episodes follow one another
+    assert on(there).doing_nothing > 0
+    assert there.n_episodes == 2 * (N_EPISODES + 1)
     for seed in (0, 4):
         model = galton.A2C(Summing, "gaussian", seed=seed, **SETTINGS)
         assert model.yardsticks() == model.yardsticks(Summing) == found, "the same in every run"
-
-
-def test_on_an_environment_that_is_there_episodes_follow_one_another():
-    there = Summing()
-    assert on(there).doing_nothing > 0
-    assert there.n_episodes == 2 * (N_EPISODES + 1)
 
 
 @pytest.mark.parametrize(("env", "rest", "random"), [("mountain-car", 0.0, -33.3), ("bandit", 0.0, -47.0)])
