@@ -230,7 +230,7 @@ def test_an_sb3_evaluation_on_the_training_environment_in_the_middle_of_learn_is
     assert len(told) == 2  # after steps 24 and 48
     assert set(learn(model, 40)) == {LENGTH}
     other = make_model(env)
-    for each in (other, model):  # they take turns
+    for each in (model, other):  # they take turns
         with pytest.warns(SharedEnvironment):
             assert set(learn(each, 24)) == {LENGTH}
 

@@ -5,7 +5,7 @@ from gymnasium.spaces import Box, Dict, Discrete
 from galton import UsageError
 from galton.envs.host.action_box import ActionBox
 
-from .spaces import UNIT, box
+from .walks import UNIT, box
 
 
 def bounds_set_later(low, high):

@@ -7,7 +7,7 @@ from gymnasium.spaces import Box, Dict, Discrete, MultiDiscrete, Tuple
 from galton import BrokenEnvironmentError
 from galton.envs.host.gymnasium import GymnasiumTask
 
-from .walks import LENGTH, N, Unconvertible, Walk, Walks, fail, observation, play, reward, terminated, truncated
+from .walks import LENGTH, Unconvertible, Walk, Walks, begun, fail, observation, play, reward, terminated, truncated
 
 SHAPE = r"the space is Box\(-inf, inf, \(2,\), float32\)"
 FIVE = r"it must return \(observation, reward, terminated, truncated, info\)"
@@ -40,8 +40,7 @@ BROKEN_STEPS = {
 
 def test_a_broken_step_is_named_by_copy_step_and_value():
     for change, message in BROKEN_STEPS.values():
-        envs = GymnasiumTask(Walks(change)).make(N)
-        envs.reset(np.arange(N))
+        envs = begun(Walks(change))
         play(envs, 36)
         with pytest.raises(BrokenEnvironmentError, match=f"^Odd, copy 2, step 37: {message}"):
             play(envs, 1)
@@ -107,8 +106,7 @@ BROKEN_RESETS = {
 
 def test_a_broken_reset_is_named_by_copy_and_step():
     for answer, message in BROKEN_RESETS.values():
-        envs = GymnasiumTask(resets(answer)).make(2)
-        envs.reset(np.arange(2))
+        envs = begun(resets(answer), 2)
         play(envs, LENGTH - 1, 2)
         with pytest.raises(BrokenEnvironmentError, match=f"copy 1, step {LENGTH}: ?{message}"):
             play(envs, 1, 2)

@@ -14,7 +14,7 @@ from galton import BrokenEnvironmentError, UsageError
 from galton.envs.find import find
 from galton.envs.host.gymnasium import GymnasiumTask
 
-from .walks import LENGTH, Closing, N, Walk, assert_same, play
+from .walks import LENGTH, Closing, N, Walk, assert_same, begun, play
 
 
 def test_a_function_that_makes_no_new_environment_is_refused():
@@ -86,8 +86,7 @@ def test_sloppy_environments_give_what_a_tidy_one_gives_and_do_not_change_the_ac
     tidy, *answers = ([envs.reset(np.arange(N)), *play(envs, 10)] for envs in made_of(Walk, *SLOPPY))
     for answer in answers:
         assert_same(answer, tidy)
-    envs = GymnasiumTask(Writing).make(1)
-    envs.reset(np.arange(1))
+    envs = begun(Writing, 1)
     action = np.array([[0.5]], np.float32)
     envs.step(action)
     assert action == 0.5
@@ -104,15 +103,13 @@ def test_an_environment_gets_arrays_of_its_action_space(shape, dtype):
             assert action in self.action_space
             return super().step(action)
 
-    envs = GymnasiumTask(Checking).make(2)
-    envs.reset(np.arange(2))
+    envs = begun(Checking, 2)
     for value in (-9, 0.1, 0.2, 0.3, 9):
         envs.step(np.full((2, int(np.prod(shape))), value, np.float32))
 
 
 def test_the_final_observation_is_told_apart_from_the_next_episodes_first():
-    envs = GymnasiumTask(Walk).make(N)
-    envs.reset(np.arange(N))
+    envs = begun(Walk)
     following, final, _, terminated, truncated = play(envs, 2 * LENGTH)
     ends = np.arange(1, 2 * LENGTH + 1) % LENGTH == 0
     np.testing.assert_array_equal(terminated, np.tile(ends[:, None], N))
@@ -126,8 +123,7 @@ def test_the_final_observation_is_told_apart_from_the_next_episodes_first():
     ("limit", "terminates", "truncates"), [(LENGTH - 1, False, True), (LENGTH, True, False), (LENGTH + 1, True, False)]
 )
 def test_a_time_limit_truncates_but_a_termination_at_the_limit_wins(limit, terminates, truncates):
-    envs = GymnasiumTask(lambda: TimeLimit(Walk(), limit)).make(1)
-    envs.reset(np.arange(1))
+    envs = begun(lambda: TimeLimit(Walk(), limit), 1)
     following, final, _, terminated, truncated = play(envs, min(limit, LENGTH), 1)
     assert (terminated[-1, 0], truncated[-1, 0]) == (terminates, truncates)
     assert final[-1, 0, 1] == min(limit, LENGTH)

@@ -10,7 +10,7 @@ from galton import BrokenEnvironmentError, UsageError
 from galton.envs.host.observations import Observations
 from galton.envs.host.space_json import from_json, to_json
 
-from .spaces import UNIT, box
+from .walks import UNIT, box
 
 OBSERVATIONS = {
     "vector": Box(-1, 1, (3,)),

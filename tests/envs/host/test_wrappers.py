@@ -12,7 +12,7 @@ from galton import BrokenEnvironmentError
 from galton.envs.find import find
 from galton.envs.host.gymnasium import GymnasiumTask
 
-from .walks import N, Stateful, Unconvertible, Walk, assert_same, play
+from .walks import N, Stateful, Unconvertible, Walk, assert_same, begun, play
 
 
 class Long(Stateful):
@@ -137,8 +137,7 @@ def test_environments_in_known_wrappers_go_on_exactly(name, env, n_before):
 
 def test_environments_in_wrappers_that_may_keep_a_state_say_that_they_can_not_tell_it():
     for name, around in INEXACT.items():
-        envs = GymnasiumTask(lambda around=around: around(Long())).make(N)
-        envs.reset(np.arange(N))
+        envs = begun(lambda around=around: around(Long()))
         assert envs.get_state() is None, name
 
 
@@ -174,7 +173,6 @@ def test_a_broken_state_is_named(state, message):
     class Strange(Stateful):
         get_state = state
 
-    envs = GymnasiumTask(Strange).make(2)
-    envs.reset(np.arange(2))
+    envs = begun(Strange, 2)
     with pytest.raises(BrokenEnvironmentError, match=rf"^Strange, copy \d, step 0: {message}"):
         envs.get_state()

@@ -6,8 +6,17 @@ import gymnasium
 import numpy as np
 from gymnasium.spaces import Box
 
+from galton.envs.host.gymnasium import GymnasiumTask
+
 LENGTH, N = 3, 3
 """Steps of an episode, and copies in most tests."""
+
+
+def box(low, high, dtype=np.float32):
+    return Box(np.array(low, dtype), np.array(high, dtype), dtype=dtype)
+
+
+UNIT = box([-1], [1])
 
 
 class Walk(gymnasium.Env):
@@ -101,6 +110,13 @@ def random_actions(n_copies, seed=0):
     rng = np.random.default_rng(seed)
     while True:
         yield rng.uniform(-1, 1, (n_copies, 1)).astype(np.float32)
+
+
+def begun(make, n_copies=N):
+    """That many copies at the start of their first episodes."""
+    envs = GymnasiumTask(make).make(n_copies)
+    envs.reset(np.arange(n_copies))
+    return envs
 
 
 def play(envs, n_steps, n_copies=N, seed=0):
