@@ -52,14 +52,6 @@ def test_an_unread_pipe_ends_quietly_as_a_shell_shows_it(words):
     assert (done.returncode, done.stderr) == (141, "")
 
 
-@pytest.mark.slow
-def test_a_wrong_argument_keeps_its_code_when_nobody_reads():
-    write = unread_pipe()
-    done = galton("train", "bandit", "--loss", "mse", stdout=write)
-    os.close(write)
-    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
-
-
 @pytest.mark.few
 @pytest.mark.parametrize("encoding", ["ascii", "latin-1"])
 def test_help_can_be_printed_in_any_encoding(encoding):

@@ -118,19 +118,6 @@ def test_an_evaluation_that_can_not_begin_closes_its_own_copies_and_leaves_train
     assert rooms.open == []
 
 
-@pytest.mark.slow
-def test_the_users_own_environment_stays_open():
-    rooms = Rooms()
-    env = rooms()
-    for settings in ({"n_envs": 2}, {"net_arch": (10**9,)}):
-        with pytest.raises(UsageError):
-            A2C(env, **SMALL | settings)
-        gc.collect()
-    A2C(env, **SMALL).close()
-    gc.collect()
-    assert rooms.open == [0]
-
-
 @pytest.mark.few
 @pytest.mark.parametrize("method", ["reset", "begin"])
 def test_where_one_group_of_several_fails_the_others_are_waited_for_and_closed(monkeypatch, method):

@@ -2,6 +2,7 @@
 
 import dataclasses
 import functools
+import math
 
 import jax
 import jax.numpy as jnp
@@ -185,9 +186,9 @@ def test_a_run_is_resumed_to_the_bit(resets, tmp_path):
 
 def test_a_pool_of_every_step_resets_as_often_as_fresh_states_and_no_more():
     def drawn(**own):
-        agent = A2C(Told(), **SMALL, **own).agent
+        agent = agent_in(SMALL | own, low=LOW, high=HIGH)
         shapes = jax.eval_shape(lambda: draw_noise(jax.random.key(0), JaxTask(Told()), agent).fresh_states)
-        return sum(int(jnp.prod(jnp.array(leaf.shape[:-1]))) for leaf in jax.tree.leaves(shapes)) // 2
+        return sum(math.prod(leaf.shape[:-1]) for leaf in jax.tree.leaves(shapes)) // 2
 
     assert [drawn(), drawn(resets="pool", reset_pool=5), drawn(resets="first")] == [21, 5, 0]
 

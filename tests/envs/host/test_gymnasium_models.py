@@ -10,10 +10,10 @@ from gymnasium import wrappers
 from gymnasium.wrappers import NormalizeObservation, TimeLimit
 
 import galton
-from galton import BrokenEnvironmentError, UsageError
+from galton import BrokenEnvironmentError
 from galton.saving import checkpoint
 
-from .walks import Closing, N, Stateful, Walk, Walks, fail, observation, reward
+from .walks import N, Stateful, Walk, Walks, fail, observation, reward
 
 CONFIG = {"loss": "gaussian", "n_steps": 5, "net_arch": (4,)}
 make_model = functools.partial(galton.A2C, n_envs=N, **CONFIG)
@@ -98,19 +98,6 @@ def test_an_evaluation_without_a_time_limit_is_cut_and_one_that_breaks_its_limit
     monkeypatch.setattr("galton.training.evaluate.MAX_STEPS", 20)
     with pytest.raises(BrokenEnvironmentError, match="an episode of evaluation did not end in 20 steps; give"):
         make_model(lambda: TimeLimit(Endless(), 40)).evaluate(2)
-
-
-@pytest.mark.slow
-def test_a_given_environment_trains_alone_and_is_evaluated_only_if_it_can_be_made_again():
-    given = Closing()
-    model = galton.A2C(given, **CONFIG).learn(10, progress_bar=False)
-    with pytest.raises(UsageError, match="only one copy of it was given; give its id, or a function"):
-        model.evaluate(1)
-    assert len(model.evaluate(2, env=Closing)) == 2
-    model.close()
-    assert not given.closed
-    with pytest.raises(UsageError, match="n_envs is 2, but one environment was given; leave n_envs out, or give an id"):
-        galton.A2C(given, n_envs=2, **CONFIG)
 
 
 EXACT = {
