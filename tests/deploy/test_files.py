@@ -56,11 +56,7 @@ def small():
     learnt, rng = model.get_parameters(), np.random.default_rng(0)
     learnt["actor"][-1]["kernel"] = rng.normal(size=learnt["actor"][-1]["kernel"].shape)
     seen = learnt["normalizer"]["observation"]
-    learnt["normalizer"]["observation"] = seen | {
-        "mean": 0 * seen["mean"] + 1,
-        "variance": 0 * seen["mean"] + 9,
-        "n": 99,
-    }
+    seen |= {"mean": 0 * seen["mean"] + 1, "variance": 0 * seen["mean"] + 9, "n": 0 * seen["n"] + 99}
     model.set_parameters(learnt)
     return model
 

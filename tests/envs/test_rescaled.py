@@ -28,12 +28,7 @@ def same(one, other, aside=("sigma",)):
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("env", "loss", "scale"),
-    [
-        ("bandit", "hl-gauss", 0.125),
-        ("bandit", "hl-gauss-centred", 8.0),
-        ("lqr", "hl-one-hot", 0.125),
-        ("Reacher-v5", "hl-gauss", 8.0),
-    ],
+    [("bandit", "hl-gauss", 0.125), ("lqr", "hl-one-hot", 0.125), ("Reacher-v5", "hl-gauss-centred", 8.0)],
 )
 def test_a_softmax_policy_learns_the_same_to_the_bit_at_any_scale_of_the_box(env, loss, scale):
     assert same(trained(env, 1, loss), trained(env, scale, loss))

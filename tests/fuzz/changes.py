@@ -26,19 +26,7 @@ ODD: list[Any] = [
     *("x" * 300, "os:system", "evil:Env-v0", "gaussian", "hl-gauss", "ppo", "a2c", "ordinal", "CON", "<b>", "{step}"),
     *([], {}, [None], [[]], [[[8]]], {"": 0}, ["x"] * 3, [0] * 50, [1, 2.5, "3"], {"Box": []}, [10**9, 10**9]),
 ]
-RAW = (
-    b"",
-    b"\0",
-    b"\xff" * 8,
-    b"\xff\xff\xff\x7f",
-    b"\0\0\0\x80",
-    b"PAR1",
-    b"{",
-    b"[" * 2000,
-    b'"',
-    b"\\u0000",
-    b"NaN",
-)
+RAW = (b"", b"\0", b"\xff" * 8, b"\xff\xff\xff\x7f", b"PAR1", b"{", b"[" * 2000, b'"', b"\\u0000", b"NaN")
 
 
 def raw(data: bytes, draw: random.Random) -> bytes:

@@ -19,10 +19,5 @@ class Tall(gymnasium.Env):
     def step(self, action):
         assert self.action_space.contains(action)
         self.t += 1
-        return (
-            self.np_random.uniform(-1, 1, (2, 3)).astype(np.float32),
-            -float(np.square(action).sum()),
-            False,
-            (self.t == 5),
-            {},
-        )
+        observation = self.np_random.uniform(-1, 1, (2, 3)).astype(np.float32)
+        return observation, -float(np.square(action).sum()), False, self.t == 5, {}

@@ -153,9 +153,6 @@ def test_a_given_environment_stays_open_and_the_copies_made_of_it_do_not():
     evaluation.close()
     assert given.unwrapped.closed == 0
     assert [env.closed for env in copies] == [1, 1]
-
-
-def test_a_second_copy_of_an_environment_without_a_spec_is_refused():
     task = find(Walk())
     task.make(1)
     with pytest.raises(UsageError, match=r"'Walk', .*only one copy of it was given; give its id, or a function"):
@@ -210,28 +207,23 @@ def test_an_environment_that_ends_the_process_is_broken(where, vector):
         reset_and_step()
 
 
-def test_an_environment_that_ends_the_process_when_it_is_made_or_closed_does_not():
+def test_ctrl_c_in_an_environment_is_no_fault_of_its_own_and_one_that_ends_when_it_is_closed_none_either():
     with pytest.raises(UsageError, match="can't be made: SystemExit: 3"):
         find(lambda: Shutting("making"))
     find(lambda: Shutting("close")).make(2).close()
 
-
-def test_ctrl_c_in_an_environment_is_no_fault_of_its_own():
     class Interrupted(Walk):
         def step(self, action):
             raise KeyboardInterrupt
 
-    envs = find(Interrupted).make(1)
-    envs.reset(np.arange(1))
+    envs = begun(Interrupted, 1)
     with pytest.raises(KeyboardInterrupt):
         envs.step(np.zeros((1, 1), np.float32))
 
 
-@pytest.mark.parametrize(
-    "make", [lambda: TimeLimit(Walk(), 5), functools.partial(Walk), functools.partial(lambda: Monitor(Walk()))]
-)
-def test_a_function_without_a_name_has_that_of_what_it_makes(make):
-    assert find(make).name == "Walk"
+def test_a_function_without_a_name_has_that_of_what_it_makes():
+    for make in (lambda: TimeLimit(Walk(), 5), functools.partial(Walk), functools.partial(lambda: Monitor(Walk()))):
+        assert find(make).name == "Walk"
 
 
 def test_a_monitored_environment_can_be_copied_without_its_monitor():

@@ -30,18 +30,12 @@ OTHER_CONSTANTS = [
     ("HalfCheetah-v5", {"exclude_current_positions_from_observation": False, "ctrl_cost_weight": 0.3}),
     ("Reacher-v5", {"reward_dist_weight": 2, "reward_control_weight": 0.5}),
     ("Swimmer-v5", {"exclude_current_positions_from_observation": False, "max_episode_steps": 40, "frame_skip": 2}),
-    ("Humanoid-v5", {"include_cinert_in_observation": False, "include_cfrc_ext_in_observation": False}),
-    ("Humanoid-v5", {"include_cvel_in_observation": False, "include_qfrc_actuator_in_observation": False}),
     (
         "Humanoid-v5",
-        {
-            "terminate_when_unhealthy": False,
-            "healthy_z_range": (1.3, 1.4),
-            "contact_cost_weight": 1e-3,
-            "contact_cost_range": (0.1, 2.0),
-            "exclude_current_positions_from_observation": False,
-            "max_episode_steps": 60,
-        },
+        {f"include_{part}_in_observation": False for part in ("cinert", "cfrc_ext", "cvel", "qfrc_actuator")}
+        | {"terminate_when_unhealthy": False, "healthy_z_range": (1.3, 1.4), "max_episode_steps": 60}
+        | {"contact_cost_weight": 1e-3, "contact_cost_range": (0.1, 2.0)}
+        | {"exclude_current_positions_from_observation": False},
     ),
     ("InvertedDoublePendulum-v5", {"healthy_reward": 2, "reset_noise_scale": 0.3}),
     ("Pusher-v5", {"reward_near_weight": 2, "reward_dist_weight": 0.25, "reward_control_weight": 1}),
