@@ -3,14 +3,12 @@
 import numpy as np
 import pytest
 
-import galton
 from galton import DivergenceError
 from galton.normalization import Moments, Normalizer
 from galton.training.remedy import remedy
 from galton.types import Learner
 
 from ..agents import agent
-from ..envs.host.walks import Walk
 
 FINE = Moments(np.zeros(2), np.ones(2), np.float32(9))
 
@@ -39,26 +37,3 @@ CAUSES = [
 def test_the_remedy_fits_the_cause(facts, message):
     with pytest.raises(DivergenceError, match=message):
         raise DivergenceError(told(**facts))
-
-
-class Huge(Walk):
-    def __init__(self, observation, reward):
-        self.observation, self.reward = observation, reward
-
-    def observe(self):
-        return (self.observation * self.np_random.normal(size=2)).astype(np.float32)
-
-    def step(self, action):
-        return self.observe(), self.reward * self.np_random.normal(), False, False, {}
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("observation", "reward", "message"),
-    [(1e30, 1.0, "The observations are so large"), (1.0, 1e25, "The rewards are so large")],
-)
-def test_a_model_that_diverges_by_numbers_that_are_too_large_says_so(observation, reward, message):
-    both = {"normalize_observation": True, "normalize_reward": True}
-    model = galton.A2C(lambda: Huge(observation, reward), "gaussian", n_steps=2, net_arch=(4,), **both)
-    with pytest.raises(DivergenceError, match=f"the gradient was not finite at step .*{message}"):
-        model.learn(100, progress_bar=False)

@@ -170,19 +170,6 @@ def test_only_the_copies_that_there_are_can_be_had(make):
 make_model = functools.partial(galton.A2C, loss="gaussian", n_steps=5, net_arch=(4,))
 
 
-@pytest.mark.slow
-def test_a_model_takes_as_many_copies_as_a_vector_environment_has_and_leaves_it_open():
-    with pytest.raises(UsageError, match="n_envs is 2, but 3 were given; leave n_envs out"):
-        make_model(sync(Walk), n_envs=2)
-    envs = sync(Walk)
-    model = make_model(envs)
-    assert model.settings["n_envs"] == N
-    model.learn(10 * N, progress_bar=False)
-    assert model.num_timesteps == 10 * N
-    model.close()
-    assert not envs.closed
-
-
 def test_a_model_learns_the_same_from_every_kind_of_environment():
     models = [make_model(env, n_envs=n) for env, n in ((limited(Walk), N), (sync(Walk), None))]
     for model in models:
