@@ -84,7 +84,7 @@ def test_steps_are_rounded_up_to_whole_updates_and_said_and_evaluation_can_be_tu
     assert len(run(steps=30, n_logs=100).steps) == 2
 
 
-@pytest.mark.few
+@pytest.mark.slow
 @pytest.mark.parametrize("loss", ["hl-gauss", "hl-gauss-centred"])
 @pytest.mark.parametrize(
     "words",
