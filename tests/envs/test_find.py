@@ -15,7 +15,7 @@ from galton.envs import LQR, Bandit, Environment, MountainCar
 from galton.envs.find import find
 from galton.envs.jax_task import JaxTask
 
-from .host.walks import Walk
+from .host.walks import Walk, kind
 
 BOUNDS = ["action_low", "action_high", "observation_low", "observation_high"]
 NUMBERS = ["max_episode_steps", "optimal_return", "random_return"]
@@ -64,14 +64,8 @@ class Failing(Walk):
         raise NotImplementedError("which actions?")
 
 
-class Sightless(Walk):
-    observation_space = "two numbers"
-
-
-class Discretes(Walk):
-    action_space = Discrete(2)
-
-
+Sightless = kind("Sightless", observation_space="two numbers")
+Discretes = kind("Discretes", action_space=Discrete(2))
 ODD_SOURCES = {
     "a constructor that raises": (Fails, "environment is 'Fails', which can't be made: ZeroDivisionError: no robot"),
     "a function that returns none": (lambda: None, "is None, not a gymnasium.Env"),

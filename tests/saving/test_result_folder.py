@@ -19,6 +19,11 @@ def text_of(folder):
     return json.loads((folder / "config.json").read_text())["text"]
 
 
+def refused(match, path, overwrite):
+    with pytest.raises(UsageError, match=match), result_folder(path, overwrite=overwrite):
+        pass
+
+
 @pytest.mark.parametrize("empty", [False, True])
 def test_the_folder_appears_whole_where_there_is_none_or_an_empty_one(empty, tmp_path):
     if empty:
@@ -26,9 +31,7 @@ def test_the_folder_appears_whole_where_there_is_none_or_an_empty_one(empty, tmp
     with result_folder(tmp_path / "out", overwrite=False) as folder:
         fill(folder, "new")
         assert not [*(tmp_path / "out").glob("*")]
-        told = pytest.raises(UsageError, match="another process is filling")
-        with told, result_folder(tmp_path / "out", overwrite=False):
-            pass
+        refused("another process is filling", tmp_path / "out", overwrite=False)
     assert text_of(tmp_path / "out") == "new"
     assert list(tmp_path.iterdir()) == [tmp_path / "out"]
 
@@ -58,16 +61,14 @@ def test_an_error_leaves_what_was_there_and_overwriting_replaces_everything(erro
 def test_a_folder_with_something_else_in_it_is_not_overwritten(other, tmp_path):
     fill(tmp_path, "old")
     (tmp_path / other).mkdir()
-    with pytest.raises(UsageError, match=f"which also holds {other}"), result_folder(tmp_path, overwrite=True):
-        pass
+    refused(f"which also holds {other}", tmp_path, True)
     assert text_of(tmp_path) == "old"
 
 
 @pytest.mark.parametrize("settings", ['{"theirs": 1}', '{"versions": 3}', "[]", "{}", "junk"])
 def test_a_config_json_of_somebody_elses_makes_no_folder_of_results(settings, tmp_path):
     (tmp_path / "config.json").write_text(settings)
-    with pytest.raises(UsageError, match=r"config\.json|not a folder of results"), result_folder(tmp_path, True):
-        pass
+    refused(r"config\.json|not a folder of results", tmp_path, True)
     assert (tmp_path / "config.json").read_text() == settings
 
 
@@ -94,12 +95,10 @@ def test_the_remains_of_a_killed_process_are_cleared_and_nothing_else(tmp_path):
 def test_a_file_in_the_way_and_a_name_that_is_too_long_are_named(tmp_path):
     fill(tmp_path, "mine")
     file, long = tmp_path / "config.json", "can't be written: File name too long"
-    with pytest.raises(UsageError, match="which is a file"), result_folder(file, overwrite=True):
-        pass
-    with pytest.raises(UsageError, match="can't be written"), result_folder(file / "out", overwrite=True):
-        pass
+    refused("which is a file", file, True)
+    refused("can't be written", file / "out", True)
     with pytest.raises(UsageError, match=long):
-        check_free(tmp_path / ("n" * 300), overwrite=False)
+        check_free(tmp_path / ("n" * 300), False)
     with pytest.raises(UsageError, match=long), claimed(tmp_path / ("n" * 252)):
         pass
 
@@ -141,16 +140,13 @@ def test_a_claim_ends_with_its_block_and_leaves_no_trace(tmp_path):
 def test_only_folders_of_results_are_overwritten(tmp_path, monkeypatch):
     (tmp_path / "thesis").mkdir()
     (tmp_path / "thesis" / "chapter").write_text("precious")
-    with pytest.raises(UsageError, match="not a folder of results"), result_folder(tmp_path / "thesis", overwrite=True):
-        pass
+    refused("not a folder of results", tmp_path / "thesis", True)
     fill(tmp_path, "mine")
     monkeypatch.chdir(tmp_path / "thesis")
-    with pytest.raises(UsageError, match="the current folder is in"), result_folder(tmp_path, overwrite=True):
-        pass
+    refused("the current folder is in", tmp_path, True)
     (tmp_path / "empty").mkdir()
     monkeypatch.chdir(tmp_path / "empty")
-    with pytest.raises(UsageError, match="the current folder is in"), result_folder(Path(), overwrite=False):
-        pass
+    refused("the current folder is in", Path(), False)
     assert (tmp_path / "thesis" / "chapter").read_text() == "precious"
 
 

@@ -12,7 +12,7 @@ import galton
 from galton.training import check
 from galton.training.probe import Spread
 
-from ..envs.host.walks import Stateful, Walk, Walks, fail
+from ..envs.host.walks import Stateful, Walk, Walks, fail, kind
 
 
 @pytest.fixture(autouse=True)
@@ -20,53 +20,33 @@ def short(monkeypatch):
     monkeypatch.setattr(check, "SECONDS", 0.3)
 
 
-class Endless(Walk):
-    def ends(self):
-        return False
+def last(self):
+    self.array = getattr(self, "array", np.zeros(2, np.float32))
+    self.array[:] = Walk.observe(self)
+    return self.array
 
 
-class Aliasing(Walk):
-    def observe(self):
-        self.array = getattr(self, "array", np.zeros(2, np.float32))
-        self.array[:] = super().observe()
-        return self.array
+def unseeded(self, *, seed=None, options=None):
+    Walk.reset(self, seed=seed)
+    self.position = float(next(STARTS))
+    return self.observe(), {}
 
 
-class Far(Walk):
-    def observe(self):
-        return super().observe() * 1e6
+def unrewarded(self, action):
+    observation, _, *ends = Walk.step(self, action)
+    return observation, 0.0, *ends
 
 
-class Deaf(Walk):
-    def step(self, action):
-        return super().step(np.zeros(1))
-
-
-class Unseeded(Walk):
-    starts = iter(range(1000))
-
-    def reset(self, *, seed=None, options=None):
-        super().reset(seed=seed)
-        self.position = float(next(self.starts))
-        return self.observe(), {}
-
-
-class Seeing(Walk):
-    observation_space = Box(0, 255, (4, 4, 3), np.uint8)
-
-    def observe(self):
-        return np.full((4, 4, 3), self.t, np.uint8)
-
-
-class Nothing(Walk):
-    def step(self, action):
-        observation, _, *ends = super().step(action)
-        return observation, 0.0, *ends
-
-
-class Cut(Walk):
-    def ends(self):
-        return self.t == 5
+STARTS = iter(range(1000))
+Endless = kind("Endless", ends=lambda self: False)
+Aliasing = kind("Aliasing", observe=last)
+Far = kind("Far", observe=lambda self: Walk.observe(self) * 1e6)
+Deaf = kind("Deaf", step=lambda self, action: Walk.step(self, np.zeros(1)))
+Unseeded = kind("Unseeded", reset=unseeded)
+IMAGES = {"observation_space": Box(0, 255, (4, 4, 3), np.uint8)}
+Seeing = kind("Seeing", **IMAGES, observe=lambda self: np.full((4, 4, 3), self.t, np.uint8))
+Nothing = kind("Nothing", step=unrewarded)
+Cut = kind("Cut", ends=lambda self: self.t == 5)
 
 
 def found(env, **kwargs):
@@ -124,7 +104,8 @@ def test_what_breaks_is_a_finding_and_no_error(env, name, value):
     assert result.findings[-1].remedy
 
 
-def test_numbers_are_those_that_the_environment_gives():
+def test_numbers_are_those_that_the_environment_gives(monkeypatch):
+    monkeypatch.setattr(check, "SECONDS", 60.0)  # all episodes end before, also where the machine is busy
     each = found("lqr", env_kwargs={"max_episode_steps": 7})
     assert each["actions"].value.startswith("2 in [-1, 1]")
     assert each["time limit"].value == "7 steps"

@@ -16,7 +16,7 @@ from galton.training import population, size
 from galton.training.population import populate
 
 from ..agents import agent
-from ..envs.host.walks import Walk
+from ..envs.host.walks import kind
 
 SMALL = {"n_bins": 4, "net_arch": (4,), "n_steps": 5}
 PENDULUM = "Pendulum-v1"
@@ -88,12 +88,8 @@ def test_what_it_counts_is_what_a_model_has():
     assert sum(counted) == n
 
 
-class Seeing(Walk):
-    observation_space = Dict(eye=Box(0, 255, (4, 4, 3), np.uint8), t=Discrete(4))
-
-
-class Feeling(Walk):
-    observation_space = Box(0, 255, (4,), np.uint8)
+Seeing = kind("Seeing", observation_space=Dict(eye=Box(0, 255, (4, 4, 3), np.uint8), t=Discrete(4)))
+Feeling = kind("Feeling", observation_space=Box(0, 255, (4,), np.uint8))
 
 
 def stop(*_):

@@ -13,10 +13,13 @@ import galton
 from galton import BrokenEnvironmentError
 from galton.saving import checkpoint
 
-from .walks import N, Stateful, Walk, Walks, fail, observation, reward
+from .walks import N, Stateful, Walk, Walks, fail, kind, observation, reward
 
 CONFIG = {"loss": "gaussian", "n_steps": 5, "net_arch": (4,)}
 make_model = functools.partial(galton.A2C, n_envs=N, **CONFIG)
+
+
+Endless = kind("Endless", ends=lambda self: False)
 
 
 class Memoryless(Walk):
@@ -64,17 +67,8 @@ def test_training_stops_with_the_last_good_learner_saves_it_and_goes_on(change, 
 
 
 def test_an_environment_that_breaks_in_its_first_reset_is_named_when_the_model_is_made():
-    class Blind(Walk):
-        def observe(self):
-            return np.full(2, np.nan)
-
     with pytest.raises(BrokenEnvironmentError, match=r"^Blind, copy 0, step 0: reset: entry \[0\] of the obs"):
-        make_model(Blind)
-
-
-class Endless(Walk):
-    def ends(self):
-        return False
+        make_model(kind("Blind", observe=lambda self: np.full(2, np.nan)))
 
 
 @pytest.mark.slow

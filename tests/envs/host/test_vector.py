@@ -14,18 +14,15 @@ from galton.envs.host.gymnasium import GymnasiumTask
 from galton.envs.host.vector import VectorTask
 
 from .vectors import Named, Walk, limited, sync
-from .walks import N, assert_same
+from .walks import N, assert_same, kind
 
-
-class Paired(Walk):
-    observation_space = Tuple([Box(-np.inf, np.inf, (1,)), Discrete(100)])
-
-    def observe(self):
-        return np.array([self.position], np.float32), self.t
-
-
-class Scalar(Walk):
-    action_space = Box(-0.1, 0.3, (), np.float64)
+PAIR = {"observation_space": Tuple([Box(-np.inf, np.inf, (1,)), Discrete(100)])}
+Paired = kind("Paired", Walk, **PAIR, observe=lambda self: (np.array([self.position], np.float32), self.t))
+Scalar = kind("Scalar", Walk, action_space=Box(-0.1, 0.3, (), np.float64))
+Counting = kind("Counting", Walk, ends=lambda self: np.int64(Walk.ends(self)))
+"""It says 0 and 1 for False and True."""
+Constant = kind("Constant", Walk, observe=lambda self: np.ones(2, np.float32))
+Choosing = kind("Choosing", Walk, action_space=Discrete(2))
 
 
 def dummy(env):
@@ -50,13 +47,6 @@ def test_a_vector_environment_gives_what_its_copies_give(make, env, n_actions):
         assert ends.any(0).all()
     assert_same(ours, theirs)
     assert [one.dtype for one in ours] == [other.dtype for other in theirs]
-
-
-class Counting(Walk):
-    """It says 0 and 1 for False and True."""
-
-    def ends(self):
-        return np.int64(super().ends())
 
 
 def integers(make):
@@ -98,11 +88,6 @@ class OneArray(Walk):
         return self.array
 
 
-class Constant(Walk):
-    def observe(self):
-        return np.ones(2, np.float32)
-
-
 class Home(Walk):
     """Its first and some of its last observations are the same."""
 
@@ -135,10 +120,6 @@ def test_what_was_returned_is_not_overwritten_by_the_next_step(copy):
     np.testing.assert_array_equal(first, kept)
     for value, before in zip(step, copies, strict=True):
         np.testing.assert_array_equal(value, before)
-
-
-class Choosing(Walk):
-    action_space = Discrete(2)
 
 
 def test_modes_and_spaces_that_can_not_be_used_are_refused_with_the_remedy():

@@ -12,23 +12,12 @@ from galton import BrokenEnvironmentError
 from galton.envs.find import find
 from galton.envs.host.gymnasium import GymnasiumTask
 
-from .walks import N, Stateful, Unconvertible, Walk, assert_same, begun, play
+from .walks import N, Stateful, Unconvertible, Walk, assert_same, begun, kind, play
 
-
-class Long(Stateful):
-    """Episodes of twelve steps."""
-
-    def ends(self):
-        return self.t == 12
-
-
-class Precise(Long):
-    """Observes in float64."""
-
-    observation_space = Box(-np.inf, np.inf, (2,), np.float64)
-
-    def observe(self):
-        return super().observe() / np.float64(3)
+DOUBLE = {"observation_space": Box(-np.inf, np.inf, (2,), np.float64)}
+Long = kind("Long", Stateful, ends=lambda self: self.t == 12)
+Precise = kind("Precise", Long, **DOUBLE, observe=lambda self: Long.observe(self) / np.float64(3))
+"""One with episodes of twelve steps, and one that observes in float64 too."""
 
 
 class Momentum(gymnasium.Wrapper):
@@ -63,13 +52,9 @@ class Forwarding(Momentum):
         return getattr(self.env, name)
 
 
-class HalfTold(Momentum):
-    def get_state(self):
-        return {"late": self.late}
-
-
-class Warmer(wrappers.NormalizeReward):
-    """A subclass may keep more than its parent."""
+HalfTold = kind("HalfTold", Momentum, get_state=lambda self: {"late": self.late})
+Warmer = kind("Warmer", wrappers.NormalizeReward)
+"""One that tells its state and takes none, and a subclass, which may keep more than its parent."""
 
 
 def running_mean(env):

@@ -42,6 +42,11 @@ class Walk(gymnasium.Env):
         return self.observe(), self.position, self.ends(), False, {}
 
 
+def kind(name, base=Walk, **members):
+    """A class of that name, a Walk with other members."""
+    return type(name, (base,), members)
+
+
 class Stateful(Walk):
     def get_state(self):
         return {"position": self.position, "t": np.array([self.t])}
