@@ -19,29 +19,21 @@ from galton import UsageError, deploy
 from galton.deploy.decision import bounds
 from galton.envs.host.action_box import ActionBox
 
+from ..envs.host.walks import kind
 from .drifting import HIGH, LOW, Drifting, states, trained
 
 TINY = {"n_bins": 5, "net_arch": (4,), "n_steps": 2}
 
 
-class Varied(gymnasium.Env):
-    """Spaces of one's choice; nothing happens in it."""
-
-    def __init__(self, observed=None, acted=None):
-        self.observation_space = Box(-1.0, 1.0, (3,)) if observed is None else observed
-        self.action_space = Box(-1.0, 1.0, (2,)) if acted is None else acted
-
-    def reset(self, *, seed=None, options=None):
-        super().reset(seed=seed)
-        self.observation_space.seed(seed)
-        return self.observation_space.sample(), {}
-
-    def step(self, action):
-        return self.observation_space.sample(), 0.0, False, True, {}
+def varied(observed=None, acted=None):
+    """An environment with spaces of one's choice; nothing happens in it."""
+    observed = Box(-1.0, 1.0, (3,)) if observed is None else observed
+    acted = Box(-1.0, 1.0, (2,)) if acted is None else acted
+    return kind("Varied", observation_space=observed, action_space=acted, observe=lambda self: observed.sample())
 
 
 def model_on(loss="hl-gauss", observed=None, acted=None, **settings):
-    return galton.A2C(lambda: Varied(observed, acted), loss, **TINY | settings)
+    return galton.A2C(varied(observed, acted), loss, **TINY | settings)
 
 
 def run(path, observations):

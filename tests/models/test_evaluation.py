@@ -6,7 +6,6 @@ import pytest
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from gymnasium.wrappers import ClipReward, NormalizeObservation, NormalizeReward, TransformObservation, TransformReward
 from gymnasium.wrappers import vector as vector_wrappers
-from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 
 import galton
 from galton.callbacks import Evaluate, StopOnReward
@@ -28,10 +27,6 @@ def of_gymnasium():
     """A vector environment whose copies normalise observations, and which normalises rewards itself."""
     make = lambda: NormalizeObservation(pendulum())  # noqa: E731
     return vector_wrappers.NormalizeReward(SyncVectorEnv([make] * 2, autoreset_mode=AutoresetMode.SAME_STEP), gamma=0.9)
-
-
-def of_sb3():
-    return VecNormalize(DummyVecEnv([pendulum, pendulum]), gamma=0.9)
 
 
 def trained(env, **settings):
@@ -88,17 +83,13 @@ def test_plays_by_the_statistics_of_training_after_loading(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("make", [of_gymnasium, of_sb3])
-def test_another_vector_environment_gets_the_statistics_of_training(make):
-    envs, other = make(), make()
+def test_another_vector_environment_gets_the_statistics_of_training():
+    envs, other = of_gymnasium(), of_gymnasium()
     model = trained(envs)
     returns = model.evaluate(4, env=other)
-    seeds = seeds_of(model, 2)
-    of_copies = [envs] * 2 if make is of_sb3 else envs.unwrapped.envs
-    for i, copy in enumerate(of_copies):
-        seed = seeds[0] + i if make is of_sb3 else seeds[i]  # SB3 numbers the copies' seeds
+    for i, (copy, seed) in enumerate(zip(envs.unwrapped.envs, seeds_of(model, 2), strict=True)):
         np.testing.assert_allclose(returns[2 * i], by_hand(model, [seed], statistics(copy))[0], rtol=1e-4)
-    assert statistics(other if make is of_sb3 else other.unwrapped.envs[1]).count == statistics(of_copies[1]).count
+    assert statistics(other.unwrapped.envs[1]).count == statistics(envs.unwrapped.envs[1]).count
 
 
 def test_without_the_statistics_of_training_evaluation_is_refused(tmp_path):

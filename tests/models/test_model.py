@@ -9,7 +9,7 @@ import galton
 from galton import A2C, DivergenceError, UsageError
 from galton.envs import LQR
 
-from .tall import Tall
+from ..envs.host.walks import Tall
 
 SMALL = {"preset": "paper", "n_bins": 10, "net_arch": (8,), "n_steps": 5}
 QUIET = {"progress_bar": False}

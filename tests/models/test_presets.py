@@ -21,7 +21,7 @@ from galton.optimizers import Adam
 from galton.presets import CLASSIFICATION, GAUSSIAN, PAPER, PRESETS, RECOMMENDED, Preset, find_preset
 from galton.words import vocabulary
 
-from .tall import Tall
+from ..envs.host.walks import Tall
 
 ROOT = Path(__file__).parents[2]
 EIGHT = {"n_envs": 8, "n_steps": 20, "normalize_reward": True, "learning_rate": 0.002, "gamma": 0.95}

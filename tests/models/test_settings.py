@@ -10,7 +10,7 @@ from galton.envs import LQR
 from galton.parts import settings
 from galton.words import usual_of, vocabulary
 
-from .tall import Tall
+from ..envs.host.walks import Tall
 
 SMALL = {"preset": "paper", "n_bins": 10, "net_arch": (8,)}
 

@@ -12,7 +12,7 @@ from gymnasium.spaces import Box, Dict, Discrete, MultiBinary, MultiDiscrete, Tu
 from galton import A2C, CheckpointError, UsageError
 from galton.saving import checkpoint
 
-from ..models.tall import Tall
+from ..envs.host.walks import Tall, kind
 
 BOX = {"Box": [[-1.0], [1.0], [2], "<f4"]}
 
@@ -183,24 +183,11 @@ SPACES = {
 }
 
 
-class Observing(Tall):
-    """What is seen is a sample of a space."""
-
-    def __init__(self, space):
-        self.observation_space = space
-
-    def reset(self, *, seed=None, options=None):
-        super().reset(seed=seed)
-        return self.observation_space.sample(), {}
-
-    def step(self, action):
-        return self.observation_space.sample(), *super().step(action)[1:]
-
-
 @pytest.mark.few
 @pytest.mark.parametrize("space", SPACES.values(), ids=SPACES)
 def test_a_model_comes_back_whatever_it_observes(tmp_path, space):
-    made = A2C(Observing(space), "hl-gauss", n_bins=5, net_arch=(4,))
+    observing = kind("Observing", Tall, observation_space=space, observe=lambda self: space.sample())
+    made = A2C(observing, "hl-gauss", n_bins=5, net_arch=(4,))
     loaded = A2C.load(made.save(tmp_path / "model"))
     seen = space.sample()
     assert loaded.observation_space == space

@@ -47,6 +47,16 @@ def kind(name, base=Walk, **members):
     return type(name, (base,), members)
 
 
+TALL = Box(np.array([[-1.0, 0.0], [0.0, -3.0]]), np.array([[2.0, 0.5], [4.0, 5.0]]), dtype=np.float64)
+Tall = kind(
+    "Tall",
+    action_space=TALL,
+    observation_space=Box(-1.0, 1.0, (2, 3)),
+    observe=lambda self: self.np_random.uniform(-1, 1, (2, 3)).astype(np.float32),
+)
+"""Actions of shape (2, 2) in float64, unsymmetric; observations of shape (2, 3)."""
+
+
 class Stateful(Walk):
     def get_state(self):
         return {"position": self.position, "t": np.array([self.t])}
