@@ -71,12 +71,8 @@ def begin_and_fail(rooms, begin, error):
 
 
 FAILURES = {
-    "make": UsageError,
-    "interrupt": KeyboardInterrupt,
-    "other spaces": UsageError,
-    "no space": UsageError,
-    "reset": BrokenEnvironmentError,
-    "observation": BrokenEnvironmentError,
+    **dict.fromkeys(("make", "other spaces", "no space"), UsageError),
+    **{"interrupt": KeyboardInterrupt, "reset": BrokenEnvironmentError, "observation": BrokenEnvironmentError},
 }
 
 
