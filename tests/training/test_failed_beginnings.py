@@ -70,10 +70,8 @@ def begin_and_fail(rooms, begin, error):
     assert (rooms.open, threads() - before) == ([], set())
 
 
-FAILURES = {
-    **dict.fromkeys(("make", "other spaces", "no space"), UsageError),
-    **{"interrupt": KeyboardInterrupt, "reset": BrokenEnvironmentError, "observation": BrokenEnvironmentError},
-}
+BROKEN = dict.fromkeys(("reset", "observation"), BrokenEnvironmentError)
+FAILURES = dict.fromkeys(("make", "other spaces", "no space"), UsageError) | {"interrupt": KeyboardInterrupt} | BROKEN
 
 
 OF_THE_FIRST = [(fails, 0) for fails in FAILURES if fails != "other spaces"]  # the first copy says what they are
