@@ -30,6 +30,7 @@ def test_a_loaded_model_without_an_environment_is_the_same_and_says_what_it_need
         with pytest.raises(UsageError, match=r"load\(path, env=\.\.\.\), or set_env\(env\)"):
             action()
     assert loaded.evaluate(2, LQR()).shape == (2,)
+    assert A2C.load(path, "lqr").env.record == LQR()
     with pytest.raises(UsageError, match="env_kwargs"):
         A2C.load(path, env_kwargs={"noise_std": 0.0})
     loaded.close()

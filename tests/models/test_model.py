@@ -57,6 +57,7 @@ def test_any_kind_of_environment_trains(kind):
 
 def test_learn_rounds_up_to_whole_updates_and_adds_up():
     model = A2C("lqr", **SMALL)
+    assert model.env.record == LQR()
     for wanted, steps in ((6, 10), (5, 15), (9, 25)):
         assert model.learn(wanted, **QUIET) is model
         assert model.num_timesteps == steps
