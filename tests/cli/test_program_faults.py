@@ -168,9 +168,9 @@ def test_a_second_command_compiles_nothing_a_damaged_program_is_made_again_and_a
 
 MODEL = """
 import galton, jax
-model = galton.A2C("bandit", "gaussian", net_arch=(4,))
+galton.PPO
 assert not jax.config.jax_compilation_cache_dir
-model.learn(10, progress_bar=False)
+galton.A2C("bandit", "gaussian", net_arch=(4,)).learn(10, progress_bar=False)
 """
 
 
