@@ -114,7 +114,9 @@ def test_box2d_is_imported_where_warnings_are_errors():
     """In a process of its own: Box2D's warning of itself, as an error, ends the process."""
     if importlib.util.find_spec("Box2D") is None:
         pytest.skip("Box2D is not installed")
-    code = "import galton; galton.PPO('LunarLander-v3', env_kwargs={'continuous': True}, n_envs=1, n_steps=64).learn(64)"
+    code = (
+        "import galton; galton.PPO('LunarLander-v3', env_kwargs={'continuous': True}, n_envs=1, n_steps=64).learn(64)"
+    )
     done = subprocess.run([sys.executable, "-W", "error", "-c", code], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
 

@@ -102,12 +102,6 @@ EXACT = {
         NormalizeObservation(wrappers.TimeAwareObservation(TimeLimit(Stateful(), 7)))
     ),
 }
-INEXACT = {
-    "frames": lambda: wrappers.FrameStackObservation(TimeLimit(Stateful(), 7), 2),
-    "a delay": lambda: wrappers.DelayObservation(Stateful(), 1),
-    "sticky actions": lambda: wrappers.StickyAction(Stateful(), 0.5),
-    "a function": lambda: wrappers.TransformReward(Stateful(), lambda reward: 2 * reward),
-}
 
 
 def half_and_whole(make, path):
@@ -137,11 +131,3 @@ def test_a_file_from_before_the_wrappers_were_saved_loads_and_says_that_it_does_
     with pytest.warns(galton.InexactResume, match="the checkpoint has no state for its environments .*wrapper/0/Norm"):
         model = galton.A2C.load(tmp_path / "before", env=EXACT["statistics"])
     assert model.learn(10 * N, progress_bar=False).num_timesteps == 20 * N
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", INEXACT)
-def test_a_model_says_that_it_does_not_go_on_exactly_in_wrappers_that_keep_a_state(name, tmp_path):
-    path = make_model(INEXACT[name]).learn(10 * N, progress_bar=False).save(tmp_path / "half")
-    with pytest.warns(galton.InexactResume, match="a wrapper that Galton doesn't know, needs get_state and set_state"):
-        galton.A2C.load(path, env=INEXACT[name]).learn(10 * N, progress_bar=False)
