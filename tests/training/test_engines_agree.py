@@ -21,6 +21,7 @@ from galton.training.run import read_log, rollout_key
 
 from .slide import HIGH, LOW, Slide, slide
 
+pytestmark = pytest.mark.slow
 SEEDS, UPDATES = (3, 4), 5
 CLOSE = {"rtol": 1e-4, "atol": 1e-5}
 """Roundings of the environment's float32, and what Adam makes of them in a few updates."""
@@ -77,7 +78,6 @@ def check_close(ours, theirs):
         np.testing.assert_allclose(a, b, **CLOSE, err_msg=jax.tree_util.keystr(path))
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("algorithm", "loss", "more"), CASES)
 def test_the_same_dynamics_on_the_host_give_the_same_rollouts_updates_and_logs(algorithm, loss, more):
     agent = agent_of(algorithm, loss, more)
@@ -101,7 +101,6 @@ def test_the_same_dynamics_on_the_host_give_the_same_rollouts_updates_and_logs(a
     population.close()
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("algorithm", "loss", "more"), [*CASES[1:3], CASES[-1]])
 def test_a_population_on_the_device_is_one_iteration_after_the_other(algorithm, loss, more):
     agent = agent_of(algorithm, loss, more)
@@ -114,7 +113,6 @@ def test_a_population_on_the_device_is_one_iteration_after_the_other(algorithm, 
         check_close(jax.tree.map(lambda x, i=i: np.asarray(x)[i], population._batch), batch)
 
 
-@pytest.mark.slow
 def test_both_engines_evaluate_the_same_policy_alike():
     agent = agent_of("a2c", "hl-gauss", NORMALIZE)
     device, host = (populate(env, each(agent), SEEDS) for env in (Slide(), slide))
