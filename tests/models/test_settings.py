@@ -1,6 +1,4 @@
 import inspect
-import subprocess
-import sys
 
 import pytest
 from stable_baselines3.common.vec_env import DummyVecEnv
@@ -56,46 +54,6 @@ def test_a_setting_of_another_algorithm_is_refused_with_those_that_there_are():
         A2C("lqr", clip_range=0.1)
     with pytest.raises(TypeError, match=r"argument 'learning_rat'; .*; did you mean learning_rate\?$"):
         A2C("lqr", learning_rat=0.1)
-
-
-WRONG_TYPES = """
-import sys, numpy as np, galton
-model = galton.A2C("lqr", "hl-gauss", n_bins=np.int64(10), net_arch=[np.int32(8)], normalize_reward=np.True_,
-                   seed=np.uint32(5), eta=1)
-loaded = galton.A2C.load(model.save(sys.argv[1]))
-assert loaded.settings == model.settings, loaded.settings
-make = lambda **settings: galton.A2C("lqr", **{"preset": "paper"} | settings)
-for attempt, message in (
-    (lambda: make(gamma=np.ones((1, 1))), "gamma is [[1.]]; give one number"),
-    (lambda: make(seed=None), "seed is None"),
-    (lambda: make(net_arch={8: 8}), "net_arch is {8: 8}; give one list for both networks, or a list for each"),
-    (lambda: make(preset=7), "preset is 7"),
-    (lambda: model.learn("20"), "total_timesteps is '20'"),
-    (lambda: model.learn(None), "total_timesteps is None"),
-    (lambda: galton.train("lqr", None, [0], 20), "agent is None; it must be of type Agent"),
-    (lambda: galton.train(7, galton.make_agent(), [0], 20), "env is 7"),
-    (lambda: galton.Model.of("lqr", {}), "agent is {}; it must be of type Agent"),
-    (lambda: galton.Bins("a", 1.0, 3), "low is 'a'; it must be a number"),
-    (lambda: galton.Bins(0.0, 1.0, "3"), "n_bins is '3'; it must be an integer of at least 2"),
-    (lambda: model.learn(20, callback=7), "callback is 7"),
-    (lambda: model.learn(20, log_interval="often"), "log_interval is 'often'"),
-):
-    try:
-        attempt()
-    except galton.UsageError as error:
-        print("" if message in str(error) else f"{message!r} became {error!r}\\n", end="")
-    except Exception as error:
-        print(f"{message!r} became {error!r}")
-    else:
-        print(f"{message!r} passed")
-"""
-
-
-@pytest.mark.slow
-def test_numbers_of_numpy_are_saved_and_wrong_types_are_named_where_annotations_are_not_checked(tmp_path):
-    command = [sys.executable, "-W", "error", "-c", WRONG_TYPES, str(tmp_path / "model")]
-    done = subprocess.run(command, capture_output=True, text=True)
-    assert (done.stdout, done.stderr) == ("", "")
 
 
 def test_an_algorithm_itself_is_taken_with_its_numbers(monkeypatch):

@@ -39,9 +39,6 @@ class Clock(gymnasium.Env):
         self.t += 1
         return np.full(1, self.t, np.float32), float(action[0]), self.t == LENGTH, False, {}
 
-    def set_difficulty(self, level):
-        self.level = level
-
 
 class Own(Clock):
     """Another class with the same spaces."""
@@ -207,19 +204,6 @@ def test_vector_environments_in_processes_are_watched_too(make):
     with pytest.raises(UsageError, match="can't be copied"):
         model.evaluate(2)
     env.close()
-
-
-def test_what_does_not_move_an_environment_is_not_taken_for_a_move():
-    env, vector = Clock(), dummy()
-    models = [make_model(env), make_model(vector)]
-    env.set_difficulty(3)
-    env.action_space.sample()
-    vector.env_method("set_difficulty", 3)
-    vector.get_attr("t")
-    for model in models:
-        learn(model, 8)
-        model.evaluate(2, env=Own)
-        learn(model, 8)
 
 
 def test_an_sb3_evaluation_on_the_training_environment_in_the_middle_of_learn_is_noticed():

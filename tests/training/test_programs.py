@@ -29,7 +29,6 @@ def mapped(monkeypatch, tmp_path, pieces, most=100):
     monkeypatch.setattr(programs, "_MOST", limit)
 
 
-@pytest.mark.slow
 def test_what_is_new_makes_room_and_what_is_known_does_not(made, monkeypatch, tmp_path):
     make, names = made
     mapped(monkeypatch, tmp_path, 50)

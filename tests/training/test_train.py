@@ -117,8 +117,6 @@ BAD = [
     ({"words": {"eta": np.array([0.5, -1.0])}}, "eta is -1.0"),
     ({"words": {"learning_rate": float("inf")}}, "learning_rate is inf"),
     ({"words": {"vf_coef": np.ones(3)}}, r"vf_coef has shape \(3,\)"),
-    ({"words": {"loss": "mse"}}, "loss is 'mse'"),
-    ({"words": {"net_arch": (64, 0)}}, "an entry of net_arch is 0"),
     ({"words": {"n_steps": 1, "normalize_advantage": True}}, "normalize_advantage needs"),
 ]
 

@@ -2,7 +2,6 @@ import itertools
 
 import numpy as np
 import pytest
-from gymnasium.spaces import Box, Dict, Discrete, MultiDiscrete, Tuple
 
 from galton import BrokenEnvironmentError
 from galton.envs.host.gymnasium import GymnasiumTask
@@ -44,33 +43,6 @@ def test_a_broken_step_is_named_by_copy_step_and_value():
         play(envs, 36)
         with pytest.raises(BrokenEnvironmentError, match=f"^Odd, copy 2, step 37: {message}"):
             play(envs, 1)
-
-
-PARTS = Dict(a=Box(-1, 1, (2,)), b=Tuple([Discrete(3), MultiDiscrete([2, 2])]))
-
-
-class Parts(Walk):
-    observation_space = PARTS
-
-    def observe(self):
-        return {"a": np.zeros(2, np.float32), "b": (2, np.array([0, 1]))}
-
-
-WHOLE = {"a": np.zeros(2), "b": (2, [0, 1])}
-
-
-def test_a_broken_part_of_an_observation_is_named():
-    """What else may be wrong with a part is in test_observations.py."""
-    for value, message in (
-        ({"a": np.zeros(2)}, r"the keys of the observation are \['a'\]"),
-        (WHOLE | {"a": [0, np.nan]}, r"entry \[1\] of the observation\['a'\] is nan"),
-        (WHOLE | {"b": (3, [0, 1])}, r"the observation\['b'\]\[0\] is 3, which is not in Discrete\(3\)"),
-    ):
-        envs = GymnasiumTask(Walks(observation(value), copy=1, at=5, base=Parts)).make(2)
-        assert envs.reset(np.arange(2)).shape == (2, 2 + 3 + 4)
-        play(envs, 4, 2)
-        with pytest.raises(BrokenEnvironmentError, match=f"^Odd, copy 1, step 5: .*{message}"):
-            play(envs, 1, 2)
 
 
 def resets(answer):
