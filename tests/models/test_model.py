@@ -2,7 +2,6 @@ import gymnasium
 import jax
 import numpy as np
 import pytest
-from gymnasium.vector import AutoresetMode
 from stable_baselines3.common.vec_env import DummyVecEnv
 
 import galton
@@ -22,37 +21,6 @@ def bits(tree):
 @pytest.fixture(scope="module")
 def model():
     return A2C("lqr", **SMALL).learn(200, **QUIET)
-
-
-def pendulum():
-    return gymnasium.make("Pendulum-v1")
-
-
-def vector():
-    return gymnasium.make_vec("Pendulum-v1", num_envs=3, vector_kwargs={"autoreset_mode": AutoresetMode.SAME_STEP})
-
-
-KINDS = {
-    "name": "lqr",
-    "own id": "galton/LQR-v0",
-    "record": LQR(),
-    "id": "Pendulum-v1",
-    "function": pendulum,
-    "instance": pendulum(),
-    "vector": vector(),
-    "SB3": DummyVecEnv([pendulum] * 3),
-}
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("kind", KINDS)
-def test_any_kind_of_environment_trains(kind):
-    n_envs = 3 if kind in ("vector", "SB3") else 1
-    model = A2C(KINDS[kind], **SMALL).learn(16, **QUIET)
-    assert model.settings["n_envs"] == n_envs
-    assert model.num_timesteps == -(-16 // (5 * n_envs)) * 5 * n_envs
-    action, _ = model.predict(model.observation_space.sample())
-    assert model.action_space.contains(action)
 
 
 def test_learn_rounds_up_to_whole_updates_and_adds_up():

@@ -6,7 +6,6 @@ import math
 import tomllib
 from pathlib import Path
 
-import gymnasium
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -101,13 +100,6 @@ def test_models_and_commands_have_the_same_presets(monkeypatch):
         training = Training.of_task(env, algorithm, find_preset(name, None, algorithm), n_envs)
         model = Model(env, preset=name, algorithm=algorithm, n_envs=n_envs)
         assert words_of(read(training.words)) == model.settings
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("algorithm", ALGORITHMS)
-def test_what_is_usual_trains(algorithm):
-    model = Model(gymnasium.make("Pendulum-v1"), algorithm=algorithm, net_arch=(4,), n_steps=64)
-    assert model.learn(64, progress_bar=False).num_timesteps == 64
 
 
 @pytest.mark.parametrize(
