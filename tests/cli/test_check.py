@@ -2,7 +2,6 @@
 
 import pytest
 
-import galton
 from galton.cli import check
 from galton.training.check import Check, Finding
 
@@ -19,8 +18,3 @@ def test_each_finding_has_a_line_and_the_exit_code_says_whether_it_can_be_used(o
     lines = [" ".join(line.split()) for line in capsys.readouterr().out.splitlines() if line.strip()]
     mark, words = "note" if ok else "stop", "it can be trained on" if ok else "it can't be trained on as it is"
     assert lines == ["arrays note: one", "-> copy it", f"steps {mark}: [raised]", "-> mend it", words]
-
-
-def test_constants_that_are_no_json_are_an_error_of_the_command():
-    with pytest.raises(galton.UsageError, match=r"env_kwargs is '\{', which is not JSON"):
-        check.main(["lqr", "--env-kwargs", "{"])

@@ -138,16 +138,14 @@ def test_where_training_stops_by_itself_nothing_else_is_written(model, tmp_path)
     assert not begun
 
 
-def test_an_earlier_run_that_may_not_be_replaced_yet_is_left(model, tmp_path, monkeypatch):
+def test_an_earlier_run_that_may_not_be_replaced_yet_is_left_and_a_full_disk_to_the_thread_that_trains(
+    model, tmp_path, monkeypatch
+):
     monkeypatch.setattr(_kept_model, "SECONDS", 0.0)
     keep, begun = kept(tmp_path, may_begin=False)
     keep.take(model)
     keep.save_taken()
     assert not begun
-
-
-def test_a_disk_that_is_full_is_left_to_the_thread_that_trains(model, tmp_path, monkeypatch):
-    monkeypatch.setattr(_kept_model, "SECONDS", 0.0)
     keep = KeptModel(tmp_path / "model.safetensors", lambda _: (_ for _ in ()).throw(UsageError("full")), lambda: True)
     keep.take(model)
     keep.save_taken()

@@ -13,13 +13,6 @@ from galton.cli import main as command
 from galton.errors import BrokenEnvironmentError, CheckpointError, UsageError
 
 
-def put_in_place(monkeypatch, main):
-    """Make this the function that `galton train` runs."""
-    module = types.ModuleType("galton.cli.train")
-    monkeypatch.setattr(module, "main", main, raising=False)
-    monkeypatch.setitem(sys.modules, module.__name__, module)
-
-
 @pytest.fixture
 def end_with(monkeypatch, capsys):
     """A function that runs `galton train` with these words, where it ends with this error: code and stderr."""
@@ -28,7 +21,9 @@ def end_with(monkeypatch, capsys):
         def fail(_):
             raise error
 
-        put_in_place(monkeypatch, fail)
+        module = types.ModuleType("galton.cli.train")
+        module.main = fail
+        monkeypatch.setitem(sys.modules, module.__name__, module)
         monkeypatch.setattr(sys, "argv", ["galton", "train", *words])
         monkeypatch.setattr(sys, "path", [*sys.path])
         with pytest.raises(SystemExit) as left:
@@ -91,12 +86,6 @@ def test_too_little_memory_names_what_was_asked_for(error, words, named, end_wit
 
 
 @pytest.mark.parametrize("error", [RuntimeError("a bug"), ZeroDivisionError(), json.JSONDecodeError("a", "b", 0)])
-def test_a_bug_keeps_its_traceback(error, monkeypatch):
-    def fail(_):
-        raise error
-
-    put_in_place(monkeypatch, fail)
-    monkeypatch.setattr(sys, "argv", ["galton", "train"])
-    monkeypatch.setattr(sys, "path", [*sys.path])
+def test_a_bug_keeps_its_traceback(error, end_with):
     with pytest.raises(type(error)):
-        command.main()
+        end_with(error)

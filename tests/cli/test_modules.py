@@ -50,35 +50,30 @@ def ran(folder):
     return {path.stem for path in folder.glob("*.ran")}
 
 
-@pytest.mark.parametrize("name", ["status", "results", "shard", "rerun"])
-def test_what_a_plan_imports_is_not_looked_for_in_the_current_folder(here, name):
-    planned(here, imports=("in_the_folder",))
-    with pytest.raises(UsageError, match=r"imports names 'in_the_folder', .*give --imports in_the_folder$"):
-        command(name)
-    assert not ran(here)
-
-
-@pytest.mark.parametrize("name", ["shard", "rerun"])
-def test_nor_is_the_module_of_a_plans_environment(here, name):
-    planned(here, "in_the_folder:Own-v0")
+@pytest.mark.parametrize(
+    ("name", "plan"),
+    [
+        *((name, {"imports": ("in_the_folder",)}) for name in ("status", "results", "shard", "rerun")),
+        *((name, {"env": "in_the_folder:Own-v0"}) for name in ("shard", "rerun")),
+    ],
+)
+def test_what_a_plan_names_is_not_looked_for_in_the_current_folder(here, name, plan):
+    planned(here, **plan)
     with pytest.raises(UsageError, match=r"give --imports in_the_folder$"):
         command(name)
     assert not ran(here)
 
 
-def test_that_another_module_was_typed_changes_nothing(here):
-    planned(here, imports=("in_the_folder",))
-    with pytest.raises(UsageError, match=r"give --imports in_the_folder$"):
-        command("status", "--imports", "beside_it")
-    assert ran(here) == {"beside_it"}
-
-
-def test_a_plan_can_not_reach_the_folder_by_an_odd_name(here):
+def test_that_another_module_was_typed_changes_nothing_and_a_plan_can_not_reach_the_folder_by_an_odd_name(here):
     for name in (".in_the_folder", "", "in_the_folder.py", "./in_the_folder"):
         planned(here, imports=(name,))
         with pytest.raises(UsageError, match="can't be imported"):
             command("status")
     assert not ran(here)
+    planned(here, imports=("in_the_folder",))
+    with pytest.raises(UsageError, match=r"imports names 'in_the_folder', .*give --imports in_the_folder$"):
+        command("status", "--imports", "beside_it")
+    assert ran(here) == {"beside_it"}
 
 
 @pytest.mark.few

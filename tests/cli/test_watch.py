@@ -86,13 +86,10 @@ def test_the_run_is_played_with_its_own_settings(run, capsys):
 
 BROKEN = {
     "raises": (ArithmeticError("on purpose"), "Watched-v0, episode 0, step 2: step raised ArithmeticError: on purpose"),
-    "four parts": (FINE[:4], r"episode 0, step 2: step returned \(.*; it must return \(observation, reward"),
-    "none": (None, "step 2: step returned None"),
+    "none": (None, r"step 2: step returned None; it must return \(observation, reward"),
     "reward": (changed(FINE, reward="much"), "step 2: the reward is 'much'; it must be one number"),
-    "nan": (changed(FINE, reward=np.nan), "step 2: the reward is nan, which is not finite"),
     "flag": (changed(FINE, terminated="no"), "step 2: terminated is 'no'; it must be True or False"),
     "shape": (changed(FINE, observation=np.zeros(3)), r"step 2: the observation is array\(.*the space is Box"),
-    "not finite": (changed(FINE, observation=np.full(2, np.inf)), "step 2: .*the observation is inf, which is not fin"),
 }
 
 
@@ -105,10 +102,13 @@ def test_an_environment_that_breaks_is_blamed_with_episode_and_step(name, run, m
     assert [path.name for path in run.iterdir()] == ["model.safetensors"]
 
 
-def test_a_reset_that_raises_is_blamed(run, monkeypatch):
+def test_a_reset_that_raises_is_blamed_and_a_run_that_is_not_there_named(run, monkeypatch):
     monkeypatch.setattr(Watched.__init__, "__defaults__", (None, FINE, KeyError("seed"), 2))
     with pytest.raises(BrokenEnvironmentError, match="Watched-v0, episode 0: reset raised KeyError: 'seed'"):
         film(run, "--env", "Watched-v0")
+    for name in ("nowhere", "x" * 300, "a/" * 3000, ""):
+        with pytest.raises(UsageError, match=r"^run is "):
+            watch.main([name])
 
 
 def test_another_environment_than_the_models_is_refused_before_it_is_played(run):
@@ -120,10 +120,7 @@ def test_another_environment_than_the_models_is_refused_before_it_is_played(run)
 
 SETTINGS = {
     "no JSON": ("{", "can't be read"),
-    "empty": ("", "can't be read"),
     "a list": ("[1]", "holds no settings"),
-    "bytes": (b"\xff\xfe\x00", "can't be read"),
-    "brackets": ("[" * 100_000, "can't be read"),
     "an env that is no name": ('{"env": 5}', "env is 5 in .*; it must be a name"),
     "no env": ("{}", "env is not known"),
     "odd arguments": ('{"env": "Watched-v0", "env_kwargs": 5}', "env_kwargs is '5'; it must be a JSON object"),
@@ -135,36 +132,24 @@ SETTINGS = {
 @pytest.mark.parametrize("name", SETTINGS)
 def test_broken_settings_beside_the_model_are_named_and_not_needed(name, run):
     content, message = SETTINGS[name]
-    (run / "config.json").write_bytes(content if isinstance(content, bytes) else content.encode())
+    (run / "config.json").write_text(content)
     with pytest.raises(UsageError, match=message):
         film(run)
     film(run, "--env", "Watched-v0", "--env-kwargs", "{}")
     assert (run / "film.gif").exists()
+    if message == "can't be read":  # something is wanted of them
+        with pytest.raises(UsageError, match=r"can't be read: .*; give --env and --env-kwargs"):
+            film(run, "--env", "Watched-v0")
 
 
-def test_settings_that_can_not_be_read_are_not_passed_over_where_something_is_wanted_of_them(run):
-    (run / "config.json").write_text("{")
-    with pytest.raises(UsageError, match=r"can't be read: .*; give --env and --env-kwargs"):
-        film(run, "--env", "Watched-v0")
-
-
-@pytest.mark.parametrize("name", ["nowhere", "x" * 300, "a/" * 3000, ""])
-def test_a_run_that_is_not_there_is_named(name):
-    with pytest.raises(UsageError, match=r"^run is "):
-        watch.main([name])
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
+def test_wrong_numbers_are_refused_before_anything_is_loaded(tmp_path):
+    (tmp_path / "model.safetensors").touch()
+    for arguments, message in (
         (("--seed", "-1"), "seed is -1"),
         (("--seed", "4294967296"), "seed is 4294967296; it must be less than"),
         (("--episodes", "0"), "episodes is 0"),
         (("--max-steps", "0"), "max_steps is 0"),
         (("--out", "film.png"), "its name must end in .mp4 or .gif"),
-    ],
-)
-def test_wrong_numbers_are_refused_before_anything_is_loaded(arguments, message, tmp_path):
-    (tmp_path / "model.safetensors").touch()
-    with pytest.raises(UsageError, match=message):
-        watch.main([str(tmp_path), *arguments])
+    ):
+        with pytest.raises(UsageError, match=message):
+            watch.main([str(tmp_path), *arguments])

@@ -2,8 +2,6 @@
 
 import errno
 import os
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -21,6 +19,8 @@ from galton_experiments.sweep.shard import work
 from galton_experiments.sweep.store import Store
 from galton_experiments.sweep.study import Study
 
+from .test_output import galton, unread_pipe
+
 
 def no_room(*_):
     raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
@@ -37,13 +37,11 @@ def galton_compare(out, **options):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("broken", ["write", "write_settings", "save", "summarise the disk"])
-def test_a_comparison_that_no_disk_takes_is_still_shown(broken, tmp_path, monkeypatch, capsys):
-    where = {"write": files, "write_settings": compare, "save": compare}.get(broken)
-    if where is None:
-        monkeypatch.setattr(files, "replacing", no_room)
-    else:
-        monkeypatch.setattr(where, broken, no_room)
+@pytest.mark.parametrize(
+    ("where", "broken"), [(files, "write"), (compare, "write_settings"), (compare, "save"), (files, "replacing")]
+)
+def test_a_comparison_that_no_disk_takes_is_still_shown(where, broken, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(where, broken, no_room)
     with pytest.raises(UsageError, match=r"out is .*, which can't be written: No space left on device"):
         galton_compare(tmp_path / "out")
     told = capsys.readouterr().out
@@ -60,14 +58,11 @@ def test_a_comparison_is_not_begun_where_its_last_loss_cannot_be_trained(tmp_pat
         galton_compare(tmp_path / "out", training=training, losses=("gaussian", "hl-gauss"))
 
 
-@pytest.mark.parametrize("out", ["n" * 300, "/proc/galton", "/dev/null/x"])
-def test_a_comparison_that_could_not_be_kept_is_not_begun(out, monkeypatch):
+def test_a_comparison_that_could_not_be_kept_or_has_too_many_seeds_is_not_begun(tmp_path, monkeypatch):
     monkeypatch.setattr(Training, "run", no_room)
-    with pytest.raises(UsageError, match="can't be written"):
-        galton_compare(out)
-
-
-def test_so_many_seeds_are_refused_before_they_are_counted(tmp_path):
+    for out in ("n" * 300, "/proc/galton", "/dev/null/x"):
+        with pytest.raises(UsageError, match="can't be written"):
+            galton_compare(out)
     with pytest.raises(UsageError, match="seeds is 10000000000 of them, too many"):
         galton_compare(tmp_path / "out", seeds=10**10)
     assert list(tmp_path.iterdir()) == []
@@ -76,11 +71,10 @@ def test_so_many_seeds_are_refused_before_they_are_counted(tmp_path):
 WORDS = ["bandit", "--algorithm", "a2c", "--steps", "100", "--logs", "2", "--eval-episodes", "0"]
 
 
+@pytest.mark.slow
 def test_a_run_whose_reader_goes_away_is_kept(tmp_path):
-    ends, write = os.pipe()
-    os.close(ends)
-    command = [sys.executable, "-m", "galton", "train", *WORDS, "--out", tmp_path / "run"]
-    done = subprocess.run(command, stdout=write, stderr=subprocess.PIPE, text=True, timeout=120)
+    write = unread_pipe()
+    done = galton("train", *WORDS, "--out", tmp_path / "run", stdout=write)
     os.close(write)
     assert (done.returncode, done.stderr) == (141, "")
     assert read(tmp_path / "run" / "model.safetensors")[0]["step"] == 100
@@ -113,14 +107,11 @@ def test_results_are_shown_where_nothing_can_be_written(trained, monkeypatch, ca
     assert "learning rate" in capsys.readouterr().out
 
 
-def test_results_of_more_runs_replace_those_that_are_there(trained):
+def test_results_of_more_runs_replace_those_that_are_there_and_status_shows_the_folder(trained, capsys, monkeypatch):
     before = trained.read(results.FILE)
     trained.write(results.FILE, b"of fewer")
     results.save(trained, results.collect(trained, Plan.load(trained)))
     assert trained.read(results.FILE) == before
-
-
-def test_status_shows_a_folder_as_it_is_called(trained, capsys, monkeypatch):
     monkeypatch.setattr(status, "read_options", lambda *_: _folder.Folder(trained.url))
     status.main([])
     assert f"{trained.url}: bandit\n" in capsys.readouterr().out

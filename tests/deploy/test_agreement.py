@@ -22,6 +22,7 @@ from galton.deploy.encoding import encode
 from .drifting import states, trained
 from .exactly import exactly
 
+pytestmark = pytest.mark.slow
 N = 10_000
 RULES = ("mode", "mean", "median")
 IN_BOX = ("squashed-gaussian", "beta")
@@ -34,20 +35,6 @@ def ways(policy):
 
 WAYS = [(policy, way) for policy in POLICIES for way in ways(policy)]
 CASES = [(*way, *rest) for way, *rest in itertools.product(WAYS, ALGORITHMS, (True, False))]
-QUICK = [
-    ("gaussian", 1.0, "ppo", False),
-    ("histogram", "mode", "ppo", False),
-    ("histogram", "mean", "ppo", False),
-    ("squashed-gaussian", 1.0, "a2c", True),
-    ("ordinal", "mean", "a2c", True),
-]
-"""What is tried without being slow."""
-
-
-def marked(cases):
-    return [pytest.param(*case, marks=[] if case in QUICK else pytest.mark.slow) for case in cases]
-
-
 SMALL, LARGE = ((), 1), ((64, 64), 6)
 """Hidden layers and action dimensions."""
 
@@ -97,8 +84,7 @@ def compare(model, small):
     return 0.0
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(("policy", "way", "algorithm", "normalize"), marked(CASES))
+@pytest.mark.parametrize(("policy", "way", "algorithm", "normalize"), CASES)
 def test_the_file_does_what_predict_does(policy, way, algorithm, normalize, trust):
     apart = check(policy, way, algorithm, normalize, *(LARGE if normalize else SMALL))
     promise = "An exported policy acts under ONNX Runtime as `predict` does, where observations are normalised."
@@ -107,20 +93,12 @@ def test_the_file_does_what_predict_does(policy, way, algorithm, normalize, trus
         trust("onnx", promise, topic="deployed", figure=apart, unit=unit, at_most=1e-6)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("case", CASES, ids=lambda case: "-".join(map(str, case)))
 def test_the_file_does_what_predict_does_with_other_layers(case):
     check(*case, *(SMALL if case[-1] else LARGE))
 
 
-ROUNDED = ("gaussian", 0.0), ("histogram", "mean")
-"""Whose large outputs are tried without being slow."""
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("policy", "way"), [pytest.param(*way, marks=[] if way in ROUNDED else pytest.mark.slow) for way in WAYS]
-)
+@pytest.mark.parametrize(("policy", "way"), WAYS)
 def test_large_outputs_are_rounded_as_predict_rounds_them(policy, way):
     units, rule = (way, "mode") if isinstance(way, float) else (0.0, way)
     model = acting_by(trained(policy, "ppo", 6, box_units=units, normalize_observation=True), rule)

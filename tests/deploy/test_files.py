@@ -2,8 +2,10 @@
 
 import hashlib
 import json
+import re
 import subprocess
 import sys
+from pathlib import Path
 
 import gymnasium
 import numpy as np
@@ -17,29 +19,21 @@ from galton import UsageError, deploy
 from galton.deploy.decision import bounds
 from galton.envs.host.action_box import ActionBox
 
-from .drifting import states, trained
+from ..envs.host.walks import kind
+from .drifting import HIGH, LOW, Drifting, states, trained
 
 TINY = {"n_bins": 5, "net_arch": (4,), "n_steps": 2}
 
 
-class Varied(gymnasium.Env):
-    """Spaces of one's choice; nothing happens in it."""
-
-    def __init__(self, observed=None, acted=None):
-        self.observation_space = Box(-1.0, 1.0, (3,)) if observed is None else observed
-        self.action_space = Box(-1.0, 1.0, (2,)) if acted is None else acted
-
-    def reset(self, *, seed=None, options=None):
-        super().reset(seed=seed)
-        self.observation_space.seed(seed)
-        return self.observation_space.sample(), {}
-
-    def step(self, action):
-        return self.observation_space.sample(), 0.0, False, True, {}
+def varied(observed=None, acted=None):
+    """An environment with spaces of one's choice; nothing happens in it."""
+    observed = Box(-1.0, 1.0, (3,)) if observed is None else observed
+    acted = Box(-1.0, 1.0, (2,)) if acted is None else acted
+    return kind("Varied", observation_space=observed, action_space=acted, observe=lambda self: observed.sample())
 
 
 def model_on(loss="hl-gauss", observed=None, acted=None, **settings):
-    return galton.A2C(lambda: Varied(observed, acted), loss, **TINY | settings)
+    return galton.A2C(varied(observed, acted), loss, **TINY | settings)
 
 
 def run(path, observations):
@@ -49,17 +43,18 @@ def run(path, observations):
 
 @pytest.fixture(scope="module")
 def small():
-    return trained("histogram", "a2c", 2, normalize_observation=True, **TINY)
+    """A model with statistics and parameters as if it had learnt."""
+    model = galton.A2C(lambda: Drifting(LOW[:2], HIGH[:2]), "hl-gauss", seed=1, normalize_observation=True, **TINY)
+    learnt, rng = model.get_parameters(), np.random.default_rng(0)
+    learnt["actor"][-1]["kernel"] = rng.normal(size=learnt["actor"][-1]["kernel"].shape)
+    seen = learnt["normalizer"]["observation"]
+    seen |= {"mean": 0 * seen["mean"] + 1, "variance": 0 * seen["mean"] + 9, "n": 0 * seen["n"] + 99}
+    model.set_parameters(learnt)
+    return model
 
 
-@pytest.mark.slow
-def test_a_name_without_a_suffix_gets_one_and_the_contract_lies_beside(small, tmp_path):
-    path = deploy.export(small, tmp_path / "new" / "pilot")
-    assert sorted(file.name for file in path.parent.iterdir()) == ["pilot.json", "pilot.onnx"]
-    assert path.name == "pilot.onnx"
-
-
-def test_the_contract_says_what_the_file_takes_and_gives(small, tmp_path):
+def test_the_contract_says_what_the_file_takes_and_gives(small, tmp_path, monkeypatch):
+    monkeypatch.setattr(type(small), "num_timesteps", 640)
     path = deploy.export(small, tmp_path / "policy.onnx", {"command": "galton train"})
     contract = json.loads(path.with_suffix(".json").read_text())
     session = onnxruntime.InferenceSession(path)
@@ -79,7 +74,7 @@ def test_the_contract_says_what_the_file_takes_and_gives(small, tmp_path):
     source = contract["source"]
     assert source["command"] == "galton train"
     assert (source["env"], source["loss"], source["policy"]) == ("Drifting", "hl-gauss", "histogram")
-    assert (source["algorithm"], source["seed"], source["steps"]) == ("a2c", 1, small.num_timesteps)
+    assert (source["algorithm"], source["seed"], source["steps"]) == ("a2c", 1, 640)
 
 
 @pytest.mark.slow
@@ -107,11 +102,12 @@ def test_the_same_model_gives_the_same_bytes_in_any_process(small, tmp_path):
     assert first == second == deploy.export(small, tmp_path / "here").read_bytes()
 
 
-@pytest.mark.parametrize("n", [0, 1, 7])
-def test_a_batch_may_have_any_size(n, small, tmp_path):
-    path, observations = deploy.export(small, tmp_path / "policy"), states(n, 5)
-    assert run(path, observations).shape == (n, 2)
-    assert np.array_equal(run(path, observations), small.predict(observations, deterministic=True)[0])
+def test_a_batch_may_have_any_size(small, tmp_path):
+    path = deploy.export(small, tmp_path / "new" / "policy")
+    assert sorted(file.name for file in path.parent.iterdir()) == ["policy.json", "policy.onnx"]
+    for n in (0, 1, 7):
+        assert run(path, states(n, 5)).shape == (n, 2)
+        assert np.array_equal(run(path, states(n, 5)), small.predict(states(n, 5), deterministic=True)[0])
 
 
 @pytest.mark.slow
@@ -168,17 +164,13 @@ def test_the_contract_tells_the_parts_of_a_flat_observation_apart(tmp_path):
     assert run(path, flat[None])[0] == pytest.approx(model.predict(sample, deterministic=True)[0], abs=1e-6)
 
 
-def test_an_action_has_the_environments_shape(tmp_path):
-    model = model_on("gaussian", acted=Box(-1.0, 1.0, (2, 3)))
-    observations = states(4, 3)
-    expected = model.predict(observations, deterministic=True)[0]
-    assert run(deploy.export(model, tmp_path / "policy"), observations) == pytest.approx(expected, abs=1e-6)
-
-
-def test_bounds_of_more_digits_are_kept_by_actions_of_fewer(tmp_path):
-    low, high = np.array([-0.1, 0.7]), np.array([0.1, 2.3])
+def test_an_action_has_the_environments_shape_and_bounds_of_more_digits_are_kept_by_actions_of_fewer(tmp_path):
+    low, high = np.array([[-0.1, 0.7]]), np.array([[0.1, 2.3]])
     model = model_on("gaussian", acted=Box(low, high, dtype=np.float64), net_arch=())
-    actions = run(deploy.export(model, tmp_path / "policy"), 1e6 * states(1000, 3)).astype(np.float64)
+    path, observations = deploy.export(model, tmp_path / "policy"), states(1000, 3)
+    near = np.tanh(observations)
+    assert run(path, near) == pytest.approx(model.predict(near, deterministic=True)[0], abs=1e-6)
+    actions = run(path, 1e6 * observations).astype(np.float64)
     assert ((actions >= low) & (actions <= high)).all()
     assert (np.ptp(actions, 0) > 0.99 * (high - low)).all()
 
@@ -206,43 +198,98 @@ ODD_STEPS = {
 }
 
 
-@pytest.mark.parametrize("name", ODD_STEPS)
-def test_steps_that_make_no_graph_are_refused_before_anything_is_written(name, monkeypatch, tmp_path):
-    odd = ODD_STEPS[name]
-    entry = lambda graph, outputs, *_: deploy.Chosen(odd(graph, outputs), "mean", "The mean.")  # noqa: E731
-    monkeypatch.setitem(deploy.ACTIONS, "gaussian", entry)
-    with pytest.raises(UsageError, match=r"the policy's function in galton\.deploy\.ACTIONS makes no graph of ONNX: "):
-        deploy.export(model_on("gaussian"), tmp_path / "policy")
-    assert not [*tmp_path.iterdir()]
+def test_steps_that_make_no_graph_are_refused_before_anything_is_written(monkeypatch, tmp_path):
+    model = model_on("gaussian")
+    for odd in ODD_STEPS.values():
+        entry = lambda graph, outputs, *_, odd=odd: deploy.Chosen(odd(graph, outputs), "mean", "The mean.")  # noqa: E731
+        monkeypatch.setitem(deploy.ACTIONS, "gaussian", entry)
+        with pytest.raises(
+            UsageError, match=r"the policy's function in galton\.deploy\.ACTIONS makes no graph of ONNX:"
+        ):
+            deploy.export(model, tmp_path / "policy")
+        assert not [*tmp_path.iterdir()]
 
 
-def test_every_policy_has_an_export():
-    assert set(deploy.ACTIONS) == set(galton.POLICIES)
-
-
-WRONG = {
-    "no name": ("", "path is '.*', which names no file"),
-    "another suffix": ("policy.pt", r"path is .*policy.pt; its name must end in .onnx"),
-    "in a file": ("file/policy.onnx", "path is .*, which can't be written: .*; name another"),
-}
-
-
-@pytest.mark.parametrize("name", WRONG)
-def test_a_path_that_can_not_be_written_is_named(name, small, tmp_path):
-    path, message = WRONG[name]
+def test_a_path_that_can_not_be_written_and_an_extra_that_is_missing_are_named(small, tmp_path, monkeypatch):
     (tmp_path / "file").write_text("")
-    with pytest.raises(UsageError, match=message):
-        deploy.export(small, tmp_path / path if path else "..")
-
-
-def test_without_onnx_the_extra_is_named(small, tmp_path, monkeypatch):
+    for path, message in (
+        ("..", "path is '.*', which names no file"),
+        ("policy.pt", r"path is .*policy.pt; its name must end in .onnx"),
+        ("file/policy.onnx", "path is .*, which can't be written: .*; name another"),
+    ):
+        with pytest.raises(UsageError, match=message):
+            deploy.export(small, ".." if path == ".." else tmp_path / path)
     monkeypatch.setitem(sys.modules, "onnx", None)
     with pytest.raises(UsageError, match=r"needs onnx: pip install .*\[onnx\]'"):
         deploy.export(small, tmp_path / "policy")
 
 
-def test_the_bounds_are_the_spaces_own_where_they_are_float32():
+def test_the_bounds_are_the_spaces_own_where_they_are_float32_and_every_policy_has_an_export():
     space = Box(np.array([-1.0, 0.3], np.float32), np.array([0.1, 7.7], np.float32))
-    low, high = bounds(ActionBox("here", space))
-    assert np.array_equal(low, space.low)
-    assert np.array_equal(high, space.high)
+    np.testing.assert_array_equal(bounds(ActionBox("here", space)), (space.low, space.high))
+    assert set(deploy.ACTIONS) == set(galton.POLICIES)
+
+
+EXAMPLE = Path(__file__).parents[2] / "examples" / "deploy.py"
+FORBIDDEN = """
+import runpy, sys
+
+class Forbidden:
+    def find_spec(self, name, path=None, target=None):
+        if name.split(".")[0] in ("galton", "jax", "jaxlib", "gymnasium", "onnx", "scipy"):
+            raise ImportError(f"{name} is not there")
+
+sys.meta_path.insert(0, Forbidden())
+sys.argv = sys.argv[1:]
+runpy.run_path(sys.argv[0], run_name="__main__")
+"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A folder with a policy that turns a pendulum somehow."""
+    folder = tmp_path_factory.mktemp("exported")
+    model = galton.A2C("Pendulum-v1", "hl-gauss", n_bins=5, net_arch=(8,), normalize_observation=True)
+    galton.deploy.export(model, folder / "policy.onnx")
+    return folder
+
+
+def run_example(folder):
+    command = [sys.executable, "-c", FORBIDDEN, EXAMPLE, folder]
+    return subprocess.run(command, capture_output=True, text=True, timeout=100)
+
+
+@pytest.mark.slow
+def test_the_example_runs_a_policy_without_galton_or_jax(folder):
+    done = run_example(folder)
+    assert done.returncode == 0, done.stderr
+    assert "a2c with hl-gauss, 0 steps, rule: mode" in done.stdout
+    assert re.search(r"return of 10 swings: -\d+ ± \d+", done.stdout)
+
+
+def test_a_file_that_the_contract_does_not_describe_is_refused(folder, tmp_path):
+    for name in ("policy.onnx", "policy.json"):
+        (tmp_path / name).write_bytes((folder / name).read_bytes())
+    with (tmp_path / "policy.onnx").open("ab") as file:
+        file.write(b"\0")
+    done = run_example(tmp_path)
+    assert done.returncode == 1
+    assert "policy.onnx is not the file that policy.json describes" in done.stderr
+
+
+def test_its_pendulum_is_gymnasiums(monkeypatch):
+    monkeypatch.syspath_prepend(EXAMPLE.parent)
+    import deploy
+
+    def act(observations):
+        return np.clip(2 * observations[:, 1:2] - observations[:, 2:], -2, 2)
+
+    (found,) = deploy.swing_up(act, n_episodes=1, seed=3)
+    env, rng, expected = gymnasium.make("Pendulum-v1"), np.random.default_rng(3), 0.0
+    env.reset(seed=0)
+    env.unwrapped.state = np.array([rng.uniform(-np.pi, np.pi, 1)[0], rng.uniform(-1, 1, 1)[0]])
+    observation = env.unwrapped._get_obs()
+    for _ in range(200):
+        observation, reward, *_ = env.step(act(observation[None])[0])
+        expected += reward
+    assert found == pytest.approx(expected, rel=1e-3)

@@ -56,9 +56,8 @@ def test_100_000_random_steps_equal_gymnasiums(trust):
 
 
 def test_torques_between_the_three_interpolate_and_beyond_them_clip():
-    env = Acrobot()
-    state = jnp.array([0.1, -0.2, 0.3, 0.4])
-    velocity = [float(env.step(state, jnp.array([u]), ())[0][3]) for u in (-1.0, 0.0, 0.5, 1.0, 7.0)]
+    torques, state = jnp.array([[-1.0], [0.0], [0.5], [1.0], [7.0]]), jnp.array([0.1, -0.2, 0.3, 0.4])
+    velocity = np.asarray(jax.jit(jax.vmap(lambda u: Acrobot().step(state, u, ())[0][3]))(torques))
     assert velocity[0] < velocity[1] < velocity[2] < velocity[3] == velocity[4]
 
 

@@ -34,16 +34,13 @@ def test_steps_are_the_records_and_actions_are_clipped():
     np.testing.assert_array_equal(steps.observation, steps.final_observation)
 
 
-def test_an_episode_is_cut_at_its_limit_and_another_begins():
+def test_an_episode_is_cut_at_its_limit_and_another_begins_and_what_terminates_is_not_truncated():
     envs = RecordEnvironments(JaxTask(LQR(max_episode_steps=3)))
     envs.reset(SEEDS)
     ends = [envs.step(np.zeros((2, 2), np.float32)) for _ in range(7)]
     assert [bool(steps.truncated.all()) for steps in ends] == [False, False, True, False, False, True, False]
     assert not any(steps.terminated.any() for steps in ends)
     assert (ends[2].observation != ends[2].final_observation).any(1).all()
-
-
-def test_what_terminates_is_not_truncated():
     envs = RecordEnvironments(JaxTask(Bandit(d=2)))
     envs.reset(SEEDS)
     steps = envs.step(np.zeros((2, 2), np.float32))

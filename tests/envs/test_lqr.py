@@ -63,43 +63,33 @@ def at_best():
 
 
 @pytest.mark.slow
-def test_the_optimal_controller_earns_the_riccati_value_and_never_meets_the_bounds():
+def test_the_optimal_controller_earns_the_riccati_value_within_the_bounds_and_random_actions_the_closed_form():
     returns, asked = at_best()
     assert within_three_errors(returns, ENV.optimal_return)
     assert asked < 1
-
-
-@pytest.mark.slow
-def test_random_actions_earn_the_closed_form():
     returns, _ = simulate(ENV, lambda key, x, t: jax.random.uniform(key, (2,), minval=-1.0, maxval=1.0))
     assert within_three_errors(returns, ENV.random_return)
 
 
+TURN = jnp.array([[0.9, -0.4], [0.4, 0.9]])
+OTHERS = {
+    **{str(factor): lambda key, u, factor=factor: factor * u for factor in (0.0, 0.5, 0.8, 1.25, 2.0)},
+    "turned": lambda key, u: TURN @ u,
+    "noisy": lambda key, u: u + 0.1 * jax.random.normal(key, (2,)),
+    "full": lambda key, u: jnp.sign(u),
+}
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("factor", [0.8, 1.25, *(pytest.param(far, marks=pytest.mark.slow) for far in (0.0, 0.5, 2.0))])
-def test_no_other_gain_beats_the_optimum(factor):
+@pytest.mark.parametrize("other", OTHERS)
+def test_no_other_controller_beats_the_optimum(other):
     best, _ = at_best()
-    other, _ = simulate(ENV, lambda key, x, t: factor * optimal(key, x, t))
-    gap = best - other
+    gap = best - simulate(ENV, lambda key, x, t: OTHERS[other](key, optimal(key, x, t)))[0]
     assert gap.mean() > 3 * gap.std() / len(gap) ** 0.5
 
 
 @pytest.mark.slow
-def test_no_rotated_or_noisy_controller_beats_the_optimum():
-    best, _ = at_best()
-    turn = jnp.array([[0.9, -0.4], [0.4, 0.9]])
-    for controller in (
-        lambda key, x, t: turn @ optimal(key, x, t),
-        lambda key, x, t: optimal(key, x, t) + 0.1 * jax.random.normal(key, (2,)),
-        lambda key, x, t: jnp.sign(optimal(key, x, t)),
-    ):
-        other, _ = simulate(ENV, controller)
-        gap = best - other
-        assert gap.mean() > 3 * gap.std() / len(gap) ** 0.5
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("n_bins", [50, *(pytest.param(more, marks=pytest.mark.slow) for more in (100, 200))])
+@pytest.mark.parametrize("n_bins", [50, 100, 200])
 def test_bins_of_the_grid_cost_the_optimal_controller_next_to_nothing(n_bins):
     """Less than a hundredth of what lies between rest and the optimum: bins do not keep softmax policies behind."""
     best, _ = at_best()
@@ -131,14 +121,10 @@ def test_other_sizes_noise_and_horizons():
     assert within_three_errors(returns, env.optimal_return)
 
 
-def test_matrices_may_be_arrays_and_records_are_hashable():
+def test_matrices_may_be_arrays_records_are_hashable_and_bad_constants_are_refused_by_name():
     assert LQR(A=np.array(ENV.A), B=np.array(ENV.B)) == ENV
     assert hash(LQR(A=np.array(ENV.A))) == hash(ENV)
-
-
-@pytest.mark.parametrize(
-    ("constants", "message"),
-    [
+    for constants, message in (
         ({"A": ((1.0,),)}, "A has shape"),
         ({"R": ((0.0, 0.0), (0.0, 1.0))}, "R is .* positive definite"),
         ({"Q": ((-1.0, 0.0), (0.0, 1.0))}, "Q is .* semidefinite"),
@@ -146,8 +132,6 @@ def test_matrices_may_be_arrays_and_records_are_hashable():
         ({"noise_std": -1.0}, "noise_std is -1"),
         ({"max_episode_steps": 0}, "max_episode_steps is 0"),
         ({"B": np.ones(3)}, "B has shape"),
-    ],
-)
-def test_bad_constants_are_refused_by_name(constants, message):
-    with pytest.raises(UsageError, match=message):
-        dataclasses.replace(ENV, **constants)
+    ):
+        with pytest.raises(UsageError, match=message):
+            dataclasses.replace(ENV, **constants)

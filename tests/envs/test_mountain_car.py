@@ -45,17 +45,14 @@ def test_100_000_random_steps_equal_gymnasiums(trust):
 
 
 def test_the_wall_and_the_speed_limits():
-    env = MountainCar()
-
-    def step(state, action):
-        return [np.asarray(x) for x in env.step(jnp.array(state), jnp.array([action]), ())]
-
-    np.testing.assert_allclose(step([-1.19, -0.07], -1.0)[0], [-1.2, 0.0])
-    np.testing.assert_allclose(step([-1.0, 0.07], 1.0)[0][1], 0.07)
-    _, reward, terminated = step([0.449, 0.05], 1.0)
-    assert terminated
-    assert reward == np.float32(99.9)
-    assert not step([0.6, -0.01], 0.0)[2]
+    states = jnp.array([[-1.19, -0.07], [-1.0, 0.07], [0.449, 0.05], [0.6, -0.01]])
+    actions = jnp.array([[-1.0], [1.0], [1.0], [0.0]])
+    step = jax.jit(jax.vmap(lambda state, action: MountainCar().step(state, action, ())))
+    following, reward, terminated = map(np.asarray, step(states, actions))
+    np.testing.assert_allclose(following[0], [-1.2, 0.0])
+    np.testing.assert_allclose(following[1, 1], 0.07)
+    assert reward[2] == np.float32(99.9)
+    assert terminated.tolist() == [False, False, True, False]
 
 
 def test_episodes_start_at_rest_in_the_valley():

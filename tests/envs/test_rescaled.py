@@ -11,13 +11,11 @@ from galton.envs.lqr import LQR
 from galton.errors import UsageError
 
 
-def trained(env, scale, loss, **numbers):
+def trained(env, scale, loss, n_eval_episodes=2, **numbers):
     task = find(env, **({} if scale == 1 else {"action_scale": scale}))
-    own = {"learning_rate": 1e-3}
-    if env == "bandit":
-        own = {"n_steps": 5, "net_arch": (), "learning_rate": 0.05}
+    own = {"n_steps": 5, "net_arch": (), "learning_rate": 0.05} if env == "bandit" else {"learning_rate": 1e-3}
     agent = galton.make_agent(loss=loss, n_bins=20, eta=0.75, **own, **numbers)
-    return galton.train(task, agent, [3, 4], 400, n_logs=4, n_eval_episodes=2)
+    return galton.train(task, agent, [3, 4], 400, n_logs=4, n_eval_episodes=n_eval_episodes)
 
 
 def same(one, other, aside=("sigma",)):
@@ -30,12 +28,7 @@ def same(one, other, aside=("sigma",)):
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("env", "loss", "scale"),
-    [
-        ("bandit", "hl-gauss", 0.125),
-        pytest.param("bandit", "hl-gauss-centred", 8.0, marks=pytest.mark.slow),
-        pytest.param("lqr", "hl-one-hot", 0.125, marks=pytest.mark.slow),
-        pytest.param("Reacher-v5", "hl-gauss", 8.0, marks=pytest.mark.slow),
-    ],
+    [("bandit", "hl-gauss", 0.125), ("lqr", "hl-one-hot", 0.125), ("Reacher-v5", "hl-gauss-centred", 8.0)],
 )
 def test_a_softmax_policy_learns_the_same_to_the_bit_at_any_scale_of_the_box(env, loss, scale):
     assert same(trained(env, 1, loss), trained(env, scale, loss))
@@ -46,11 +39,10 @@ def test_a_gaussian_notices_the_scale():
     assert not same(trained("lqr", 1, "gaussian"), trained("lqr", 8.0, "gaussian"))
 
 
-@pytest.mark.parametrize(
-    "env", ["bandit", *(pytest.param(env, marks=pytest.mark.slow) for env in ("lqr", "Reacher-v5"))]
-)
-def test_a_gaussian_in_units_of_the_box_learns_the_same_to_the_bit(env):
-    small, large = (trained(env, scale, "gaussian", box_units=1.0) for scale in (0.125, 8.0))
+@pytest.mark.few
+@pytest.mark.parametrize(("env", "n_eval_episodes"), [("bandit", 0), ("bandit", 2), ("lqr", 2), ("Reacher-v5", 2)])
+def test_a_gaussian_in_units_of_the_box_learns_the_same_to_the_bit(env, n_eval_episodes):
+    small, large = (trained(env, scale, "gaussian", n_eval_episodes, box_units=1.0) for scale in (0.125, 8.0))
     assert same(small, large, aside=("sigma", "entropy", "policy_loss"))  # a density's are in its units
 
 

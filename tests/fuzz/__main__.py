@@ -56,15 +56,8 @@ def child(name: str, seconds: int, folder: Path) -> None:
     def read(data: bytes) -> None:
         targets.run(name, data, scratch)
 
-    options = [
-        f"-max_total_time={seconds}",
-        f"-max_len={LONGEST}",
-        f"-artifact_prefix={folder / name}/finding-",
-        "-print_final_stats=1",
-        "-rss_limit_mb=4096",
-        "-timeout=120",
-        "-len_control=0",
-    ]
+    options = [f"-max_total_time={seconds}", f"-max_len={LONGEST}", f"-artifact_prefix={folder / name}/finding-"]
+    options += ["-print_final_stats=1", "-rss_limit_mb=4096", "-timeout=120", "-len_control=0"]
     atheris.Setup([sys.argv[0], *options, str(corpus)], read, custom_mutator=mutate)
     atheris.Fuzz()
 

@@ -16,16 +16,7 @@ CHANGING = (
     *("os.truncate", "os.utime", "os.setxattr", "shutil.", "tempfile."),
 )
 """How the names of events begin by which files change."""
-STARTING = (
-    "subprocess.Popen",
-    "os.system",
-    "os.exec",
-    "os.fork",
-    "os.posix_spawn",
-    "os.spawn",
-    "socket.",
-    "ctypes.dlopen",
-)
+STARTING = ("subprocess.Popen", "os.system", "os.exec", "os.fork", "os.posix_spawn", "os.spawn", "socket.", "ctypes.dl")
 """How the names of events begin by which something starts that is no reading."""
 PICKLED = ("pickle.find_class", "marshal.load")
 """How the names of events begin by which a file would say what code runs."""

@@ -6,7 +6,6 @@ import pytest
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from gymnasium.wrappers import ClipReward, NormalizeObservation, NormalizeReward, TransformObservation, TransformReward
 from gymnasium.wrappers import vector as vector_wrappers
-from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 
 import galton
 from galton.callbacks import Evaluate, StopOnReward
@@ -28,10 +27,6 @@ def of_gymnasium():
     """A vector environment whose copies normalise observations, and which normalises rewards itself."""
     make = lambda: NormalizeObservation(pendulum())  # noqa: E731
     return vector_wrappers.NormalizeReward(SyncVectorEnv([make] * 2, autoreset_mode=AutoresetMode.SAME_STEP), gamma=0.9)
-
-
-def of_sb3():
-    return VecNormalize(DummyVecEnv([pendulum, pendulum]), gamma=0.9)
 
 
 def trained(env, **settings):
@@ -64,18 +59,6 @@ def statistics(wrapper):
     return wrapper.obs_rms
 
 
-@pytest.mark.slow
-def test_plays_by_the_statistics_of_training_and_tells_the_rewards_of_the_environment():
-    made = []
-    model = trained(lambda: made.append(normalised()) or made[-1])
-    before = statistics(made[0]).mean.copy(), statistics(made[0]).count
-    returns = model.evaluate(3)
-    np.testing.assert_allclose(returns, by_hand(model, seeds_of(model, 3), statistics(made[0])), rtol=1e-4)
-    np.testing.assert_array_equal(model.evaluate(3), returns)
-    np.testing.assert_array_equal(statistics(made[0]).mean, before[0])
-    assert statistics(made[0]).count == before[1]
-
-
 def test_plays_by_the_statistics_of_training_after_loading(tmp_path):
     model = trained(normalised)
     path = model.save(tmp_path / "model")
@@ -84,21 +67,21 @@ def test_plays_by_the_statistics_of_training_after_loading(tmp_path):
     mine, theirs = (statistics(one.population.environments.layers[0][0]) for one in (model, loaded))
     np.testing.assert_allclose(theirs.mean, mine.mean, atol=0.02)  # the first observation of a new episode has joined
     assert mine.count < theirs.count < mine.count + 2
-    np.testing.assert_allclose(loaded.evaluate(3), by_hand(loaded, seeds_of(loaded, 3), theirs), rtol=1e-4)
+    before, returns = (theirs.count, theirs.mean.copy()), loaded.evaluate(3)
+    np.testing.assert_allclose(returns, by_hand(loaded, seeds_of(loaded, 3), theirs), rtol=1e-4)
+    np.testing.assert_array_equal(loaded.evaluate(3), returns)
+    assert theirs.count == before[0]
+    np.testing.assert_array_equal(theirs.mean, before[1])
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("make", [of_gymnasium, of_sb3])
-def test_another_vector_environment_gets_the_statistics_of_training(make):
-    envs, other = make(), make()
+def test_another_vector_environment_gets_the_statistics_of_training():
+    envs, other = of_gymnasium(), of_gymnasium()
     model = trained(envs)
     returns = model.evaluate(4, env=other)
-    seeds = seeds_of(model, 2)
-    of_copies = [envs] * 2 if make is of_sb3 else envs.unwrapped.envs
-    for i, copy in enumerate(of_copies):
-        seed = seeds[0] + i if make is of_sb3 else seeds[i]  # SB3 numbers the copies' seeds
+    for i, (copy, seed) in enumerate(zip(envs.unwrapped.envs, seeds_of(model, 2), strict=True)):
         np.testing.assert_allclose(returns[2 * i], by_hand(model, [seed], statistics(copy))[0], rtol=1e-4)
-    assert statistics(other if make is of_sb3 else other.unwrapped.envs[1]).count == statistics(of_copies[1]).count
+    assert statistics(other.unwrapped.envs[1]).count == statistics(envs.unwrapped.envs[1]).count
 
 
 def test_without_the_statistics_of_training_evaluation_is_refused(tmp_path):
@@ -161,30 +144,27 @@ class Staged(gymnasium.Wrapper):
         return observation, reward * self.stage_weight, *ends
 
 
-def test_copies_have_what_training_was_given_meanwhile():
+def test_copies_have_what_training_was_given_meanwhile_and_a_users_wrapper_of_rewards_is_part_of_the_task():
     made = []
     model = galton.PPO(lambda: made.append(Staged(Falling())) or made[-1], "gaussian", **SETTINGS)
     np.testing.assert_array_equal(model.evaluate(2), [-30, -30])
-    made[0].unwrapped.reward = -5.0
-    np.testing.assert_array_equal(model.evaluate(2), [-50, -50])
-    made[0].stage_weight = 2.0
+    made[0].unwrapped.reward, made[0].stage_weight = -5.0, 2.0
     np.testing.assert_array_equal(model.evaluate(2), [-100, -100])
+    tenth = galton.PPO(lambda: TransformReward(Falling(), lambda reward: reward / 10), "gaussian", **SETTINGS)
+    np.testing.assert_allclose(tenth.evaluate(1), [-3], rtol=1e-6)
 
 
-def test_an_environment_that_differs_from_its_spec_is_not_made_anew():
+def test_an_environment_that_differs_from_its_spec_is_not_made_anew_and_one_that_was_played_on_is():
     given = pendulum()
     given.unwrapped.g = 0.0
     model = galton.PPO(given, "gaussian", **SETTINGS)
     with pytest.raises(galton.UsageError, match=r"g is 0\.0, but 10\.0 in one that its spec makes.*evaluate\(env="):
         model.evaluate(2)
-
-
-def test_an_environment_like_its_spec_may_have_been_played_on():
-    given = normalised()
-    given.reset(seed=3)
-    given.step(np.zeros(1, np.float32))
-    model = galton.PPO(given, "gaussian", **SETTINGS)
-    np.testing.assert_allclose(model.evaluate(2), by_hand(model, seeds_of(model, 2), statistics(given)), rtol=1e-4)
+    played = normalised()
+    played.reset(seed=3)
+    played.step(np.zeros(1, np.float32))
+    model = galton.PPO(played, "gaussian", **SETTINGS)
+    np.testing.assert_allclose(model.evaluate(2), by_hand(model, seeds_of(model, 2), statistics(played)), rtol=1e-4)
 
 
 def test_episodes_on_a_given_environment_follow_one_another():
@@ -197,8 +177,3 @@ def test_episodes_on_a_given_environment_follow_one_another():
     model.learn(64, evaluate, progress_bar=False)
     assert evaluate.best == -10
     assert given.stage == 17  # with three episodes of doing nothing, and three of random actions
-
-
-def test_a_user_wrapper_of_rewards_is_part_of_the_task():
-    model = galton.PPO(lambda: TransformReward(Falling(), lambda reward: reward / 10), "gaussian", **SETTINGS)
-    np.testing.assert_allclose(model.evaluate(1), [-3], rtol=1e-6)

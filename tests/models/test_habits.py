@@ -1,21 +1,20 @@
 """What users of Stable-Baselines3 expect of a model, beside learn, predict, save and load."""
 
 import copy
+import functools
 import gc
 import inspect
 import math
 import os
 import pickle
 import signal
-import subprocess
-import sys
 import warnings
 
 import jax
 import numpy as np
 import pytest
 
-from galton import A2C, PPO, DivergenceError, InexactResume, UsageError
+from galton import A2C, PPO, InexactResume, UsageError
 from galton.callbacks import Print
 from galton.models.learning import compiling
 
@@ -24,86 +23,75 @@ from ..swing import stateful_swing, swing
 
 SMALL = {"preset": "paper", "n_bins": 10, "net_arch": (8,), "n_steps": 5, "n_envs": 2}
 QUIET = {"progress_bar": False}
+NORMALISING = {"normalize_observation": True, "normalize_reward": True}
+made = functools.partial(A2C, **SMALL)
 
 
 def same(one, other):
     return all((a == b).all() for a, b in zip(jax.tree.leaves(one), jax.tree.leaves(other), strict=True))
 
 
-@pytest.mark.parametrize("policy", ["MlpPolicy", "CnnPolicy", "MultiInputPolicy"])
-@pytest.mark.parametrize("model", [A2C, PPO])
-def test_a_policy_class_before_the_environment_is_told_to_be_left_out(model, policy):
-    with pytest.raises(UsageError, match=rf"env is '{policy}'.*{model.__name__}\('Pendulum-v1', ...\) is enough"):
-        model(policy, "Pendulum-v1")
+HINTS = {
+    "policy_kwargs": "net_arch=\\(64, 64\\)",
+    "tensorboard_log": "TensorBoard",
+    "device": "JAX_PLATFORMS",
+    "use_sde": "no state-dependent exploration",
+    "use_rms_prop": "Adam",
+    "clip_range_vf": "not clipped",
+    "n_timestep": "it takes .*learning_rate",
+}
 
 
-@pytest.mark.parametrize(
-    ("argument", "remedy"),
-    [
-        ("policy_kwargs", "net_arch=\\(64, 64\\)"),
-        ("tensorboard_log", "TensorBoard"),
-        ("device", "JAX_PLATFORMS"),
-        ("use_sde", "no state-dependent exploration"),
-        ("use_rms_prop", "Adam"),
-        ("clip_range_vf", "not clipped"),
-        ("n_timestep", "it takes .*learning_rate"),
-    ],
-)
-def test_an_argument_of_theirs_gets_a_hint(argument, remedy):
-    with pytest.raises(TypeError, match=f"A2C.*{argument}.*{remedy}"):
-        A2C("bandit", **{argument: None})
-
-
-@pytest.mark.parametrize("argument", ["reset_num_timesteps", "tb_log_name", "eval_env", "wrong"])
-def test_an_argument_of_their_learn_gets_one_too(argument):
-    model = A2C("bandit", **SMALL)
-    with pytest.raises(TypeError, match=f"learn.*{argument}"):
-        model.learn(10, **{argument: True}, **QUIET)
+def test_an_argument_of_theirs_gets_a_hint(tmp_path):
+    for model, policy in ((A2C, "MlpPolicy"), (PPO, "CnnPolicy"), (A2C, "MultiInputPolicy")):
+        with pytest.raises(UsageError, match=rf"env is '{policy}'.*{model.__name__}\('Pendulum-v1', ...\) is enough"):
+            model(policy, "Pendulum-v1")
+    for argument, remedy in HINTS.items():
+        with pytest.raises(TypeError, match=f"A2C.*{argument}.*{remedy}"):
+            A2C("bandit", **{argument: None})
+    model = made("bandit")
+    for argument in ("reset_num_timesteps", "tb_log_name", "eval_env", "wrong"):
+        with pytest.raises(TypeError, match=f"learn.*{argument}"):
+            model.learn(10, **{argument: True}, **QUIET)
     assert model.num_timesteps == 0
+    with pytest.raises(TypeError, match=r"load\(\) got an unexpected keyword argument 'device'; JAX chooses"):
+        A2C.load(tmp_path / "nothing", device="cpu")
 
 
-@pytest.mark.slow
-def test_the_third_argument_of_learn_is_the_log_interval():
-    steps = []
-    model = A2C("bandit", **SMALL).learn(40, lambda model, log: steps.append(model.num_timesteps), 2, **QUIET)
-    assert steps == [20, 40]
-    with pytest.raises(UsageError, match="log_interval is True"):
-        model.learn(10, None, True, **QUIET)
-
-
-@pytest.mark.parametrize("steps", [1e2, 100, np.float64(100)])
-def test_a_whole_number_of_steps_may_be_a_float(steps):
-    assert A2C("bandit", **SMALL).learn(steps, **QUIET).num_timesteps == 100
-
-
-def test_fewer_steps_than_an_update_takes_are_told():
-    model = A2C("bandit", **SMALL)
+def test_a_number_of_steps_may_be_a_whole_float_and_is_rounded_up_to_updates():
+    for steps in (1e2, 100, np.float64(100)):
+        model = made("bandit").learn(steps, **QUIET)
+        assert model.num_timesteps == 100
+    for steps in (1.5, math.nan, math.inf, 0.0, -1e2, 3e9):
+        with pytest.raises(UsageError, match="total_timesteps is"):
+            model.learn(steps, **QUIET)
+    assert model.num_timesteps == 100
     with pytest.warns(UserWarning, match="is 7, .* takes n_steps · n_envs = 5 · 2 = 10 steps, so 10 are taken"):
         model.learn(7, **QUIET)
-    assert model.num_timesteps == 10
-    assert model.learn(11, **QUIET).num_timesteps == 30
+    assert model.num_timesteps == 110
+    assert model.learn(11, **QUIET).num_timesteps == 130
 
 
 def test_the_log_has_the_learning_rate_in_force_and_one_that_is_0_is_told():
     rates = []
-    model = A2C("bandit", **SMALL, learning_rate=0.1, decay_steps=40)
+    model = made("bandit", learning_rate=0.1, decay_steps=40)
     for _ in range(2):
         model.learn(20, lambda model, log: rates.append(log["train/learning_rate"]), 1, **QUIET)
     np.testing.assert_allclose(rates, [0.075, 0.05, 0.025, 0.0], rtol=1e-6)
     with pytest.warns(UserWarning, match=r"decay_steps is 40, and the learning rate is 0 from there on"):
         model.learn(20, **QUIET)
-    fixed = A2C("bandit", **SMALL, learning_rate=0.1)
+    fixed = made("bandit", learning_rate=0.1)
     fixed.learn(10, lambda _, log: rates.append(log["train/learning_rate"]), **QUIET)
     assert rates[-1] == np.float32(0.1)
 
 
-@pytest.mark.parametrize("setting", [{"learning_rate": 1e-50}, {"decay_steps": 5}, {"decay_steps": 20}])
-def test_a_learning_rate_that_is_0_is_told_before_training(setting):
-    model = A2C("bandit", **SMALL, **setting)
-    before = model.get_parameters()
-    with pytest.warns(UserWarning, match=f"{next(iter(setting))} is .*nothing (more )?is learnt"):
-        model.learn(30, **QUIET)
-    assert same(before, model.get_parameters()) == (setting != {"decay_steps": 20})
+def test_a_learning_rate_that_is_0_is_told_before_training():
+    for name, value in (("learning_rate", 1e-50), ("decay_steps", 5), ("decay_steps", 20)):
+        model = made("bandit", **{name: value})
+        before = model.get_parameters()
+        with pytest.warns(UserWarning, match=f"{name} is .*nothing (more )?is learnt"):
+            model.learn(30, **QUIET)
+        assert same(before, model.get_parameters()) == (value != 20)
 
 
 @pytest.mark.slow
@@ -115,17 +103,9 @@ def test_the_log_says_how_many_minibatches_the_target_kl_let_through():
     assert counts == [3 * 2, 1]
 
 
-@pytest.mark.parametrize("steps", [1.5, math.nan, math.inf, 0.0, -1e2, 3e9])
-def test_what_is_no_number_of_steps_is_refused(steps):
-    model = A2C("bandit", **SMALL)
-    with pytest.raises(UsageError, match="total_timesteps is"):
-        model.learn(steps, **QUIET)
-    assert model.num_timesteps == 0
-
-
 @pytest.mark.slow
 def test_a_model_says_what_it_is_and_only_what_is_unusual():
-    model = A2C("lqr", "hl-one-hot", seed=3, learning_rate=0.01, **SMALL).learn(50, **QUIET)
+    model = made("lqr", "hl-one-hot", seed=3, learning_rate=0.01).learn(50, **QUIET)
     assert repr(model) == (
         "<galton.A2C: hl-one-hot on LQR, n_envs=2, n_bins=10, n_steps=5, net_arch=(8,), learning_rate=0.01, seed=3, "
         "50 steps>"
@@ -133,13 +113,18 @@ def test_a_model_says_what_it_is_and_only_what_is_unusual():
     assert repr(PPO("lqr", "hl-gauss")) == "<galton.PPO: hl-gauss on LQR, n_envs=1, seed=0, 0 steps>"
 
 
-def test_verbose_prints_a_line_at_each_log_point(capsys):
-    A2C("bandit", **SMALL, verbose=1).learn(50, log_interval=2, **QUIET)
+def test_verbose_prints_a_line_at_each_log_point_and_nothing_is_drawn_without_a_terminal(capsys, monkeypatch):
+    monkeypatch.setattr("rich.console.Console.is_terminal", False)
+    made("bandit", verbose=1).learn(50, log_interval=2, **QUIET)
     lines = capsys.readouterr().out.splitlines()
     assert [line.split(":")[0] for line in lines] == ["step 20", "step 40", "step 50"]
     assert all("ep_rew_mean" in line and "fps" in line for line in lines)
-    A2C("bandit", **SMALL).learn(50, log_interval=2, **QUIET)
+    with pytest.raises(UsageError, match="log_interval is True"):
+        made("bandit").learn(10, None, True, **QUIET)
+    model = made("bandit").learn(1010, log_interval=2)
     assert capsys.readouterr().out == ""
+    Print()(model, {"rollout/ep_rew_mean": math.nan, "eval/mean_reward": -2.5})
+    assert capsys.readouterr().out == "step 1,010: mean_reward -2.5\n"
 
 
 class Waited:
@@ -160,35 +145,18 @@ def test_compiling_that_takes_long_is_said_on_a_terminal_or_in_a_line(terminal, 
     assert terminal or err == "compiling\n" * said
 
 
-@pytest.mark.slow
-def test_nothing_is_drawn_without_a_terminal(monkeypatch, capsys):
-    monkeypatch.setattr("rich.console.Console.is_terminal", False)
-    A2C("lqr", **SMALL).learn(20)
-    assert capsys.readouterr().out == ""
-
-
-def test_print_leaves_out_what_is_not_known(capsys):
-    Print()(A2C("bandit", **SMALL).learn(1010, **QUIET), {"rollout/ep_rew_mean": math.nan, "eval/mean_reward": -2.5})
-    assert capsys.readouterr().out == "step 1,010: mean_reward -2.5\n"
-
-
 @pytest.mark.few
-@pytest.mark.parametrize("env", ["lqr", swing, stateful_swing], ids=["jax", "no state", "state"])
+@pytest.mark.parametrize("env", ["bandit", swing, stateful_swing], ids=["jax", "no state", "state"])
 def test_a_model_loaded_without_an_environment_can_be_saved_to_the_same_bytes(env, tmp_path):
-    path = A2C(env, **SMALL).learn(50, **QUIET).save(tmp_path / "one")
+    path = made(env).learn(50, **QUIET).save(tmp_path / "one")
     loaded = A2C.load(path)
     assert loaded.save(tmp_path / "other").read_bytes() == path.read_bytes()
-    assert "swing" in repr(loaded) or "LQR" in repr(loaded)
+    assert "swing" in repr(loaded) or "Bandit" in repr(loaded)
     loaded.close()
 
 
-def test_what_sb3_s_load_takes_is_told_to_be_left_out(tmp_path):
-    with pytest.raises(TypeError, match=r"load\(\) got an unexpected keyword argument 'device'; JAX chooses"):
-        A2C.load(tmp_path / "nothing", device="cpu")
-
-
 def test_load_on_a_model_is_refused_with_what_to_write(tmp_path):
-    model = A2C("bandit", **SMALL)
+    model = made("bandit")
     path = model.save(tmp_path / "model")
     with pytest.raises(UsageError, match=r"A2C.load makes a new model .*; write model = A2C.load\(path\)"):
         model.load(path, env="bandit")
@@ -197,11 +165,11 @@ def test_load_on_a_model_is_refused_with_what_to_write(tmp_path):
     assert "path" in inspect.signature(A2C.load).parameters
 
 
-@pytest.mark.parametrize("taking", [pickle.dumps, copy.deepcopy])
-def test_pickle_and_deep_copy_of_a_model_name_what_to_do_instead(taking):
-    model = A2C("bandit", **SMALL)
-    with pytest.raises(TypeError, match=r"A2C can't be pickled or copied.*save\(path\).*A2C.load\(path, env\)"):
-        taking(model)
+def test_pickle_and_deep_copy_of_a_model_name_what_to_do_instead():
+    model = made("bandit")
+    for taking in (pickle.dumps, copy.deepcopy):
+        with pytest.raises(TypeError, match=r"A2C can't be pickled or copied.*save\(path\).*A2C.load\(path, env\)"):
+            taking(model)
     assert copy.copy(model).population is model.population
 
 
@@ -225,8 +193,8 @@ def test_environments_that_a_model_made_are_closed_with_it_and_one_that_was_give
 
 @pytest.mark.parametrize("child", ["learn", "evaluate", "new"])
 def test_training_in_a_forked_child_says_what_to_do_instead(child):
-    model = A2C("bandit", **SMALL)
-    calls = {"learn": lambda: model.learn(10, **QUIET), "evaluate": model.evaluate, "new": lambda: A2C("lqr", **SMALL)}
+    model = made("bandit")
+    calls = {"learn": lambda: model.learn(10, **QUIET), "evaluate": model.evaluate, "new": lambda: made("lqr")}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of JAX's and of Python's, that it may hang
         pid = os.fork()
@@ -241,31 +209,20 @@ def test_training_in_a_forked_child_says_what_to_do_instead(child):
     assert os.waitpid(pid, 0)[1] == 0
 
 
-def test_a_target_kl_of_none_is_off_as_in_sb3():
-    assert PPO("lqr", **SMALL, batch_size=5, target_kl=None).settings["target_kl"] == math.inf
-
-
-@pytest.mark.parametrize("method", ["learn", "evaluate", "advance", "set_parameters", "set_random_seed"])
-def test_without_an_environment_it_says_how_to_give_one(method, tmp_path):
-    model = A2C.load(A2C("bandit", **SMALL).save(tmp_path / "model"))
-    argument = {"set_parameters": model.get_parameters()}.get(method, 10)
-    with pytest.raises(UsageError, match=r"load\(path, env=...\), or set_env\(env\)"):
-        getattr(model, method)(argument)
-
-
-@pytest.mark.slow
-def test_parameters_without_an_environment_are_refused_by_an_optimised_python_too():
-    refused = "from galton.models.state import Loaded; Loaded('lqr', 0, None, {}).set_parameters({})"
-    done = subprocess.run([sys.executable, "-O", "-c", refused], capture_output=True, text=True)
-    assert "UsageError: the model was loaded without an environment" in done.stderr
+def test_without_an_environment_it_says_how_to_give_one(tmp_path):
+    model = A2C.load(made("bandit").save(tmp_path / "model"))
+    for method in ("learn", "evaluate", "advance", "set_parameters", "set_random_seed"):
+        argument = {"set_parameters": model.get_parameters()}.get(method, 10)
+        with pytest.raises(UsageError, match=r"load\(path, env=...\), or set_env\(env\)"):
+            getattr(model, method)(argument)
 
 
 def test_parameters_are_copies_and_can_be_put_into_another_model():
-    one, other = A2C("lqr", **SMALL).learn(50, **QUIET), A2C("lqr", **SMALL, seed=1)
+    one, other = made("bandit").learn(50, **QUIET), made("bandit", seed=1)
     got = one.get_parameters()
     assert same(got, one.learner.params)
     other.set_parameters(got)
-    observation = np.ones(2, np.float32)
+    observation = np.ones(1, np.float32)
     action, before = (model.predict(observation, deterministic=True)[0] for model in (other, one))
     np.testing.assert_array_equal(action, before)
     got["actor"][0]["kernel"][:] = 0.0
@@ -277,8 +234,7 @@ def test_parameters_are_copies_and_can_be_put_into_another_model():
 @pytest.mark.slow
 @pytest.mark.parametrize("env", ["lqr", swing], ids=["jax", "gymnasium"])
 def test_parameters_carry_the_statistics_that_normalise(env):
-    normalising = SMALL | {"normalize_observation": True, "normalize_reward": True}
-    one, other = A2C(env, **normalising).learn(50, **QUIET), A2C(env, **normalising, seed=1)
+    one, other = made(env, **NORMALISING).learn(50, **QUIET), made(env, **NORMALISING, seed=1)
     got = one.get_parameters()
     assert got["normalizer"]["observation"]["n"] > 50
     other.set_parameters(got)
@@ -297,12 +253,13 @@ def test_parameters_carry_the_statistics_that_normalise(env):
     for model in (one, other):
         model.close()
     with pytest.raises(UsageError, match=r"differ from the model's own in \['normalizer'\]"):
-        A2C("lqr", **SMALL).set_parameters(negative)
+        made("lqr").set_parameters(negative)
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
+def test_other_parameters_are_refused_and_nothing_is_changed():
+    model = made("bandit")
+    before = model.get_parameters()
+    for change, message in (
         (lambda p: p | {"log_std": np.zeros(2)}, "differ from the model's own in .*log_std"),
         (lambda p: {"actor": p["actor"]}, "differ from the model's own in .*critic"),
         (lambda p: jax.tree.map(lambda x: x[..., None], p), "has shape"),
@@ -310,20 +267,16 @@ def test_parameters_carry_the_statistics_that_normalise(env):
         (lambda p: jax.tree.map(lambda x: "a", p), "has shape|not all finite"),
         (lambda p: jax.tree.map(lambda x: np.full(x.shape, 1e300), p), "not all finite numbers of float32"),
         (lambda p: {}, "differ"),
-    ],
-)
-def test_other_parameters_are_refused_and_nothing_is_changed(change, message):
-    model = A2C("lqr", **SMALL)
-    before = model.get_parameters()
-    with pytest.raises(UsageError, match=message):
-        model.set_parameters(change(model.get_parameters()))
-    assert same(before, model.get_parameters())
+    ):
+        with pytest.raises(UsageError, match=message):
+            model.set_parameters(change(model.get_parameters()))
+        assert same(before, model.get_parameters())
 
 
-@pytest.mark.parametrize("env", ["lqr", stateful_swing], ids=["jax", "gymnasium"])
-def test_another_random_seed_changes_what_follows_and_the_same_repeats_it(env):
+@pytest.mark.parametrize(("env", "more"), [("bandit", {}), (stateful_swing, NORMALISING)], ids=["jax", "gymnasium"])
+def test_another_random_seed_changes_what_follows_and_the_same_repeats_it(env, more):
     def after(*seeds):
-        model = A2C(env, **SMALL).learn(50, **QUIET)
+        model = made(env, **more).learn(50, **QUIET)
         for seed in seeds:
             model.set_random_seed(seed)
         params = model.learn(50, **QUIET).get_parameters()
@@ -333,46 +286,29 @@ def test_another_random_seed_changes_what_follows_and_the_same_repeats_it(env):
     assert same(after(7), after(3, 7))
     assert not same(after(7), after())
     with pytest.raises(UsageError, match="seed is -1"):
-        A2C("bandit", **SMALL).set_random_seed(-1)
+        made("bandit").set_random_seed(-1)
 
 
 def test_set_env_goes_on_with_what_was_learnt_on_another_environment(tmp_path):
-    model = A2C(swing, **SMALL).learn(50, **QUIET)
+    model = made(swing, **NORMALISING).learn(50, **QUIET)
     before, path = model.get_parameters(), model.save(tmp_path / "model")
     model.set_env(stateful_swing)
-    assert model.num_timesteps == 50
-    assert same(before, model.get_parameters())
-    assert model.learn(50, **QUIET).num_timesteps == 100
-    model.close()
-
     loaded = A2C.load(path)
     loaded.set_env(swing)
-    assert same(before, loaded.get_parameters())
-    assert loaded.learn(50, **QUIET).num_timesteps == 100
-    loaded.close()
+    for each in (model, loaded):
+        assert each.num_timesteps == 50
+        assert all(same(before[name], each.get_parameters()[name]) for name in ("actor", "critic"))
+        assert each.learn(50, **QUIET).num_timesteps == 100
+        each.close()
 
 
 def test_set_env_refuses_other_spaces_and_keeps_the_environment():
-    model = A2C("lqr", **SMALL)
-    with pytest.raises(UsageError, match="env has actions"):
+    model = made("bandit")
+    with pytest.raises(UsageError, match=r"env has (actions|observations)"):
         model.set_env("mountain-car")
     with pytest.raises(UsageError, match="n_envs is 2, but one environment was given"):
         model.set_env(swing())
     assert model.learn(10, **QUIET).num_timesteps == 10
-
-
-@pytest.mark.slow
-def test_a_model_that_diverged_goes_on_with_parameters_that_are_right():
-    model = A2C("lqr", "gaussian", **SMALL)
-    good = model.get_parameters()
-    huge = jax.tree.map(lambda x: np.full_like(x, 1e30), good)
-    model.set_parameters(huge)
-    with pytest.raises(DivergenceError):
-        model.learn(50, **QUIET)
-    with pytest.raises(DivergenceError):
-        model.learn(50, **QUIET)
-    model.set_parameters(good)
-    assert model.learn(50, **QUIET).num_timesteps > 50
 
 
 @pytest.mark.slow

@@ -2,14 +2,16 @@ import gymnasium
 import jax
 import numpy as np
 import pytest
-from gymnasium.vector import AutoresetMode
 from stable_baselines3.common.vec_env import DummyVecEnv
 
 import galton
 from galton import A2C, DivergenceError, UsageError
 from galton.envs import LQR
 
-SMALL = {"preset": "paper", "n_bins": 10, "net_arch": (8,)}
+from ..envs.host.walks import Tall
+
+SMALL = {"preset": "paper", "n_bins": 10, "net_arch": (8,), "n_steps": 5}
+QUIET = {"progress_bar": False}
 
 
 def bits(tree):
@@ -18,77 +20,21 @@ def bits(tree):
 
 @pytest.fixture(scope="module")
 def model():
-    return A2C("lqr", **SMALL).learn(200, progress_bar=False)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("make", "n_envs"),
-    [
-        (lambda: "lqr", 1),
-        (lambda: "galton/LQR-v0", 1),
-        (LQR, 1),
-        (lambda: "Pendulum-v1", 1),
-        (lambda: gymnasium.make("Pendulum-v1"), 1),
-        (lambda: lambda: gymnasium.make("Pendulum-v1"), 1),
-        (
-            lambda: gymnasium.make_vec(
-                "Pendulum-v1", num_envs=3, vector_kwargs={"autoreset_mode": AutoresetMode.SAME_STEP}
-            ),
-            3,
-        ),
-        (lambda: DummyVecEnv([lambda: gymnasium.make("Pendulum-v1")] * 3), 3),
-    ],
-    ids=["name", "own id", "record", "id", "instance", "function", "vector", "SB3"],
-)
-def test_any_kind_of_environment_trains(make, n_envs):
-    model = A2C(make(), **SMALL).learn(61, progress_bar=False)
-    assert model.settings["n_envs"] == n_envs
-    assert model.num_timesteps == -(-61 // (20 * n_envs)) * 20 * n_envs
-    action, _ = model.predict(model.observation_space.sample())
-    assert model.action_space.contains(action)
-
-
-def test_keyword_arguments_reach_the_environment():
-    assert A2C("lqr", **SMALL, env_kwargs={"max_episode_steps": 7}).env.record == LQR(max_episode_steps=7)
+    return A2C("lqr", **SMALL).learn(200, **QUIET)
 
 
 def test_learn_rounds_up_to_whole_updates_and_adds_up():
-    model = A2C("lqr", **SMALL, n_steps=5, n_envs=3)
-    for wanted, steps in ((16, 30), (15, 45), (29, 75)):
-        assert model.learn(wanted, progress_bar=False) is model
+    model = A2C("lqr", **SMALL)
+    assert model.env.record == LQR()
+    for wanted, steps in ((6, 10), (5, 15), (9, 25)):
+        assert model.learn(wanted, **QUIET) is model
         assert model.num_timesteps == steps
 
 
 def test_the_same_seed_gives_the_same_bits_and_another_others():
-    first, second, other = (A2C("lqr", **SMALL, seed=seed).learn(200, progress_bar=False) for seed in (1, 1, 2))
+    first, second, other = (A2C("lqr", **SMALL, seed=seed).learn(200, **QUIET) for seed in (1, 1, 2))
     assert bits(first.learner) == bits(second.learner)
     assert bits(first.learner) != bits(other.learner)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("env", [pytest.param("lqr", marks=pytest.mark.slow), "Pendulum-v1"])
-def test_evaluations_predictions_and_cuts_do_not_touch_training(env):
-    plain = A2C(env, **SMALL, normalize_observation=True).learn(120, progress_bar=False)
-    busy = A2C(env, **SMALL, normalize_observation=True)
-    for steps in (40, 20, 60):
-        busy.learn(steps, progress_bar=False, log_interval=1)
-        busy.evaluate(2)
-        busy.evaluate(1, env)
-        busy.predict(busy.observation_space.sample())
-    assert bits(plain.learner) == bits(busy.learner)
-
-
-@pytest.mark.slow
-def test_evaluation_plays_on_another_environment(model):
-    assert model.evaluate(3).shape == (3,)
-    short = model.evaluate(4, LQR(max_episode_steps=1, noise_std=0.0))
-    assert short.shape == (4,)
-    assert (short > model.evaluate(4, LQR(noise_std=0.0))).all()
-    np.testing.assert_array_equal(model.evaluate(2, LQR()), model.evaluate(2, LQR()))
-    assert model.evaluate(2, "galton/LQR-v0").shape == (2,)
-    with pytest.raises(UsageError, match="env has actions"):
-        model.evaluate(2, "mountain-car")
 
 
 def test_an_evaluation_in_jax_is_compiled_once(model):
@@ -110,47 +56,104 @@ def test_a_given_environment_is_not_evaluated_on_without_another():
     model = A2C(env, **SMALL)
     with pytest.raises(UsageError, match="evaluate on an environment of its own"):
         model.evaluate(2)
+    with pytest.raises(UsageError, match=r"env has (actions|observations)"):
+        model.evaluate(2, "mountain-car")
     assert model.evaluate(2, "Pendulum-v1").shape == (2,)
 
 
 def test_it_is_the_algorithm_that_trains_populations():
-    model = A2C("lqr", **SMALL, learning_rate=1e-2, seed=3).learn(400, progress_bar=False)
-    agent = galton.make_agent(n_bins=10, net_arch=(8,), learning_rate=1e-2)
+    model = A2C("lqr", **SMALL, learning_rate=1e-2, seed=3).learn(400, **QUIET)
+    agent = galton.make_agent(n_bins=10, net_arch=(8,), n_steps=5, learning_rate=1e-2)
     result = galton.train("lqr", agent, [3], 400, n_logs=4, n_eval_episodes=0)
     for ours, theirs in zip(jax.tree.leaves(model.learner), jax.tree.leaves(result.learner), strict=True):
         np.testing.assert_allclose(ours, theirs[0], rtol=1e-5, atol=1e-6)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("env", ["lqr", "Pendulum-v1"])
 def test_divergence_is_raised_with_its_step_and_the_parameters_stay_finite(env, tmp_path):
     model = A2C(env, **SMALL, learning_rate=1e38)
     with pytest.raises(DivergenceError, match=r"at step (\d+); .*learning_rate") as caught:
-        model.learn(400, progress_bar=False)
+        model.learn(400, **QUIET)
     step = int(str(caught.value).split("step ")[1].split(";")[0].replace(",", ""))
     assert 0 < step <= model.num_timesteps
-    assert step % 20 == 0
+    assert step % 5 == 0
     assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(model.learner.params))
     assert model.action_space.contains(model.predict(model.observation_space.sample())[0])
     before = bits(model.learner.params)
     with pytest.raises(DivergenceError, match=str(step)):
-        model.learn(20, progress_bar=False)
+        model.learn(20, **QUIET)
     assert bits(model.learner.params) == before
     assert A2C.load(model.save(tmp_path / "model")).predict(model.observation_space.sample())[0].shape
 
 
-@pytest.mark.parametrize(
-    ("settings", "message"),
-    [
-        ({"total_timesteps": 0}, "total_timesteps is 0"),
-        ({"total_timesteps": 2**31}, "total_timesteps is 2147483648"),
-        ({"log_interval": 0}, "log_interval is 0"),
-        ({"callback": [print, 7]}, "callback is 7"),
-    ],
-)
-def test_bad_arguments_of_learn_are_named_and_change_nothing(model, settings, message):
+def test_bad_arguments_of_learn_are_named_and_change_nothing(model):
     step = model.num_timesteps
-    with pytest.raises(UsageError, match=message):
-        model.learn(**{"total_timesteps": 20, "progress_bar": False} | settings)
+    for settings, message in (({"log_interval": 0}, "log_interval is 0"), ({"callback": [print, 7]}, "callback is 7")):
+        with pytest.raises(UsageError, match=message):
+            model.learn(20, **QUIET, **settings)
     assert model.num_timesteps == step
     with pytest.raises(UsageError, match="n_episodes is 0"):
         model.evaluate(0)
+
+
+@pytest.fixture(scope="module")
+def tall():
+    return A2C(Tall, **SMALL)
+
+
+@pytest.fixture(scope="module")
+def gaussian():
+    return A2C(Tall, "gaussian", net_arch=(8,))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["tall", "gaussian"])
+@pytest.mark.parametrize("deterministic", [True, False])
+def test_actions_have_the_shape_and_type_of_the_space_and_lie_in_it(name, deterministic, request):
+    model = request.getfixturevalue(name)
+    space = model.action_space
+    single, state = model.predict(np.zeros((2, 3), np.float32), state=("kept",), deterministic=deterministic)
+    assert (single.shape, single.dtype) == (space.shape, space.dtype)
+    assert state == ("kept",)
+    for n in (0, 1, 64):
+        batch, _ = model.predict(np.zeros((n, 2, 3), np.float32), deterministic=deterministic)
+        assert (batch.shape, batch.dtype) == ((n, 2, 2), space.dtype)
+        assert all(space.contains(action) for action in batch)
+
+
+def test_a_batch_gives_what_its_rows_give(tall):
+    observations = np.random.default_rng(0).uniform(-1, 1, (5, 2, 3)).astype(np.float32)
+    batch, _ = tall.predict(observations, deterministic=True)
+    for row, action in zip(observations, batch, strict=True):
+        np.testing.assert_allclose(tall.predict(row, deterministic=True)[0], action, rtol=1e-6)
+
+
+def test_stochastic_predictions_differ_from_call_to_call_and_deterministic_ones_do_not(tall):
+    observations = np.zeros((16, 2, 3), np.float32)
+    draws = [tall.predict(observations)[0] for _ in range(2)]
+    assert (draws[0] != draws[1]).any()
+    assert (draws[0][0] != draws[0]).any()
+    best = [tall.predict(observations, deterministic=True)[0] for _ in range(2)]
+    np.testing.assert_array_equal(*best)
+
+
+def test_a_histogram_takes_bin_centers_and_a_gaussian_is_clipped_into_the_box(tall, gaussian):
+    observations = np.zeros((500, 2, 3), np.float32)
+    low, high = tall.action_space.low, tall.action_space.high
+    bins = (tall.predict(observations)[0] - low) / (high - low) * 10 - 0.5
+    np.testing.assert_allclose(bins, bins.round(), atol=1e-4)
+    assert set(bins.round().astype(int).ravel()) == set(range(10))
+    actions, _ = gaussian.predict(observations)
+    assert (actions == low).any()
+    assert (actions == high).any()
+    assert ((actions > low) & (actions < high)).any()
+
+
+def test_every_seed_can_predict_and_an_observation_that_does_not_fit_is_refused():
+    for seed in (0, 2**31, 2**32 - 1):
+        model = A2C("lqr", **SMALL, seed=seed)
+        assert model.predict(np.zeros(2))[0].shape == (2,)
+    for wrong in (*map(np.zeros, (3, (1, 1, 2), (), (2, 3))), "ab", None, [[0], [0, 1]], [np.nan, 0]):
+        with pytest.raises(UsageError, match="observation is"):
+            model.predict(wrong)

@@ -1,11 +1,11 @@
 """What a model begins with where no loss is named, and how the paper's settings are had back."""
 
+import itertools
 import json
 import math
 import tomllib
 from pathlib import Path
 
-import gymnasium
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -20,7 +20,7 @@ from galton.optimizers import Adam
 from galton.presets import CLASSIFICATION, GAUSSIAN, PAPER, PRESETS, RECOMMENDED, Preset, find_preset
 from galton.words import vocabulary
 
-from .tall import Tall
+from ..envs.host.walks import Tall
 
 ROOT = Path(__file__).parents[2]
 EIGHT = {"n_envs": 8, "n_steps": 20, "normalize_reward": True, "learning_rate": 0.002, "gamma": 0.95}
@@ -45,26 +45,23 @@ def test_where_no_loss_is_named_it_is_the_usual_preset_whole(made_up):
     assert (ppo["loss"], ppo["gamma"]) == ("gaussian", 0.95)
 
 
-def test_the_preset_of_classification_has_its_earlier_name_too():
+def test_presets_have_an_earlier_name_too_and_an_algorithm_of_ones_own_the_usual_settings():
     for algorithm in ALGORITHMS:
         assert find_preset(RECOMMENDED, None, algorithm) == PRESETS[CLASSIFICATION][algorithm]
+    assert find_preset(None, None, "reinforce") == Preset(PAPER, "hl-gauss", {})
+    with pytest.raises(UsageError, match="preset is 'best'; choose from gaussian, classification, paper"):
+        A2C("lqr", preset="best")
 
 
-def test_where_a_loss_is_named_it_is_the_papers_settings(made_up):
+def test_where_a_loss_is_named_it_is_the_papers_settings_and_what_is_named_goes_before_the_preset(made_up):
     for loss in ("gaussian", "hl-gauss"):
         papers = words_of(read({"loss": loss}))
         assert A2C("lqr", loss).settings == A2C("lqr", loss, preset="paper").settings == papers
     assert A2C("lqr", preset="paper").settings == words_of(read({}))
     assert PPO("lqr", preset="paper").settings == PPO("lqr", "hl-gauss").settings
     assert A2C("lqr", "hl-one-hot", preset="classification").settings == A2C("lqr").settings
-
-
-def test_what_was_tuned_for_one_loss_is_refused_for_another(made_up):
     with pytest.raises(UsageError, match="preset is 'classification', which was tuned for loss 'hl-one-hot', not 'ga"):
         A2C("lqr", "gaussian", preset="classification")
-
-
-def test_what_is_named_goes_before_the_preset(made_up):
     named = {"n_envs": 2, "gamma": 0.5, "normalize_reward": False, "n_steps": 20}
     found = A2C("lqr", **named).settings
     assert {name: found[name] for name in named} == named
@@ -78,49 +75,31 @@ def test_a_task_of_the_paper_keeps_what_is_its_own_and_its_whole_rollout(made_up
     assert (ppo["n_envs"], ppo["n_steps"]) == (8, 256)
 
 
-@pytest.mark.parametrize(
-    ("model", "copies", "n_steps"), [(A2C, 1, 160), (A2C, 3, 54), (PPO, 1, 2048), (PPO, 2, 1024), (PPO, 3, 704)]
-)
-@pytest.mark.parametrize("ready_made", [True, False])
-def test_with_fewer_environments_a_rollout_is_as_long_in_whole_minibatches(made_up, model, copies, n_steps, ready_made):
-    env = (Tall() if copies == 1 else DummyVecEnv([Tall] * copies)) if ready_made else Tall
-    n_envs = None if ready_made else copies
-    rollout = model(env, n_envs=n_envs).agent.rollout
-    assert (rollout.n_envs, rollout.n_steps) == (copies, n_steps)
-    assert model(env, n_steps=64, n_envs=n_envs).agent.rollout.n_steps == 64
-    papers = model(env, n_envs=n_envs, preset="paper"), model("lqr", preset="paper")
-    assert papers[0].agent.rollout.n_steps == papers[1].agent.rollout.n_steps
+FEWER = [(A2C, 1, 160), (A2C, 3, 54), (PPO, 1, 2048), (PPO, 2, 1024), (PPO, 3, 704)]
 
 
-def test_minibatches_that_are_named_are_whole(made_up):
+def test_with_fewer_environments_a_rollout_is_as_long_in_whole_minibatches(made_up):
+    for (model, copies, n_steps), ready_made in itertools.product(FEWER, (True, False)):
+        env = (Tall() if copies == 1 else DummyVecEnv([Tall] * copies)) if ready_made else Tall
+        n_envs = None if ready_made else copies
+        rollout = model(env, n_envs=n_envs).agent.rollout
+        assert (rollout.n_envs, rollout.n_steps) == (copies, n_steps)
+        assert model(env, n_steps=64, n_envs=n_envs).agent.rollout.n_steps == 64
+        papers = model(env, n_envs=n_envs, preset="paper"), model("lqr", preset="paper")
+        assert papers[0].agent.rollout.n_steps == papers[1].agent.rollout.n_steps
     assert PPO(DummyVecEnv([Tall] * 3), batch_size=256).agent.rollout.n_steps == 768
     for name in ("n_envs", "batch_size"):
         with pytest.raises(UsageError, match=f"{name} is 0; it must be an integer of at least 1"):
             PPO("lqr", **{"n_envs": 3} | {name: 0})
 
 
-def test_an_algorithm_of_ones_own_has_the_usual_settings(made_up):
-    assert find_preset(None, None, "reinforce") == Preset(PAPER, "hl-gauss", {})
-
-
-@pytest.mark.parametrize("name", PRESETS)
-@pytest.mark.parametrize("algorithm", ALGORITHMS)
-@pytest.mark.parametrize("env", ["bandit", "acrobot", "Pendulum-v1"])
-def test_models_and_commands_have_the_same_presets(monkeypatch, name, algorithm, env):
+def test_models_and_commands_have_the_same_presets(monkeypatch):
     monkeypatch.setattr("galton.models.model.Run", lambda *settings: None)
-    for n_envs in (None, 3):
+    every = itertools.product(PRESETS, ALGORITHMS, ("bandit", "acrobot", "Pendulum-v1"), (None, 3))
+    for name, algorithm, env, n_envs in every:
         training = Training.of_task(env, algorithm, find_preset(name, None, algorithm), n_envs)
         model = Model(env, preset=name, algorithm=algorithm, n_envs=n_envs)
         assert words_of(read(training.words)) == model.settings
-
-
-@pytest.mark.few
-@pytest.mark.parametrize("algorithm", ALGORITHMS)
-def test_what_is_usual_trains(algorithm):
-    env = gymnasium.make("Pendulum-v1")
-    model = Model(env, algorithm=algorithm, net_arch=(4,), n_steps=64)
-    before = model.num_timesteps
-    assert model.learn(64, progress_bar=False).num_timesteps == before + 64
 
 
 @pytest.mark.parametrize(
@@ -161,11 +140,6 @@ def test_what_a_page_calls_the_default_is_the_preset_but_for_the_decay(algorithm
 
 def rounded(settings):
     return {name: value if isinstance(value, str | bool) else f"{value:.3g}" for name, value in settings.items()}
-
-
-def test_an_unknown_preset_is_refused():
-    with pytest.raises(UsageError, match="preset is 'best'; choose from gaussian, classification, paper"):
-        A2C("lqr", preset="best")
 
 
 def test_a_decay_over_all_that_is_trained_reaches_0_after_the_last_update():

@@ -50,7 +50,7 @@ def refuse(path, content, message=None):
         checkpoint.read(path)
 
 
-def test_what_is_written_is_read_bit_for_bit(tmp_path):
+def test_what_is_written_is_read_bit_for_bit_and_the_same_content_gives_the_same_file(tmp_path):
     path = tmp_path / "new" / "folder" / "file"
     checkpoint.write(path, SETTINGS, ARRAYS)
     settings, arrays = checkpoint.read(path)
@@ -59,12 +59,11 @@ def test_what_is_written_is_read_bit_for_bit(tmp_path):
     for name, array in ARRAYS.items():
         assert (arrays[name].dtype, arrays[name].shape) == (array.dtype, array.shape)
         assert arrays[name].tobytes() == array.tobytes()
-
-
-def test_the_same_content_gives_the_same_file(tmp_path):
-    for name in "ab":
-        checkpoint.write(tmp_path / name, SETTINGS, ARRAYS)
-    assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
+    checkpoint.write(tmp_path / "again", SETTINGS, ARRAYS)
+    assert (tmp_path / "again").read_bytes() == path.read_bytes()
+    checkpoint.write(path, {}, {"../../escape": np.zeros(2), "/absolute": np.zeros(2)})
+    assert set(checkpoint.read(path)[1]) == {"../../escape", "/absolute"}
+    assert {path.name for path in tmp_path.rglob("*")} == {"again", "new", "folder", "file"}
 
 
 def test_a_pytree_survives_and_another_structure_is_refused():
@@ -78,32 +77,16 @@ def test_a_pytree_survives_and_another_structure_is_refused():
             checkpoint.unflatten(flat, wrong)
 
 
-@pytest.mark.parametrize("step", ["write_bytes", "replace"])
-@pytest.mark.parametrize(("raised", "seen"), [(OSError(28, "No space left"), UsageError), (KeyboardInterrupt(),) * 2])
-def test_a_write_that_fails_leaves_the_old_file_and_no_scratch(tmp_path, monkeypatch, step, raised, seen):
-    path = tmp_path / "file"
-    checkpoint.write(path, {"old": 1}, {})
-    real = getattr(Path, step)
-
-    def fail(self, *arguments):
-        if step == "write_bytes":
-            real(self, arguments[0][:10])
-        raise raised
-
-    monkeypatch.setattr(Path, step, fail)
-    with pytest.raises(seen if isinstance(seen, type) else type(seen)):
-        checkpoint.write(path, {"new": 1}, ARRAYS)
-    monkeypatch.undo()
-    assert checkpoint.read(path)[0] == {"old": 1}
-    assert [path.name for path in tmp_path.iterdir()] == ["file"]
-
-
-def test_a_path_that_can_not_be_written_is_a_usage_error(tmp_path):
+def test_a_path_that_can_not_be_written_and_a_file_that_is_missing_are_usage_errors(tmp_path):
     (tmp_path / "file").touch()
     for path in (tmp_path / "file" / "below", tmp_path, tmp_path / ("n" * 300)):
         with pytest.raises(UsageError, match="can't be written"):
             checkpoint.write(path, {}, {})
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
+    (tmp_path / "dangling").symlink_to("nowhere")
+    for name in ("nowhere", "dangling"):
+        with pytest.raises(UsageError, match=name):
+            checkpoint.read(tmp_path / name)
 
 
 def test_what_read_would_refuse_for_its_size_is_not_written(tmp_path, monkeypatch):
@@ -116,45 +99,11 @@ def test_what_read_would_refuse_for_its_size_is_not_written(tmp_path, monkeypatc
     assert not list(tmp_path.iterdir())
 
 
-def test_a_link_is_followed_by_both(tmp_path):
-    target, link = tmp_path / "target", tmp_path / "link"
-    link.symlink_to(target)
-    checkpoint.write(link, {"a": 1}, {})
-    assert link.is_symlink()
-    assert checkpoint.read(link) == checkpoint.read(target) == ({"a": 1}, {})
-    link.unlink()
-    link.symlink_to("/etc/passwd")
-    with pytest.raises(CheckpointError):
-        checkpoint.read(link)
-
-
-def test_a_missing_file_is_a_usage_error_that_names_it(tmp_path):
-    (tmp_path / "dangling").symlink_to("nowhere")
-    for name in ("nowhere", "dangling"):
-        with pytest.raises(UsageError, match=name):
-            checkpoint.read(tmp_path / name)
-
-
 def test_every_truncation_is_refused(tmp_path, small):
     for length in range(len(small)):
         refuse(tmp_path / "file", small[:length])
     for more in (b"\0", b" ", small):
         refuse(tmp_path / "file", small + more)
-
-
-@pytest.mark.slow
-def test_every_single_bit_flip_is_refused(tmp_path, small):
-    path = tmp_path / "file"
-    content = bytearray(small)
-    for place in range(len(content)):
-        for bit in range(8):
-            content[place] ^= 1 << bit
-            path.write_bytes(content)
-            with pytest.raises(CheckpointError):
-                checkpoint.read(path)
-            content[place] ^= 1 << bit
-    path.write_bytes(content)
-    checkpoint.read(path)
 
 
 def changed(small, change):
@@ -189,112 +138,53 @@ def npz(path):
     return path.read_bytes()
 
 
-@pytest.mark.parametrize("protocol", range(pickle.HIGHEST_PROTOCOL + 1))
-def test_a_pickle_is_refused_and_does_not_run(tmp_path, protocol):
-    bomb = pickle.dumps(Bomb(), protocol)
-    for content in (bomb, frame(bomb), with_metadata(bomb.decode("latin-1")), len(bomb).to_bytes(8, "little") + bomb):
-        refuse(tmp_path / "file", content)
-    assert not Path("/tmp/galton-was-here").exists()
-
-
-@pytest.mark.parametrize("make", [zipped, npz])
-def test_archives_are_refused_and_do_not_run(tmp_path, make):
-    refuse(tmp_path / "file", make(tmp_path / "archive"))
+def test_pickles_and_archives_are_refused_and_do_not_run(tmp_path):
+    for protocol in range(pickle.HIGHEST_PROTOCOL + 1):
+        bomb = pickle.dumps(Bomb(), protocol)
+        framed = frame(bomb), with_metadata(bomb.decode("latin-1")), len(bomb).to_bytes(8, "little") + bomb
+        for content in (bomb, *framed):
+            refuse(tmp_path / "file", content)
+    for make in (zipped, npz):
+        refuse(tmp_path / "file", make(tmp_path / "archive"))
     assert not Path("/tmp/galton-was-here").exists()
 
 
 DEEP = b"[" * 100_000
+RECORD = '{"format": 1, "settings": {}, "sha256": ""}'
+HEADERS = [b"", b"null", b"[]", b"{}", b" " * (9 << 20), DEEP, b'{"a":' * 100_000, b"\xff\xfe{}"]
+HEADERS += [b'{"__metadata__":{"galton":"{}"},"x":NaN}', b'{"__metadata__":null}', b'{"__metadata__":{"galton":1}}']
+TEXTS = [DEEP.decode(), "{}", RECORD.replace("1", "NaN"), RECORD.replace("{", '{"format": 1, ', 1), "1" * 10_000, "[1]"]
+SHAPES = [([2], [0, 2**40]), ([2], [8, 0]), ([2], [-8, 0]), ([2**62], [0, 8]), ([2**63, 2**63], [0, 8]), ([-2], [0, 8])]
+TENSORS = [
+    *({"x": tensor(*of)} for of in (*SHAPES, ([1], [0, 4]), ([2], [0, 8], "PICKLE"), ([4], [0, 8], "BF16"))),
+    {"x": tensor([0, 2**62], [0, 0]), "y": tensor([2], [0, 8])},
+    {"x": tensor([2], [0, 8]), "y": tensor([2], [0, 8])},
+    {"x": tensor([1], [0, 4]), "y": tensor([1], [2, 6])},
+    *({"x": odd} for odd in ({}, None)),
+    *({name: tensor([2], [0, 8])} for name in ("../../x", "/etc/passwd", "")),
+]
 
 
-@pytest.mark.parametrize(
-    "content",
-    [
-        b"",
-        b"hello, world\n" * 100,
-        b"\0" * 1000,
-        b"\xff" * 1000,
-        frame(b"{}", length=2**63),
-        frame(b"{}", length=2**64 - 1),
-        frame(b"{}", length=100 << 20),
-        frame(b" " * (9 << 20)),
-        frame(b""),
-        frame(b"null"),
-        frame(b"[]"),
-        frame({}),
-        frame({"__metadata__": None}),
-        frame({"__metadata__": {"galton": 1}}),
-        frame({"__metadata__": {"galton": "{}"}}),
-        frame(DEEP),
-        frame(b'{"a":' * 100_000),
-        with_metadata(DEEP.decode()),
-        with_metadata('{"format": NaN, "settings": {}, "sha256": ""}'),
-        with_metadata('{"format": 1, "format": 1, "settings": {}, "sha256": ""}'),
-        with_metadata("1" * 10_000),
-        with_metadata("[1, 2]"),
-        with_metadata('"text"'),
-        frame(b'{"__metadata__":{"galton":"{}"},"x":NaN}'),
-        frame(b"\xff\xfe{}"),
-        *(
-            with_metadata('{"format": 1, "settings": {}, "sha256": ""}', **tensors)
-            for tensors in (
-                {"x": tensor([2], [0, 2**40])},
-                {"x": tensor([2], [8, 0])},
-                {"x": tensor([2], [-8, 0])},
-                {"x": tensor([2**62], [0, 8])},
-                {"x": tensor([2**63, 2**63], [0, 8])},
-                {"x": tensor([0, 2**62], [0, 0]), "y": tensor([2], [0, 8])},
-                {"x": tensor([-2], [0, 8])},
-                {"x": tensor([2], [0, 8]), "y": tensor([2], [0, 8])},
-                {"x": tensor([1], [0, 4]), "y": tensor([1], [2, 6])},
-                {"x": tensor([1], [0, 4])},
-                {"x": tensor([2], [0, 8], "PICKLE")},
-                {"x": tensor([4], [0, 8], "BF16")},
-                {"x": tensor([8], [0, 8], "F8_E4M3")},
-                {"x": {}},
-                {"x": None},
-                {"../../x": tensor([2], [0, 8])},
-                {"/etc/passwd": tensor([2], [0, 8])},
-                {"": tensor([2], [0, 8])},
-            )
-        ),
-    ],
-    ids=lambda content: repr(content[8:80]),
-)
-def test_hostile_files_give_one_error(tmp_path, content):
-    refuse(tmp_path / "file", content)
+def test_hostile_files_give_one_error(tmp_path):
+    nonsense = [b"", b"hello, world\n" * 100, b"\0" * 1000, b"\xff" * 1000]
+    lengths = [frame(b"{}", length=length) for length in (2**63, 2**64 - 1, 100 << 20)]
+    tensors = [with_metadata(RECORD, **tensors) for tensors in TENSORS]
+    for content in (*nonsense, *lengths, *map(frame, HEADERS), *map(with_metadata, TEXTS), *tensors):
+        refuse(tmp_path / "file", content)
 
 
-def test_a_folder_a_pipe_and_a_device_are_refused(tmp_path):
-    os.mkfifo(tmp_path / "pipe")
-    for path in (tmp_path, tmp_path / "pipe", Path("/dev/zero")):
-        with pytest.raises(CheckpointError):
-            checkpoint.read(path)
-
-
-def test_a_huge_file_is_not_read(tmp_path):
-    with (tmp_path / "file").open("wb") as file:
-        file.truncate(1 << 40)
-    with pytest.raises(CheckpointError, match="size"):
-        checkpoint.read(tmp_path / "file")
-
-
-@pytest.mark.parametrize(
-    ("record", "message"),
-    [
+def test_wrong_records_with_a_right_checksum_are_refused(tmp_path):
+    arrays = {"x": np.zeros(3)}
+    for record, message in (
         ({"format": 0, "settings": {}}, "its format is 0; this version reads 1"),
         ({"format": "1", "settings": {}}, "its format is '1'; this version reads 1"),
         ({"format": 2, "settings": {}}, r"written by a newer version of Galton \(not known, format 2\)"),
-        ({"format": 1, "settings": []}, "settings"),
-        ({"format": 1, "settings": "text"}, "settings"),
-        ({"format": 1, "settings": None}, "settings"),
+        *(({"format": 1, "settings": settings}, "settings") for settings in ([], "text", None)),
         ({"format": 1}, "settings"),
         ({"settings": {}}, "format"),
-    ],
-)
-def test_wrong_records_with_a_right_checksum_are_refused(tmp_path, record, message):
-    arrays = {"x": np.zeros(3)}
-    text = json.dumps(record | {"sha256": checkpoint._digest(record, arrays)})
-    refuse(tmp_path / "file", save(arrays, {"galton": text}), message)
+    ):
+        text = json.dumps(record | {"sha256": checkpoint._digest(record, arrays)})
+        refuse(tmp_path / "file", save(arrays, {"galton": text}), message)
 
 
 def test_a_file_of_a_newer_version_is_never_called_damaged(tmp_path):
@@ -317,10 +207,3 @@ def test_a_file_says_which_version_wrote_it_and_older_ones_did_not(tmp_path):
     arrays = {name: np.asarray(array, order="C") for name, array in ARRAYS.items()}
     (tmp_path / "old").write_bytes(save(arrays, {"galton": text}))
     assert checkpoint.read(tmp_path / "old")[0] == checkpoint.read(tmp_path / "new")[0]
-
-
-def test_a_name_with_a_path_in_it_touches_no_other_file(tmp_path):
-    (tmp_path / "in").mkdir()
-    checkpoint.write(tmp_path / "in" / "file", {}, {"../../escape": np.zeros(2), "/absolute": np.zeros(2)})
-    assert set(checkpoint.read(tmp_path / "in" / "file")[1]) == {"../../escape", "/absolute"}
-    assert [path.name for path in tmp_path.iterdir()] == ["in"]

@@ -12,7 +12,7 @@ from gymnasium.spaces import Box, Dict, Discrete, MultiBinary, MultiDiscrete, Tu
 from galton import A2C, CheckpointError, UsageError
 from galton.saving import checkpoint
 
-from ..models.tall import Tall
+from ..envs.host.walks import Tall, kind
 
 BOX = {"Box": [[-1.0], [1.0], [2], "<f4"]}
 
@@ -57,46 +57,23 @@ KERNEL = "run/learner/params/actor/0/kernel"
 ADAM = "run/learner/optimizer"
 ATTACKS = {
     "parameter NaN": put(KERNEL, np.nan),
-    "parameter infinite": put("run/learner/params/critic/1/bias", -np.inf),
     "moment NaN": put(f"{ADAM}/mu/actor/0/kernel", np.nan),
-    "second moment infinite": put(f"{ADAM}/nu/actor/0/kernel", np.inf),
     "second moment negative": put(f"{ADAM}/nu/critic/0/bias", -1),
-    "updates negative": put(f"{ADAM}/count", -7),
     "n_bins huge": config(n_bins=10**9),
-    "n_bins beyond int64": config(n_bins=10**30),
     "n_bins negative": config(n_bins=-1),
-    "n_bins another": config(n_bins=11),
-    "n_bins text": config(n_bins="10"),
-    "n_bins float": config(n_bins=10.0),
-    "n_bins flag": config(n_bins=True),
     "net_arch huge": config(net_arch=[10**9, 10**9]),
     "net_arch long": config(net_arch=[8] * 100_000),
-    "net_arch negative": config(net_arch=[10**12, -(10**12)]),
-    "net_arch text": config(net_arch="88"),
-    "net_arch of lists": config(net_arch=[[8]]),
     "n_steps huge": config(n_steps=10**18),
-    "n_steps zero": config(n_steps=0),
     "n_envs huge": config(n_envs=10**9),
-    "n_envs negative": config(n_envs=-2, n_steps=-20),
-    "loss unknown": config(loss="os.system"),
-    "loss a list": config(loss=["hl-gauss"]),
-    "flag text": config(normalize_observation="yes"),
-    "choice unknown": config(exploration="none"),
     "config unknown key": config(extra=1),
     "config missing key": lambda settings, arrays: settings["config"].pop("n_bins"),
-    "config a list": settings(config=[]),
     "rate text": hypers(learning_rate="0.1"),
     "rate negative": hypers(learning_rate=-1.0),
-    "rate NaN": hypers(learning_rate=float("nan")),
-    "rate list": hypers(learning_rate=[0.1]),
-    "rate huge integer": hypers(learning_rate=10**400),
     "hypers unknown key": hypers(extra=1.0),
     "hypers missing key": lambda settings, arrays: settings["hypers"].pop("gamma"),
     "seed negative": settings(seed=-1),
     "seed huge": settings(seed=2**32),
-    "seed float": settings(seed=0.5),
     "step text": settings(step="100"),
-    "step negative": settings(step=-100),
     "step another": settings(step=120),
     "step huge": settings(step=10**30),
     "log_interval zero": settings(log_interval=0),
@@ -108,23 +85,16 @@ ATTACKS = {
     "nothing": lambda settings, arrays: settings.clear(),
     "actions huge": settings(action_space={"Box": [[-1.0], [1.0], [10**9], "<f4"]}),
     "actions many": settings(action_space={"Box": [[-1.0] * 100_000, [1.0] * 100_000, [100_000], "<f4"]}),
-    "actions negative": settings(action_space={"Box": [[-1.0], [1.0], [-2], "<f4"]}),
     "actions reversed": settings(action_space={"Box": [[1.0], [-1.0], [2], "<f4"]}),
     "actions unbounded": settings(action_space={"Box": [[-float("inf")], [float("inf")], [2], "<f4"]}),
     "actions discrete": settings(action_space={"Discrete": [2, 0]}),
-    "actions of text": settings(action_space={"Box": [["a"], ["b"], [2], "<f4"]}),
     "actions of objects": settings(action_space={"Box": [[-1.0], [1.0], [2], "O"]}),
     "observations of long text": settings(observation_space={"Box": [[0.0], [1.0], [2], "S1000000000"]}),
-    "observations a record": settings(observation_space={"Box": [[0.0], [1.0], [2], "(1000000000,)f4"]}),
     "observations huge": settings(observation_space={"Box": [[0.0], [1.0], [10**5, 10**5], "<f4"]}),
     "observations cancel": settings(
-        observation_space={
-            "Tuple": [{"Box": [[0.0], [1.0], [10**9], "<f4"]}, {"Box": [[0.0], [1.0], [-(10**9)], "<f4"]}]
-        }
+        observation_space={"Tuple": [{"Box": [[0.0], [1.0], [n], "<f4"]} for n in (10**9, -(10**9))]}
     ),
     "observations discrete": settings(observation_space={"Discrete": [10**12, 0]}),
-    "observations start": settings(observation_space={"Discrete": [2, 10**30]}),
-    "observations binary": settings(observation_space={"MultiBinary": [10**9]}),
     "observations multi": settings(observation_space={"MultiDiscrete": [2**62] * 4}),
     "observations deep": settings(observation_space=nested(400)),
     "observations unknown": settings(observation_space={"os:system": ["ls"]}),
@@ -133,9 +103,7 @@ ATTACKS = {
     "array missing": lambda settings, arrays: arrays.pop(KERNEL),
     "array of another shape": change(KERNEL, lambda x: x[:, :1]),
     "array of another type": change(KERNEL, lambda x: x.astype(np.float64)),
-    "array of more runs": change(KERNEL, lambda x: np.repeat(x, 3, 0)),
     "array of no run": change(KERNEL, lambda x: x[:0]),
-    "array a number": change(KERNEL, lambda x: x.ravel()[0]),
     "array step": change("run/step", lambda x: x + 20),
     "array step missing": lambda settings, arrays: arrays.pop("run/step"),
 }
@@ -162,7 +130,7 @@ for path in sys.argv[2:]:
 @pytest.fixture(scope="module")
 def model(tmp_path_factory):
     path = tmp_path_factory.mktemp("model") / "model"
-    return A2C("lqr", "hl-gauss", n_bins=10, net_arch=(8,)).learn(100, progress_bar=False, log_interval=5).save(path)
+    return A2C("lqr", "hl-gauss", n_bins=10, net_arch=(8,)).save(path)
 
 
 def rewritten(model, path, attack):
@@ -200,11 +168,10 @@ def test_loading_imports_nothing_whatever_the_file_names(model, tmp_path, monkey
         assert not {"evilmodule", "this"} & set(modules)
 
 
-@pytest.mark.parametrize("name", ["n_bins huge", "rate text", "array missing", "observations huge"])
-def test_the_error_names_the_file(model, tmp_path, name):
-    path = rewritten(model, tmp_path / "hostile", ATTACKS[name])
-    with pytest.raises(CheckpointError, match="hostile"):
-        A2C.load(path)
+def test_the_error_names_the_file(model, tmp_path):
+    for name in ("n_bins huge", "rate text", "array missing", "observations huge"):
+        with pytest.raises(CheckpointError, match="hostile"):
+            A2C.load(rewritten(model, tmp_path / "hostile", ATTACKS[name]))
 
 
 SPACES = {
@@ -216,24 +183,11 @@ SPACES = {
 }
 
 
-class Observing(Tall):
-    """What is seen is a sample of a space."""
-
-    def __init__(self, space):
-        self.observation_space = space
-
-    def reset(self, *, seed=None, options=None):
-        super().reset(seed=seed)
-        return self.observation_space.sample(), {}
-
-    def step(self, action):
-        return self.observation_space.sample(), *super().step(action)[1:]
-
-
 @pytest.mark.few
 @pytest.mark.parametrize("space", SPACES.values(), ids=SPACES)
 def test_a_model_comes_back_whatever_it_observes(tmp_path, space):
-    made = A2C(Observing(space), "hl-gauss", n_bins=5, net_arch=(4,))
+    observing = kind("Observing", Tall, observation_space=space, observe=lambda self: space.sample())
+    made = A2C(observing, "hl-gauss", n_bins=5, net_arch=(4,))
     loaded = A2C.load(made.save(tmp_path / "model"))
     seen = space.sample()
     assert loaded.observation_space == space
@@ -247,25 +201,21 @@ def normalised(tmp_path_factory):
     return model.save(path)
 
 
-STATISTICS = "run/learner/normalizer"
-
-
-@pytest.mark.parametrize(
-    ("name", "value", "wanted"),
-    [
-        (f"{STATISTICS}/observation/mean", np.nan, "finite"),
-        (f"{STATISTICS}/observation/variance", np.inf, "finite, and 0 or more"),
-        (f"{STATISTICS}/observation/variance", -1.0, "finite, and 0 or more"),
-        (f"{STATISTICS}/observation/n", np.nan, "finite, and 0 or more"),
-        (f"{STATISTICS}/discounted_return/variance", -0.5, "finite, and 0 or more"),
-        (f"{STATISTICS}/running_return", np.inf, "finite"),
-    ],
-)
-def test_statistics_that_mean_nothing_are_refused_by_name(normalised, tmp_path, name, value, wanted):
+def test_statistics_that_mean_nothing_are_refused_by_name(normalised, tmp_path):
     A2C.load(normalised)
-    path = rewritten(normalised, tmp_path / "hostile", put(name, value))
-    with pytest.raises(CheckpointError, match=rf"hostile .*{name} in the checkpoint holds .*; it must be {wanted}$"):
-        A2C.load(path)
+    for name, value, wanted in (
+        ("observation/mean", np.nan, "finite"),
+        ("observation/variance", np.inf, "finite, and 0 or more"),
+        ("observation/variance", -1.0, "finite, and 0 or more"),
+        ("observation/n", np.nan, "finite, and 0 or more"),
+        ("discounted_return/variance", -0.5, "finite, and 0 or more"),
+        ("running_return", np.inf, "finite"),
+    ):
+        path = rewritten(normalised, tmp_path / "hostile", put(f"run/learner/normalizer/{name}", value))
+        with pytest.raises(
+            CheckpointError, match=rf"hostile .*{name} in the checkpoint holds .*; it must be {wanted}$"
+        ):
+            A2C.load(path)
 
 
 def test_a_training_that_no_memory_holds_is_refused_where_it_would_begin(model, tmp_path):
@@ -282,14 +232,11 @@ def test_a_training_that_no_memory_holds_is_refused_where_it_would_begin(model, 
         A2C.load(path, "lqr")
 
 
-@pytest.mark.parametrize(
-    "attack",
-    [
+def test_a_damaged_run_is_refused_where_it_is_to_go_on(model, tmp_path):
+    for attack in (
         change("run/key", lambda x: x[:, :1]),
         change("run/tally/n_episodes", lambda x: x.astype(np.int32)),
         lambda settings, arrays: arrays.pop("run/tally/length"),
-    ],
-)
-def test_a_damaged_run_is_refused_where_it_is_to_go_on(model, tmp_path, attack):
-    with pytest.raises(CheckpointError, match="hostile"):
-        A2C.load(rewritten(model, tmp_path / "hostile", attack), env="lqr")
+    ):
+        with pytest.raises(CheckpointError, match="hostile"):
+            A2C.load(rewritten(model, tmp_path / "hostile", attack), env="lqr")

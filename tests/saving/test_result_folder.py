@@ -1,9 +1,13 @@
+import importlib.metadata
 import json
+import platform
 from pathlib import Path
 
 import pytest
 
+import galton
 from galton import UsageError
+from galton.saving import provenance
 from galton.saving.result_folder import check_free, claimed, read_settings, result_folder, write_settings
 
 
@@ -15,72 +19,57 @@ def text_of(folder):
     return json.loads((folder / "config.json").read_text())["text"]
 
 
-def test_the_folder_appears_whole(tmp_path):
+def refused(match, path, overwrite):
+    with pytest.raises(UsageError, match=match), result_folder(path, overwrite=overwrite):
+        pass
+
+
+@pytest.mark.parametrize("empty", [False, True])
+def test_the_folder_appears_whole_where_there_is_none_or_an_empty_one(empty, tmp_path):
+    if empty:
+        (tmp_path / "out").mkdir()
     with result_folder(tmp_path / "out", overwrite=False) as folder:
         fill(folder, "new")
-        assert not (tmp_path / "out").exists()
+        assert not [*(tmp_path / "out").glob("*")]
+        refused("another process is filling", tmp_path / "out", overwrite=False)
     assert text_of(tmp_path / "out") == "new"
     assert list(tmp_path.iterdir()) == [tmp_path / "out"]
 
 
 @pytest.mark.parametrize("error", [RuntimeError, KeyboardInterrupt])
-def test_an_error_leaves_what_was_there(error, tmp_path):
-    (tmp_path / "out").mkdir()
-    fill(tmp_path / "out", "old")
+def test_an_error_leaves_what_was_there_and_overwriting_replaces_everything(error, tmp_path):
+    out = tmp_path / "out"
+    out.mkdir()
+    fill(out, "old")
+    (out / "metrics.jsonl").write_text("old")
 
     def fail():
-        with result_folder(tmp_path / "out", overwrite=True) as folder:
+        with result_folder(out, overwrite=True) as folder:
             fill(folder, "new")
             raise error
 
     with pytest.raises(error):
         fail()
-    assert text_of(tmp_path / "out") == "old"
-    assert list(tmp_path.iterdir()) == [tmp_path / "out"]
-
-
-def test_overwriting_replaces_everything(tmp_path):
-    (tmp_path / "out").mkdir()
-    fill(tmp_path / "out", "old")
-    (tmp_path / "out" / "metrics.jsonl").write_text("old")
-    with result_folder(tmp_path / "out", overwrite=True) as folder:
+    assert text_of(out) == "old"
+    with result_folder(out, overwrite=True) as folder:
         fill(folder, "new")
-    assert [path.name for path in (tmp_path / "out").iterdir()] == ["config.json"]
+    assert [path.name for path in out.iterdir()] == ["config.json"]
+    assert list(tmp_path.iterdir()) == [out]
 
 
-@pytest.mark.parametrize("other", ["notes.txt", "src", "analysis.ipynb", "model.safetensors.bak", "videos"])
+@pytest.mark.parametrize("other", ["notes.txt", "src", "model.safetensors.bak"])
 def test_a_folder_with_something_else_in_it_is_not_overwritten(other, tmp_path):
     fill(tmp_path, "old")
     (tmp_path / other).mkdir()
-    with pytest.raises(UsageError, match=f"which also holds {other}"), result_folder(tmp_path, overwrite=True):
-        pass
+    refused(f"which also holds {other}", tmp_path, True)
     assert text_of(tmp_path) == "old"
 
 
 @pytest.mark.parametrize("settings", ['{"theirs": 1}', '{"versions": 3}', "[]", "{}", "junk"])
 def test_a_config_json_of_somebody_elses_makes_no_folder_of_results(settings, tmp_path):
     (tmp_path / "config.json").write_text(settings)
-    with pytest.raises(UsageError, match=r"config\.json|not a folder of results"), result_folder(tmp_path, True):
-        pass
+    refused(r"config\.json|not a folder of results", tmp_path, True)
     assert (tmp_path / "config.json").read_text() == settings
-
-
-def test_an_empty_folder_is_free(tmp_path):
-    (tmp_path / "out").mkdir()
-    with result_folder(tmp_path / "out", overwrite=False) as folder:
-        fill(folder, "new")
-    assert (tmp_path / "out" / "config.json").exists()
-
-
-def test_a_second_filler_is_refused(tmp_path):
-    with result_folder(tmp_path / "out", overwrite=False) as folder:
-        with (
-            pytest.raises(UsageError, match="another process is filling"),
-            result_folder(tmp_path / "out", overwrite=False),
-        ):
-            pass
-        fill(folder, "new")
-    assert list(tmp_path.iterdir()) == [tmp_path / "out"]
 
 
 def test_results_survive_when_somebody_fills_the_folder_meanwhile(tmp_path):
@@ -103,14 +92,14 @@ def test_the_remains_of_a_killed_process_are_cleared_and_nothing_else(tmp_path):
     assert {path.name for path in tmp_path.iterdir()} == {"out", ".out.backup", ".other.galton-x"}
 
 
-def test_a_file_in_the_way_is_named(tmp_path):
+def test_a_file_in_the_way_and_a_name_that_is_too_long_are_named(tmp_path):
     fill(tmp_path, "mine")
-    with pytest.raises(UsageError, match="which is a file"), result_folder(tmp_path / "config.json", overwrite=True):
-        pass
-    with (
-        pytest.raises(UsageError, match="can't be written"),
-        result_folder(tmp_path / "config.json" / "out", overwrite=True),
-    ):
+    file, long = tmp_path / "config.json", "can't be written: File name too long"
+    refused("which is a file", file, True)
+    refused("can't be written", file / "out", True)
+    with pytest.raises(UsageError, match=long):
+        check_free(tmp_path / ("n" * 300), False)
+    with pytest.raises(UsageError, match=long), claimed(tmp_path / ("n" * 252)):
         pass
 
 
@@ -127,52 +116,52 @@ def test_what_a_process_killed_between_two_renames_set_aside_is_put_back(tmp_pat
     assert text_of(tmp_path / "out") == "precious"
 
 
-def test_settings_come_back_with_what_made_them(tmp_path):
+def test_settings_come_back_with_what_made_them_and_something_else_is_a_usage_error(tmp_path):
     assert read_settings(tmp_path) == {}
     write_settings(tmp_path, {"env": "lqr", "env_kwargs": {"noise_std": 0.5}})
     known = read_settings(tmp_path)
     assert (known["env"], known["env_kwargs"]) == ("lqr", {"noise_std": 0.5})
     assert known["versions"]["galton"]
     assert known["machine"]
-
-
-@pytest.mark.parametrize("text", ["", "{", "[1]", '"env"', "[" * 100_000])
-def test_settings_that_are_something_else_are_a_usage_error(tmp_path, text):
-    (tmp_path / "config.json").write_text(text)
-    with pytest.raises(UsageError, match=r"config\.json"):
-        read_settings(tmp_path)
+    for text in ("", "{", "[1]", '"env"', "[" * 100_000):
+        (tmp_path / "config.json").write_text(text)
+        with pytest.raises(UsageError, match=r"config\.json"):
+            read_settings(tmp_path)
 
 
 def test_a_claim_ends_with_its_block_and_leaves_no_trace(tmp_path):
+    out, told = tmp_path / "new" / "out", "another process is filling"
     for _ in range(2):
-        with (
-            claimed(tmp_path / "new" / "out"),
-            pytest.raises(UsageError, match="another process is filling"),
-            claimed(tmp_path / "new" / "out"),
-        ):
+        with claimed(out), pytest.raises(UsageError, match=told), claimed(out):
             pass
         assert list((tmp_path / "new").iterdir()) == []
-
-
-def test_a_name_that_is_too_long_is_told(tmp_path):
-    with pytest.raises(UsageError, match="can't be written: File name too long"):
-        check_free(tmp_path / ("n" * 300), overwrite=False)
-    with pytest.raises(UsageError, match="can't be written: File name too long"), claimed(tmp_path / ("n" * 252)):
-        pass
 
 
 def test_only_folders_of_results_are_overwritten(tmp_path, monkeypatch):
     (tmp_path / "thesis").mkdir()
     (tmp_path / "thesis" / "chapter").write_text("precious")
-    with pytest.raises(UsageError, match="not a folder of results"), result_folder(tmp_path / "thesis", overwrite=True):
-        pass
+    refused("not a folder of results", tmp_path / "thesis", True)
     fill(tmp_path, "mine")
     monkeypatch.chdir(tmp_path / "thesis")
-    with pytest.raises(UsageError, match="the current folder is in"), result_folder(tmp_path, overwrite=True):
-        pass
-    monkeypatch.chdir(tmp_path)
+    refused("the current folder is in", tmp_path, True)
     (tmp_path / "empty").mkdir()
     monkeypatch.chdir(tmp_path / "empty")
-    with pytest.raises(UsageError, match="the current folder is in"), result_folder(Path(), overwrite=False):
-        pass
+    refused("the current folder is in", Path(), False)
     assert (tmp_path / "thesis" / "chapter").read_text() == "precious"
+
+
+def test_versions_are_those_of_what_is_installed():
+    known = provenance.versions("pytest", "no-such-package")
+    assert known["galton"] == galton.__version__
+    for name in {*provenance.PACKAGES, "pytest"} - {"galton"}:
+        assert known[name] == importlib.metadata.version(name)
+    assert known["no-such-package"] is None
+    assert known["python"] == platform.python_version()
+    assert list(provenance.versions())[-2:] == ["commit", "python"]
+
+
+def test_the_commit_is_that_of_this_checkout_or_none_and_the_machine_has_a_name_and_a_processor():
+    commit = provenance.commit()
+    assert commit is None or len(commit.removesuffix("-dirty")) >= 12
+    assert platform.node() in provenance.machine()
+    assert provenance.processor()

@@ -2,6 +2,7 @@
 
 import dataclasses
 
+import jax
 import jax.numpy as jnp
 
 from galton.envs.base import box
@@ -24,8 +25,6 @@ class Probe:
     random_return = None
 
     def reset(self, key):
-        import jax
-
         return jnp.stack([jax.random.rademacher(key, (), jnp.float32), jnp.zeros(())])
 
     def noise(self, key):

@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 
 from galton import make_agent
-from galton.envs import find
 from galton.envs.jax_task import JaxTask
 from galton.parts import Box
 from galton.training.on_device import DevicePopulation, begin_on_device, iteration
@@ -22,17 +21,18 @@ from galton.training.run import read_log, rollout_key
 
 from .slide import HIGH, LOW, Slide, slide
 
+pytestmark = pytest.mark.slow
 SEEDS, UPDATES = (3, 4), 5
 CLOSE = {"rtol": 1e-4, "atol": 1e-5}
 """Roundings of the environment's float32, and what Adam makes of them in a few updates."""
 NORMALIZE = {"normalize_observation": True, "normalize_reward": True}
 CASES = [
     ("a2c", "gaussian", NORMALIZE),
-    pytest.param("a2c", "hl-gauss", {}, marks=pytest.mark.slow),
-    pytest.param("ppo", "gaussian", {}, marks=pytest.mark.slow),
+    ("a2c", "hl-gauss", {}),
+    ("ppo", "gaussian", {}),
     ("ppo", "hl-gauss-centred", NORMALIZE),
-    pytest.param("a2c", "gaussian", {"noise_correlation": 0.8}, marks=pytest.mark.slow),
-    pytest.param("ppo", "hl-gauss", {"noise_correlation": 0.8}, marks=pytest.mark.slow),
+    ("a2c", "gaussian", {"noise_correlation": 0.8}),
+    ("ppo", "hl-gauss", {"noise_correlation": 0.8}),
 ]
 
 
@@ -78,7 +78,6 @@ def check_close(ours, theirs):
         np.testing.assert_allclose(a, b, **CLOSE, err_msg=jax.tree_util.keystr(path))
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("algorithm", "loss", "more"), CASES)
 def test_the_same_dynamics_on_the_host_give_the_same_rollouts_updates_and_logs(algorithm, loss, more):
     agent = agent_of(algorithm, loss, more)
@@ -114,28 +113,9 @@ def test_a_population_on_the_device_is_one_iteration_after_the_other(algorithm, 
         check_close(jax.tree.map(lambda x, i=i: np.asarray(x)[i], population._batch), batch)
 
 
-@pytest.mark.slow
 def test_both_engines_evaluate_the_same_policy_alike():
     agent = agent_of("a2c", "hl-gauss", NORMALIZE)
     device, host = (populate(env, each(agent), SEEDS) for env in (Slide(), slide))
     check_close(device.learner, host.learner)
     np.testing.assert_allclose(device.evaluate(2), host.evaluate(2), rtol=1e-5)
     host.close()
-
-
-@pytest.mark.slow
-def test_the_two_tasks_are_one():
-    ours, theirs = Slide(), find(slide).make(1)
-    state, seen = ours.reset(jax.random.key(0)), theirs.reset(np.array([0]))
-    rng = np.random.default_rng(0)
-    for _ in range(50):
-        np.testing.assert_allclose(seen[0], ours.observe(state), rtol=1e-5)
-        action = rng.uniform(ours.action_low, ours.action_high, (1, 2)).astype(np.float32)
-        steps = theirs.step(action)
-        state, reward, terminated = ours.step(state, action[0], ())
-        np.testing.assert_allclose(steps.final_observation[0], state, rtol=1e-5)
-        np.testing.assert_allclose(steps.reward[0], reward, rtol=1e-5, atol=1e-6)
-        assert steps.terminated[0] == terminated
-        seen = steps.observation
-        state = jnp.asarray(seen[0])
-    theirs.close()

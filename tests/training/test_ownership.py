@@ -39,9 +39,6 @@ class Clock(gymnasium.Env):
         self.t += 1
         return np.full(1, self.t, np.float32), float(action[0]), self.t == LENGTH, False, {}
 
-    def set_difficulty(self, level):
-        self.level = level
-
 
 class Own(Clock):
     """Another class with the same spaces."""
@@ -50,20 +47,20 @@ class Own(Clock):
 make_model = functools.partial(galton.A2C, loss="gaussian", n_steps=2, net_arch=(4,))
 
 
-def sync(n=2):
-    return SyncVectorEnv([Clock] * n, autoreset_mode=AutoresetMode.SAME_STEP)
+def sync():
+    return SyncVectorEnv([Clock] * 2, autoreset_mode=AutoresetMode.SAME_STEP)
 
 
-def asynchronous(n=2):
-    return AsyncVectorEnv([Clock] * n, autoreset_mode=AutoresetMode.SAME_STEP, context="spawn")
+def asynchronous():
+    return AsyncVectorEnv([Clock] * 2, autoreset_mode=AutoresetMode.SAME_STEP, context="spawn")
 
 
-def dummy(n=2):
-    return DummyVecEnv([Clock] * n)
+def dummy():
+    return DummyVecEnv([Clock] * 2)
 
 
-def in_processes(n=2):
-    return SubprocVecEnv([Clock] * n, start_method="spawn")
+def in_processes():
+    return SubprocVecEnv([Clock] * 2, start_method="spawn")
 
 
 VECTORS = {
@@ -126,25 +123,17 @@ def test_evaluation_on_another_environment_leaves_training_as_it_is(kind):
     assert bits(models[0]) == bits(models[1])
 
 
-def given_itself(env):
-    return env
-
-
-def in_a_function(env):
-    return lambda: env
-
-
-def in_a_wrapper(env):
-    return TimeLimit(env, 50)
-
-
-def in_a_vector(env):
-    return DummyVecEnv([lambda: env])
+WAYS = {
+    "itself": lambda env: env,
+    "in a function": lambda env: lambda: env,
+    "in a wrapper": lambda env: TimeLimit(env, 50),
+    "in a vector": lambda env: DummyVecEnv([lambda: env]),
+}
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("trained", [given_itself, in_a_function, in_a_wrapper, in_a_vector])
-@pytest.mark.parametrize("evaluated", [given_itself, in_a_function, in_a_wrapper, in_a_vector])
+@pytest.mark.parametrize("trained", WAYS.values(), ids=WAYS)
+@pytest.mark.parametrize("evaluated", WAYS.values(), ids=WAYS)
 def test_the_training_environment_given_again_for_evaluation_is_refused(trained, evaluated):
     env = Clock()
     model = make_model(trained(env))
@@ -217,35 +206,17 @@ def test_vector_environments_in_processes_are_watched_too(make):
     env.close()
 
 
-def test_what_does_not_move_an_environment_is_not_taken_for_a_move():
-    env, vector = Clock(), dummy()
-    models = [make_model(env), make_model(vector)]
-    env.set_difficulty(3)
-    env.action_space.sample()
-    vector.env_method("set_difficulty", 3)
-    vector.get_attr("t")
-    for model in models:
-        learn(model, 8)
-        model.evaluate(2, env=Own)
-        learn(model, 8)
-
-
 def test_an_sb3_evaluation_on_the_training_environment_in_the_middle_of_learn_is_noticed():
     env = Monitor(Clock())
     model = make_model(env)
     with pytest.warns(SharedEnvironment) as told:
         model.learn(60, EvalCallback(env, eval_freq=24, n_eval_episodes=1, verbose=0), progress_bar=False)
     assert len(told) == 2  # after steps 24 and 48
-    lengths = learn(model, 40)
-    assert set(lengths) == {LENGTH}
-
-
-def test_two_models_on_one_environment_tell_each_time_that_they_take_turns():
-    env = Clock()
-    models = [make_model(env), make_model(env)]
-    for model in (models[0], models[1], models[0]):
+    assert set(learn(model, 40)) == {LENGTH}
+    other = make_model(env)
+    for each in (model, other):  # they take turns
         with pytest.warns(SharedEnvironment):
-            assert set(learn(model, 24)) == {LENGTH}
+            assert set(learn(each, 24)) == {LENGTH}
 
 
 def test_a_move_in_the_middle_of_a_rollout_stops_training():
@@ -260,15 +231,11 @@ def test_a_move_in_the_middle_of_a_rollout_stops_training():
 
     model = make_model(SyncVectorEnv([lambda: env, Rude], autoreset_mode=AutoresetMode.SAME_STEP))
     learn(model, 4)  # all of it happens inside of our own step
-    lone, calls = make_model(env), []
-
-    def rude(learner):
-        calls.append(env.reset())
-        return learner
-
+    lone = make_model(env)
     lone.population.compile()
-    programs = lone.population._groups[0]._acting
-    lone.population._groups[0]._acting = programs._replace(act=lambda *a: (rude(None), programs.act(*a))[1])
+    (group,) = lone.population._groups
+    programs = group._acting
+    group._acting = programs._replace(act=lambda *given: (env.reset(), programs.act(*given))[1])
     with pytest.raises(BrokenEnvironmentError, match="Clock was reset or stepped by somebody else in the middle of a"):
         learn(lone, 4)
 

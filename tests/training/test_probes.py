@@ -12,11 +12,11 @@ from galton.critics import CRITICS
 from ..agents import agent
 from .probes import Probe
 
-SOME = [pytest.param(loss, marks=[pytest.mark.slow] * (loss != "hl-gauss")) for loss in LOSSES]
+pytestmark = pytest.mark.slow
 FAST = {"n_steps": 8, "n_envs": 2, "net_arch": (32,), "learning_rate": 3e-3}
 
 
-@pytest.fixture(params=[pytest.param(name, marks=[pytest.mark.slow] * (name != "hl-gauss")) for name in CRITICS])
+@pytest.fixture(params=CRITICS)
 def critic(request):
     return request.param
 
@@ -32,25 +32,21 @@ def values_after(env, critic, steps=40_000, gamma=0.9, own=()):
     return np.asarray(actor_critic.value(agent(words), params, jnp.array([[-1.0], [1.0]])))
 
 
-@pytest.mark.slow
 def test_the_critic_learns_a_constant(critic):
     np.testing.assert_allclose(values_after(Probe("constant"), critic), 1.0, atol=0.05)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("own", [{}, pytest.param(OF_PPO, marks=pytest.mark.slow)], ids=["a2c", "ppo"])
+@pytest.mark.parametrize("own", [{}, OF_PPO], ids=["a2c", "ppo"])
 def test_the_critic_sees_the_observation(critic, own):
     np.testing.assert_allclose(values_after(Probe("coin"), critic, own=own), [-1.0, 1.0], atol=0.05)
 
 
-@pytest.mark.slow
 def test_the_critic_discounts_what_comes_a_step_later(critic):
     # Half the visits are one step before the reward, worth γ coin, half at it, worth the coin.
     expected = np.array([-1.0, 1.0]) * (1 + 0.5) / 2
     np.testing.assert_allclose(values_after(Probe("delayed", 2), critic, gamma=0.5), expected, atol=0.08)
 
 
-@pytest.mark.slow
 def test_a_termination_is_worth_nothing_and_a_time_limit_what_follows(critic):
     # Reward 1 a step, five steps an episode: cut by the time limit the value is 1 / (1 − γ) all the same.
     cut = values_after(Probe("constant", 5, terminates=False), critic, steps=120_000, gamma=0.8)
@@ -60,8 +56,7 @@ def test_a_termination_is_worth_nothing_and_a_time_limit_what_follows(critic):
     np.testing.assert_allclose(ended, np.mean(by_step), atol=0.2)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("loss", SOME)
+@pytest.mark.parametrize("loss", LOSSES)
 def test_the_actor_learns_to_answer_the_observation(loss):
     agent = make_agent(loss=loss, n_bins=15, **FAST)
     result = train(Probe("action"), agent, range(6), 40_000, n_logs=10, n_eval_episodes=32)

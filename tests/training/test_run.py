@@ -1,3 +1,5 @@
+import collections
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -5,7 +7,7 @@ import pytest
 
 from galton.algorithms import A2C
 from galton.envs import LQR
-from galton.training.log import Finished
+from galton.training.log import Finished, nothing, summarise, tally
 from galton.training.run import begin, learn, read_log, rollout_key, with_keys, without_keys
 from galton.types import Transition
 
@@ -42,13 +44,10 @@ def numbers(key):
     return tuple(np.asarray(jax.random.key_data(key)).tolist())
 
 
-def test_a_seed_is_a_run():
+def test_a_seed_is_a_run_with_keys_apart_for_training_evaluation_and_first_episodes():
     assert bits(without_keys(new(1))) == bits(without_keys(new(1)))
     assert bits(new(1).learner) != bits(new(2).learner)
     assert numbers(new(1).key) != numbers(new(2).key)
-
-
-def test_training_evaluation_and_first_episodes_have_keys_apart():
     run, episodes_key = begin(AGENT, 2, jnp.uint32(0))
     assert len({*map(numbers, (run.key, run.evaluation_key, episodes_key))}) == 3
 
@@ -75,14 +74,11 @@ def test_an_update_has_a_key_of_its_own():
     assert len({*seen, *rollouts}) == 6
 
 
-def test_the_learning_rate_falls_to_zero_with_the_last_update_and_stays_there():
+def test_the_learning_rate_falls_to_zero_with_the_last_update_and_a_decayed_update_is_one_with_that_rate():
     decaying = AGENT.optimizer.replace(decay_steps=40.0)
     shares = [float(decaying.remaining(jnp.int32(step))) for step in (8, 16, 32, 40, 48)]
     np.testing.assert_allclose(shares, [0.8, 0.6, 0.2, 0.0, 0.0], atol=1e-6)
     assert float(AGENT.optimizer.remaining(jnp.int32(10**6))) == 1
-
-
-def test_a_decayed_update_is_one_with_that_learning_rate():
     decayed = update(new(), batch(), learning_rate=1e-2, decay_steps=32.0)
     plain = update(new(), batch(), learning_rate=1e-2 * 24 / 32)
     for a, b in zip(jax.tree.leaves(decayed.learner), jax.tree.leaves(plain.learner), strict=True):
@@ -116,3 +112,49 @@ def test_keys_survive_as_plain_numbers():
     back = with_keys(jax.tree.map(np.asarray, without_keys(run)))
     assert numbers(rollout_key(back)) == numbers(rollout_key(run))
     assert numbers(back.evaluation_key) == numbers(run.evaluation_key)
+
+
+NAMES = ("grad_norm", "entropy")
+FINISHED = Finished(
+    jnp.array([[False, True], [True, False], [False, True]]),
+    jnp.array([[1.0, 10.0], [4.0, 0.5], [2.0, -3.0]]),
+    jnp.array([[1, 7], [2, 1], [1, 3]]),
+)
+"""Three episodes end: returns 10, 4 and −3, lengths 7, 2 and 3."""
+
+
+def of_two_updates():
+    told = (
+        {"entropy": jnp.float32(1), "grad_norm": jnp.float32(3)},
+        {"entropy": jnp.float32(2), "grad_norm": jnp.float32(5)},
+    )
+    nobody = FINISHED._replace(done=jnp.zeros((3, 2), bool))
+    sums = nothing(NAMES)
+    for finished, scalars in zip((FINISHED, nobody), told, strict=True):
+        sums = jax.tree.map(jnp.add, sums, tally(finished, scalars))
+    return sums
+
+
+def test_a_log_has_means_over_the_episodes_that_ended_and_over_the_updates():
+    log = summarise(of_two_updates(), NAMES, {"sigma": jnp.float32(0.5)})
+    assert log.n_episodes == 3
+    np.testing.assert_allclose(log.training_return, 11 / 3, rtol=1e-6)
+    np.testing.assert_allclose(log.episode_length, 4)
+    assert np.isnan(log.evaluation_return)
+    assert dict(log.scalars) == {"grad_norm": 4, "entropy": 1.5, "sigma": 0.5}
+
+
+def test_without_an_episode_its_return_and_length_are_not_known():
+    sums = tally(FINISHED._replace(done=jnp.zeros((3, 2), bool)), dict.fromkeys(NAMES, jnp.float32(1)))
+    log = summarise(sums, NAMES, {})
+    assert log.n_episodes == 0
+    assert np.isnan([log.training_return, log.episode_length]).all()
+    assert log.scalars["entropy"] == 1
+
+
+def test_columns_are_everything_in_one_order_which_jax_keeps():
+    names = ["training_return", "episode_length", "n_episodes", "evaluation_return", "grad_norm", "entropy", "sigma"]
+    log = jax.jit(lambda sums: summarise(sums, NAMES, {"sigma": jnp.float32(0.5)}))(of_two_updates())
+    assert list(log.columns()) == names
+    assert list(jax.tree.map(np.asarray, log).columns()) == names
+    assert isinstance(log.scalars, collections.OrderedDict)

@@ -1,18 +1,22 @@
-"""What can't fit into memory is refused by arithmetic; what may fit is not."""
+"""What is said before anything is compiled: what can't fit into memory is refused, images don't suit the networks."""
 
 import time
+import warnings
 
 import gymnasium
 import jax
+import numpy as np
 import pytest
+from gymnasium.spaces import Box, Dict, Discrete
 
 from galton import A2C, UsageError, devices
 from galton.algorithms import actor_critic
 from galton.envs.find import find
-from galton.training import size
+from galton.training import population, size
 from galton.training.population import populate
 
 from ..agents import agent
+from ..envs.host.walks import kind
 
 SMALL = {"n_bins": 4, "net_arch": (4,), "n_steps": 5}
 PENDULUM = "Pendulum-v1"
@@ -24,34 +28,34 @@ def room(monkeypatch):
     monkeypatch.setattr(size, "memory", lambda: 8 * 10**9)
 
 
-@pytest.mark.usefixtures("room")
-@pytest.mark.parametrize("env", ["bandit", "lqr", PENDULUM])
-@pytest.mark.parametrize(
-    ("changes", "n_runs", "n_episodes", "named"),
-    [
-        ({"net_arch": (10**9,)}, 1, 0, r"net_arch is \(1000000000,\)"),
-        ({"net_arch": (100_000, 100_000)}, 1, 0, r"net_arch is \(100000, 100000\)"),
-        ({"n_envs": 10**9}, 1, 0, "n_envs or n_steps is 1000000000 or 5"),
-        ({"n_steps": 10**9}, 1, 0, "n_envs or n_steps is 1 or 1000000000"),
-        ({"n_envs": 50_000, "n_steps": 50_000}, 1, 0, "n_envs or n_steps is 50000 or 50000"),
-        ({}, 1, 10**10, "n_eval_episodes is 10000000000"),
-        ({}, 10**9, 0, "seeds is 1000000000 of them"),
-        ({"net_arch": (10_000, 1_000)}, 1_000, 10, "seeds is 1000 of them"),
-    ],
-)
-def test_what_is_too_big_is_named(env, changes, n_runs, n_episodes, named):
-    with pytest.raises(UsageError, match=f"^{named}, too many: this needs .* GB of memory at least, and there are 8.0"):
-        size.check_size(find(env), agent(SMALL | changes), n_runs, n_episodes)
+TOO_BIG = [
+    ({"net_arch": (10**9,)}, 1, 0, r"net_arch is \(1000000000,\)"),
+    ({"net_arch": (100_000, 100_000)}, 1, 0, r"net_arch is \(100000, 100000\)"),
+    ({"n_envs": 10**9}, 1, 0, "n_envs or n_steps is 1000000000 or 5"),
+    ({"n_steps": 10**9}, 1, 0, "n_envs or n_steps is 1 or 1000000000"),
+    ({"n_envs": 50_000, "n_steps": 50_000}, 1, 0, "n_envs or n_steps is 50000 or 50000"),
+    ({}, 1, 10**10, "n_eval_episodes is 10000000000"),
+    ({}, 10**9, 0, "seeds is 1000000000 of them"),
+    ({"net_arch": (10_000, 1_000)}, 1_000, 10, "seeds is 1000 of them"),
+]
 
 
 @pytest.mark.usefixtures("room")
 @pytest.mark.parametrize("env", ["bandit", "lqr", PENDULUM])
-@pytest.mark.parametrize(
-    ("changes", "n_runs", "n_episodes"),
-    [({}, 1, 10), ({"net_arch": (1024, 1024)}, 50, 100), ({"n_envs": 10_000}, 1, 0), ({"n_steps": 10**6}, 10, 1000)],
-)
-def test_what_may_fit_is_not_refused(env, changes, n_runs, n_episodes):
-    size.check_size(find(env), agent(SMALL | changes), n_runs, n_episodes)
+def test_what_is_too_big_is_named(env):
+    for changes, n_runs, n_episodes, named in TOO_BIG:
+        told = f"^{named}, too many: this needs .* GB of memory at least, and there are 8.0"
+        with pytest.raises(UsageError, match=told):
+            size.check_size(find(env), agent(SMALL | changes), n_runs, n_episodes)
+
+
+@pytest.mark.usefixtures("room")
+@pytest.mark.parametrize("env", ["bandit", "lqr", PENDULUM])
+def test_what_may_fit_is_not_refused(env):
+    size.check_size(find(env), agent(SMALL), 1, 10)
+    size.check_size(find(env), agent(SMALL | {"net_arch": (1024, 1024)}), 50, 100)
+    size.check_size(find(env), agent(SMALL | {"n_envs": 10_000}), 1, 0)
+    size.check_size(find(env), agent(SMALL | {"n_steps": 10**6}), 10, 1000)
 
 
 @pytest.mark.parametrize("env", ["bandit", PENDULUM, lambda: gymnasium.make(PENDULUM)])
@@ -82,3 +86,27 @@ def test_what_it_counts_is_what_a_model_has():
     n = sum(array.size for name in ("actor", "critic") for layer in params[name] for array in layer.values())
     counted = [size._n_parameters(made.network, o, outputs, of_critic=outputs == 1) for outputs in (d, 1)]
     assert sum(counted) == n
+
+
+Seeing = kind("Seeing", observation_space=Dict(eye=Box(0, 255, (4, 4, 3), np.uint8), t=Discrete(4)))
+Feeling = kind("Feeling", observation_space=Box(0, 255, (4,), np.uint8))
+
+
+def stop(*_):
+    raise NotImplementedError("what follows is slow")
+
+
+@pytest.mark.parametrize(
+    ("env", "normalize", "is_told"), [(Seeing, False, True), (Seeing, True, False), (Feeling, False, False)]
+)
+def test_raw_images_are_said_not_to_suit_the_networks(env, normalize, is_told, monkeypatch):
+    monkeypatch.setattr(population, "HostPopulation", stop)
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        with pytest.raises(NotImplementedError):
+            population.populate(env, agent({"normalize_observation": normalize}), [0])
+    assert len(told) == is_told
+    for warning in told:
+        assert str(warning.message).startswith("Seeing observes Dict('eye': Box(0, 255, (4, 4, 3), uint8)")
+        assert "Galton has no convolutions" in str(warning.message)
+        assert "normalize_observation=True" in str(warning.message)

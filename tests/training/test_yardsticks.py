@@ -43,61 +43,48 @@ def begins():
     return [gymnasium.utils.seeding.np_random(int(seed))[0].uniform() for seed in seeds]
 
 
-def test_doing_nothing_is_the_action_0_or_the_middle_where_the_box_leaves_it_out():
-    act = nothing(Summing.action_space.low, Summing.action_space.high)
-    np.testing.assert_array_equal(act(np.zeros((2, 1), np.float32)), [[0, 3], [0, 3]])
-
-
 def test_both_are_played_from_the_same_first_states():
+    act = nothing(Summing.action_space.low, Summing.action_space.high)  # 0, or the middle where the box leaves 0 out
+    np.testing.assert_array_equal(act(np.zeros((2, 1), np.float32)), [[0, 3], [0, 3]])
     found = on(Summing)
     rng = np.random.default_rng(SEED)
     random = sum(rng.uniform([-1, 2], [1, 4], (N_EPISODES, 2)).astype(np.float32)[:, 0] for _ in range(4))
     assert found.doing_nothing == pytest.approx(np.mean(begins()), rel=1e-6)
     assert found.random_actions == pytest.approx(np.mean(begins()) + random.mean(), rel=1e-5)
+    there = Summing()  # on one that is there episodes follow one another
+    assert on(there).doing_nothing > 0
+    assert there.n_episodes == 2 * (N_EPISODES + 1)
     for seed in (0, 4):
         model = galton.A2C(Summing, "gaussian", seed=seed, **SETTINGS)
         assert model.yardsticks() == model.yardsticks(Summing) == found, "the same in every run"
 
 
-def test_on_an_environment_that_is_there_episodes_follow_one_another():
-    there = Summing()
-    assert on(there).doing_nothing > 0
-    assert there.n_episodes == 2 * (N_EPISODES + 1)
-
-
-@pytest.mark.parametrize(("env", "rest", "random"), [("mountain-car", 0.0, -33.3), ("bandit", 0.0, -47.0)])
+@pytest.mark.few
+@pytest.mark.parametrize(("env", "rest", "random"), [("bandit", 0.0, -47.0), ("mountain-car", 0.0, -33.3)])
 def test_the_returns_of_records_are_those_that_are_known(env, rest, random):
     found = on(env)
     assert found.doing_nothing == pytest.approx(rest, abs=1.5)
     assert found.random_actions == pytest.approx(random, rel=0.5)
 
 
-def test_training_has_the_same_bits_with_them_and_without():
-    def trained(callback):
-        run = galton.A2C(Summing, "gaussian", **SETTINGS)
-        return np.asarray(run.learn(32, callback, progress_bar=False).learner.params["actor"][0]["kernel"])
-
-    np.testing.assert_array_equal(trained(Evaluate(8, 2)), trained(None))
-
-
-def test_the_first_evaluation_of_a_run_logs_them_and_no_other():
+def test_training_has_the_same_bits_with_them_and_without_and_the_first_evaluation_of_a_run_alone_logs_them():
     logs, evaluate = [], Evaluate(8, 2)
-    model = galton.A2C(Summing, "gaussian", **SETTINGS)
-    for _ in range(2):
-        model.learn(16, [evaluate, lambda model, log: logs.append(log)], 1, progress_bar=False)
+    models = [galton.A2C(Summing, "gaussian", **SETTINGS) for _ in range(2)]
+    for model, callback in zip(models, ([evaluate, lambda model, log: logs.append(log)], None), strict=True):
+        for _ in range(2):
+            model.learn(16, callback, 1, progress_bar=False)
     first, *others = [logged(log) for log in logs]
-    assert first == model.yardsticks()
+    assert first == models[0].yardsticks()
     assert others == [None] * 3
+    np.testing.assert_array_equal(*(model.learner.params["actor"][0]["kernel"] for model in models))
 
 
-BELOW = [(-3.0, ["doing nothing", "random actions"]), (-2.0, ["doing nothing"]), (-1.0, []), (np.nan, [])]
-
-
-@pytest.mark.parametrize(("mean", "names"), BELOW)
-def test_a_policy_below_them_is_told_so(mean, names):
-    told = Yardsticks(-1.0, -2.5).not_reached_by(mean)
-    assert [name for name in ("doing nothing", "random actions") if name in told] == names
-    assert bool(told) == bool(names)
+def test_a_policy_below_them_is_told_so():
+    both = ["doing nothing", "random actions"]
+    for mean, names in ((-3.0, both), (-2.0, both[:1]), (-1.0, []), (np.nan, [])):
+        told = Yardsticks(-1.0, -2.5).not_reached_by(mean)
+        assert [name for name in both if name in told] == names
+        assert bool(told) == bool(names)
 
 
 def test_learn_warns_at_its_end_of_a_policy_below_doing_nothing():

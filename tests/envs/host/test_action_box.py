@@ -1,22 +1,11 @@
 import numpy as np
 import pytest
-from gymnasium.spaces import (
-    Box,
-    Dict,
-    Discrete,
-    Graph,
-    MultiBinary,
-    MultiDiscrete,
-    OneOf,
-    Sequence,
-    Text,
-    Tuple,
-)
+from gymnasium.spaces import Box, Dict, Discrete
 
 from galton import UsageError
 from galton.envs.host.action_box import ActionBox
 
-from .spaces import UNIT, box
+from .walks import UNIT, box
 
 
 def bounds_set_later(low, high):
@@ -33,31 +22,17 @@ WIDEN = "Leave that dimension out or widen it"
 RESCALE = "wrap the environment so that it takes {} actions .*RescaleAction"
 ODD_ACTIONS = {
     "discrete": (Discrete(3), rf"Discrete\(3\).*{A_BOX}"),
-    "multi-discrete": (MultiDiscrete([2, 3]), rf"MultiDiscrete\(\[2 3\]\).*{A_BOX}"),
-    "multi-binary": (MultiBinary(4), rf"MultiBinary\(4\).*{A_BOX}"),
-    "text": (Text(5, charset="ab"), rf"Text\(1, 5.*{A_BOX}"),
     "dict": (Dict(gas=UNIT), rf"Dict\('gas'.*{A_BOX}"),
-    "tuple": (Tuple([UNIT, UNIT]), rf"Tuple\(Box.*{A_BOX}"),
-    "sequence": (Sequence(UNIT), rf"Sequence\(.*{A_BOX}"),
-    "graph": (Graph(UNIT, None), rf"Graph\(.*{A_BOX}"),
-    "one of": (OneOf([UNIT, Discrete(2)]), rf"OneOf\(.*{A_BOX}"),
     "none": (None, f"has actions None.*{A_BOX}"),
-    "pair": ((-1, 1), rf"has actions \(-1, 1\).*{A_BOX}"),
     "unbounded": (Box(-np.inf, np.inf, (2,)), rf"low is unbounded at \[0\].*{FINITE}"),
-    "unbounded below": (Box(-np.inf, 1, (2,)), rf"low is unbounded at \[0\].*{FINITE}"),
-    "unbounded above": (Box(-1, np.inf, (2,)), rf"high is unbounded at \[0\].*{FINITE}"),
     "one dimension unbounded": (box([[0, 0]] * 3, [[1, 1], [1, np.inf], [1, 1]]), rf"unbounded at \[1, 1\].*{FINITE}"),
     "low is NaN": (bounds_set_later([-1, -1, np.nan], [1, 1, 1]), rf"low is not a number at \[2\].*{FINITE}"),
     "high is NaN": (bounds_set_later([-1, -1, -1], [1, np.nan, 1]), rf"high is not a number at \[1\].*{FINITE}"),
     "low is high": (box([-1, 2], [1, 2]), rf"low must lie below high at \[1\]. {WIDEN}"),
     "low above high": (bounds_set_later([-1, 3, -1], [1, 1, 1]), rf"low must lie below high at \[1\]. {WIDEN}"),
     "nothing": (Box(-1, 1, (0,)), "box without dimensions; give it one at least"),
-    "no columns": (Box(-1, 1, (3, 0)), "box without dimensions; give it one at least"),
     "integers": (Box(-5, 5, (2,), np.int64), f"whose type is int64.*{FLOATS}"),
-    "bytes": (Box(0, 255, (2,), np.uint8), f"whose type is uint8.*{FLOATS}"),
-    "switches": (Box(0, 1, (2,), bool), f"whose type is bool.*{FLOATS}"),
     "beyond float32": (Box(-1e300, 1e300, (2,), np.float64), f"too large for float32.*{RESCALE.format('smaller')}"),
-    "a span beyond float32": (Box(-3.4e38, 3.4e38, (1,)), f"too large for float32.*{RESCALE.format('smaller')}"),
     "between two of float32": (
         Box(1e8, 1e8 + 1, (1,), np.float64),
         f"too narrow for float32.*{RESCALE.format('larger')}",
@@ -67,12 +42,11 @@ ODD_ACTIONS = {
 }
 
 
-@pytest.mark.parametrize("name", ODD_ACTIONS)
-def test_an_odd_action_space_is_refused_with_what_to_do(name):
-    space, message = ODD_ACTIONS[name]
-    with pytest.raises(UsageError, match=message) as caught:
-        ActionBox("Robot", space)
-    assert str(caught.value).startswith("Robot has actions ")
+def test_an_odd_action_space_is_refused_with_what_to_do():
+    for space, message in ODD_ACTIONS.values():
+        with pytest.raises(UsageError, match=message) as caught:
+            ActionBox("Robot", space)
+        assert str(caught.value).startswith("Robot has actions ")
 
 
 GOOD_ACTIONS = {
@@ -107,9 +81,8 @@ def test_actions_land_in_the_exact_bounds_in_the_spaces_shape_and_type(name):
     np.testing.assert_array_equal(taken[4], space.low)
 
 
-@pytest.mark.parametrize("dtype", [np.float32, np.float64])
-def test_the_environments_actions_are_a_copy(dtype):
-    actions = ActionBox("Robot", Box(-1, 1, (2,), dtype))
-    chosen = np.array([0.5, -0.5], np.float32)
-    actions.to_env(chosen)[:] = 7
-    np.testing.assert_array_equal(chosen, [0.5, -0.5])
+def test_the_environments_actions_are_a_copy():
+    for dtype in (np.float32, np.float64):
+        chosen = np.array([0.5, -0.5], np.float32)
+        ActionBox("Robot", Box(-1, 1, (2,), dtype)).to_env(chosen)[:] = 7
+        np.testing.assert_array_equal(chosen, [0.5, -0.5])

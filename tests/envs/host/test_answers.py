@@ -2,24 +2,11 @@ import itertools
 
 import numpy as np
 import pytest
-from gymnasium.spaces import Box, Dict, Discrete, MultiDiscrete, Tuple
 
 from galton import BrokenEnvironmentError
 from galton.envs.host.gymnasium import GymnasiumTask
 
-from .walks import (
-    LENGTH,
-    N,
-    Unconvertible,
-    Walk,
-    Walks,
-    fail,
-    observation,
-    play,
-    reward,
-    terminated,
-    truncated,
-)
+from .walks import LENGTH, Unconvertible, Walk, Walks, begun, fail, observation, play, reward, terminated, truncated
 
 SHAPE = r"the space is Box\(-inf, inf, \(2,\), float32\)"
 FIVE = r"it must return \(observation, reward, terminated, truncated, info\)"
@@ -28,84 +15,34 @@ BROKEN_STEPS = {
     "observation Inf": (observation([-np.inf, 0.0]), r"entry \[0\] of the observation is -inf, which is not finite"),
     "observation beyond float32": (observation([0.0, 1e39]), r"entry \[1\] .* 1e\+39, which is too large for float32"),
     "observation's shape": (observation(np.zeros(3)), rf"the observation is array.*of shape \(3,\); {SHAPE}"),
-    "observation with an axis": (
-        observation(np.zeros((1, 2))),
-        rf"the observation is array.*of shape \(1, 2\); {SHAPE}",
-    ),
     "observation None": (observation(None), f"the observation is None; {SHAPE}"),
     "observation text": (observation("ab"), f"the observation is 'ab'; {SHAPE}"),
-    "observation of text": (observation(["1", "2"]), rf"the observation is \['1', '2'\]; {SHAPE}"),
     "observation ragged": (observation([[1], [2, 3]]), rf"the observation is \[\[1\], \[2, 3\]\]; {SHAPE}"),
-    "observation of objects": (
-        observation(np.array([1, {}], object)),
-        f"the observation is array.*dtype=object.*; {SHAPE}",
-    ),
-    "observation complex": (observation([1j, 0]), rf"the observation is \[1j, 0\]; {SHAPE}"),
-    "observation a dict": (observation({"a": 1}), rf"the observation is {{'a': 1}}; {SHAPE}"),
     "observation not convertible": (observation(Unconvertible()), f"the observation is <unconvertible>; {SHAPE}"),
     "reward NaN": (reward(np.nan), "the reward is nan, which is not finite"),
-    "reward Inf": (reward(np.float64(np.inf)), "the reward is inf, which is not finite"),
     "reward beyond float32": (reward(-1e300), r"the reward is -1e\+300, which is too large for float32"),
     "reward beyond float64": (reward(10**400), r"the reward is 10+\.\.\.; it must be one number"),
     "reward None": (reward(None), "the reward is None; it must be one number"),
     "reward text": (reward("1.0"), "the reward is '1.0'; it must be one number"),
     "reward of two": (reward(np.ones(2)), r"the reward is array\(\[1., 1.\]\) of shape \(2,\); it must be one number"),
-    "reward of none": (reward([]), r"the reward is \[\]; it must be one number"),
-    "reward ragged": (reward([[1], [2, 3]]), r"the reward is \[\[1\], \[2, 3\]\]; it must be one number"),
-    "reward complex": (reward(1 + 2j), r"the reward is \(1\+2j\); it must be one number"),
     "reward not convertible": (reward(Unconvertible()), "the reward is <unconvertible>; it must be one number"),
     "terminated None": (terminated(None), "terminated is None; it must be True or False"),
-    "terminated NaN": (terminated(np.nan), "terminated is nan; it must be True or False"),
     "terminated 2": (terminated(2), "terminated is 2; it must be True or False"),
-    "terminated -1": (terminated(np.int8(-1)), r"terminated is np.int8\(-1\); it must be True or False"),
     "terminated text": (terminated("False"), "terminated is 'False'; it must be True or False"),
     "terminated of two": (terminated(np.array([True, False])), "terminated is array.*; it must be True or False"),
     "truncated a float": (truncated(0.0), "truncated is 0.0; it must be True or False"),
     "four of the old gym": (lambda o, r, done, _, info: (o, r, done, info), rf"step returned \(array.*{FIVE}"),
-    "six": (lambda *answer: (*answer, None), f"step returned .*{FIVE}"),
-    "a list": (lambda *answer: list(answer), f"step returned .*{FIVE}"),
     "None": (lambda *_: None, f"step returned None; {FIVE}"),
     "an error": (fail, "step raised ZeroDivisionError: the robot fell over"),
 }
 
 
-@pytest.mark.parametrize("name", BROKEN_STEPS)
-def test_a_broken_step_is_named_by_copy_step_and_value(name):
-    change, message = BROKEN_STEPS[name]
-    envs = GymnasiumTask(Walks(change)).make(N)
-    envs.reset(np.arange(N))
-    play(envs, 36)
-    with pytest.raises(BrokenEnvironmentError, match=f"^Odd, copy 2, step 37: {message}"):
-        play(envs, 1)
-
-
-PARTS = Dict(a=Box(-1, 1, (2,)), b=Tuple([Discrete(3), MultiDiscrete([2, 2])]))
-
-
-class Parts(Walk):
-    observation_space = PARTS
-
-    def observe(self):
-        return {"a": np.zeros(2, np.float32), "b": (2, np.array([0, 1]))}
-
-
-@pytest.mark.parametrize(
-    ("value", "message"),
-    [
-        ({"a": np.zeros(2)}, r"the keys of the observation are \['a'\]"),
-        ({"a": np.zeros(2), "b": (2, [0, 1]), "c": 0}, "the keys of the observation are"),
-        ({"a": np.zeros(3), "b": (2, [0, 1])}, r"the observation\['a'\] is .*must have shape \(2,\)"),
-        ({"a": [0, np.nan], "b": (2, [0, 1])}, r"entry \[1\] of the observation\['a'\] is nan"),
-        ({"a": np.zeros(2), "b": (3, [0, 1])}, r"the observation\['b'\]\[0\] is 3, which is not in Discrete\(3\)"),
-        ({"a": np.zeros(2), "b": (2, [2, 0])}, r"the observation\['b'\]\[1\] is \[2, 0\], which is not in Multi"),
-    ],
-)
-def test_a_broken_part_of_an_observation_is_named(value, message):
-    envs = GymnasiumTask(Walks(observation(value), copy=1, at=5, base=Parts)).make(2)
-    assert envs.reset(np.arange(2)).shape == (2, 2 + 3 + 4)
-    play(envs, 4, 2)
-    with pytest.raises(BrokenEnvironmentError, match=f"^Odd, copy 1, step 5: .*{message}"):
-        play(envs, 1, 2)
+def test_a_broken_step_is_named_by_copy_step_and_value():
+    for change, message in BROKEN_STEPS.values():
+        envs = begun(Walks(change))
+        play(envs, 36)
+        with pytest.raises(BrokenEnvironmentError, match=f"^Odd, copy 2, step 37: {message}"):
+            play(envs, 1)
 
 
 def resets(answer):
@@ -139,17 +76,13 @@ BROKEN_RESETS = {
 }
 
 
-@pytest.mark.parametrize("name", BROKEN_RESETS)
-def test_a_broken_reset_is_named_by_copy_and_step(name):
-    answer, message = BROKEN_RESETS[name]
-    envs = GymnasiumTask(resets(answer)).make(2)
-    envs.reset(np.arange(2))
-    play(envs, LENGTH - 1, 2)
-    with pytest.raises(BrokenEnvironmentError, match=f"copy 1, step {LENGTH}: ?{message}"):
-        play(envs, 1, 2)
+def test_a_broken_reset_is_named_by_copy_and_step():
+    for answer, message in BROKEN_RESETS.values():
+        envs = begun(resets(answer), 2)
+        play(envs, LENGTH - 1, 2)
+        with pytest.raises(BrokenEnvironmentError, match=f"copy 1, step {LENGTH}: ?{message}"):
+            play(envs, 1, 2)
 
-
-def test_a_reset_without_a_seed_is_named():
     class Old(Walk):
         def reset(self):
             return super().reset()

@@ -14,7 +14,7 @@ from galton import BrokenEnvironmentError, UsageError
 from galton.envs.find import find
 from galton.envs.host.gymnasium import GymnasiumTask
 
-from .walks import LENGTH, Closing, N, Walk, assert_same, play
+from .walks import LENGTH, Closing, N, Walk, assert_same, begun, play
 
 
 def test_a_function_that_makes_no_new_environment_is_refused():
@@ -25,21 +25,22 @@ def test_a_function_that_makes_no_new_environment_is_refused():
             task.make(2)
 
 
-@pytest.mark.parametrize(
-    ("field", "space", "message"),
-    [("action_space", Box(-2, 2, (1,)), "actions"), ("observation_space", Box(-1, 1, (2,)), "observations")],
-)
-def test_copies_with_other_spaces_are_refused(field, space, message):
-    numbers = itertools.count()
+def test_copies_with_other_spaces_are_refused():
+    for field, space in (("action_space", Box(-2, 2, (1,))), ("observation_space", Box(-1, 1, (2,)))):
+        numbers = itertools.count()
 
-    def make():
-        env = Walk()
-        if next(numbers):
-            setattr(env, field, space)
-        return env
+        def make(numbers=numbers, field=field, space=space):
+            env = Walk()
+            if next(numbers):
+                setattr(env, field, space)
+            return env
 
-    with pytest.raises(UsageError, match=rf"make's copies differ: one has {message} Box\(.*, another Box\("):
-        GymnasiumTask(make).make(2)
+        with pytest.raises(UsageError, match=rf"make's copies differ: one has {field[:3]}.*s Box\(.*, another Box\("):
+            GymnasiumTask(make).make(2)
+
+
+def made_of(*kinds):
+    return [GymnasiumTask(kind).make(N) for kind in kinds]
 
 
 class Leaky(Walk):
@@ -70,39 +71,28 @@ def answering(number, flag):
     return Answering
 
 
-@pytest.mark.parametrize(
-    "sloppy",
-    [
-        Leaky,
-        Writing,
-        answering(np.float64, np.bool),
-        answering(np.float32, bool),
-        answering(float, int),
-        answering(float, lambda flag: np.array(flag, np.int8)),
-        answering(np.array, np.array),
-        answering(lambda value: [value], bool),
-        answering(lambda value: np.array([[value]]), lambda flag: np.asarray(flag)[()]),
-    ],
-)
-def test_sloppy_environments_give_what_a_tidy_one_gives(sloppy):
-    answers = []
-    for made in (Walk, sloppy):
-        envs = GymnasiumTask(made).make(N)
-        first = envs.reset(np.arange(N))
-        answers.append([first, *play(envs, 10)])
-    assert_same(*answers)
+SLOPPY = [
+    Leaky,
+    Writing,
+    answering(np.float32, np.bool),
+    answering(float, int),
+    answering(np.array, lambda flag: np.array(flag, np.int8)),
+    answering(lambda value: [value], np.array),
+    answering(lambda value: np.array([[value]]), lambda flag: np.asarray(flag)[()]),
+]
 
 
-def test_the_actions_are_not_changed_by_an_environment_that_writes_into_them():
-    envs = GymnasiumTask(Writing).make(1)
-    envs.reset(np.arange(1))
+def test_sloppy_environments_give_what_a_tidy_one_gives_and_do_not_change_the_actions():
+    tidy, *answers = ([envs.reset(np.arange(N)), *play(envs, 10)] for envs in made_of(Walk, *SLOPPY))
+    for answer in answers:
+        assert_same(answer, tidy)
+    envs = begun(Writing, 1)
     action = np.array([[0.5]], np.float32)
     envs.step(action)
     assert action == 0.5
 
 
-@pytest.mark.parametrize("dtype", [np.float32, np.float64])
-@pytest.mark.parametrize("shape", [(), (1,), (2, 3)])
+@pytest.mark.parametrize(("shape", "dtype"), [((), np.float32), ((), np.float64), ((1,), np.float32), ((2, 3), float)])
 def test_an_environment_gets_arrays_of_its_action_space(shape, dtype):
     class Checking(Walk):
         action_space = Box(np.full(shape, 0.1, dtype), np.full(shape, 0.3, dtype), dtype=dtype)
@@ -113,16 +103,13 @@ def test_an_environment_gets_arrays_of_its_action_space(shape, dtype):
             assert action in self.action_space
             return super().step(action)
 
-    envs = GymnasiumTask(Checking).make(2)
-    envs.reset(np.arange(2))
-    size = int(np.prod(shape))
+    envs = begun(Checking, 2)
     for value in (-9, 0.1, 0.2, 0.3, 9):
-        envs.step(np.full((2, size), value, np.float32))
+        envs.step(np.full((2, int(np.prod(shape))), value, np.float32))
 
 
 def test_the_final_observation_is_told_apart_from_the_next_episodes_first():
-    envs = GymnasiumTask(Walk).make(N)
-    envs.reset(np.arange(N))
+    envs = begun(Walk)
     following, final, _, terminated, truncated = play(envs, 2 * LENGTH)
     ends = np.arange(1, 2 * LENGTH + 1) % LENGTH == 0
     np.testing.assert_array_equal(terminated, np.tile(ends[:, None], N))
@@ -136,8 +123,7 @@ def test_the_final_observation_is_told_apart_from_the_next_episodes_first():
     ("limit", "terminates", "truncates"), [(LENGTH - 1, False, True), (LENGTH, True, False), (LENGTH + 1, True, False)]
 )
 def test_a_time_limit_truncates_but_a_termination_at_the_limit_wins(limit, terminates, truncates):
-    envs = GymnasiumTask(lambda: TimeLimit(Walk(), limit)).make(1)
-    envs.reset(np.arange(1))
+    envs = begun(lambda: TimeLimit(Walk(), limit), 1)
     following, final, _, terminated, truncated = play(envs, min(limit, LENGTH), 1)
     assert (terminated[-1, 0], truncated[-1, 0]) == (terminates, truncates)
     assert final[-1, 0, 1] == min(limit, LENGTH)
@@ -167,9 +153,6 @@ def test_a_given_environment_stays_open_and_the_copies_made_of_it_do_not():
     evaluation.close()
     assert given.unwrapped.closed == 0
     assert [env.closed for env in copies] == [1, 1]
-
-
-def test_a_second_copy_of_an_environment_without_a_spec_is_refused():
     task = find(Walk())
     task.make(1)
     with pytest.raises(UsageError, match=r"'Walk', .*only one copy of it was given; give its id, or a function"):
@@ -224,28 +207,23 @@ def test_an_environment_that_ends_the_process_is_broken(where, vector):
         reset_and_step()
 
 
-def test_an_environment_that_ends_the_process_when_it_is_made_or_closed_does_not():
+def test_ctrl_c_in_an_environment_is_no_fault_of_its_own_and_one_that_ends_when_it_is_closed_none_either():
     with pytest.raises(UsageError, match="can't be made: SystemExit: 3"):
         find(lambda: Shutting("making"))
     find(lambda: Shutting("close")).make(2).close()
 
-
-def test_ctrl_c_in_an_environment_is_no_fault_of_its_own():
     class Interrupted(Walk):
         def step(self, action):
             raise KeyboardInterrupt
 
-    envs = find(Interrupted).make(1)
-    envs.reset(np.arange(1))
+    envs = begun(Interrupted, 1)
     with pytest.raises(KeyboardInterrupt):
         envs.step(np.zeros((1, 1), np.float32))
 
 
-@pytest.mark.parametrize(
-    "make", [lambda: TimeLimit(Walk(), 5), functools.partial(Walk), functools.partial(lambda: Monitor(Walk()))]
-)
-def test_a_function_without_a_name_has_that_of_what_it_makes(make):
-    assert find(make).name == "Walk"
+def test_a_function_without_a_name_has_that_of_what_it_makes():
+    for make in (lambda: TimeLimit(Walk(), 5), functools.partial(Walk), functools.partial(lambda: Monitor(Walk()))):
+        assert find(make).name == "Walk"
 
 
 def test_a_monitored_environment_can_be_copied_without_its_monitor():

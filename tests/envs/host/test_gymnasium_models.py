@@ -6,34 +6,20 @@ import warnings
 import jax
 import numpy as np
 import pytest
-from gymnasium.wrappers import (
-    DelayObservation,
-    FrameStackObservation,
-    NormalizeObservation,
-    NormalizeReward,
-    StickyAction,
-    TimeAwareObservation,
-    TimeLimit,
-    TransformReward,
-)
+from gymnasium import wrappers
+from gymnasium.wrappers import NormalizeObservation, TimeLimit
 
 import galton
-from galton import BrokenEnvironmentError, UsageError
+from galton import BrokenEnvironmentError
 from galton.saving import checkpoint
 
-from .walks import (
-    Closing,
-    N,
-    Stateful,
-    Walk,
-    Walks,
-    fail,
-    observation,
-    reward,
-)
+from .walks import N, Stateful, Walk, Walks, fail, kind, observation, reward
 
 CONFIG = {"loss": "gaussian", "n_steps": 5, "net_arch": (4,)}
 make_model = functools.partial(galton.A2C, n_envs=N, **CONFIG)
+
+
+Endless = kind("Endless", ends=lambda self: False)
 
 
 class Memoryless(Walk):
@@ -81,17 +67,8 @@ def test_training_stops_with_the_last_good_learner_saves_it_and_goes_on(change, 
 
 
 def test_an_environment_that_breaks_in_its_first_reset_is_named_when_the_model_is_made():
-    class Blind(Walk):
-        def observe(self):
-            return np.full(2, np.nan)
-
     with pytest.raises(BrokenEnvironmentError, match=r"^Blind, copy 0, step 0: reset: entry \[0\] of the obs"):
-        make_model(Blind)
-
-
-class Endless(Walk):
-    def ends(self):
-        return False
+        make_model(kind("Blind", observe=lambda self: np.full(2, np.nan)))
 
 
 @pytest.mark.slow
@@ -117,30 +94,13 @@ def test_an_evaluation_without_a_time_limit_is_cut_and_one_that_breaks_its_limit
         make_model(lambda: TimeLimit(Endless(), 40)).evaluate(2)
 
 
-@pytest.mark.slow
-def test_a_given_environment_trains_alone_and_is_evaluated_only_if_it_can_be_made_again():
-    given = Closing()
-    model = galton.A2C(given, **CONFIG).learn(10, progress_bar=False)
-    with pytest.raises(UsageError, match="only one copy of it was given; give its id, or a function"):
-        model.evaluate(1)
-    assert len(model.evaluate(2, env=Closing)) == 2
-    model.close()
-    assert not given.closed
-    with pytest.raises(UsageError, match="n_envs is 2, but one environment was given; leave n_envs out, or give an id"):
-        galton.A2C(given, n_envs=2, **CONFIG)
-
-
 EXACT = {
     "a time limit": lambda: TimeLimit(Stateful(), 7),
     "no time limit": Stateful,
     "no numbers": Memoryless,
-    "statistics": lambda: NormalizeReward(NormalizeObservation(TimeAwareObservation(TimeLimit(Stateful(), 7)))),
-}
-INEXACT = {
-    "frames": lambda: FrameStackObservation(TimeLimit(Stateful(), 7), 2),
-    "a delay": lambda: DelayObservation(Stateful(), 1),
-    "sticky actions": lambda: StickyAction(Stateful(), 0.5),
-    "a function": lambda: TransformReward(Stateful(), lambda reward: 2 * reward),
+    "statistics": lambda: wrappers.NormalizeReward(
+        NormalizeObservation(wrappers.TimeAwareObservation(TimeLimit(Stateful(), 7)))
+    ),
 }
 
 
@@ -171,11 +131,3 @@ def test_a_file_from_before_the_wrappers_were_saved_loads_and_says_that_it_does_
     with pytest.warns(galton.InexactResume, match="the checkpoint has no state for its environments .*wrapper/0/Norm"):
         model = galton.A2C.load(tmp_path / "before", env=EXACT["statistics"])
     assert model.learn(10 * N, progress_bar=False).num_timesteps == 20 * N
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", INEXACT)
-def test_a_model_says_that_it_does_not_go_on_exactly_in_wrappers_that_keep_a_state(name, tmp_path):
-    path = make_model(INEXACT[name]).learn(10 * N, progress_bar=False).save(tmp_path / "half")
-    with pytest.warns(galton.InexactResume, match="a wrapper that Galton doesn't know, needs get_state and set_state"):
-        galton.A2C.load(path, env=INEXACT[name]).learn(10 * N, progress_bar=False)

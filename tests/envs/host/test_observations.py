@@ -2,18 +2,7 @@ from collections import OrderedDict
 
 import numpy as np
 import pytest
-from gymnasium.spaces import (
-    Box,
-    Dict,
-    Discrete,
-    Graph,
-    MultiBinary,
-    MultiDiscrete,
-    OneOf,
-    Sequence,
-    Text,
-    Tuple,
-)
+from gymnasium.spaces import Box, Dict, Discrete, Graph, MultiBinary, MultiDiscrete, OneOf, Sequence, Text, Tuple
 from gymnasium.spaces.utils import flatten
 from gymnasium.vector.utils import batch_space, concatenate, create_empty_array
 
@@ -21,7 +10,7 @@ from galton import BrokenEnvironmentError, UsageError
 from galton.envs.host.observations import Observations
 from galton.envs.host.space_json import from_json, to_json
 
-from .spaces import UNIT, box
+from .walks import UNIT, box
 
 OBSERVATIONS = {
     "vector": Box(-1, 1, (3,)),
@@ -77,42 +66,28 @@ def test_rows_tell_one_observation_from_a_batch(space):
 
 
 def test_a_space_comes_back_from_a_file_and_flattens_the_same(space):
-    again = from_json(to_json(space))
+    again, raw = from_json(to_json(space)), space.sample()
     assert again == space
-    raw = space.sample()
-    np.testing.assert_array_equal(
-        Observations("Robot", again).flatten(raw, "here"), Observations("Robot", space).flatten(raw, "here")
-    )
+    ours, theirs = (Observations("Robot", each).flatten(raw, "here") for each in (again, space))
+    np.testing.assert_array_equal(ours, theirs)
 
 
-@pytest.mark.parametrize("dtype", [np.float32, np.float64])
-def test_bounds_come_back_from_a_file_exactly(dtype):
-    space = box([[-0.1, -np.inf, 1 / 3]], [[np.inf, 0.7, 1e30]], dtype)
-    again = from_json(to_json(space))
-    assert again == space
-    assert (again.shape, again.dtype) == (space.shape, space.dtype)
+def test_bounds_come_back_from_a_file_exactly():
+    for dtype in (np.float32, np.float64):
+        space = box([[-0.1, -np.inf, 1 / 3]], [[np.inf, 0.7, 1e30]], dtype)
+        again = from_json(to_json(space))
+        assert again == space
+        assert (again.shape, again.dtype) == (space.shape, space.dtype)
 
 
-UNFLATTENABLE = {
-    "text": Text(5),
-    "sequence": Sequence(UNIT),
-    "graph": Graph(UNIT, None),
-    "one of": OneOf([UNIT, Discrete(2)]),
-    "text in a dict": Dict(a=UNIT, words=Text(5)),
-    "sequence in a tuple": Tuple([UNIT, Sequence(UNIT)]),
-}
-
-
-@pytest.mark.parametrize("name", UNFLATTENABLE)
-def test_observations_without_a_fixed_size_are_refused(name):
-    with pytest.raises(UsageError, match=r"Robot observes .*can be flattened: wrap the environment .*observes a Box"):
-        Observations("Robot", UNFLATTENABLE[name])
-
-
-@pytest.mark.parametrize("empty", [Box(-1, 1, (0,)), Dict(), Tuple([])], ids=["box", "dict", "tuple"])
-def test_observations_of_nothing_are_refused(empty):
-    with pytest.raises(UsageError, match=r"Robot observes .*, which is empty; wrap the environment"):
-        Observations("Robot", empty)
+def test_observations_without_a_fixed_size_or_of_nothing_are_refused():
+    one_of, dicted, tupled = OneOf([UNIT, Discrete(2)]), Dict(a=UNIT, words=Text(5)), Tuple([UNIT, Sequence(UNIT)])
+    for space in (Text(5), Sequence(UNIT), Graph(UNIT, None), one_of, dicted, tupled):
+        with pytest.raises(UsageError, match=r"Robot observes .*can be flattened: wrap the environment .*s a Box"):
+            Observations("Robot", space)
+    for empty in (Box(-1, 1, (0,)), Dict(), Tuple([])):
+        with pytest.raises(UsageError, match=r"Robot observes .*, which is empty; wrap the environment"):
+            Observations("Robot", empty)
 
 
 class Unprintable:
@@ -144,18 +119,16 @@ WRONG = {
 }
 
 
-@pytest.mark.parametrize("name", WRONG)
-def test_a_part_that_does_not_fit_is_named(name):
-    raw, message = WRONG[name]
+def test_a_part_that_does_not_fit_is_named():
     observations = Observations("Robot", PARTS)
     observations.flatten(GOOD, "here")
-    with pytest.raises(BrokenEnvironmentError, match=f"^Robot, copy 2, step 7: .*{message}"):
-        observations.flatten(raw, "Robot, copy 2, step 7")
+    for raw, message in WRONG.values():
+        with pytest.raises(BrokenEnvironmentError, match=f"^Robot, copy 2, step 7: .*{message}"):
+            observations.flatten(raw, "Robot, copy 2, step 7")
 
 
-@pytest.mark.parametrize(
-    ("observed", "raw", "message"),
-    [
+def test_predict_refuses_what_the_space_can_not_hold():
+    for observed, raw, message in (
         (Box(-1, 1, (3,)), np.zeros(4), r"its shape is \(4,\)"),
         (Box(-1, 1, (3,)), np.zeros((2, 2, 3)), r"its shape is \(2, 2, 3\)"),
         (Box(-1, 1, (3,)), ["a", "b", "c"], "its type is <U1"),
@@ -165,9 +138,7 @@ def test_a_part_that_does_not_fit_is_named(name):
         (PARTS, GOOD | {"a": [0.5]}, "which must have shape"),
         (PARTS, None, "observation is None"),
         (Dict(a=Box(-1, 1, (2,)), b=Discrete(3)), {"a": np.zeros((3, 2)), "b": [0, 1]}, r"batches of \[2, 3\]"),
-    ],
-)
-def test_predict_refuses_what_the_space_can_not_hold(observed, raw, message):
-    with pytest.raises(UsageError, match=f"observation is .*{message}|{message}") as caught:
-        Observations("Robot", observed).rows(raw)
-    assert "or a batch of them" in str(caught.value)
+    ):
+        with pytest.raises(UsageError, match=f"observation is .*{message}|{message}") as caught:
+            Observations("Robot", observed).rows(raw)
+        assert "or a batch of them" in str(caught.value)

@@ -24,17 +24,9 @@ class Broken:
         return type(self).change(*answer) if self.t == 5 else answer
 
 
-class BrokenSync(Broken, SyncVectorEnv):
-    pass
-
-
-class BrokenDummy(Broken, DummyVecEnv):
-    pass
-
-
 def broken(base, change, env=Walk):
-    kind = type("Cluster", (base,), {"change": staticmethod(change)})
-    keywords = {"autoreset_mode": AutoresetMode.SAME_STEP} if base is BrokenSync else {}
+    kind = type("Cluster", (Broken, base), {"change": staticmethod(change)})
+    keywords = {"autoreset_mode": AutoresetMode.SAME_STEP} if base is SyncVectorEnv else {}
     return kind([limited(env)] * N, **keywords)
 
 
@@ -61,19 +53,13 @@ BOTH = {
     "NaN": (put(0, (1, 0), np.nan), r", copy 1, step 5: entry \[0\] of the observation is nan, which is not finite"),
     "Inf": (put(0, (2, 1), np.inf), r", copy 2, step 5: entry \[1\] of the observation is inf"),
     "rows": (replace(0, np.zeros((2, 2))), rf", step 5: the observations are .*of shape \(2, 2\); {SHAPE}"),
-    "columns": (replace(0, np.zeros((3, 4))), rf", step 5: the observations are .*of shape \(3, 4\); {SHAPE}"),
-    "ragged": (replace(0, [[1], [2, 3], []]), rf", step 5: the observations are \[\[1\].*; {SHAPE}"),
     "no observation": (replace(0, None), f", step 5: the observations are None; {SHAPE}"),
     "NaN reward": (put(1, 2, np.nan), r", copy 2, step 5: the reward is nan, which is not finite"),
     "two rewards": (replace(1, np.zeros(2)), r", step 5: the reward is .*of shape \(2,\); it must be 3 of float"),
     "no reward": (replace(1, None), ", step 5: the reward is None; it must be 3 of float"),
-    "flags of numbers": (replace(2, np.zeros(3)), r", step 5: (terminated|dones) is .*; it must be 3 of bool"),
     "flags beyond 1": (replace(2, np.array([0, 1, 2])), r", step 5: (terminated|dones) is .*; it must be 3 of bool"),
     "one flag": (replace(2, False), ", step 5: (terminated|dones) is False; it must be 3 of bool"),
-    "two": (
-        lambda *answer: answer[:2],
-        r", step 5: step returned .*; it must return \(observations, rewards, .*infos\)",
-    ),
+    "two": (lambda *answer: answer[:2], r", step 5: step returned .*; it must return \(observations, .*infos\)"),
     "None": (lambda *_: None, ", step 5: step returned None; it must return"),
     "an error": (fail, ", step 5: step raised ZeroDivisionError: the cable"),
 }
@@ -88,10 +74,10 @@ def assert_named(base, change, message, env=Walk):
         envs.step(np.zeros((N, 2), np.float32))
 
 
-@pytest.mark.parametrize("base", [BrokenSync, BrokenDummy])
-@pytest.mark.parametrize("name", BOTH)
-def test_a_broken_vector_environment_is_named_by_copy_step_and_value(base, name):
-    assert_named(base, *BOTH[name])
+@pytest.mark.parametrize("base", [SyncVectorEnv, DummyVecEnv])
+def test_a_broken_vector_environment_is_named_by_copy_step_and_value(base):
+    for change, message in BOTH.values():
+        assert_named(base, change, message)
 
 
 FINAL = "is missing in info, where an episode ended"
@@ -113,41 +99,34 @@ def last(value):
     return {"final_obs": row}
 
 
-@pytest.mark.parametrize(
-    ("base", "infos", "message"),
-    [
-        (BrokenSync, {}, f"final_obs {FINAL}"),
-        (BrokenSync, None, f"final_obs {FINAL}"),
-        (BrokenSync, last(None), f"final_obs {FINAL}"),
-        (BrokenSync, last(np.zeros(3)), r"the observation is .* of shape \(3,\); the space is"),
-        (BrokenSync, last(np.array([0, np.nan])), r"entry \[1\] of the observation is nan"),
-        (BrokenDummy, [{}, {}, {}], f"terminal_observation {FINAL}"),
-        (BrokenDummy, [{}], f"terminal_observation {FINAL}"),
-        (BrokenDummy, [{}, {"terminal_observation": np.zeros(3)}, {}], r"the observation is .* of shape \(3,\)"),
-        (BrokenDummy, [{}, {"terminal_observation": [np.inf, 0]}, {}], r"entry \[0\] of the observation is inf"),
-    ],
-)
-def test_a_broken_final_observation_is_named(base, infos, message):
-    assert_named(base, end_with(infos), f", copy 1, step 5: {message}")
+def test_a_broken_final_observation_is_named():
+    shape = r"the observation is .* of shape \(3,\)"
+    for base, infos, message in (
+        (SyncVectorEnv, {}, f"final_obs {FINAL}"),
+        (SyncVectorEnv, None, f"final_obs {FINAL}"),
+        (SyncVectorEnv, last(None), f"final_obs {FINAL}"),
+        (SyncVectorEnv, last(np.zeros(3)), shape),
+        (SyncVectorEnv, last(np.array([0, np.nan])), r"entry \[1\] of the observation is nan"),
+        (DummyVecEnv, [{}, {}, {}], f"terminal_observation {FINAL}"),
+        (DummyVecEnv, [{}], f"terminal_observation {FINAL}"),
+        (DummyVecEnv, [{}, {"terminal_observation": np.zeros(3)}, {}], shape),
+        (DummyVecEnv, [{}, {"terminal_observation": [np.inf, 0]}, {}], r"entry \[0\] of the observation is inf"),
+    ):
+        assert_named(base, end_with(infos), f", copy 1, step 5: {message}")
 
 
-@pytest.mark.parametrize(
-    ("value", "message"),
-    [
+def test_a_broken_part_of_a_vector_environments_observation_is_named():
+    good = {"z": np.zeros(N), "a": np.zeros(N, int)}
+    for value, message in (
         (
-            {"z": np.array([0, np.nan, 0]), "a": np.zeros(N, int)},
+            good | {"z": np.array([0, np.nan, 0])},
             r", copy 1, step 5: the observation\['z'\] is nan, which is not finite",
         ),
-        (
-            {"z": np.zeros(N), "a": np.array([0, 0, 100])},
-            r", copy 2, step 5: .*\['a'\] is np.int64\(100\), which is not in",
-        ),
+        (good | {"a": np.array([0, 0, 100])}, r", copy 2, step 5: .*\['a'\] is np.int64\(100\), which is not in"),
         ({"z": np.zeros(N)}, r", step 5: the observations are \{'z'"),
         ({"z": np.zeros(2), "a": np.zeros(2, int)}, ", step 5: there are 2 observations for 3 copies"),
-    ],
-)
-def test_a_broken_part_of_a_vector_environments_observation_is_named(value, message):
-    assert_named(BrokenSync, replace(0, value), message, Named)
+    ):
+        assert_named(SyncVectorEnv, replace(0, value), message, Named)
 
 
 class Resetting(SyncVectorEnv):

@@ -6,8 +6,17 @@ import gymnasium
 import numpy as np
 from gymnasium.spaces import Box
 
+from galton.envs.host.gymnasium import GymnasiumTask
+
 LENGTH, N = 3, 3
 """Steps of an episode, and copies in most tests."""
+
+
+def box(low, high, dtype=np.float32):
+    return Box(np.array(low, dtype), np.array(high, dtype), dtype=dtype)
+
+
+UNIT = box([-1], [1])
 
 
 class Walk(gymnasium.Env):
@@ -31,6 +40,21 @@ class Walk(gymnasium.Env):
         self.position += float(action.sum()) + self.np_random.normal()
         self.t += 1
         return self.observe(), self.position, self.ends(), False, {}
+
+
+def kind(name, base=Walk, **members):
+    """A class of that name, a Walk with other members."""
+    return type(name, (base,), members)
+
+
+TALL = Box(np.array([[-1.0, 0.0], [0.0, -3.0]]), np.array([[2.0, 0.5], [4.0, 5.0]]), dtype=np.float64)
+Tall = kind(
+    "Tall",
+    action_space=TALL,
+    observation_space=Box(-1.0, 1.0, (2, 3)),
+    observe=lambda self: self.np_random.uniform(-1, 1, (2, 3)).astype(np.float32),
+)
+"""Actions of shape (2, 2) in float64, unsymmetric; observations of shape (2, 3)."""
 
 
 class Stateful(Walk):
@@ -101,6 +125,13 @@ def random_actions(n_copies, seed=0):
     rng = np.random.default_rng(seed)
     while True:
         yield rng.uniform(-1, 1, (n_copies, 1)).astype(np.float32)
+
+
+def begun(make, n_copies=N):
+    """That many copies at the start of their first episodes."""
+    envs = GymnasiumTask(make).make(n_copies)
+    envs.reset(np.arange(n_copies))
+    return envs
 
 
 def play(envs, n_steps, n_copies=N, seed=0):
