@@ -172,11 +172,3 @@ def test_a_start_of_any_width_is_finite(start):
     for log_std in (-12.0, 8.0):
         for box_units in (0.0, 1.0):
             assert np.isfinite(START(policy.replace(log_std_init=log_std, box_units=box_units))).all()
-
-
-@pytest.mark.slow
-def test_centers_on_the_bounds_are_the_actions():
-    policy = policy_on(-1.0, 3.0, n_bins=5, bin_centers="bounds")
-    certain = policy.distribution(50.0 * jnp.eye(5), {})
-    np.testing.assert_allclose(certain.deterministic_action()[:, 0], [-1, 0, 1, 2, 3])
-    np.testing.assert_allclose(certain.sample(jnp.full((5, 1), 0.5))[:, 0], [-1, 0, 1, 2, 3])
