@@ -66,29 +66,15 @@ def test_statistics_and_numbers_are_vec_normalizes():
     np.testing.assert_allclose(normalizer.discounted_return.variance, theirs.ret_rms.var, rtol=1e-3)
 
 
-def test_moments_are_numpys_over_all_samples():
-    rng, samples = np.random.default_rng(0), []
-    moments = normalization.Moments(jnp.zeros(3), jnp.ones(3), jnp.float32(1e-4))
-    update = jax.jit(normalization.update_moments)
-    for _ in range(500):
-        samples.append((rng.normal(size=(4, 3)) * [1, 10, 0.1] + [0, 30, 7]).astype(np.float32))
-        moments = update(moments, samples[-1])
-    samples = np.concatenate(samples)
-    np.testing.assert_allclose(moments.mean, samples.mean(0), rtol=1e-3, atol=1e-3)
-    np.testing.assert_allclose(moments.variance, samples.var(0), rtol=1e-3)
-
-
+@jax.jit
 def seen_by_a_run(samples):
     """The normaliser after samples `[T, N, o]`, the first of which the run begins with."""
 
     def count_one(normalizer, x):
-        return normalization.observe(normalizer, normalization.from_origin(normalizer, x))
+        return normalization.observe(normalizer, normalization.from_origin(normalizer, x)), None
 
-    def count(samples):
-        normalizer = normalization.begin(normalization.init(samples.shape[-1], 1, True, False), samples[0])
-        return jax.lax.scan(lambda n, x: (count_one(n, x), None), normalizer, samples[1:])[0]
-
-    return jax.jit(count)(jnp.asarray(samples))
+    normalizer = normalization.begin(normalization.init(samples.shape[-1], 1, True, False), samples[0])
+    return jax.lax.scan(count_one, normalizer, samples[1:])[0]
 
 
 def test_statistics_follow_a_mean_that_moves_far_from_zero():

@@ -289,11 +289,6 @@ def test_words_come_back_from_the_agent_that_is_read_of_them(word, key):
     assert words_of(agent(words)) == found
 
 
-def test_numbers_of_several_runs_come_back_too():
-    rates = np.array([0.1, 0.2])
-    assert words_of(read({"learning_rate": rates}))["learning_rate"] is rates
-
-
 def test_a_word_may_be_the_part_itself():
     for loss in (HLGauss(eta=2.0), HLGauss(target_tails="edges")):
         words = {name: getattr(loss, name) for name in parts.settings(HLGauss)}

@@ -108,17 +108,6 @@ def test_every_layout_is_scipys_gaussian_over_its_bins_and_so_is_the_short_cut_f
             assert (found >= 0).all()
 
 
-@pytest.mark.slow
-def test_each_dimension_has_its_own_bounds_and_any_batch_shape():
-    bins = Bins([-1.0, 0.0, -5.0], [1.0, 10.0, -4.0], 20)
-    action = jax.random.uniform(jax.random.key(0), (3, 5, 3), minval=-6, maxval=11)
-    whole = targets.hl_gauss(bins, action, 0.75)
-    for i in range(3):
-        alone = targets.hl_gauss(Bins(bins.low[i], bins.high[i], 20), action[..., i : i + 1], 0.75)
-        np.testing.assert_allclose(whole[..., i, :], alone[..., 0, :], atol=1e-6)
-    assert targets.one_hot(bins, action).shape == (3, 5, 3, 20)
-
-
 MISSPELT = """
 import jax.numpy as jnp
 from galton import Bins
