@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.special import softmax
 from scipy.stats import multivariate_normal
 
-from galton import LOSSES, Bins, UsageError, losses, targets
+from galton import LOSSES, Bins, losses, targets
 from galton.policies import Gaussian, Histogram
 from galton.policies.histogram import Choices
 
@@ -128,8 +128,3 @@ def test_off_center_actions_get_the_target_around_themselves(choice):
 
 def test_no_gradient_flows_through_the_advantage():
     assert float(jax.grad(lambda a: losses.surrogate(a, jnp.full(3, 2.0)))(jnp.ones(3)).sum()) == 0
-
-
-def test_an_unknown_loss_is_named():
-    with pytest.raises(UsageError, match="loss is 'ppo'; choose from gaussian"):
-        losses.find_loss("ppo")

@@ -11,7 +11,6 @@ from safetensors.numpy import load_file
 from galton import A2C, PPO, UsageError, make_agent, train
 from galton.algorithms import ppo
 
-from ..agents import agent as agent_on
 from ..swing import stateful_swing
 from .minibatches import SIZE, N, T, agent_of, fit, moved, orders_of, prepare, rollout_of
 
@@ -98,11 +97,6 @@ def test_ppos_options_are_refused_where_a2c_trains(option):
     with pytest.raises(UsageError, match=rf"{name} is {value}; it goes with algorithm 'ppo', not 'a2c'"):
         train("lqr", make_agent(**option), [0], 100)
     assert name in inspect.signature(PPO).parameters
-
-
-def test_an_unknown_algorithm_is_refused():
-    with pytest.raises(UsageError, match="algorithm is 'trpo'; choose from a2c, ppo"):
-        agent_on({"algorithm": "trpo"})
 
 
 def tell(logs):
