@@ -188,12 +188,12 @@ REFUSED = [
 
 
 @pytest.mark.parametrize(("make", "message"), REFUSED)
-def test_what_could_only_fail_later_is_refused_before_training(make, message, model, tmp_path):
+def test_what_could_only_fail_later_is_refused_before_training(make, message, tmp_path):
     (tmp_path / "file").touch()
-    first = model.num_timesteps
+    run = A2C("lqr", "hl-gauss", n_bins=10, net_arch=(8,), n_steps=10)
     with pytest.raises(UsageError, match=message):
-        model.learn(100, make(tmp_path), progress_bar=False)
-    assert model.num_timesteps == first
+        run.learn(100, make(tmp_path), progress_bar=False)
+    assert run.num_timesteps == 0
 
 
 def test_callbacks_are_called_in_order_and_share_the_log(model):
