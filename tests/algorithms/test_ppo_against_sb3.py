@@ -41,7 +41,7 @@ TOLD = {
 class Sides:
     """SB3's PPO and ours with the same settings and weights."""
 
-    def __init__(self, monkeypatch, loss, *, normalize_advantage=True, target_kl=None, total=None, scheduled=None):
+    def __init__(self, monkeypatch, loss, *, normalize_advantage=True, target_kl=None, total=None):
         self.discrete, self.total = loss == "hl-one-hot", total
         self.envs = [Recorder(self.discrete) for _ in range(N)]
         self.model = stable_baselines3.PPO(
@@ -49,9 +49,7 @@ class Sides:
             vector_of(self.envs),
             normalize_advantage=normalize_advantage,
             target_kl=target_kl,
-            **SAME
-            | ({"learning_rate": lambda left: RATE * left} if total else {})
-            | {name: theirs for name, (theirs, _) in (scheduled or {}).items()},
+            **SAME | ({"learning_rate": lambda left: RATE * left} if total else {}),
             seed=3,
             device="cpu",
         )
@@ -65,8 +63,8 @@ class Sides:
             n_envs=N,
             normalize_advantage=normalize_advantage,
             target_kl=target_kl or np.inf,
-            decay_steps=0 if scheduled else total or 0,
-            **SAME | {name: ours for name, (_, ours) in (scheduled or {}).items()},
+            decay_steps=total or 0,
+            **SAME,
         )
         self.agent = agent.on(Box.of(LOW, HIGH))
         self.run, _ = begin(self.agent, 3, jnp.uint32(0))
