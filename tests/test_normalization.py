@@ -10,9 +10,7 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 
 import galton
-from galton import make_agent, normalization
-from galton.envs import find
-from galton.training.on_host import HostPopulation
+from galton import normalization
 
 N = 3
 receive = jax.jit(normalization.receive)
@@ -162,18 +160,3 @@ def test_what_is_off_costs_and_changes_nothing(flags):
     assert bool(after.discounted_return) == flags[1]
     assert flags[0] or (np.asarray(final) == raw).all()
     assert flags[1] or (np.asarray(scaled) == reward).all()
-
-
-@pytest.mark.slow
-def test_the_host_loop_records_standardised_observations():
-    task = find(lambda: gymnasium.wrappers.TimeLimit(Drift(), 100))
-    agent = make_agent(loss="gaussian", n_envs=2, n_steps=50, net_arch=(4,), normalize_observation=True)
-    agent = jax.tree.map(lambda number: np.full(1, number, np.float32), agent).on(task.actions.box)
-    population = HostPopulation(task, agent, [0], jax.devices())
-    population.advance(20)
-    moments = population.learner.normalizer.observation
-    np.testing.assert_allclose(population.learner.normalizer.origin[0] + moments.mean[0], [5, -200], rtol=0.2)
-    np.testing.assert_allclose(np.sqrt(moments.variance[0]), [1e-2, 1e3], rtol=0.1)
-    batch = population._groups[0]._batch
-    np.testing.assert_allclose(batch.observation[0].reshape(-1, 2).std(0), 1, atol=0.25)
-    assert np.abs(batch.observation).max() <= 10

@@ -109,18 +109,6 @@ def test_a_constant_schedule_is_the_number_and_one_that_changes_is_not(env):
 
 
 @pytest.mark.slow
-def test_a_run_with_schedules_resumed_in_the_middle_is_equal_to_the_bit(tmp_path):
-    own = {"learning_rate": Cosine(1e-2, 1e-3, 400), "eta": Step(2.0, 0.5, 200), "ent_coef": Linear(0.1, 0.0, 300)}
-    whole = A2C("lqr", **SMALL, **own).learn(400, progress_bar=False)
-    half = A2C("lqr", **SMALL, **own).learn(200, progress_bar=False)
-    again = A2C.load(half.save(tmp_path / "model"), "lqr")
-    assert again.settings == half.settings
-    again.learn(200, progress_bar=False)
-    for ours, theirs in zip(jax.tree.leaves(whole.learner), jax.tree.leaves(again.learner), strict=True):
-        np.testing.assert_array_equal(ours, theirs)
-
-
-@pytest.mark.slow
 def test_a_function_of_what_remains_is_understood_where_it_is_linear():
     model = PPO("lqr", "gaussian", n_steps=64, learning_rate=lambda left: 1e-3 * left, clip_range=lambda _: 0.1)
     assert model.settings["learning_rate"] == Linear(1e-3, 0.0)

@@ -1,6 +1,4 @@
 import itertools
-import subprocess
-import sys
 import typing
 
 import jax
@@ -69,15 +67,6 @@ def test_hl_gauss_equals_scipys_normal_cdf_in_float64():
             np.testing.assert_allclose(target(eta)[:, 0], reference(-3.3, 12.9, 100, action, eta), atol=1e-12)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("k", [2, 50, 200])
-@pytest.mark.parametrize("eta", [0.01, 0.05, 0.1])
-def test_narrow_targets_are_one_hot_at_bin_centers(k, eta):
-    bins = Bins([-1.0, 2.0], [1.0, 7.0], k)
-    action = jnp.asarray(bins.centers.T)
-    np.testing.assert_allclose(targets.hl_gauss(bins, action, eta), targets.one_hot(bins, action), atol=1e-5)
-
-
 LAYOUTS = [
     (k, *layout)
     for k in (7, 100, 200, 2)
@@ -106,35 +95,6 @@ def test_every_layout_is_scipys_gaussian_over_its_bins_and_so_is_the_short_cut_f
         for found in (whole, short):
             np.testing.assert_allclose(found.sum(-1), 1, atol=1e-6)
             assert (found >= 0).all()
-
-
-MISSPELT = """
-import jax.numpy as jnp
-from galton import Bins
-from galton.targets import hl_gauss, hl_gauss_of_center, mean_of_centers
-bins, action = Bins(-1.0, 1.0, 5), jnp.zeros(1)
-for call in (
-    lambda: Bins(-1.0, 1.0, 5, "bound"),
-    lambda: hl_gauss(bins, action, 1.0, "edge"),
-    lambda: hl_gauss_of_center(5, jnp.array(2), 1.0, "edge"),
-    lambda: mean_of_centers(jnp.ones((1, 5)) / 5, jnp.ones(1), "rescaled", "bound"),
-):
-    try:
-        print(call())
-    except ValueError as error:
-        print(error)
-"""
-
-
-@pytest.mark.slow
-def test_a_misspelt_layout_is_refused_where_types_are_not_checked_too():
-    done = subprocess.run([sys.executable, "-c", MISSPELT], capture_output=True, text=True, check=True)
-    assert done.stdout.splitlines() == [
-        "bin_centers is 'bound'; choose from inside, bounds; did you mean bounds?",
-        "tails is 'edge'; choose from rescaled, edges; did you mean edges?",
-        "tails is 'edge'; choose from rescaled, edges; did you mean edges?",
-        "centers is 'bound'; choose from inside, bounds; did you mean bounds?",
-    ]
 
 
 def test_eta_must_be_positive():

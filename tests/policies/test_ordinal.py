@@ -51,21 +51,6 @@ def test_init_gaussian_starts_like_the_softmax_policy_which_starts_like_the_gaus
 
 
 @pytest.mark.slow
-def test_everything_but_the_logits_is_the_softmax_policys():
-    ordinal = policy(bin_sample="uniform", exploration="softmax", deterministic_action="mean")
-    plain = HistogramPolicy(n_bins=K, bin_sample="uniform", deterministic_action="mean").on(Box.of(LOW, HIGH))
-    outputs = jax.random.normal(jax.random.key(2), (4, 2 * K))
-    ours = ordinal.distribution(outputs, {})
-    sums = jnp.cumsum(outputs.reshape(4, 2, K), -1).reshape(4, 2 * K)
-    theirs = plain.distribution(sums, {})
-    noise = ordinal.noise(jax.random.key(3), (4,))
-    np.testing.assert_array_equal(noise, plain.noise(jax.random.key(3), (4,)))
-    np.testing.assert_array_equal(ours.sample(noise), theirs.sample(noise))
-    np.testing.assert_array_equal(ours.deterministic_action(), theirs.deterministic_action())
-    assert ordinal.n_outputs == plain.n_outputs == 2 * K
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize("scale", [0.0, 1.0, 30.0])
 @pytest.mark.parametrize("loss", HISTOGRAM)
 def test_the_gradient_of_every_histogram_loss_is_finite(loss, scale):
