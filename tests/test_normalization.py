@@ -93,6 +93,14 @@ def test_an_offset_leaves_the_deviation_what_it_is(offset):
     np.testing.assert_allclose([numbers.mean(), numbers.std()], [0, 1], atol=2e-3)
 
 
+def test_float64_observations_on_the_host_lose_their_digits_after_the_origin_is_taken_away():
+    origin, moved = np.float64([[1.7e9]]), np.linspace(-2, 2, 9)[None, :, None]
+    normalizer = normalization.init(1, 1, True, False)._replace(origin=origin)
+    found = normalization.from_origin_on_host(normalizer, origin + moved)
+    assert found.dtype == np.float32
+    np.testing.assert_allclose(found, moved, atol=1e-6)
+
+
 class Late(gymnasium.Env):
     """A point that actions move about, seen in float64 from far away, such as a time since 1970."""
 
