@@ -50,20 +50,8 @@ for call in asked:
 """
 
 STUDIES = f"{extras.installing('experiments')}\n"
-FEW = [
-    "--algorithm",
-    "a2c",
-    "--steps",
-    "200",
-    "--logs",
-    "1",
-    "--eval-episodes",
-    "1",
-    "--net-arch",
-    "4",
-    "--n-bins",
-    "5",
-]
+FEW = ["--algorithm", "a2c", "--steps", "200", "--logs", "1"]
+FEW += ["--eval-episodes", "1", "--net-arch", "4", "--n-bins", "5"]
 EXPORT = "import galton.deploy; galton.deploy.export(galton.A2C('bandit'), 'policy')"
 WANDB = "import galton; galton.callbacks.WeightsAndBiases()"
 

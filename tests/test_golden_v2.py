@@ -13,7 +13,8 @@ from galton.models import Model
 from galton_experiments.sweep.plan import Plan
 from galton_experiments.sweep.store import Store
 
-from .golden.files import CLOSE, V2, arrays, by_path, check_close, check_settings, command, record
+from .golden.files import CLOSE, V2, arrays, by_path, check_close, command, record
+from .test_golden import check_model, learnt
 from .test_golden_sweeps import check_rows, rows
 
 CHECKPOINTS = record("checkpoints.json", V2)
@@ -24,34 +25,22 @@ def load(name, env=None):
     return KINDS[CHECKPOINTS[name]["class"]].load(V2 / "checkpoints" / f"{name}.safetensors", env)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", CHECKPOINTS)
 def test_a_model_is_what_it_was_and_predicts_what_it_did(name):
-    known, model = CHECKPOINTS[name], load(name)
-    check_settings(model.settings, known["config"] | known["hypers"])
-    assert (model.seed, model.num_timesteps) == (known["seed"], known["step"])
-    found, golden = by_path(model.learner.params), arrays("checkpoints.npz", f"{name}/before/", V2)
-    assert {key: values.tobytes() for key, values in found.items()} == {
-        key: values.tobytes() for key, values in golden.items()
-    }
-    observation = np.float32(known["observation"])
-    np.testing.assert_allclose(model.predict(observation, deterministic=True)[0], known["deterministic"], **CLOSE)
-    np.testing.assert_allclose(model.predict(observation)[0], known["explored"], **CLOSE)
+    check_model(load(name), CHECKPOINTS[name], arrays("checkpoints.npz", f"{name}/before/", V2))
 
 
-@pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=pytest.mark.slow if name != "ppo-gaussian" else ()) for name in CHECKPOINTS]
-)
+@pytest.mark.few
+@pytest.mark.parametrize("name", sorted(CHECKPOINTS, key=lambda name: name != "ppo-gaussian"))
 def test_a_model_goes_on_as_it_did(name):
-    known, logs = CHECKPOINTS[name], []
-    model = load(name, known["env"])
-    note = lambda _, log: logs.append(log)  # noqa: E731
-    model.learn(known["more"], note, progress_bar=False, log_interval=known["log_interval"])
-    found, golden = by_path(model.learner.params), arrays("checkpoints.npz", f"{name}/after/", V2)
+    known = CHECKPOINTS[name]
+    log, found = learnt(load(name, known["env"]), known)
+    golden = arrays("checkpoints.npz", f"{name}/after/", V2)
     if known["config"]["policy"] == "ordinal":
         for each in (found, golden):  # the first output of a dimension shifts all bins alike: Adam moves it by rounding
             each |= {key: each[key][..., np.arange(22) % 11 > 0] for key in ("actor/1/bias", "actor/1/kernel")}
     check_close(found, golden)
-    log = {key: np.array([point[key] for point in logs]) for key in logs[0]}
     check_close(log, arrays("checkpoints.npz", f"{name}/log/", V2))
 
 

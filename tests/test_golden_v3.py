@@ -13,7 +13,8 @@ from galton_experiments.benchmark.draws import draws
 from galton_experiments.benchmark.reading import read
 from galton_experiments.sweep.study import Setting
 
-from .golden.files import CLOSE, V3, arrays, by_path, check_close, check_settings, command, record
+from .golden.files import CLOSE, V3, arrays, check_close, command, record
+from .test_golden import check_model, learnt
 
 CHECKPOINTS, NAMES = record("checkpoints.json", V3), record("names.json", V3)
 KINDS = {"A2C": galton.A2C, "PPO": galton.PPO}
@@ -28,17 +29,7 @@ def load(name, env=None):
 @pytest.mark.few
 @pytest.mark.parametrize("name", CHECKPOINTS)
 def test_a_model_is_what_it_was_and_predicts_what_it_did(name):
-    known, model = CHECKPOINTS[name], load(name)
-    numbers = {name: float(value) for name, value in known["hypers"].items()}  # infinity is a word there
-    check_settings(model.settings, known["config"] | numbers)
-    assert (model.seed, model.num_timesteps) == (known["seed"], known["step"])
-    found, golden = by_path(model.learner.params), arrays("checkpoints.npz", f"{name}/before/params/", V3)
-    assert {key: values.tobytes() for key, values in found.items()} == {
-        key: values.tobytes() for key, values in golden.items()
-    }
-    observation = np.array(known["observation"])
-    np.testing.assert_allclose(model.predict(observation, deterministic=True)[0], known["deterministic"], **CLOSE)
-    np.testing.assert_allclose(model.predict(observation)[0], known["explored"], **CLOSE)
+    check_model(load(name), CHECKPOINTS[name], arrays("checkpoints.npz", f"{name}/before/params/", V3))
 
 
 @pytest.mark.few
@@ -46,15 +37,11 @@ def test_a_model_is_what_it_was_and_predicts_what_it_did(name):
     "name", [pytest.param(name, marks=pytest.mark.slow if name not in QUICK else ()) for name in CHECKPOINTS]
 )
 def test_a_model_goes_on_as_it_did(name):
-    known, logs = CHECKPOINTS[name], []
+    known = CHECKPOINTS[name]
     if known["env"].endswith("-v5"):
         pytest.importorskip("mujoco")
-    model = load(name, known["env"])
-    note = lambda _, log: logs.append(log)  # noqa: E731
-    model.learn(known["more"], note, progress_bar=False, log_interval=known["log_interval"])
-    model.close()
-    check_close(by_path(model.learner.params), arrays("checkpoints.npz", f"{name}/after/params/", V3))
-    log = {key: np.array([point[key] for point in logs]) for key in logs[0]}
+    log, params = learnt(load(name, known["env"]), known)
+    check_close(params, arrays("checkpoints.npz", f"{name}/after/params/", V3))
     check_close(log, arrays("checkpoints.npz", f"{name}/log/", V3))
 
 

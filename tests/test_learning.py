@@ -6,7 +6,6 @@ import pytest
 from galton import LOSSES, make_agent, train
 from galton.envs import LQR, Acrobot, Bandit
 
-PAPER = [name for name, loss in LOSSES.items() if loss.in_paper]
 RATES = (1e-4, 3e-4, 7e-4, 1e-3)
 
 
@@ -18,11 +17,8 @@ def best_mean(env, rates, n_seeds, steps, **words):
     return np.max(np.nan_to_num(final.reshape(len(rates), n_seeds).mean(1), nan=-np.inf))
 
 
-FAST = ("hl-gauss",)
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize("loss", [pytest.param(x, marks=[] if x in FAST else pytest.mark.slow) for x in LOSSES])
+@pytest.mark.parametrize("loss", LOSSES)
 def test_every_loss_solves_the_bandit(loss):
     words = {"loss": loss, "eta": 0.75, "n_steps": 5, "net_arch": ()}
     assert best_mean(Bandit(), (0.01, 0.05, 0.1, 1.0), 20, 2_000, **words) > 25 - 1.5

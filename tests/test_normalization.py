@@ -10,9 +10,7 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 
 import galton
-from galton import make_agent, normalization
-from galton.envs import find
-from galton.training.on_host import HostPopulation
+from galton import normalization
 
 N = 3
 receive = jax.jit(normalization.receive)
@@ -66,29 +64,15 @@ def test_statistics_and_numbers_are_vec_normalizes():
     np.testing.assert_allclose(normalizer.discounted_return.variance, theirs.ret_rms.var, rtol=1e-3)
 
 
-def test_moments_are_numpys_over_all_samples():
-    rng, samples = np.random.default_rng(0), []
-    moments = normalization.Moments(jnp.zeros(3), jnp.ones(3), jnp.float32(1e-4))
-    update = jax.jit(normalization.update_moments)
-    for _ in range(500):
-        samples.append((rng.normal(size=(4, 3)) * [1, 10, 0.1] + [0, 30, 7]).astype(np.float32))
-        moments = update(moments, samples[-1])
-    samples = np.concatenate(samples)
-    np.testing.assert_allclose(moments.mean, samples.mean(0), rtol=1e-3, atol=1e-3)
-    np.testing.assert_allclose(moments.variance, samples.var(0), rtol=1e-3)
-
-
+@jax.jit
 def seen_by_a_run(samples):
     """The normaliser after samples `[T, N, o]`, the first of which the run begins with."""
 
     def count_one(normalizer, x):
-        return normalization.observe(normalizer, normalization.from_origin(normalizer, x))
+        return normalization.observe(normalizer, normalization.from_origin(normalizer, x)), None
 
-    def count(samples):
-        normalizer = normalization.begin(normalization.init(samples.shape[-1], 1, True, False), samples[0])
-        return jax.lax.scan(lambda n, x: (count_one(n, x), None), normalizer, samples[1:])[0]
-
-    return jax.jit(count)(jnp.asarray(samples))
+    normalizer = normalization.begin(normalization.init(samples.shape[-1], 1, True, False), samples[0])
+    return jax.lax.scan(count_one, normalizer, samples[1:])[0]
 
 
 def test_statistics_follow_a_mean_that_moves_far_from_zero():
@@ -107,6 +91,14 @@ def test_an_offset_leaves_the_deviation_what_it_is(offset):
     np.testing.assert_allclose(np.sqrt(normalizer.observation.variance), samples.astype(np.float64).std(), rtol=1e-3)
     numbers = np.asarray(standardise(normalizer, samples), np.float64)
     np.testing.assert_allclose([numbers.mean(), numbers.std()], [0, 1], atol=2e-3)
+
+
+def test_float64_observations_on_the_host_lose_their_digits_after_the_origin_is_taken_away():
+    origin, moved = np.float64([[1.7e9]]), np.linspace(-2, 2, 9)[None, :, None]
+    normalizer = normalization.init(1, 1, True, False)._replace(origin=origin)
+    found = normalization.from_origin_on_host(normalizer, origin + moved)
+    assert found.dtype == np.float32
+    np.testing.assert_allclose(found, moved, atol=1e-6)
 
 
 class Late(gymnasium.Env):
@@ -176,18 +168,3 @@ def test_what_is_off_costs_and_changes_nothing(flags):
     assert bool(after.discounted_return) == flags[1]
     assert flags[0] or (np.asarray(final) == raw).all()
     assert flags[1] or (np.asarray(scaled) == reward).all()
-
-
-@pytest.mark.slow
-def test_the_host_loop_records_standardised_observations():
-    task = find(lambda: gymnasium.wrappers.TimeLimit(Drift(), 100))
-    agent = make_agent(loss="gaussian", n_envs=2, n_steps=50, net_arch=(4,), normalize_observation=True)
-    agent = jax.tree.map(lambda number: np.full(1, number, np.float32), agent).on(task.actions.box)
-    population = HostPopulation(task, agent, [0], jax.devices())
-    population.advance(20)
-    moments = population.learner.normalizer.observation
-    np.testing.assert_allclose(population.learner.normalizer.origin[0] + moments.mean[0], [5, -200], rtol=0.2)
-    np.testing.assert_allclose(np.sqrt(moments.variance[0]), [1e-2, 1e3], rtol=0.1)
-    batch = population._groups[0]._batch
-    np.testing.assert_allclose(batch.observation[0].reshape(-1, 2).std(0), 1, atol=0.25)
-    assert np.abs(batch.observation).max() <= 10

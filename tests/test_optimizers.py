@@ -7,8 +7,7 @@ import pytest
 import torch
 from stable_baselines3.common.sb2_compat.rmsprop_tf_like import RMSpropTFLike
 
-from galton import A2C
-from galton.optimizers import OPTIMIZERS, Adam, AdamW, RMSprop, count
+from galton.optimizers import Adam, AdamW, RMSprop, count
 
 RATE = 0.02
 THEIRS = {
@@ -37,27 +36,3 @@ def test_twenty_steps_are_those_of_torch(ours, theirs):
     assert int(count(state)) == 20
     for found, weight in zip(params.values(), weights, strict=True):
         np.testing.assert_allclose(found, weight.detach(), rtol=1e-5, atol=1e-6)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", OPTIMIZERS)
-def test_a_resumed_run_is_equal_to_the_bit(name, tmp_path):
-    own = {"optimizer": name, "n_bins": 9, "net_arch": (8,), "learning_rate": 0.01}
-    whole = A2C("lqr", "hl-gauss", **own).learn(200, progress_bar=False)
-    cut = A2C("lqr", "hl-gauss", **own).learn(100, progress_bar=False)
-    again = A2C.load(cut.save(tmp_path / "model"), "lqr").learn(100, progress_bar=False)
-    for ours, theirs in zip(jax.tree.leaves(whole.learner), jax.tree.leaves(again.learner), strict=True):
-        np.testing.assert_array_equal(ours, theirs)
-
-
-@pytest.mark.slow
-def test_the_decay_of_weights_is_a_number_of_each_run():
-    optimizer = AdamW(RATE, weight_decay=np.array([0.0, 0.5], np.float32))
-    params = {"critic": jnp.ones(3)}
-    gradient = {"critic": jnp.zeros(3)}
-
-    def moved(one):
-        return one.step(params, one.init(params), gradient)[0]["critic"]
-
-    one_each = jax.tree.map(lambda number: np.broadcast_to(np.float32(number), 2), optimizer)
-    np.testing.assert_allclose(jax.vmap(moved)(one_each)[:, 0], [1.0, 1 - RATE * 0.5], rtol=1e-6)

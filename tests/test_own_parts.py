@@ -2,8 +2,6 @@
 
 import importlib
 import json
-import os
-import subprocess
 import sys
 from pathlib import Path
 
@@ -13,8 +11,8 @@ import pytest
 
 import galton
 from galton import Model, UsageError
+from galton.cli._words import run_command
 from galton.deploy import export
-from galton.types import Share
 from galton.words import CHOICES, vocabulary
 from galton_experiments.benchmark import draws, reading
 from galton_experiments.sweep.grid import expand
@@ -76,16 +74,14 @@ def test_it_trains_is_saved_goes_on_and_is_exported_or_says_why_not(registered, 
 
 
 @pytest.mark.few
-@pytest.mark.parametrize("part", OWN)
-def test_its_settings_are_options_of_the_command_line(part, tmp_path):
-    name, words = OWN[part]
+@everywhere
+def test_its_settings_are_options_of_the_command_line(registered, tmp_path):
+    _, name, words = registered
     options = {"loss": "hl-one-hot", "algorithm": "a2c"} | words | SMALL
     typed = [word for option, value in options.items() for word in (f"--{option.replace('_', '-')}", str(value))]
-    run = ["--steps", "20", "--logs", "1", "--eval-episodes", "1", "--out", tmp_path / "r", "--imports", name]
-    path = os.pathsep.join(map(str, (*FOLDERS, os.environ.get("PYTHONPATH", ""))))
-    command = [sys.executable, "-m", "galton", "train", "lqr", *typed, *map(str, run)]
-    done = subprocess.run(command, env=os.environ | {"PYTHONPATH": path}, capture_output=True, text=True, timeout=300)
-    assert done.returncode == 0, done.stderr
+    run = ["--steps", "20", "--logs", "1", "--eval-episodes", "1", "--out", str(tmp_path / "r"), "--imports", name]
+    del sys.modules[name]
+    run_command("galton.cli.train", ["lqr", *typed, *run])
     told = json.loads((tmp_path / "r" / "config.json").read_text())
     assert words.items() <= (told["config"] | told["hypers"] | {"loss": told["loss"], "algorithm": "awr"}).items()
 
@@ -125,25 +121,6 @@ def test_its_settings_are_drawn_by_a_benchmark(registered):
     settings = [draws.setting(protocol, protocol.methods[1], each, protocol.tasks[0], fresh=False) for each in drawn]
     assert [setting.agent.loss.smoothing for setting in settings] == [each["smoothing"] for each in drawn]
     assert len({setting["smoothing"] for setting in settings}) == 3
-
-
-@pytest.mark.slow
-def test_a_part_without_a_name_trains_and_says_why_it_is_not_saved(tmp_path):
-    class Halved(galton.losses.HLGauss):
-        """Half of HL-Gauss."""
-
-        share: Share = 0.5
-
-        def __call__(self, distribution, action):
-            return self.share * super().__call__(distribution, action)
-
-    model = galton.A2C("lqr", Halved(eta=2.0, share=0.25), n_bins=9).learn(40, progress_bar=False)
-    assert model.agent.loss.share == 0.25
-    assert "Halved(eta=2.0" in repr(model)
-    with pytest.raises(
-        UsageError, match=r"^loss is .*Halved\(eta=2.0, .*, and files hold names; give its class a line in"
-    ):
-        model.save(tmp_path / "model")
 
 
 @pytest.mark.slow

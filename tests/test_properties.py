@@ -20,10 +20,6 @@ from galton.envs.host.observations import Observations
 from galton.envs.host.space_json import from_json, to_json
 from galton.saving import checkpoint
 from galton.words import vocabulary
-from galton_experiments.sweep.grid import read_grid
-from galton_experiments.sweep.plan import Plan
-from galton_experiments.sweep.store import Store
-from galton_experiments.sweep.study import Setting, Study
 
 DTYPES = st.sampled_from([np.float16, np.float32, np.float64])
 SHAPES = hnp.array_shapes(min_dims=0, max_dims=3, max_side=4)
@@ -169,38 +165,3 @@ def test_a_checkpoint_comes_back_as_it_was_and_with_any_byte_changed_not_at_all(
     path.write_bytes(content)
     with pytest.raises(CheckpointError):
         checkpoint.read(path)
-
-
-SETTINGS = st.fixed_dictionaries(
-    {"learning_rate": st.floats(0, 1e3), "gamma": st.floats(0, 1), "n_bins": st.integers(2, 10**6)},
-    optional={
-        "eta": st.floats(1e-30, 1e30),
-        "loss": st.sampled_from([*galton.LOSSES]),
-        "net_arch": st.lists(st.integers(1, 9), max_size=3),
-        "normalize_reward": st.booleans(),
-        "deterministic_action": st.sampled_from(["mode", "mean", "median"]),
-        "log_std_min": st.floats(-10, 10) | st.just(-math.inf),
-    },
-)
-
-
-@pytest.mark.slow
-@settings(max_examples=30)
-@given(st.lists(SETTINGS, min_size=1, max_size=4), st.integers(1, 3), st.integers(0, 2**63 - 1), st.integers(1, 9))
-def test_settings_come_back_from_a_grid_a_plan_and_their_records(place, rows, trials, seed, width):
-    wanted = tuple(dict.fromkeys(map(Setting, rows)))
-    path = place / "grid.toml"
-    path.write_text("".join("[[grid]]\n" + "".join(f"{k} = {toml(v)}\n" for k, v in row.items()) for row in rows))
-    assert read_grid(path, {}) == wanted
-    assert [Setting(json.loads(json.dumps(setting.record()))) for setting in wanted] == [*wanted]
-    plan = Plan.create(Study("bandit", wanted, trials, 40, 2, 1, seed=seed), width)
-    store = Store(str(place))
-    plan.save(store)
-    again = Plan.load(store)
-    assert (again.study, again.shard_width, again.names) == (plan.study, width, plan.names)
-    for name in ("shard", "setting", "trial", "seed"):
-        np.testing.assert_array_equal(getattr(again, name), getattr(plan, name))
-
-
-def toml(value):
-    return "-inf" if value == -math.inf else json.dumps(value)

@@ -12,6 +12,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
 import pytest
 from safetensors import safe_open
 from safetensors.numpy import load_file
@@ -20,6 +21,7 @@ import galton
 from galton import A2C, PPO, CheckpointError, NewerVersionError
 from galton.saving import checkpoint
 from galton_experiments.sweep.plan import Plan
+from galton_experiments.sweep.results import same_columns
 from galton_experiments.sweep.store import Store
 
 HERE = Path(__file__).parent
@@ -75,7 +77,7 @@ def written(versions, tmp_path_factory):
     return folder, first, write(grown, folder / "grown", folder / "today")
 
 
-@pytest.fixture(scope="module", params=["newer_choice", pytest.param("newer_number", marks=pytest.mark.slow)])
+@pytest.fixture(scope="module", params=FIELDS)
 def newer(versions, tmp_path_factory, request):
     """What the grown version wrote with a field that is not at its default, and the field."""
     folder = tmp_path_factory.mktemp("newer") / request.param
@@ -96,6 +98,7 @@ def test_names_seeds_and_the_plans_bytes_stay_when_a_field_is_added(written, wha
     assert grown[what] == first[what]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["a2c", "ppo"])
 def test_a_checkpoints_settings_and_weights_stay_when_a_field_is_added(written, name):
     folder = written[0]
@@ -108,6 +111,7 @@ def test_a_checkpoints_settings_and_weights_stay_when_a_field_is_added(written, 
         np.testing.assert_allclose(grown[key], values, rtol=1e-6, atol=1e-7, err_msg=key)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["a2c", "ppo"])
 def test_a_model_goes_on_where_its_algorithm_has_learnt_to_tell_more(written, name):
     logs = written[2]["logs"][name]
@@ -119,6 +123,7 @@ def test_a_model_goes_on_where_its_algorithm_has_learnt_to_tell_more(written, na
     assert np.isfinite(logs[0]["train/entropy"])
 
 
+@pytest.mark.slow
 def test_finished_shards_count_and_stand_in_one_table_with_new_ones(written):
     *_, grown = written
     assert grown["sweep"]["counted"] == [0]
@@ -145,7 +150,18 @@ def test_files_with_a_field_that_this_version_does_not_know_are_called_newer(new
     refused(field, lambda: Plan.load(Store(str(folder / "sweep"))))
 
 
-def test_a_setting_of_a_checkpoint_that_this_version_does_not_know_is_called_newer(written, tmp_path):
-    settings, arrays = checkpoint.read(written[0] / "today" / "a2c.safetensors")
+def test_a_setting_of_a_checkpoint_that_this_version_does_not_know_is_called_newer(tmp_path):
+    settings, arrays = checkpoint.read(A2C("bandit", "gaussian", net_arch=()).save(tmp_path / "today"))
     checkpoint.write(tmp_path / "newer", settings | {"newer_setting": 1}, arrays)
     refused("newer_setting", lambda: A2C.load(tmp_path / "newer"))
+
+
+def test_shards_that_told_less_stand_in_one_table_with_those_that_tell_more():
+    def told(*names):
+        curve = pa.FixedSizeListArray.from_arrays(pa.array(np.float32([1, 2])), 2)
+        return pa.table(dict.fromkeys(names, curve))
+
+    earlier, later = same_columns([told("entropy"), told("entropy", "newer_scalar")])
+    assert earlier.column_names == later.column_names == ["entropy", "newer_scalar"]
+    assert np.isnan(earlier.column("newer_scalar").to_pylist()).all()
+    assert earlier.column("entropy").to_pylist() == later.column("newer_scalar").to_pylist() == [[1, 2]]

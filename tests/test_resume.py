@@ -92,7 +92,7 @@ def check_a_new_process_goes_on_exactly(env, losses, folder):
     return sum(int((whole != end).sum()) for whole, end in zip(wholes, ends, strict=True))
 
 
-FAST = [pytest.param("lqr", ["hl-gauss"], marks=pytest.mark.optimised), ("Reacher-v5", ["gaussian"])]
+FAST = [pytest.param("lqr", ["hl-gauss"], marks=pytest.mark.optimised), ("stateful_swing", ["gaussian"])]
 SLOW = [*((env, list(LOSSES)) for env in ("lqr", "Reacher-v5", "stateful_swing")), ("Ant-v5", ["hl-gauss"])]
 
 

@@ -99,14 +99,6 @@ def test_callbacks_see_the_steps_that_they_see_in_sb3(stop_at):
     assert model.num_timesteps == (24 if stop_at is None else 16)
 
 
-@pytest.mark.slow
-def test_a_second_learn_goes_on_counting():
-    recorder, model = Recorder(), A2C(drift, "hl-gauss", n_bins=10, net_arch=(8,), n_steps=4)
-    model.learn(8, recorder, progress_bar=False).learn(4, recorder, progress_bar=False)
-    steps = [entry[1:] for entry in recorder.seen if entry[0] == "step"]
-    assert steps == [(i, i) for i in range(1, 13)]
-
-
 def test_eval_and_checkpoint_callbacks_run_unchanged_and_their_files_load(model, tmp_path):
     first = model.num_timesteps
     evaluation = EvalCallback(
@@ -133,15 +125,6 @@ def test_eval_and_checkpoint_callbacks_run_unchanged_and_their_files_load(model,
     for path in saved:
         assert A2C.load(path).num_timesteps > first
     assert A2C.load(tmp_path / "best" / "best_model").predict(np.zeros(2))[0].shape == (2,)
-
-
-def test_a_reward_threshold_stops_training(model):
-    first = model.num_timesteps
-    stop = EvalCallback(
-        Monitor(drift()), callback_on_new_best=StopTrainingOnRewardThreshold(-1e9), eval_freq=5, verbose=0
-    )
-    model.learn(80, stop, progress_bar=False)
-    assert model.num_timesteps == first + 16  # the fifth call comes in the second update
 
 
 def test_ours_and_theirs_run_together_and_one_that_never_stops_does_not_hide_another_that_does(model):

@@ -1,11 +1,10 @@
 """The page of promises says what the records say, and each promise has its test."""
 
 import ast
-import json
 
 import pytest
 
-from .trust import PAGE, RECORDS, ROOT, TOPICS, Record, check, gather, load, note, number, outside, page, table
+from .trust import PAGE, ROOT, TOPICS, Record, check, gather, load, note, number, outside, page, table
 
 RECORD = Record("It holds.", "work", 50, "kills", "tests/test_a.py::test_b", "make", "2026-01-01", "1", at_least=50)
 
@@ -85,8 +84,3 @@ def test_a_row_leads_to_its_test():
 )
 def test_numbers_are_shown_short(value, shown):
     assert number(value) == shown
-
-
-def test_a_record_is_readable_json():
-    for path in RECORDS.glob("*.json"):
-        assert list(json.loads(path.read_text()))[:4] == ["promise", "topic", "figure", "unit"]

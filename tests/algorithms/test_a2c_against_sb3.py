@@ -5,7 +5,6 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import stable_baselines3
-import torch
 
 from galton.algorithms import actor_critic
 
@@ -44,7 +43,7 @@ def sb3_model(discrete, normalize_advantage):
 @pytest.mark.parametrize(
     ("loss", "normalize_advantage"),
     [
-        ("gaussian", False),
+        pytest.param("gaussian", False, marks=pytest.mark.slow),
         ("gaussian", True),
         ("hl-one-hot", False),
         pytest.param("hl-one-hot", True, marks=pytest.mark.optimised),
@@ -75,21 +74,3 @@ def test_updates_equal_sb3s(loss, normalize_advantage, trust):
     assert apart < 1e-3
     promise = "Twenty updates of A2C are Stable-Baselines3's, from the same weights on the same steps."
     trust("a2c-and-sb3", promise, topic="numbers", figure=apart, unit="apart, relative to all weights", at_most=1e-3)
-
-
-@pytest.mark.parametrize("loss", ["gaussian", "hl-one-hot"])
-def test_values_entropy_and_log_prob_equal_sb3s(loss):
-    discrete = loss == "hl-one-hot"
-    model, envs = sb3_model(discrete, False)
-    agent, params = agent_on(WORDS | {"loss": loss}, low=LOW, high=HIGH), jax.tree.map(jnp.asarray, params_of(model))
-    batch = record_batch(model, envs, discrete)
-    buffer = model.rollout_buffer
-    values = actor_critic.value(agent, params, batch.observation)
-    np.testing.assert_allclose(values, buffer.values, rtol=1e-4, atol=1e-6)
-    distribution = actor_critic.distribution(agent, params, batch.observation)
-    flat = torch.as_tensor(np.array(batch.observation).reshape(T * N, 3))
-    _, log_prob, entropy = model.policy.evaluate_actions(flat, torch.as_tensor(buffer.actions.reshape(T * N, 2)))
-    np.testing.assert_allclose(np.ravel(distribution.entropy()), entropy.detach(), rtol=1e-5)
-    np.testing.assert_allclose(np.ravel(distribution.log_prob(batch.action)), log_prob.detach(), rtol=1e-5)
-    loss_value = agent.loss(distribution, batch.action)
-    np.testing.assert_allclose(np.ravel(loss_value), -log_prob.detach(), rtol=1e-5)

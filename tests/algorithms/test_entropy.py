@@ -10,21 +10,17 @@ from scipy import stats
 
 from galton import A2C, POLICIES, PPO, train
 from galton.agents import read
-from galton.algorithms import actor_critic, ppo
+from galton.algorithms import actor_critic
 from galton.algorithms.entropy import Entropy, HeldEntropy, log_share
 from galton.envs.registry import make
-from galton.training.run import begin, learn
 
 from ..agents import agent as agent_on
-from ..training.test_run import FINISHED, bits
-from ..training.test_run import batch as small_batch
-from .minibatches import agent_of, moved, rollout_of
-from .rollouts import setup
+from .minibatches import agent_of, fit, moved, orders_of, prepare, rollout_of
+from .rollouts import setup, update
 
 HELD = {"entropy_target": True}
 NEAR = {"gaussian": {"entropy_start": 1.5}, "hl-gauss-centred": {"entropy_start": 0.98}}
 """Targets that are near the shares with which these losses' policies start in the boxes of these tests."""
-KEY = jax.random.key(2)
 
 
 def dual_of(learner):
@@ -77,9 +73,6 @@ def test_the_target_goes_from_start_to_end_linearly_in_its_logarithm(steps, step
     assert free.at(jnp.int32(step), jnp.array(True)) is free
 
 
-update = jax.jit(lambda agent, learner, batch: agent.algorithm.update(agent, learner, batch, KEY))
-
-
 def actors_gradient(agent, learner, batch):
     """What Adam was given for the actor, and the learner after the step."""
     after, told = update(agent, learner, batch)
@@ -123,19 +116,6 @@ def test_the_bonus_is_alpha_standard_deviations_of_the_weights():
     jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-4, atol=1e-6), held, expected)
 
 
-@pytest.mark.slow
-def test_a_floor_leaves_a_policy_alone_that_is_wider():
-    agent, learner, batch = setup("hl-gauss-centred", entropy_start=0.1, entropy_alpha_min=0.0, **HELD)
-    ours, after, told = actors_gradient(agent, learner, batch)
-    plain, bare = _unheld(agent, learner)
-    theirs, _, _ = actors_gradient(plain, bare, batch)
-    jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-5, atol=1e-9), ours, theirs)
-    assert float(told["entropy_alpha"]) == 0 == float(dual_of(after))
-    signed = agent.replace(entropy=agent.entropy.replace(entropy_alpha_min=-1.0))
-    _, _, held = actors_gradient(signed, learner, batch)
-    assert float(held["entropy_alpha"]) == -1
-
-
 def test_the_dual_variable_is_no_parameter():
     agent, learner, batch = setup("hl-gauss-centred", **NEAR["hl-gauss-centred"], learning_rate=0.0, **HELD)
     assert jax.tree.structure(learner.optimizer.mu) == jax.tree.structure(learner.params)
@@ -148,38 +128,19 @@ def test_the_dual_variable_is_no_parameter():
 
 
 @pytest.mark.slow
-def test_where_nothing_is_learnt_the_dual_variable_stays():
-    agent, learner, batch = setup("hl-gauss-centred", **NEAR["hl-gauss-centred"], **HELD)
-    broken = batch._replace(reward=batch.reward.at[0, 0].set(jnp.nan))
-    _, after, told = actors_gradient(agent, learner, broken)
-    assert not np.isfinite(told["grad_norm"])
-    assert float(dual_of(after)) == float(dual_of(learner))
-
-    near = {"entropy_start": 2.1, "entropy_end": 2.1}  # this policy's share is 2.07
-    words = {"loss": "gaussian", "n_steps": 4, "n_envs": 2, "net_arch": (4,), **HELD, **near}
-    held = agent_on(words, low=-np.ones(2), high=np.ones(2))
-    run, _ = begin(held, 2, jnp.uint32(0))
-    frozen = run._replace(diverged_at=jnp.int32(8))
-    learnt = jax.jit(lambda run: learn(held, run, small_batch(), FINISHED).learner)
-    assert bits(dual_of(learnt(frozen))) == bits(dual_of(run.learner)) != bits(dual_of(learnt(run)))
-
-
-@pytest.mark.slow
 def test_ppo_moves_it_in_every_minibatch_until_target_kl_leaves_off():
     agent = agent_of("histogram", "hl-one-hot", **HELD)
     learner = moved(agent)
-    rows = ppo.prepare(agent, learner, rollout_of(agent, learner))
-    orders = jnp.stack([jax.random.permutation(jax.random.key(i), len(rows.advantage)) for i in range(3)])
+    rows, orders = prepare(agent, learner, rollout_of(agent, learner)), orders_of(3)
     whole = actor_critic.distribution(agent, learner.params, rows.observation).entropy().mean()
     start = 1.02 * jnp.exp(log_share(agent.policy, whole))
     near = agent.replace(entropy=agent.entropy.replace(entropy_start=start, entropy_rate=0.01))
-    fit = jax.jit(lambda agent, learner, orders: ppo.fit(agent, learner, rows, orders))
-    after, told = fit(near.replace(optimizer=near.optimizer.replace(learning_rate=0.0)), learner, orders)
+    after, told = fit(near.replace(optimizer=near.optimizer.replace(learning_rate=0.0)), learner, rows, orders)
     assert float(told["entropy"]) == pytest.approx(float(whole), rel=1e-5)
     n_minibatches = orders.size // agent.algorithm.batch_size
     assert float(dual_of(after)) == pytest.approx(n_minibatches * 0.01 * math.log(1.02), rel=1e-2)
-    stopped, _ = fit(near.replace(algorithm=near.algorithm.replace(target_kl=1e-12)), learner, orders)
-    one, _ = fit(near, learner, orders[:1, : agent.algorithm.batch_size])
+    stopped, _ = fit(near.replace(algorithm=near.algorithm.replace(target_kl=1e-12)), learner, rows, orders)
+    one, _ = fit(near, learner, rows, orders[:1, : agent.algorithm.batch_size])
     assert float(dual_of(stopped)) == pytest.approx(float(dual_of(one)), rel=1e-5)
     assert float(dual_of(one)) != 0
 
@@ -193,39 +154,6 @@ def shares(env, words, steps, seeds=range(3)):
 
 
 ON_THE_BANDIT = {"n_bins": 50, "n_steps": 5, "n_envs": 4, "net_arch": ()}
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("loss", [pytest.param("gaussian", marks=pytest.mark.slow), "hl-gauss-centred"])
-def test_the_target_is_reached_on_the_bandit(loss):
-    found = shares("bandit", ON_THE_BANDIT | {"loss": loss, "learning_rate": 0.05, "entropy_steps": 5_000.0}, 16_000)
-    np.testing.assert_allclose(found.mean(1), 0.05, rtol=0.1)
-
-
-@pytest.mark.slow
-def test_a_floor_is_not_fallen_through():
-    words = ON_THE_BANDIT | {"loss": "hl-one-hot", "learning_rate": 0.05, "entropy_alpha_min": 0.0}
-    floored, free = (
-        shares("bandit", words | {"entropy_start": floor, "entropy_end": floor}, 16_000) for floor in (0.2, 1e-3)
-    )
-    assert (free.mean(1) < 0.15).all()
-    np.testing.assert_allclose(floored.mean(1), 0.2, rtol=0.1)
-
-
-OF_PPO = {"algorithm": "ppo", "n_steps": 64, "batch_size": 32, "n_epochs": 4, "normalize_advantage": True}
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("loss", "own"),
-    [("hl-one-hot", {"n_steps": 8}), pytest.param("gaussian", OF_PPO, marks=pytest.mark.slow)],
-    ids=["a2c", "ppo"],
-)
-def test_the_target_is_reached_on_the_lqr(loss, own):
-    target = {"learning_rate": 3e-3, "entropy_start": 0.4, "entropy_end": 0.2, "entropy_steps": 10_000.0}
-    words = {"loss": loss, "n_bins": 20, "n_envs": 4, "net_arch": (8,), **target, **own}
-    found = shares("lqr", words, 41_000, range(2))
-    np.testing.assert_allclose(found.mean(1), 0.2, rtol=0.1)
 
 
 @pytest.mark.slow

@@ -9,7 +9,6 @@ import stable_baselines3
 from galton import make_agent
 from galton.algorithms import ppo
 from galton.parts import Box
-from galton.schedules import Linear
 from galton.training.log import Finished, nothing
 from galton.training.run import begin, learn
 
@@ -42,7 +41,7 @@ TOLD = {
 class Sides:
     """SB3's PPO and ours with the same settings and weights."""
 
-    def __init__(self, monkeypatch, loss, *, normalize_advantage=True, target_kl=None, total=None, scheduled=None):
+    def __init__(self, monkeypatch, loss, *, normalize_advantage=True, target_kl=None, total=None):
         self.discrete, self.total = loss == "hl-one-hot", total
         self.envs = [Recorder(self.discrete) for _ in range(N)]
         self.model = stable_baselines3.PPO(
@@ -50,9 +49,7 @@ class Sides:
             vector_of(self.envs),
             normalize_advantage=normalize_advantage,
             target_kl=target_kl,
-            **SAME
-            | ({"learning_rate": lambda left: RATE * left} if total else {})
-            | {name: theirs for name, (theirs, _) in (scheduled or {}).items()},
+            **SAME | ({"learning_rate": lambda left: RATE * left} if total else {}),
             seed=3,
             device="cpu",
         )
@@ -66,8 +63,8 @@ class Sides:
             n_envs=N,
             normalize_advantage=normalize_advantage,
             target_kl=target_kl or np.inf,
-            decay_steps=0 if scheduled else total or 0,
-            **SAME | {name: ours for name, (_, ours) in (scheduled or {}).items()},
+            decay_steps=total or 0,
+            **SAME,
         )
         self.agent = agent.on(Box.of(LOW, HIGH))
         self.run, _ = begin(self.agent, 3, jnp.uint32(0))
@@ -181,37 +178,6 @@ def test_rollouts_with_a_learning_rate_that_decays_equal_sb3s(monkeypatch, loss)
         check_told(sides, told)
     assert int(sides.run.step) == sides.model.num_timesteps
     assert relative_error(sides.run.learner.params, before.learner.params) == 0
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("loss", ["gaussian", pytest.param("hl-one-hot", marks=pytest.mark.slow)])
-def test_rollouts_with_schedules_of_learning_rate_and_clip_range_equal_sb3s(monkeypatch, loss):
-    total = 4 * T * N
-    scheduled = {
-        "learning_rate": (lambda left: RATE * (0.2 + 0.8 * left), Linear(RATE, 0.2 * RATE, total)),
-        "clip_range": (lambda left: 0.02 + 0.13 * left**2, as_squared(total)),
-    }
-    sides = Sides(monkeypatch, loss, total=total, scheduled=scheduled)
-    for left in (0.75, 0.5, 0.25, 0.0):
-        batch = sides.rollout()
-        sides.run, told = sides.learn(batch, sides.orders())
-        assert sides.model.policy.optimizer.param_groups[0]["lr"] == pytest.approx((0.2 + 0.8 * left) * RATE)
-        assert sides.model.logger.name_to_value["train/clip_range"] == pytest.approx(0.02 + 0.13 * left**2)
-        assert told["clip_fraction"] > 0.05
-        assert relative_error(sides.run.learner.params, sides.after[-1]) < 1e-3
-        check_told(sides, told)
-
-
-def as_squared(total):
-    """A schedule of one's own: a number that falls as the square of what remains."""
-
-    class Squared(Linear):
-        label = "squared"
-
-        def __call__(self, step):
-            return self.end + (self.start - self.end) * (1 - self.done(step)) ** 2
-
-    return Squared(0.15, 0.02, total)
 
 
 @pytest.mark.slow

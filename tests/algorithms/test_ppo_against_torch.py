@@ -11,10 +11,9 @@ import torch
 from torch import distributions
 from torch.nn.functional import logsigmoid, softplus
 
-from galton.algorithms import ppo
 from galton.words import vocabulary
 
-from .minibatches import HIGH, LOW, NUMBERS, SIZE, K, N, T, agent_of, fresh, moved, rollout_of
+from .minibatches import HIGH, LOW, NUMBERS, SIZE, K, N, T, agent_of, fit, moved, orders_of, prepare, rollout_of
 
 HEADS = {"beta": "gaussian", "squashed-gaussian": "gaussian", "ordinal": "hl-one-hot", "rpo": "gaussian"}
 """Each with the loss that is −log π of it."""
@@ -166,12 +165,8 @@ def test_an_update_is_torchs(name, critic):
     agent = agent_of(name, HEADS[name], normalize_advantage=True, **OWN, **of_critic)
     learner = moved(agent)
     batch = rollout_of(agent, learner)
-    orders = jnp.stack([jax.random.permutation(jax.random.key(i), T * N) for i in range(2)])
-
-    def ours(learner, batch):
-        return ppo.fit(agent, learner, ppo.prepare(agent, learner, batch), orders, jax.random.key(5))
-
-    after, told = jax.jit(ours)(fresh(agent, learner.params), batch)
+    orders = orders_of(2)
+    after, told = fit(agent, learner, prepare(agent, learner, batch), orders, jax.random.key(5))
     assert 0 < told["clip_fraction"] < 1
     params = jax.tree.map(lambda x: torch.tensor(np.array(x)), learner.params)
     theirs = update(THEIRS[name], critic, params, batch, orders, moves_of(name, orders.size // SIZE))

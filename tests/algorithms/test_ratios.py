@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 from scipy.special import log_softmax
 
-from galton.algorithms import ppo
 from galton.networks import mlp
 
-from .minibatches import N, T, agent_of, moved, rollout_of
+from .minibatches import N, T, agent_of, fit, moved, prepare, rollout_of
 
 
 @pytest.mark.few
@@ -17,11 +16,9 @@ from .minibatches import N, T, agent_of, moved, rollout_of
 def test_a_ratio_is_numpys(ratio):
     agent = agent_of("auto", "hl-gauss", ratio=ratio, batch_size=T * N)
     before = moved(agent)
-    rows = ppo.prepare(agent, before, rollout_of(agent, before))
+    rows = prepare(agent, before, rollout_of(agent, before))
     params = before.params | {"actor": jax.tree.map(lambda x: 1.1 * x, before.params["actor"])}
-    _, told = jax.jit(lambda learner: ppo.fit(agent, learner, rows, jnp.arange(T * N)[None]))(
-        before._replace(params=params)
-    )
+    _, told = fit(agent, before._replace(params=params), rows, jnp.arange(T * N)[None])
     logits = [np.asarray(mlp(one["actor"], rows.observation), np.float64) for one in (before.params, params)]
     shape = (T * N, rows.action.shape[-1], agent.policy.n_bins)
     change = np.subtract(*(log_softmax(x.reshape(shape), -1) for x in logits[::-1]))

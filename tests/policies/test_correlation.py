@@ -31,26 +31,35 @@ def policy_of(kind):
     return KINDS[kind].on(BOX)
 
 
-def noises(policy, rho, begins, seed=0):
-    """The noise of T steps of N episodes, and what was drawn, each `[T, N, n]`; begins is `[T, N]`."""
-    drawn = policy.noise(jax.random.key(seed), begins.shape)
+@functools.cache
+def program_of(kind):
+    policy = policy_of(kind)
 
     @jax.jit
-    def step(z, inputs):
-        x, first = inputs
-        noise, z = continued(policy, x, z, first, jnp.float32(rho))
-        return z, noise
+    def run(rho, begins):
+        drawn = policy.noise(jax.random.key(0), begins.shape)
 
-    _, noise = jax.lax.scan(step, nothing_before(policy, begins.shape[1:], rho), (drawn, jnp.asarray(begins)))
-    return np.asarray(noise, np.float64), np.asarray(drawn, np.float64)
+        def step(z, inputs):
+            x, first = inputs
+            noise, z = continued(policy, x, z, first, rho)
+            return z, noise
+
+        return jax.lax.scan(step, nothing_before(policy, begins.shape[1:], rho), (drawn, begins))[1], drawn
+
+    return run
+
+
+def noises(kind, rho, *starts):
+    """The noise of T steps of N copies whose episodes begin at these, and what was drawn, each `[T, N, n]`."""
+    begins = np.zeros((T, N), bool)
+    begins[list(starts)] = True
+    return [np.asarray(each, np.float64) for each in program_of(kind)(np.float32(rho), begins)]
 
 
 @functools.cache
 def episodes(kind, rho):
     """N episodes that begin together."""
-    begins = np.zeros((T, N), bool)
-    begins[0] = True
-    return noises(policy_of(kind), rho, begins)[0]
+    return noises(kind, rho, 0)[0]
 
 
 def distribution_of(kind):
@@ -84,9 +93,7 @@ def test_steps_k_apart_have_the_correlation_rho_to_the_k_and_entries_have_none(k
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_an_episode_begins_with_noise_that_knows_nothing_of_the_one_before(kind):
-    begins = np.zeros((4, N), bool)
-    begins[0] = begins[2] = True
-    noise, drawn = noises(policy_of(kind), 0.97, begins)
+    noise, drawn = noises(kind, 0.97, 0, 2)
     z = normal_numbers(kind, noise)
     assert np.corrcoef(z[0].ravel(), z[1].ravel())[0, 1] > 0.9
     assert abs(np.corrcoef(z[1].ravel(), z[2].ravel())[0, 1]) < 4 / np.sqrt(z[0].size)
@@ -97,11 +104,9 @@ def test_an_episode_begins_with_noise_that_knows_nothing_of_the_one_before(kind)
 @pytest.mark.few
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_run_without_correlation_beside_one_with_it_has_what_was_drawn_to_the_bit(kind):
-    begins = np.zeros((T, 5), bool)
-    begins[0] = True
-    noise, drawn = noises(policy_of(kind), 0.0, begins)
+    noise, drawn = noises(kind, 0.0, 0)
     np.testing.assert_array_equal(noise, drawn)
-    assert (noises(policy_of(kind), 0.9, begins)[0][1:] != drawn[1:]).all()
+    assert (episodes(kind, 0.5)[1:] != drawn[1:]).mean() > 0.999
 
 
 @pytest.mark.slow
@@ -142,31 +147,6 @@ def test_a_policy_that_does_not_say_how_its_noise_is_distributed_is_refused_by_n
     check_correlation(Silent(), None)
     with pytest.raises(UsageError, match=r"^noise_correlation is 0\.5, but Silent doesn't say how"):
         galton.A2C("bandit", "gaussian", policy="silent", noise_correlation=0.5)
-
-
-class Proposing(Silent):
-    """Noise of two kinds, as a policy has that proposes actions and rejects some."""
-
-    noise_marginals = ("normal", "uniform")
-
-    def noise(self, key, shape):
-        normal, uniform = jax.random.split(key)
-        return jax.random.normal(normal, (*shape, 2, 3)), jax.random.uniform(uniform, (*shape, 2))
-
-
-@pytest.mark.slow
-def test_each_leaf_of_a_nest_of_noise_is_correlated_by_its_kind():
-    policy = Proposing(box=BOX)
-    first, second = (policy.noise(jax.random.key(seed), (N,)) for seed in (0, 1))
-    before = nothing_before(policy, (N,), 0.9)
-    noise, z = continued(policy, first, before, jnp.ones(N, bool), jnp.float32(0.9))
-    for ours, theirs in zip(noise, first, strict=True):
-        np.testing.assert_allclose(ours, theirs, atol=1e-6)
-    (normal, uniform), _ = continued(policy, second, z, jnp.zeros(N, bool), jnp.float32(0.9))
-    expected = 0.9 * np.asarray(first[0]) + np.sqrt(1 - 0.9**2) * np.asarray(second[0])
-    np.testing.assert_allclose(normal, expected, rtol=1e-5, atol=1e-6)
-    a, b = (stats.norm.ppf(np.asarray(drawn[1], np.float64) + 2**-24) for drawn in (first, second))
-    np.testing.assert_allclose(uniform, stats.norm.cdf(0.9 * a + np.sqrt(1 - 0.9**2) * b), atol=2e-6)
 
 
 @pytest.mark.parametrize("name", POLICIES)

@@ -1,7 +1,6 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
-import pytest
 from scipy import stats
 
 from galton.parts import Box
@@ -28,10 +27,3 @@ def test_samples_entropy_and_log_prob_are_scipys():
 def test_the_deterministic_action_is_the_mean_clipped_into_the_box():
     _, distribution = policy_and_distribution()
     np.testing.assert_allclose(distribution.deterministic_action(), [[0.5, 2.0]])
-
-
-@pytest.mark.slow
-def test_it_starts_at_mean_zero_and_sigma_one():
-    bias, extra = policy_and_distribution()[0].init()
-    assert (np.asarray(bias) == 0).all()
-    assert (np.asarray(extra["log_std"]) == 0).all()

@@ -5,9 +5,6 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-import galton
-from galton.agents import read
-from galton.envs import Bandit
 from galton.parts import Box
 from galton.policies import GaussianPolicy
 
@@ -90,31 +87,3 @@ def test_the_environments_units_do_not_depend_on_the_box():
         distribution = other.distribution(OUTPUTS, {"log_std": LOG_STD})
         np.testing.assert_array_equal(distribution.mean, OUTPUTS)
         np.testing.assert_allclose(distribution.std(), np.tile(np.exp(LOG_STD), (3, 1)), rtol=1e-6)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("algorithm", ["a2c", pytest.param("ppo", marks=pytest.mark.slow)])
-def test_runs_with_different_numbers_train_side_by_side_as_they_do_alone(algorithm):
-    numbers = {
-        "log_std_init": [0.0, -1.0, -1.0, -2.0],
-        "log_std_min": [-np.inf, -np.inf, -0.5, -1.0],
-        "box_units": [0.0, 1.0, 0.0, 1.0],
-    }
-    own = {"batch_size": 8} if algorithm == "ppo" else {}
-    words = {"loss": "gaussian", "algorithm": algorithm, "n_steps": 16, "net_arch": (), "learning_rate": 0.01, **own}
-    options = {"total_timesteps": 64, "n_logs": 2, "n_eval_episodes": 0}
-    agent = read(words | {name: np.array(values) for name, values in numbers.items()})
-    together = galton.train(Bandit(d=1), agent, [3] * 4, **options)
-    sigma = together.log.scalars["sigma"]
-    first = np.exp(np.maximum(numbers["log_std_init"], numbers["log_std_min"])) * np.where(numbers["box_units"], 10, 1)
-    np.testing.assert_allclose(sigma[:, 0], first, rtol=0.3)
-    assert (sigma[2] >= np.float32(np.exp(-0.5))).all()
-    for i in range(4):
-        alone = read(words | {name: values[i] for name, values in numbers.items()})
-        result = galton.train(Bandit(d=1), alone, [3], **options)
-        np.testing.assert_allclose(result.log.scalars["sigma"][0], sigma[i], rtol=1e-4)
-        jax.tree.map(
-            lambda one, all_, i=i: np.testing.assert_allclose(one[0], all_[i], rtol=1e-3, atol=1e-5),
-            result.learner.params,
-            together.learner.params,
-        )
