@@ -32,7 +32,7 @@ def galton_compare(out, **options):
     usual = {"training": training, "losses": ("gaussian",), "seeds": 2, "out": Path(out)}
     options = compare.Options("bandit", **{**usual, **options})
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(compare, "parse", lambda *_: options)
+        patch.setattr(compare, "parse", lambda *_, **__: options)
         compare.main([])
 
 

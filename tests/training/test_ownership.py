@@ -235,7 +235,8 @@ def test_a_move_in_the_middle_of_a_rollout_stops_training():
     lone.population.compile()
     (group,) = lone.population._groups
     programs = group._acting
-    group._acting = programs._replace(act=lambda *given: (env.reset(), programs.act(*given))[1])
+    group._acting = copy.copy(programs)
+    group._acting.act = lambda *given: (env.reset(), programs.act(*given))[1]
     with pytest.raises(BrokenEnvironmentError, match="Clock was reset or stepped by somebody else in the middle of a"):
         learn(lone, 4)
 
