@@ -124,7 +124,6 @@ READING = {
         "read_bytes",
     },  # /proc, and what this user's processes compiled
     "galton/training/programs.py": {"read_text", "read_bytes"},  # /proc
-    "galton/saving/provenance.py": {"read_text"},  # /proc
     "galton/devices.py": {"read_text"},  # /sys
     "galton/extras.py": {"read_text"},  # what pip notes of an installation
     "galton_experiments/page/page.py": {"read_text"},  # of this package
