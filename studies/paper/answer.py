@@ -6,14 +6,14 @@ from matplotlib.figure import Figure
 
 from galton.losses import LOSSES
 from galton.tasks import TASKS
-from galton_experiments.analysis import fit_curves
+from galton_experiments.analysis import fit_curves, rounded
 from galton_experiments.analysis.plots import finish, panels
 from galton_experiments.page import VERDICTS, Answer, Cell, Claim, Matrix
 from studies.paper.curves import draw_best, draw_levels, shown
 from studies.paper.measures import DETERMINISTIC, final_return, over_regression
 from studies.paper.scale import Scale
 from studies.paper.trained import Trained
-from studies.paper.verdicts import Found, Unit, by_task, marks, rounded
+from studies.paper.verdicts import Found, Unit, by_task, marks
 
 _KINDS = ("training", "deterministic")
 _COLORS = {"✓": VERDICTS[0], "✗": VERDICTS[2]}

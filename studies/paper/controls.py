@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from galton.losses import LOSSES
-from galton_experiments.analysis import Comparison, compare, mean_interval
+from galton_experiments.analysis import Comparison, compare, decide, mean_interval
 from galton_experiments.page import Claim
 from galton_experiments.sweep import Study
 from studies.paper.measures import (
@@ -22,7 +22,7 @@ from studies.paper.scale import optimum
 from studies.paper.summary import Summary
 from studies.paper.sweeps import AGAIN, MAIN, Budget, Done, Sweep, again, main_settings, task_study
 from studies.paper.trained import Trained
-from studies.paper.verdicts import claim, marks, told
+from studies.paper.verdicts import claim, told
 
 Means = Float[np.ndarray, " settings"]
 
@@ -152,8 +152,7 @@ def exploration_is_not_the_reason(trained: Trained) -> Claim:
     for metric in {"training_return": "", **DETERMINISTIC}:
         if main is not None and metric in main.table.column_names:
             gains |= {(loss, metric): _over_gaussian(main, loss, main, metric) for loss in CLASSIFICATION}
-    given = marks({" ".join(key): gain for key, gain in gains.items()})
-    ahead = [key for key, mark in zip(gains, given.values(), strict=True) if mark == "✓"]
+    ahead = [key for key, decision in decide(gains).items() if decision.mark == "✓"]
     units = {
         f"{_named(loss, metric)}, {control.label}": _over_gaussian(pair[0], loss, pair[1], metric)
         for control in CONTROLS

@@ -4,13 +4,13 @@ import dataclasses
 from collections.abc import Iterable
 
 from galton.tasks import TASKS
-from galton_experiments.analysis import Comparison, within
+from galton_experiments.analysis import Comparison, rounded, within
 from galton_experiments.page import Claim
 from studies.paper.measures import Scores, final_return, versus
 from studies.paper.scale import Scale
 from studies.paper.summary import Summary
 from studies.paper.trained import Trained
-from studies.paper.verdicts import A_TENTH, UNKNOWN, Found, by_task, claim, marks, null, rounded, unit
+from studies.paper.verdicts import A_TENTH, UNKNOWN, Found, by_task, claim, marks, null, unit
 
 _ONE_HOT = 0.1
 """η up to which HL-Gauss is HL-1-Hot: the own bin has 0.999999 of the mass or more."""

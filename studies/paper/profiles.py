@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 
 from galton.losses import LOSSES
 from galton.tasks import TASKS
-from galton_experiments.analysis import Interval, compare, difference_interval, from_best, mean_band
+from galton_experiments.analysis import Interval, compare, difference_interval, from_best, mean_band, rounded
 from galton_experiments.analysis.plots import draw_series, finish, label_rows, look_of, panels
 from galton_experiments.page import Claim
 from galton_experiments.sweep import mean_returns
@@ -18,7 +18,7 @@ from studies.paper.scale import Scale
 from studies.paper.summary import Summary
 from studies.paper.sweeps import MAIN
 from studies.paper.trained import Trained
-from studies.paper.verdicts import Found, by_task, claim, rounded
+from studies.paper.verdicts import Found, by_task, claim
 
 _HIGH = 0.9
 """How much of the way from rest to the best setting counts as high."""

@@ -10,7 +10,7 @@ import pyarrow as pa
 from matplotlib.figure import Figure
 
 from galton.tasks import TASKS
-from galton_experiments.analysis import fit_curves, mean_band, mean_interval
+from galton_experiments.analysis import fit_curves, mean_band, mean_interval, rounded
 from galton_experiments.analysis.plots import draw_series, finish, label_rows, look_of, marker_of, panels
 from galton_experiments.sweep import Setting, Study
 from studies.paper.curves import heading
@@ -18,7 +18,6 @@ from studies.paper.measures import Scores, final_of, logged
 from studies.paper.summary import Summary
 from studies.paper.sweeps import MAIN, Budget, Done, Sweep, on_fresh_seeds
 from studies.paper.trained import Trained
-from studies.paper.verdicts import rounded
 
 SCALE_TASKS = ("bandit", "lqr", "reacher", "half-cheetah")
 SCALES = (0.125, 0.5, 1.0, 2.0, 8.0)

@@ -12,7 +12,17 @@ from matplotlib.figure import Figure
 
 from galton.losses import LOSSES
 from galton.tasks import TASKS
-from galton_experiments.analysis import AXES, Interval, against, compare, fit_curves, mean_band, mean_interval, within
+from galton_experiments.analysis import (
+    AXES,
+    Interval,
+    against,
+    compare,
+    fit_curves,
+    mean_band,
+    mean_interval,
+    rounded,
+    within,
+)
 from galton_experiments.analysis.plots import draw_series, finish, grid, over_steps
 from galton_experiments.page import Claim
 from studies.paper.curves import counted
@@ -22,7 +32,7 @@ from studies.paper.scale import Scale, optimum
 from studies.paper.summary import Summary
 from studies.paper.sweeps import MAIN
 from studies.paper.trained import Trained
-from studies.paper.verdicts import A_TENTH, Found, by_task, claim, rounded, unit
+from studies.paper.verdicts import A_TENTH, Found, by_task, claim, unit
 
 NAMES = {"learning_rate": "learning rate", "n_bins": "k", "eta": "η"}
 _ALIKE = 0.02

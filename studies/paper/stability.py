@@ -2,12 +2,12 @@
 
 import numpy as np
 
-from galton_experiments.analysis import mean_interval
+from galton_experiments.analysis import mean_interval, rounded
 from galton_experiments.page import Claim
 from studies.paper.measures import apart, better, drawdown, final_return, versus
 from studies.paper.scale import Scale
 from studies.paper.trained import Trained
-from studies.paper.verdicts import Found, by_task, claim, rounded, unit
+from studies.paper.verdicts import Found, by_task, claim, unit
 
 
 def alike_between_seeds(trained: Trained) -> Claim:

@@ -6,13 +6,12 @@ import numpy as np
 
 from galton.losses import LOSSES
 from galton.tasks import TASKS
-from galton_experiments.analysis import Comparison, holm, mean_interval
+from galton_experiments.analysis import Comparison, decide, mean_interval, rounded
 from galton_experiments.page import Table
 from studies.paper.measures import DETERMINISTIC, final_return, mean_return, versus
 from studies.paper.scale import optimum
 from studies.paper.summary import Summary
 from studies.paper.trained import Trained
-from studies.paper.verdicts import marks, rounded
 
 _BASELINE = "gaussian"
 Decisions = Mapping[tuple[str, str], Comparison]
@@ -32,9 +31,7 @@ def decisions(trained: Trained) -> Decisions:
 
 def clear(trained: Trained) -> dict[tuple[str, str], str]:
     """The mark of each decision, all adjusted together: ✓ where a loss is clearly ahead of the Gaussian, ✗ behind."""
-    found = decisions(trained)
-    given = marks({" ".join(key): each for key, each in found.items()})
-    return dict(zip(found, given.values(), strict=True))
+    return {key: decision.mark for key, decision in decide(decisions(trained)).items()}
 
 
 def ahead(trained: Trained) -> set[tuple[str, str]]:
@@ -70,7 +67,7 @@ def winners(trained: Trained) -> Table:
     headings += [f"evaluation, {name}" for name in DETERMINISTIC.values()]
     headings += ["as it won", "over training", "noise costs", "doing nothing", "optimum"]
     found = decisions(trained)
-    p = dict(zip(found, holm([each.p for each in found.values()]), strict=True))
+    p = {key: decision.p for key, decision in decide(found).items()}
     rows = []
     for task, summary in trained.grids.items():
         again = trained.judged[task].again if task in trained.judged else None

@@ -2,7 +2,8 @@ import numpy as np
 import pytest
 
 from galton_experiments.analysis.statistics import Comparison, Interval
-from studies.paper.verdicts import Unit, claim, marks, null, rounded, summed_up, unit, verdict
+from galton_experiments.analysis.verdicts import rounded
+from studies.paper.verdicts import Unit, claim, marks, null, summed_up, unit, verdict
 
 
 def found(mean, p, side=None):
