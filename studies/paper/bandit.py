@@ -8,12 +8,12 @@ from matplotlib.figure import Figure
 
 from galton_experiments.analysis import AXES, Interval, fit_curves, mean_band
 from galton_experiments.analysis.plots import draw_series, finish, label_rows, look_of, marker_of, panels
+from galton_experiments.runs import Summary
 from studies.paper import controls, harder_bandits
 from studies.paper.controls import CONTROLS
 from studies.paper.curves import BANDS, draw_best, draw_levels, numbered, runs_of
 from studies.paper.figure import FigureStudy
 from studies.paper.harder_bandits import DIMENSION, NOISE, across, losses_in
-from studies.paper.summary import Summary
 from studies.paper.sweeps import AGAIN, MAIN, Sweep
 from studies.paper.trained import Trained
 

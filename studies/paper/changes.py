@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 from galton.envs import LQR
 from galton.losses import LOSSES
 from galton.tasks import TASKS
+from galton_experiments.runs import Summary
 from galton_experiments.sweep import Setting, Study, expand, mean_returns, task_defaults
-from studies.paper.summary import Summary
 from studies.paper.sweeps import FRESH_TRIALS, MAIN, Budget, Done, Sweep, best_of_each_loss, on_fresh_seeds, task_study
 
 Fields = Mapping[str, Any]

@@ -9,6 +9,7 @@ from jaxtyping import Float
 from galton.losses import LOSSES
 from galton_experiments.analysis import Comparison, compare, decide, mean_interval
 from galton_experiments.page import Claim
+from galton_experiments.runs import Summary
 from galton_experiments.sweep import Study
 from studies.paper.measures import (
     CLASSIFICATION,
@@ -19,7 +20,6 @@ from studies.paper.measures import (
     over_training,
 )
 from studies.paper.scale import optimum
-from studies.paper.summary import Summary
 from studies.paper.sweeps import AGAIN, MAIN, Budget, Done, Sweep, again, main_settings, task_study
 from studies.paper.trained import Trained
 from studies.paper.verdicts import claim, told

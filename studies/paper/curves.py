@@ -21,8 +21,8 @@ from galton_experiments.analysis.plots import (
     over_steps,
     panels,
 )
+from galton_experiments.runs import Summary
 from studies.paper.scale import optimum
-from studies.paper.summary import Summary
 from studies.paper.trained import Trained, paper_settings
 
 BANDS = "a percentile bootstrap of their mean, 95%, which with three runs is their range"

@@ -11,10 +11,10 @@ from galton.envs import find
 from galton.losses import LOSSES
 from galton_experiments.analysis import Comparison, against, compare
 from galton_experiments.page import Claim
+from galton_experiments.runs import Summary
 from galton_experiments.sweep import Study
 from studies.paper.measures import CLASSIFICATION, Scores, final_return, versus
 from studies.paper.scale import optimum
-from studies.paper.summary import Summary
 from studies.paper.sweeps import AGAIN, MAIN, Budget, Done, Sweep, on_fresh_seeds
 from studies.paper.trained import Trained
 from studies.paper.verdicts import A_TENTH, Found, claim, unit

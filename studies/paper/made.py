@@ -4,9 +4,9 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from galton_experiments.page import Section, Table
+from galton_experiments.runs import Summary
 from galton_experiments.sweep.parquet import record_of
 from studies.paper.registry import FIGURES, all_sweeps
-from studies.paper.summary import Summary
 from studies.paper.sweeps import AGAIN, MAIN, Budget, Sweep
 from studies.paper.trained import Trained
 

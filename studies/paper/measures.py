@@ -9,9 +9,9 @@ from jaxtyping import Float
 from galton.losses import LOSSES
 from galton.training import MEAN_ACTION_RETURN
 from galton_experiments.analysis import Comparison, compare, fill_start
+from galton_experiments.runs import Summary
 from galton_experiments.sweep import Setting
 from studies.paper.scale import Scale
-from studies.paper.summary import Summary
 from studies.paper.trained import Judged
 
 CLASSIFICATION = ("hl-one-hot", "hl-gauss")

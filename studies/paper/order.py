@@ -6,9 +6,9 @@ from collections.abc import Iterable
 from galton.tasks import TASKS
 from galton_experiments.analysis import Comparison, rounded, within
 from galton_experiments.page import Claim
+from galton_experiments.runs import Summary
 from studies.paper.measures import Scores, final_return, versus
 from studies.paper.scale import Scale
-from studies.paper.summary import Summary
 from studies.paper.trained import Trained
 from studies.paper.verdicts import A_TENTH, UNKNOWN, Found, by_task, claim, marks, null, unit
 

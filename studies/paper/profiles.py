@@ -10,12 +10,12 @@ from galton.tasks import TASKS
 from galton_experiments.analysis import Interval, compare, difference_interval, from_best, mean_band, rounded
 from galton_experiments.analysis.plots import draw_series, finish, label_rows, look_of, panels
 from galton_experiments.page import Claim
+from galton_experiments.runs import Summary
 from galton_experiments.sweep import mean_returns
 from studies.paper.curves import counted, heading
 from studies.paper.figure import FigureStudy
 from studies.paper.measures import CLASSIFICATION, by_setting, spread
 from studies.paper.scale import Scale
-from studies.paper.summary import Summary
 from studies.paper.sweeps import MAIN
 from studies.paper.trained import Trained
 from studies.paper.verdicts import Found, by_task, claim

@@ -12,10 +12,10 @@ from matplotlib.figure import Figure
 from galton.tasks import TASKS
 from galton_experiments.analysis import fit_curves, mean_band, mean_interval, rounded
 from galton_experiments.analysis.plots import draw_series, finish, label_rows, look_of, marker_of, panels
+from galton_experiments.runs import Summary
 from galton_experiments.sweep import Setting, Study
 from studies.paper.curves import heading
 from studies.paper.measures import Scores, final_of, logged
-from studies.paper.summary import Summary
 from studies.paper.sweeps import MAIN, Budget, Done, Sweep, on_fresh_seeds
 from studies.paper.trained import Trained
 

@@ -9,8 +9,8 @@ from jaxtyping import Float
 from galton.envs import LQR, Environment, JaxTask, find, read_constants
 from galton.tasks import TASKS
 from galton_experiments.analysis import rest_of
+from galton_experiments.runs import Summary
 from galton_experiments.sweep import mean_returns
-from studies.paper.summary import Summary
 
 Number = TypeVar("Number", float, np.float64, Float[np.ndarray, "*any"])
 

@@ -25,11 +25,11 @@ from galton_experiments.analysis import (
 )
 from galton_experiments.analysis.plots import draw_series, finish, grid, over_steps
 from galton_experiments.page import Claim
+from galton_experiments.runs import Summary
 from studies.paper.curves import counted
 from studies.paper.figure import FigureStudy
 from studies.paper.measures import CLASSIFICATION, by_value, spread
 from studies.paper.scale import Scale, optimum
-from studies.paper.summary import Summary
 from studies.paper.sweeps import MAIN
 from studies.paper.trained import Trained
 from studies.paper.verdicts import A_TENTH, Found, by_task, claim, unit

@@ -8,9 +8,9 @@ from galton.losses import LOSSES
 from galton.tasks import TASKS
 from galton_experiments.analysis import Comparison, decide, mean_interval, rounded
 from galton_experiments.page import Table
+from galton_experiments.runs import Summary
 from studies.paper.measures import DETERMINISTIC, final_return, mean_return, versus
 from studies.paper.scale import optimum
-from studies.paper.summary import Summary
 from studies.paper.trained import Trained
 
 _BASELINE = "gaussian"

@@ -7,8 +7,8 @@ from typing import Literal
 
 from galton.errors import require
 from galton.tasks import TASKS
+from galton_experiments.runs import Summary
 from galton_experiments.sweep import Setting, Study, expand, paper_blocks, paper_grid, task_defaults
-from studies.paper.summary import Summary
 
 Budget = Literal["smoke", "small", "grid", "paper"]
 Done = Mapping[str, Summary]

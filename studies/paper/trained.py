@@ -8,9 +8,9 @@ from typing import NamedTuple
 import pyarrow as pa
 
 from galton.tasks import TASKS
+from galton_experiments.runs import Summary
 from galton_experiments.sweep import Setting, paper_grid, task_defaults
 from studies.paper.scale import Scale, null_because, scale_of
-from studies.paper.summary import Summary
 from studies.paper.sweeps import AGAIN, MAIN, Sweep
 
 

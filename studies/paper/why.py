@@ -17,11 +17,11 @@ from galton.tasks import TASKS
 from galton_experiments.analysis import Interval, mean_band, mean_interval
 from galton_experiments.analysis.plots import draw_marks, finish, fit, look_of, marker_of, panels
 from galton_experiments.page import Table
+from galton_experiments.runs import Summary
 from galton_experiments.sweep import Setting, Study, expand, mean_returns, task_defaults
 from studies.paper.curves import BANDS, draw_levels, heading, numbered
 from studies.paper.figure import FigureStudy
 from studies.paper.measures import CLASSIFICATION
-from studies.paper.summary import Summary
 from studies.paper.sweeps import Budget, Done, Sweep, again, task_study
 from studies.paper.trained import Trained
 

@@ -6,12 +6,12 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
+from galton_experiments.runs import Summary
 from studies.paper import order, returns, stability
 from studies.paper.measures import better, by_setting, final_return, over_regression
 from studies.paper.registry import FIGURES
 from studies.paper.report import claims
 from studies.paper.scale import rest
-from studies.paper.summary import Summary
 from studies.paper.sweeps import needed
 from studies.paper.trained import Trained
 

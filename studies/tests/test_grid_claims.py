@@ -5,9 +5,9 @@ import dataclasses
 import numpy as np
 import pytest
 
+from galton_experiments.runs import Summary
 from studies.paper import profiles, sensitivity
 from studies.paper.registry import FIGURES
-from studies.paper.summary import Summary
 
 from . import made_up
 from .made_up import SWEEPS

@@ -5,10 +5,10 @@ import zlib
 import pyarrow as pa
 import pytest
 
+from galton_experiments.runs import Summary
 from galton_experiments.sweep.store import Store
 from studies.paper import hypotheses
 from studies.paper.returns import ends_higher
-from studies.paper.summary import Summary
 from studies.paper.trained import Trained
 
 from . import made_up

@@ -17,6 +17,7 @@ from matplotlib.figure import Figure
 from galton.errors import UsageError
 from galton.saving.provenance import machine, versions
 from galton.tasks import TASKS
+from galton_experiments.runs import Summary
 from galton_experiments.sweep.parquet import record_of, to_bytes, with_record
 from studies.paper import made, report, reproduce
 from studies.paper.__main__ import asked
@@ -24,7 +25,6 @@ from studies.paper.figure import FigureStudy
 from studies.paper.gradients import Sample
 from studies.paper.registry import FIGURES
 from studies.paper.report import claims
-from studies.paper.summary import Summary
 from studies.paper.sweeps import AGAIN, MAIN, Sweep, again, needed
 from studies.paper.trained import Trained
 from studies.paper.verdicts import claim

@@ -3,10 +3,10 @@ import pytest
 from matplotlib.colors import to_rgb
 from scipy import stats
 
+from galton_experiments.runs import Summary
 from studies.paper.measures import spread
 from studies.paper.scale import Scale
 from studies.paper.sensitivity import _looks, draw, marginals
-from studies.paper.summary import Summary
 
 from . import made_up
 

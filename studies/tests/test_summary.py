@@ -5,11 +5,11 @@ import numpy as np
 import pytest
 
 from galton.errors import UsageError
+from galton_experiments.runs import CURVES, Summary
 from galton_experiments.sweep.parquet import from_bytes, record_of, to_bytes, with_record
 from galton_experiments.sweep.results import best_settings
 from galton_experiments.sweep.store import Store
 from studies.paper import reproduce
-from studies.paper.summary import CURVES, Summary
 from tests.mutations import MUTATIONS
 
 from .made_up import PROVENANCE, SWEEPS, results
