@@ -1,14 +1,13 @@
 """Hypothesis (a): the bandit whose actions are in units of its box, and all of Figure 3 again."""
 
-import dataclasses
 import functools
-import json
 
 from galton_experiments.page import Cell, Claim, Matrix
 from galton_experiments.sweep import Study
 from studies.paper import bandit
-from studies.paper.figure import FigureStudy
-from studies.paper.sweeps import Budget, Done, Sweep
+from studies.paper.claims import of_figure
+from studies.paper.figure import figure
+from studies.paper.sweeps import Budget, Done, Sweep, with_constants
 from studies.paper.trained import Trained
 
 _PREFIX = "boxed-"
@@ -22,9 +21,7 @@ def _boxed(raw: Sweep) -> Sweep:
     """The same sweep where the policy acts in [−1, 1]."""
 
     def study(budget: Budget, done: Done) -> Study:
-        plain = raw.study(budget, _without_prefix(done))
-        constants = json.loads(plain.env_kwargs) | {"action_scale": 1 / _HALF_WIDTH}
-        return dataclasses.replace(plain, env_kwargs=json.dumps(constants))
+        return with_constants(raw.study(budget, _without_prefix(done)), {"action_scale": 1 / _HALF_WIDTH})
 
     before = None if raw.winners_of is None else _boxed(raw.winners_of)
     return Sweep(_PREFIX + raw.name, study, winners_of=before)
@@ -49,7 +46,7 @@ def table(trained: Trained) -> Matrix:
     sides = trained, in_the_box(trained)
     if not sides[1].sweeps:
         return Matrix("the bandit", _UNITS, {})
-    judged = [[judge(side) for judge in bandit.FIGURE.claims.values()] for side in sides]
+    judged = [[judge(side) for judge in of_figure("figure-3")] for side in sides]
     rows = {pair[0].words: [cell(claim) for claim in pair] for pair in zip(*judged, strict=True)}
     return Matrix("the bandit", _UNITS, rows)
 
@@ -63,11 +60,4 @@ def cell(claim: Claim) -> Cell:
     return Cell(f"{told}, {contrary} contrary" if contrary else told, claim.verdict)
 
 
-FIGURE = FigureStudy(
-    "Figure 3 again, in units of the box",
-    "The bandit of Figure 3 with actions in [−1, 1], which the environment multiplies by ten: the Gaussian's first σ "
-    "of 1 is then half the width of the box, not a twentieth. The table has the claims of Figure 3 in both units.",
-    lambda trained: bandit.draw(in_the_box(trained)),
-    SWEEPS,
-    table=table,
-)
+FIGURE = figure("figure-3-boxed", lambda trained: bandit.draw(in_the_box(trained)), SWEEPS, table=table)

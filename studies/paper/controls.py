@@ -1,6 +1,7 @@
 """The two controls of §5.2.3, on the bandit: softmax policies that start, or explore, as the Gaussian does."""
 
 import dataclasses
+from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -10,7 +11,7 @@ from galton.losses import LOSSES
 from galton_experiments.analysis import Comparison, compare, decide, mean_interval
 from galton_experiments.page import Claim
 from galton_experiments.runs import Summary
-from galton_experiments.sweep import Study
+from galton_experiments.sweep import Setting
 from studies.paper.measures import (
     CLASSIFICATION,
     DETERMINISTIC,
@@ -19,8 +20,9 @@ from studies.paper.measures import (
     mean_return,
     over_training,
 )
+from studies.paper.prose import says
 from studies.paper.scale import optimum
-from studies.paper.sweeps import AGAIN, MAIN, Budget, Done, Sweep, again, main_settings, task_study
+from studies.paper.sweeps import AGAIN, MAIN, Budget, Sweep, again, grid, main_settings
 from studies.paper.trained import Trained
 from studies.paper.verdicts import claim, told
 
@@ -38,13 +40,11 @@ class Control(NamedTuple):
 
 
 def _control(name: str, label: str, **change: str) -> Control:
-    def study(budget: Budget, _: Done) -> Study:
-        changed = (
-            setting.replace(**change) for setting in main_settings("bandit", budget) if setting["loss"] != "gaussian"
-        )
-        return task_study("bandit", budget, tuple(changed))
+    def settings(budget: Budget) -> Iterator[Setting]:
+        softmaxes = (setting for setting in main_settings("bandit", budget) if setting["loss"] != "gaussian")
+        return (setting.replace(**change) for setting in softmaxes)
 
-    sweep = Sweep(name, study)
+    sweep = grid(name, "bandit", settings)
     return Control(label, sweep, again(sweep), change)
 
 
@@ -93,10 +93,7 @@ def starts_as_well(trained: Trained) -> Claim:
     )
     lower = ", ".join(equal)
     return claim(
-        "§5.2.3",
-        "A Gaussian initial policy has no significant negative effect on classification.",
-        "bandit, training return of the best settings on fresh seeds, final and averaged over training: Init Gaussian "
-        "− uniform; ✓ is not clearly negative",
+        *says("starts_as_well"),
         {
             f"{label} {when}": gain
             for when, score in (("final", final_return), ("over training", mean_return))
@@ -115,10 +112,7 @@ def converges_faster(trained: Trained) -> Claim:
     winners = _gains(trained, EXPLORATION, mean_return)
     gains = ", ".join(f"{label} {told(gain)}" for label, gain in winners.items())
     return claim(
-        "§5.2.3",
-        "Gaussian Exploration makes both classification losses converge faster.",
-        "bandit, training return averaged over training and trials, in pairs of equal settings over the whole grid: "
-        "Gaussian Exploration − sampling from the softmax",
+        *says("converges_faster"),
         {LOSSES[loss].label: compare(*pair, paired=True) for loss, pair in equal.items()},
         f"Higher with it: {counts}." if counts else "",
         f"The best settings of each, which are not the same, on fresh seeds: {gains}." if gains else "",
@@ -136,10 +130,7 @@ def no_local_optimum(trained: Trained) -> Claim:
         units = {name: compare(part, left, paired) for name, part in parts.items()}
         note = f"Short of the optimum: {mean_interval(missing):.2f} without, {mean_interval(left):.2f} with it."
     return claim(
-        "§5.2.3",
-        "Gaussian Exploration removes HL-1-Hot's sub-optimal convergence.",
-        "bandit, final training return of the best settings on fresh seeds: what is missing to the optimum without it, "
-        "and half of that, − with it",
+        *says("no_local_optimum"),
         units,
         note,
     )
@@ -163,11 +154,7 @@ def exploration_is_not_the_reason(trained: Trained) -> Claim:
     no_gain = ", ".join(f"{_named(*key)} {told(gain)}" for key, gain in gains.items() if key not in ahead)
     note = f"Not clearly more efficient to begin with: {no_gain}." if no_gain else ""
     judged = claim(
-        "§5.2.3",
-        "Softmax exploration is not the key reason for the higher data efficiency.",
-        "bandit, return averaged over training: classification that starts or explores as the Gaussian does − "
-        "Gaussian, of the losses that are ahead of it without that, by training return and by the deterministic "
-        "policy's",
+        *says("exploration_is_not_the_reason"),
         units,
         note,
     )

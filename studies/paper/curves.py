@@ -22,10 +22,11 @@ from galton_experiments.analysis.plots import (
     panels,
 )
 from galton_experiments.runs import Summary
+from studies.paper.prose import text
 from studies.paper.scale import optimum
 from studies.paper.trained import Trained, paper_settings
 
-BANDS = "a percentile bootstrap of their mean, 95%, which with three runs is their range"
+BANDS: str = text("figures")["bands"]
 """What the bands around learning curves are, for captions."""
 
 

@@ -1,7 +1,5 @@
 """The bandits of Figure 3, under noise and in more dimensions, and what the paper says of them (§5.2.2, §7)."""
 
-import dataclasses
-import json
 from collections.abc import Mapping
 
 import numpy as np
@@ -12,10 +10,10 @@ from galton.losses import LOSSES
 from galton_experiments.analysis import Comparison, against, compare
 from galton_experiments.page import Claim
 from galton_experiments.runs import Summary
-from galton_experiments.sweep import Study
 from studies.paper.measures import CLASSIFICATION, Scores, final_return, versus
+from studies.paper.prose import says
 from studies.paper.scale import optimum
-from studies.paper.sweeps import AGAIN, MAIN, Budget, Done, Sweep, on_fresh_seeds
+from studies.paper.sweeps import AGAIN, MAIN, Sweep, again, winners_for
 from studies.paper.trained import Trained
 from studies.paper.verdicts import A_TENTH, Found, claim, unit
 
@@ -24,14 +22,7 @@ _BANDIT, _BANDIT_AGAIN = MAIN["bandit"], AGAIN["bandit"]
 
 def _with(name: str, constant: str, value: float | int) -> Sweep:
     """The sweep of the bandit's winners on a bandit with another constant, on fresh seeds."""
-
-    def study(budget: Budget, done: Done) -> Study:
-        main = done[_BANDIT.name]
-        losses = ("gaussian", "hl-gauss") if budget == "smoke" else tuple(main.best)
-        settings = tuple(main.best[loss].setting for loss in losses)
-        return on_fresh_seeds(dataclasses.replace(main.study, env_kwargs=json.dumps({constant: value})), settings)
-
-    return Sweep(f"bandit-{name}-{value:g}", study, winners_of=_BANDIT)
+    return again(_BANDIT, winners_for, name=f"bandit-{name}-{value:g}", env_kwargs={constant: value})
 
 
 NOISE = {value: _with("noise", "noise_std", value) for value in (0.0, 2.0, 5.0, 10.0)} | {1.0: _BANDIT_AGAIN}
@@ -84,10 +75,7 @@ def less_sensitive_to_noise(trained: Trained) -> Claim:
     """What §5.2.2 says of Figure 3a: noise costs classification less."""
     bandits = across(trained, NOISE)
     return claim(
-        "§5.2.2",
-        "Classification is less sensitive to noise in the reward.",
-        f"bandit, what a noise of {max(bandits, default=0):g} instead of {min(bandits, default=0):g} costs in final "
-        "return: Gaussian's loss − theirs",
+        *says("less_sensitive_to_noise", most=f"{max(bandits, default=0):g}", least=f"{min(bandits, default=0):g}"),
         _costs(bandits),
         _shortfalls(bandits, "σ"),
     )
@@ -105,9 +93,7 @@ def degrades_with_dimension(trained: Trained) -> Claim:
             if LOSSES[loss].in_paper
         }
     return claim(
-        "§5.2.2",
-        "All methods degrade as actions get more dimensions.",
-        f"bandit, final return: d = {min(bandits, default=0):g} − d = {max(bandits, default=0):g}",
+        *says("degrades_with_dimension", few=f"{min(bandits, default=0):g}", many=f"{max(bandits, default=0):g}"),
         units,
     )
 
@@ -116,9 +102,7 @@ def higher_in_all_dimensions(trained: Trained) -> Claim:
     """What §5.2.2 says of Figure 3b: classification stays ahead of the Gaussian."""
     bandits = across(trained, DIMENSION)
     return claim(
-        "§5.2.2",
-        "Both classification losses keep a higher final return than the Gaussian at every dimensionality.",
-        "bandit, final return − Gaussian's",
+        *says("higher_in_all_dimensions"),
         {
             f"{LOSSES[loss].label} d = {d:g}": versus(bandit, loss, "gaussian", final_return)
             for loss in CLASSIFICATION
@@ -132,9 +116,7 @@ def gap_grows_with_dimension(trained: Trained) -> Claim:
     """What §5.2.2 and §7 make of Figure 3b: the more dimensions, the more classification is ahead."""
     bandits = across(trained, DIMENSION)
     return claim(
-        "§5.2.2, §7",
-        "The more dimensions, the larger is the lead of classification.",
-        f"bandit, final return − Gaussian's: at d = {max(bandits, default=0):g} − at d = {min(bandits, default=0):g}",
+        *says("gap_grows_with_dimension", few=f"{min(bandits, default=0):g}", many=f"{max(bandits, default=0):g}"),
         _costs(bandits),
         _shortfalls(bandits, "d"),
     )
@@ -160,9 +142,7 @@ def stops_at_the_next_bin(trained: Trained) -> Claim:
             "by less than a tenth of the way from rest:": unit(little, shown),
         }
     return claim(
-        "§7",
-        "HL-1-Hot may stop at a bin next to the optimal one, and loses little by it.",
-        f"bandit with noise {calm:g}, how far the deterministic policy ends from the optimum",
+        *says("stops_at_the_next_bin", noise=f"{calm:g}"),
         units,
     )
 

@@ -6,18 +6,12 @@ from typing import Any
 from galton_experiments.page import Section, Table
 from galton_experiments.runs import Summary
 from galton_experiments.sweep.parquet import record_of
+from studies.paper.prose import text
 from studies.paper.registry import FIGURES, all_sweeps
-from studies.paper.sweeps import AGAIN, MAIN, Budget, Sweep
+from studies.paper.sweeps import AGAIN, MAIN, Sweep
 from studies.paper.trained import Trained
 
 NAME = "how-made"
-BUDGETS: dict[Budget, str] = {
-    "smoke": "a few hundred steps: the numbers mean nothing, and no verdict does",
-    "small": "a part of App. C.2's grid, few trials",
-    "grid": "App. C.2's grid, or on Ant a part of it, with few trials",
-    "paper": "App. C.2's grid and trials, on the environments that docs/paper.md describes",
-}
-"""What to think of the numbers of each budget."""
 _HEADINGS = (
     "sweep",
     "settings",
@@ -48,13 +42,14 @@ def section(trained: Trained) -> Section:
         keys = [_keys_of(made[of], keyed) for of, keyed in zip(_KEYED, (machines, versions), strict=True)]
         called = f"{name} ({sweeps[name].title})" if name in sweeps and sweeps[name].title else name
         rows.append([called, *of_study, made["budget"], minutes, *keys, _word(name)])
+    words = text("page")["budgets"]
     budgets = dict.fromkeys(records[name]["budget"] for name in names)
     paragraphs = [
         "A row is trained again by: python -m studies.paper reproduce WORD --budget BUDGET --out DIR. Sweeps of seed 0 "
         "choose settings, those of seed 1 judge them; in pairs means that trial t has the same seed in all settings. "
         "Each evaluation plays so many episodes by the deterministic policy, once in so many steps; twice means by the "
         "most likely and by the mean action.",
-        " ".join(f"Budget {budget}: {BUDGETS[budget]}." for budget in budgets),
+        " ".join(f"Budget {budget}: {words[budget]}." for budget in budgets),
         f"Machines: {_told(machines)}.",
         f"Versions: {_told(versions)}.",
     ]

@@ -22,6 +22,7 @@ from studies.paper.bounds import (
 )
 from studies.paper.gradients import READINGS
 from studies.paper.measures import CLASSIFICATION
+from studies.paper.prose import says
 from studies.paper.trained import Trained
 from studies.paper.verdicts import NOT_TRAINED, UNKNOWN, claim, summed_up
 
@@ -41,10 +42,7 @@ def bounds_hold(trained: Trained) -> Claim:
     rows = of_the_paper(trained.tables[NAME]) if NAME in trained.tables else None
     above = 0 if rows is None else crossings(rows)
     return Claim(
-        "§4.3, Propositions 1 and 2",
-        "The gradient's norm never exceeds the bound.",
-        "both sides for each action sampled by networks in training, and by trained ones made sharper; both readings "
-        "of the Gaussian's σ",
+        *says("bounds_hold"),
         "" if rows is None else f"{above:,} of {rows.num_rows:,} above the bound",
         UNKNOWN if rows is None else "does not hold" if above else "holds",
         NOT_TRAINED
@@ -75,9 +73,7 @@ def against_gaussian(trained: Trained, reading: str, field: str) -> dict[str, Co
 def norm_is_smaller(trained: Trained, reading: str) -> Claim:
     """What §4.3 sets out to show: whose gradient has the smaller norm."""
     return claim(
-        "§4.3, §5.2.3",
-        f"Classification's gradient has a smaller norm: against {_FOR[reading]}.",
-        f"norm ÷ |A| {_MEASURED}",
+        *says("norm_is_smaller", reading=_FOR[reading]),
         against_gaussian(trained, reading, "norm"),
     )
 
@@ -86,9 +82,7 @@ def bound_is_smaller(trained: Trained, reading: str) -> Claim:
     """The last sentence of §4.3: whose bound is the smaller one."""
     own = against_gaussian(trained, reading, "own_bound")
     return claim(
-        "§4.3, §8",
-        f"Classification has a smaller bound on the gradient's norm: against {_FOR[reading]}.",
-        f"bound ÷ |A| {_MEASURED}",
+        *says("bound_is_smaller", reading=_FOR[reading]),
         against_gaussian(trained, reading, "bound"),
         summed_up(f"Of the one factor that the bounds do not share, {_OWN[reading]} against Σ|q − π|", own),
         "|a − μ| / σ averages √(2/π) an action dimension, whatever σ is: as printed nothing grows."
@@ -118,10 +112,7 @@ def bound_varies_less(trained: Trained, reading: str) -> Claim:
     """The last sentence of §4.3: whose bound moves less while it learns."""
     relative = against_gaussian(trained, reading, "variation")
     return claim(
-        "§4.3",
-        f"Classification's bound varies less during learning: against {_FOR[reading]}.",
-        "standard deviation, over the steps of training, of a look's mean bound ÷ |A|: log₁₀(Gaussian ÷ "
-        "classification), a number a seed",
+        *says("bound_varies_less", reading=_FOR[reading]),
         against_gaussian(trained, reading, "deviation"),
         summed_up("Relative to its mean (coefficient of variation)", relative),
     )
@@ -130,10 +121,7 @@ def bound_varies_less(trained: Trained, reading: str) -> Claim:
 def sigma_explodes(trained: Trained) -> Claim:
     """The factor 1/σ of §4.3, on trained policies that are made ever sharper."""
     return claim(
-        "§4.3",
-        "As σ → 0 the factor 1/σ makes the Gaussian's gradient explode.",
-        "p − ½, where norm ÷ |A| (l + ‖f‖) ∝ σ⁻ᵖ as trained policies are made sharper; ½ divides level (0) from 1/σ "
-        "(1)",
+        *says("sigma_explodes"),
         {
             f"{TASKS[task].title} {_SIGN[reading]}": against(-found.exponent, 0.5)
             for (task, loss, reading), found in _findings(trained).items()

@@ -8,6 +8,7 @@ from galton_experiments.analysis import Comparison, rounded, within
 from galton_experiments.page import Claim
 from galton_experiments.runs import Summary
 from studies.paper.measures import Scores, final_return, versus
+from studies.paper.prose import says
 from studies.paper.scale import Scale
 from studies.paper.trained import Trained
 from studies.paper.verdicts import A_TENTH, UNKNOWN, Found, by_task, claim, marks, null, unit
@@ -36,10 +37,7 @@ def order_changes(trained: Trained) -> Claim:
     little = [mark for mark in marks(units).values() if mark in "✓✗≈"]
     ahead = marks(orders)
     told = claim(
-        "§7",
-        "HL-1-Hot and HL-Gauss often differ little, and which is better changes across tasks.",
-        "final training return on fresh seeds, HL-Gauss − HL-1-Hot, rest → best = 1; ✓ differs by less than a tenth. "
-        "Often is on half of the tasks or more, of two at least; holds if also each of them is clearly ahead somewhere",
+        *says("order_changes"),
         units,
         f"HL-Gauss is clearly ahead: {_where(ahead, '✓')}. HL-1-Hot: {_where(ahead, '✗')}." if units else "",
     )

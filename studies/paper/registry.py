@@ -22,8 +22,8 @@ FIGURES: dict[str, FigureStudy] = {
 }
 """The figures by name, in the order of the page.
 
-A study of your own is one more entry: its sweeps are trained, and its figure, table and claims stand on the page, as
-the others' are.
+A study of your own is one more entry: its sweeps are trained, and its figure and table stand on the page, as the
+others' do. What it says is one more of claims.CLAIMS.
 """
 
 

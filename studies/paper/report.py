@@ -11,31 +11,12 @@ from galton_experiments.page import Claim, Section, render
 from galton_experiments.sweep import Store
 from studies.paper import hypotheses, made, tables
 from studies.paper.answer import answer
+from studies.paper.claims import CLAIMS
 from studies.paper.figure import FigureStudy
+from studies.paper.prose import text
 from studies.paper.registry import FIGURES
 from studies.paper.trained import Trained
 
-TITLE = "Replacing implicit regression with classification: what holds"
-INTRODUCTION = (
-    "The paper replaces the regression that hides in Gaussian policy gradients by classification: a softmax over "
-    "bins, trained with a cross-entropy towards the sampled bin (HL-1-Hot) or a Gaussian histogram around it "
-    "(HL-Gauss). Here all of that is trained again, and what the paper says stands beside what was measured.",
-    "A claim has a decision for each task, or for what else its lines name. Each is a rank test of P, the chance that "
-    "a run of the first is above one of the second: Mann and Whitney's, or where eight or more pairs of runs have "
-    "common seeds the one that exchanges the two of a pair. Those of a claim are adjusted together (Holm); clear is "
-    "what stays below p = 0.05, if the mean points the way that P does. Numbers of a single loss, such as how much a "
-    "setting moves it, are judged by Student's t test instead, and so is whether two losses differ by little. "
-    "Intervals are 95% intervals of the mean, each by itself. A run that diverges counts as the worst of its sweep. "
-    "Beside a verdict stands how many of the decisions are clearly as the paper says. A claim holds if all that can "
-    "be decided are, and does not if more are clearly the contrary; in between it holds in part. Tasks on which fewer "
-    "than one run in a hundred ever earns more than rest are null, and no claim on returns counts them.",
-    "Rest is what doing nothing earns, or acting at random where that is known and better; rest → best is the way "
-    "from there to the optimum, or where that is not known to the best mean final return of any setting on the grid, "
-    "in training or of the deterministic policy. Centred HL-Gauss (dash-dotted) is not the paper's. It is HL-Gauss "
-    "without a bias that docs/paper.md derives, on a grid of its own with wider targets, and no claim compares it. "
-    "App. C.2 has 20 trials of each of 88 settings. Where a task has fewer of either, Figures 4 to 7 say it above its "
-    "panel, and the last table has both for every sweep.",
-)
 FIRST = (hypotheses.NAME,)
 """The figures that stand before the claims."""
 
@@ -57,7 +38,7 @@ def page(trained: Trained, drawn: Mapping[str, Figure]) -> str:
     head = answer(trained, judged)
     if head.figure is not None:
         settle(head.figure)
-    return render(TITLE, INTRODUCTION, judged, [*sections, *there], head)
+    return render(text("page")["title"], text("page")["introduction"], judged, [*sections, *there], head)
 
 
 def write(folder: Path, trained: Trained) -> None:
@@ -75,13 +56,8 @@ def write(folder: Path, trained: Trained) -> None:
 
 
 def claims(trained: Trained) -> list[Claim]:
-    """What is said of all figures, in its order, each resting on the section of its figure."""
-    placed = [
-        (place, dataclasses.replace(judge(trained), section=name))
-        for name, figure in FIGURES.items()
-        for place, judge in figure.claims.items()
-    ]
-    return [claim for _, claim in sorted(placed, key=lambda entry: entry[0])]
+    """What is said of all figures, each claim resting on the section of its figure."""
+    return [dataclasses.replace(judge(trained), section=name) for name, judge in CLAIMS]
 
 
 def _section(name: str, figure: FigureStudy, trained: Trained, drawn: Figure | None) -> Section:

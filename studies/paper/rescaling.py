@@ -1,8 +1,6 @@
 """Hypothesis (b): the same task in other units of the action, for policies that know of units and those that don't."""
 
-import dataclasses
-import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -13,10 +11,11 @@ from galton.tasks import TASKS
 from galton_experiments.analysis import fit_curves, mean_band, mean_interval, rounded
 from galton_experiments.analysis.plots import draw_series, finish, label_rows, look_of, marker_of, panels
 from galton_experiments.runs import Summary
-from galton_experiments.sweep import Setting, Study
+from galton_experiments.sweep import Setting
+from studies.paper.changes import Variant
 from studies.paper.curves import heading
 from studies.paper.measures import Scores, final_of, logged
-from studies.paper.sweeps import MAIN, Budget, Done, Sweep, on_fresh_seeds
+from studies.paper.sweeps import MAIN, Budget, Sweep, again, winners_for
 from studies.paper.trained import Trained
 
 SCALE_TASKS = ("bandit", "lqr", "reacher", "half-cheetah")
@@ -31,31 +30,38 @@ def name_of(setting: Setting) -> str:
     return IN_THE_BOX if setting["box_units"] else setting["loss"]
 
 
-def in_the_box(setting: Setting) -> Setting:
-    """The same setting in units of the box."""
-    return setting.replace(box_units=1.0)
-
-
-def _settings(main: Summary, budget: Budget) -> tuple[Setting, ...]:
+def _settings(main: Summary, budget: Budget) -> Iterator[Setting]:
     """Each loss's best setting of the main experiment, and the Gaussian's in units of the box."""
-    losses = ("gaussian", "hl-gauss") if budget == "smoke" else tuple(main.best)
-    found = [main.best[loss].setting for loss in losses]
-    return (*found, *(in_the_box(setting) for setting in found if setting["loss"] == "gaussian"))
+    found = winners_for(main, budget)
+    yield from found
+    yield from (setting.replace(box_units=1.0) for setting in found if setting["loss"] == "gaussian")
 
 
 def _sweep(task: str, scale: float) -> Sweep:
-    def study(budget: Budget, done: Done) -> Study:
-        main = done[task]
-        trials = 2 if budget == "smoke" else 10 if TASKS[task].in_jax else 5
-        kwargs = json.dumps({"action_scale": scale} if scale != 1 else {})
-        found = on_fresh_seeds(main.study, _settings(main, budget), trials)
-        return dataclasses.replace(found, env_kwargs=kwargs)
-
-    return Sweep(f"scale-{task}-{scale:g}", study, winners_of=MAIN[task])
+    n = 10 if TASKS[task].in_jax else 5
+    constants = {"action_scale": scale} if scale != 1 else {}
+    name, trials = f"scale-{task}-{scale:g}", lambda budget: 2 if budget == "smoke" else n
+    return again(MAIN[task], _settings, name=name, trials=trials, env_kwargs=constants)
 
 
 SWEEPS = {(task, scale): _sweep(task, scale) for task in SCALE_TASKS for scale in SCALES}
 """The sweeps by task and scale, all with the same settings and seeds, so that only the scale differs."""
+
+
+def _variant(name: str, scale: float, other: str) -> Variant:
+    """All tasks at one scale, without one of the two Gaussians."""
+
+    def winners(_: str, chosen: Summary, done: Summary) -> Mapping[Setting, Setting]:
+        kept = (setting for setting in done.study.settings if name_of(setting) != other)
+        return {chosen.best[setting["loss"]].setting: setting for setting in kept}
+
+    return Variant(name, {task: (MAIN[task], SWEEPS[task, scale]) for task in SCALE_TASKS}, winners)
+
+
+VARIANTS = (
+    *(_variant(f"action box × {scale:g}", scale, IN_THE_BOX) for scale in SCALES if scale != 1),
+    _variant(f"× {SCALES[-1]:g}, the Gaussian in units of the box", SCALES[-1], "gaussian"),
+)
 
 
 class At(NamedTuple):

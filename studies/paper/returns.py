@@ -4,14 +4,14 @@ import math
 from collections.abc import Callable, Iterable, Mapping
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from galton.losses import LOSSES
 from galton.tasks import TASKS
-from galton_experiments.analysis import AXES, Comparison, compare, mean_interval
+from galton_experiments.analysis import Comparison, compare, mean_interval
 from galton_experiments.page import Claim
-from studies.paper import order, stability
-from studies.paper.curves import BANDS, best_curves, shown
-from studies.paper.figure import FigureStudy
+from studies.paper.curves import best_curves, shown
+from studies.paper.figure import figure
 from studies.paper.measures import (
     better,
     better_by,
@@ -21,6 +21,7 @@ from studies.paper.measures import (
     over_regression,
     steps_to,
 )
+from studies.paper.prose import says
 from studies.paper.scale import Scale, rest
 from studies.paper.standings import winners
 from studies.paper.sweeps import AGAIN, MAIN
@@ -114,10 +115,7 @@ def ends_higher(trained: Trained) -> Claim:
     tasks = _of_most(trained)
     units = _units(trained, tasks, _end)
     return claim(
-        "§1, §5.2.1",
-        "In almost all instances classification reaches a higher return at the end of training. (Acrobot is an "
-        "exception.)",
-        "final training return on fresh seeds, the classification loss that was better on the grid − Gaussian",
+        *says("ends_higher"),
         units,
         *_without_noise(trained, tasks, _end),
         _entropies(trained, units),
@@ -132,10 +130,7 @@ def ends_higher_without_noise(trained: Trained) -> Claim:
         return _end(task, scale, [*logged(task.again)][-1])
 
     return claim(
-        "§5.2.1",
-        "In almost all instances classification's deterministic policy ends higher. (Acrobot is an exception.)",
-        "final return of the deterministic policy on fresh seeds (the mean action where it was logged), the "
-        "classification loss that was better on the grid − Gaussian",
+        *says("ends_higher_without_noise"),
         _units(trained, _of_most(trained), end),
     )
 
@@ -144,10 +139,7 @@ def learns_faster(trained: Trained) -> Claim:
     """Data efficiency, §5.2.1: the mean return over all of training."""
     tasks = _of_most(trained)
     return claim(
-        "Abstract, §5.2.1",
-        "In almost all instances classification learns faster: more return over training. (Acrobot is an exception.)",
-        "training return averaged over all of training, on fresh seeds, the classification loss that was better on "
-        "the grid − Gaussian",
+        *says("learns_faster"),
         _units(trained, tasks, _mean),
         *_without_noise(trained, tasks, _mean),
     )
@@ -157,13 +149,7 @@ def learns_sooner(trained: Trained) -> Claim:
     """Data efficiency, §5.2.1, without level and start: the steps until something is learned."""
     tasks = _of_most(trained)
     return claim(
-        "Abstract, §5.2.1",
-        "In almost all instances classification learns faster: fewer steps until something is learned. (Acrobot is an "
-        "exception.)",
-        "environment steps to the first log point at a quarter of the way from rest to the best, by training return on "
-        "fresh seeds: median for the Gaussian and for the classification loss with the higher mean over training on "
-        "the grid; P that the Gaussian is later. Seeds are no pairs here; a run that never gets there is one log point "
-        "later than the last",
+        *says("learns_sooner"),
         _units(trained, tasks, _steps),
         *_without_noise(trained, tasks, _steps),
     )
@@ -177,9 +163,7 @@ def acrobot(trained: Trained) -> Claim:
         return -_end(task, scale, metric)
 
     return claim(
-        "§5.2.1",
-        "On Acrobot regression outperforms classification.",
-        "final training return on fresh seeds, Gaussian − the classification loss that was better on the grid",
+        *says("acrobot"),
         _units(trained, tasks, behind),
         *_without_noise(trained, tasks, behind),
         _entropies(trained, _units(trained, tasks, _end)),
@@ -187,46 +171,16 @@ def acrobot(trained: Trained) -> Claim:
     )
 
 
-TRAINING = FigureStudy(
-    "Training return",
-    "Undiscounted training return of each loss's best setting (highest mean final training return on the grid) on "
-    "fresh seeds, which did not choose it and by which claims are judged: mean of n runs, a diverged one until it did, "
-    f"and {BANDS}. Dashed: the best that any policy can do, where that is known. Dotted: what the action 0 earns, "
-    f"always taken. Long dashes: the return from which the task counts as solved. {AXES} In the table the mean of a "
-    "curve is how a loss does over training, and the noise of exploration costs what the deterministic policy earns "
-    "more over training.",
-    lambda trained: best_curves(shown(trained), "training_return"),
-    (*MAIN.values(), *AGAIN.values()),
-    number=2,
-    table=winners,
-    claims={
-        1: ends_higher,
-        2: learns_faster,
-        2.5: learns_sooner,
-        4: stability.alike_between_seeds,
-        4.5: stability.keeps_what_it_learns,
-        16: order.order_changes,
-    },
-)
+def _curves(metric: str, tasks: Iterable[str] = tuple(TASKS)) -> Callable[[Trained], Figure]:
+    """Draws the learning curves on these tasks."""
+    return lambda trained: best_curves({task: runs for task, runs in shown(trained).items() if task in tasks}, metric)
 
-EVALUATION = FigureStudy(
-    "Evaluation return",
-    "Undiscounted return of the deterministic policy (the Gaussian's mean, the softmax's most likely bin) during "
-    "training, without the noise of exploration: settings, seeds and bands of Figure 2. Thin and dotted, where that "
-    "was measured: the softmax policies by the mean of their distribution, since of a wide one the most likely bin is "
-    f"nearly any. {AXES}",
-    lambda trained: best_curves(shown(trained), "evaluation_return"),
-    (*MAIN.values(), *AGAIN.values()),
-    number=8,
-)
 
-IN_THE_APPENDIX = FigureStudy(
-    "Training return on the LQR and on Acrobot",
-    "Two panels of Figure 2 again, the same curves, as the paper has them in its appendix.",
-    lambda trained: best_curves(
-        {task: summary for task, summary in shown(trained).items() if task in _IN_THE_APPENDIX}, "training_return"
-    ),
-    (*(MAIN[task] for task in _IN_THE_APPENDIX), *(AGAIN[task] for task in _IN_THE_APPENDIX)),
-    number=9,
-    claims={3: acrobot},
+_SWEEPS = (*MAIN.values(), *AGAIN.values())
+TRAINING = figure("figure-2", _curves("training_return"), _SWEEPS, table=winners)
+EVALUATION = figure("figure-8", _curves("evaluation_return"), _SWEEPS)
+IN_THE_APPENDIX = figure(
+    "figure-9",
+    _curves("training_return", _IN_THE_APPENDIX),
+    tuple(sweep[task] for sweep in (MAIN, AGAIN) for task in _IN_THE_APPENDIX),
 )

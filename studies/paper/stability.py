@@ -5,6 +5,7 @@ import numpy as np
 from galton_experiments.analysis import mean_interval, rounded
 from galton_experiments.page import Claim
 from studies.paper.measures import apart, better, drawdown, final_return, versus
+from studies.paper.prose import says
 from studies.paper.scale import Scale
 from studies.paper.trained import Trained
 from studies.paper.verdicts import Found, by_task, claim, unit
@@ -21,10 +22,7 @@ def alike_between_seeds(trained: Trained) -> Claim:
         return {"": unit(found, "{:.3f} and {:.3f}, P = ".format(*typical) + f"{found.above:.2f}")}
 
     return claim(
-        "Abstract, §1",
-        "Classification learns more stably: seeds end nearer to one another.",
-        "how far a run ends from the median of its loss, in training return on fresh seeds: median for the Gaussian "
-        "and for the classification loss that was better on the grid, rest → best = 1; P that the Gaussian's is larger",
+        *says("alike_between_seeds"),
         by_task(trained, trained.judged, judge),
     )
 
@@ -40,10 +38,6 @@ def keeps_what_it_learns(trained: Trained) -> Claim:
         return {"": unit(found, f"{' and '.join(lost)}, P = {found.above:.2f}")}
 
     return claim(
-        "Abstract, §1",
-        "Classification learns more stably: runs keep what they have reached.",
-        "drawdown, a run's best log point less its final return, in training return on fresh seeds: mean for the "
-        "Gaussian and for the classification loss that was better on the grid, rest → best = 1; P that the Gaussian's "
-        "is larger",
+        *says("keeps_what_it_learns"),
         by_task(trained, trained.judged, judge),
     )

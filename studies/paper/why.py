@@ -3,7 +3,7 @@
 import dataclasses
 import functools
 import textwrap
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,6 +19,7 @@ from galton_experiments.analysis.plots import draw_marks, finish, fit, look_of, 
 from galton_experiments.page import Table
 from galton_experiments.runs import Summary
 from galton_experiments.sweep import Setting, Study, expand, mean_returns, task_defaults
+from studies.paper.changes import Variant
 from studies.paper.curves import BANDS, draw_levels, heading, numbered
 from studies.paper.figure import FigureStudy
 from studies.paper.measures import CLASSIFICATION
@@ -89,7 +90,7 @@ def best_of_each(summary: Summary) -> tuple[Setting, ...]:
 
 SWEEPS = {task: _sweep(task) for task in WHY_TASKS}
 """The sweep of each task: all losses under each change."""
-AGAIN = {task: again(SWEEPS[task], best_of_each) for task in WHY_TASKS}
+AGAIN = {task: again(SWEEPS[task], lambda summary, _: best_of_each(summary)) for task in WHY_TASKS}
 """The sweep of each task that trains each loss's best setting under each change on fresh seeds."""
 
 
@@ -141,6 +142,17 @@ def change_of(setting: Setting, env: str) -> str:
 @functools.cache
 def _plain(env: str) -> dict[str, Any]:
     return Setting(task_defaults(env)).record()
+
+
+def variants() -> Iterator[Variant]:
+    """The winners under each change, in the place of the main experiment."""
+    sweeps = {task: (SWEEPS[task], AGAIN[task]) for task in WHY_TASKS}
+    for name in filter(CHANGES.get, CHANGES):
+
+        def winners(task: str, _: Summary, again: Summary, name: str = name) -> Mapping[Setting, Setting]:
+            return {each: each for each in again.study.settings if change_of(each, TASKS[task].env) == name}
+
+        yield Variant(name, sweeps, winners)
 
 
 def draw(trained: Trained) -> Figure:

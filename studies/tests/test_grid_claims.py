@@ -7,7 +7,7 @@ import pytest
 
 from galton_experiments.runs import Summary
 from studies.paper import profiles, sensitivity
-from studies.paper.registry import FIGURES
+from studies.paper.claims import of_figure
 
 from . import made_up
 from .made_up import SWEEPS
@@ -16,7 +16,7 @@ from .test_claims import CLASSIFIED, judged, winning
 
 def sensitivities(data):
     """What is claimed of Figures 4 to 6."""
-    found = [judge(data) for name in ("figure-4", "figure-5", "figure-6") for judge in FIGURES[name].claims.values()]
+    found = [judge(data) for name in ("figure-4", "figure-5", "figure-6") for judge in of_figure(name)]
     return {claim.words: claim for claim in found}
 
 

@@ -11,13 +11,14 @@ from galton_experiments.page import quotes
 from galton_experiments.sweep.grid import task_defaults
 from galton_experiments.sweep.study import Setting
 from studies.paper import boxed, changes, hypotheses, rescaling, tables
-from studies.paper.changes import HYPOTHESES
+from studies.paper.prose import text
 from studies.paper.sweeps import AGAIN, MAIN
 from studies.paper.trained import Trained
 
 from . import made_up
 
-CHANGES = [change for hypothesis in HYPOTHESES.values() for change in hypothesis.changes]
+CHANGES = [change for of in changes.CHANGES.values() for change in of]
+HYPOTHESES = {letter: told for letter, told in text("hypotheses").items() if "open" in told}
 
 
 @pytest.mark.parametrize("change", CHANGES, ids=[change.name for change in CHANGES])
@@ -50,8 +51,8 @@ def test_a_floor_turns_the_claim_and_leaves_the_other_losses_as_they_were():
     assert floor.verdict == "holds"
     assert "as in the main experiment" not in table.heads
     heads = {name: table.heads[name][0] for name in ("(c) σ at least 0.1", "λ = 0.95")}
-    assert heads == {"(c) σ at least 0.1": f"(c) {HYPOTHESES['c'].title}.", "λ = 0.95": "The earlier study, why."}
-    under = hypotheses.under(trained, HYPOTHESES["c"].changes[0])
+    assert heads == {"(c) σ at least 0.1": f"(c) {HYPOTHESES['c']['title']}.", "λ = 0.95": "The earlier study, why."}
+    under = hypotheses.under(trained, changes.CHANGES["c"][0].variant)
     for task, judged in under.judged.items():
         again, main = judged.again, trained.judged[task].again
         setting = main.best["hl-gauss"].setting
@@ -120,7 +121,7 @@ def test_without_the_lowest_rate_the_winners_are_others():
         return 5.0 if setting["learning_rate"] < 5e-4 and setting["loss"] == "gaussian" else 3.0
 
     trained = made_up.judgeable(lowest)
-    main, without = trained.judged["reacher"], hypotheses.without_lowest(trained).judged["reacher"]
+    main, without = trained.judged["reacher"], hypotheses.under(trained, changes.WITHOUT_LOWEST).judged["reacher"]
     rates = [each.again.best["gaussian"].setting["learning_rate"] for each in (main, without)]
     assert rates[0] < rates[1]
     assert without.again.best["hl-gauss"].setting["learning_rate"] > min(

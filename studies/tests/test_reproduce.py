@@ -248,6 +248,7 @@ MINE = """
 from galton_experiments.analysis.plots import panels
 from studies.paper.figure import FigureStudy
 from studies.paper.gradients import Sample
+from studies.paper.claims import CLAIMS
 from studies.paper.registry import FIGURES
 from studies.paper.verdicts import claim
 
@@ -262,7 +263,8 @@ def says(trained):
     return claim("of our own", "It is drawn.", "nothing", {})
 
 
-FIGURES["mine"] = FigureStudy("A study of our own", "A line.", draw, claims={100: says})
+FIGURES["mine"] = FigureStudy("A study of our own", "A line.", draw)
+CLAIMS.append(("mine", says))
 """
 
 
@@ -284,7 +286,8 @@ def test_a_sweep_from_outside_is_trained_drawn_and_judged(tmp_path, monkeypatch)
     """What of it is trained again on fresh seeds is loaded too, though the figure does not name the grid."""
     study = MAIN["lqr"].study("smoke", {})
     grid = Sweep("mine", lambda budget, done: study, title="My grid")
-    mine = FigureStudy("My figure", "", lambda trained: Figure(), (again(grid),), claims={100: my_claim})
+    mine = FigureStudy("My figure", "", lambda trained: Figure(), (again(grid),))
+    monkeypatch.setattr(report, "CLAIMS", [*report.CLAIMS, ("my-figure", my_claim)])
     monkeypatch.setitem(FIGURES, "my-figure", mine)
     results = made_up.results(study, lambda setting: 1.0)
     Summary.of_results(study, results, made_up.PROVENANCE).save(data_of(tmp_path), "mine.parquet")
