@@ -10,7 +10,7 @@ from galton_experiments.analysis import Interval, fit_curves, mean_band
 from galton_experiments.analysis.plots import draw_series, finish, label_rows, look_of, marker_of, panels
 from galton_experiments.runs import Summary
 from studies.paper.controls import CONTROLS
-from studies.paper.curves import draw_best, draw_levels, numbered, runs_of
+from studies.paper.curves import draw_best, draw_levels, draw_thin, numbered
 from studies.paper.figure import figure
 from studies.paper.harder_bandits import DIMENSION, NOISE, across, losses_in
 from studies.paper.sweeps import AGAIN, MAIN, Sweep
@@ -62,13 +62,8 @@ def _draw_control(axes: Axes, control: Summary, main: Summary | None) -> list[In
     """Draw the learning curves under a control, with the Gaussian's and, thin and dotted, those without it."""
     gaussian = {"gaussian": main} if main and "gaussian" in main.best else {}
     drawn = draw_best(axes, gaussian | dict.fromkeys(control.best, control), "training_return")
-    for loss in control.best:
-        if main and loss in main.best:
-            label, color, _ = look_of(loss)
-            drawn.append(mean_band([runs_of(main, loss, "training_return")]))
-            name = f"{label} without it"
-            axes.plot(main.steps, drawn[-1].mean, gid=name, label=name, lw=0.9, ls=":", color=color)
-    return drawn
+    known = [loss for loss in control.best if main and loss in main.best]
+    return drawn + [draw_thin(axes, main, loss, "training_return", " without it") for loss in known if main]
 
 
 def _share_y(axes: Sequence[Axes]) -> None:

@@ -74,9 +74,8 @@ class Change:
         return Variant(self.name, sweeps, winners, self.losses)
 
 
-def _in_bins(width: float) -> tuple[float, ...]:
-    """The paper's six η, read as σ in units of the action: of a box of width 2 with 100 bins they are 0.5 to 37.5."""
-    return tuple(round(eta * 100 / width, 6) for eta in (0.01, 0.05, 0.1, 0.25, 0.5, 0.75))
+_IN_ACTIONS = (0.5, 2.5, 5.0, 12.5, 25.0, 37.5)
+"""The paper's six η, read as σ in units of the action, in bins: 100 of them in a box of width 2."""
 
 
 def _floor(std: float) -> Change:
@@ -103,12 +102,7 @@ CHANGES: dict[str, tuple[Change, ...]] = {
         _lqr("R = 0.1", "r-0.1", R=_scaled(LQR().R, 0.1)),
         _lqr("R = 0.01", "r-0.01", R=_scaled(LQR().R, 0.01)),
         _lqr("spectral radius 1.02", "radius-1.02", A=_scaled(LQR().A, 1.02 / 0.98)),
-        _lqr(
-            "spectral radius 1, 200 steps",
-            "radius-1-steps-200",
-            A=_scaled(LQR().A, 1 / 0.98),
-            max_episode_steps=200,
-        ),
+        _lqr("spectral radius 1, 200 steps", "radius-1-steps-200", A=_scaled(LQR().A, 1 / 0.98), max_episode_steps=200),
     ),
     "e": (
         Change(
@@ -129,8 +123,8 @@ CHANGES: dict[str, tuple[Change, ...]] = {
         ),
     ),
     "g": (
-        Change("η in units of the action", CONTROL, losses=("hl-gauss",), etas=_in_bins(2.0)),
-        Change("η in units of the action, rewards normalised", CONTROL, {"normalize_reward": True}, etas=_in_bins(2.0)),
+        Change("η in units of the action", CONTROL, losses=("hl-gauss",), etas=_IN_ACTIONS),
+        Change("η in units of the action, rewards normalised", CONTROL, {"normalize_reward": True}, etas=_IN_ACTIONS),
     ),
 }
 """The changes that test a hypothesis, by its letter in hypotheses.toml; (a), (b) and (h) have sweeps of their own."""

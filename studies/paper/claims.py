@@ -4,7 +4,7 @@ from collections.abc import Callable
 from functools import partial
 
 from galton_experiments.page import Claim
-from studies.paper import controls, harder_bandits, norms, order, profiles, returns, sensitivity, stability
+from studies.paper import controls, harder_bandits, norms, order, profiles, returns, sensitivity
 from studies.paper.norms import LIKELIHOOD, PRINTED
 from studies.paper.trained import Trained
 
@@ -14,8 +14,8 @@ CLAIMS: list[tuple[str, Judge]] = [
     ("figure-2", returns.learns_faster),
     ("figure-2", returns.learns_sooner),
     ("figure-9", returns.acrobot),
-    ("figure-2", stability.alike_between_seeds),
-    ("figure-2", stability.keeps_what_it_learns),
+    ("figure-2", order.alike_between_seeds),
+    ("figure-2", order.keeps_what_it_learns),
     ("propositions", norms.bounds_hold),
     ("propositions", partial(norms.norm_is_smaller, reading=LIKELIHOOD)),
     ("propositions", partial(norms.norm_is_smaller, reading=PRINTED)),
@@ -37,8 +37,8 @@ CLAIMS: list[tuple[str, Judge]] = [
     ("figure-4", partial(sensitivity.sensitive, loss="hl-gauss", field="learning_rate")),
     ("figure-4", partial(sensitivity.sensitive, loss="hl-gauss", field="eta")),
     ("figure-4", sensitivity.wide_targets),
-    ("figure-4", partial(sensitivity.robust, loss="hl-gauss", field="n_bins")),
-    ("figure-5", partial(sensitivity.robust, loss="hl-one-hot", field="n_bins")),
+    ("figure-4", partial(sensitivity.sensitive, loss="hl-gauss", field="n_bins", much=False)),
+    ("figure-5", partial(sensitivity.sensitive, loss="hl-one-hot", field="n_bins", much=False)),
     ("figure-5", sensitivity.similar_bins),
     ("figure-5", partial(sensitivity.sensitive, loss="hl-one-hot", field="learning_rate")),
     ("figure-6", partial(sensitivity.sensitive, loss="gaussian", field="learning_rate")),

@@ -1,7 +1,7 @@
 """The two controls of §5.2.3, on the bandit: softmax policies that start, or explore, as the Gaussian does."""
 
 import dataclasses
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -12,18 +12,10 @@ from galton_experiments.analysis import Comparison, compare, decide, mean_interv
 from galton_experiments.page import Claim
 from galton_experiments.runs import Summary
 from galton_experiments.sweep import Setting
-from studies.paper.measures import (
-    CLASSIFICATION,
-    DETERMINISTIC,
-    Score,
-    final_return,
-    mean_return,
-    over_training,
-)
+from studies.paper.measures import CLASSIFICATION, DETERMINISTIC, Score, final_return, mean_return, over_training
 from studies.paper.prose import says
-from studies.paper.scale import optimum
 from studies.paper.sweeps import AGAIN, MAIN, Budget, Sweep, again, grid, main_settings
-from studies.paper.trained import Trained
+from studies.paper.trained import Trained, optimum
 from studies.paper.verdicts import claim, told
 
 Means = Float[np.ndarray, " settings"]
@@ -85,13 +77,15 @@ def _at_equal_settings(trained: Trained, control: Control) -> dict[str, tuple[Me
     return found
 
 
+def _counted(equal: Mapping[str, tuple[Means, Means]], sign: int) -> str:
+    """In how many settings each loss is higher under a control, or lower."""
+    found = (f"{LOSSES[x].label} in {(sign * (one - two) > 0).sum()} of {len(one)}" for x, (one, two) in equal.items())
+    return ", ".join(found)
+
+
 def starts_as_well(trained: Trained) -> Claim:
     """What §5.2.3 says of Figure 3c: Init Gaussian does no harm."""
-    equal = (
-        f"{LOSSES[loss].label} in {(under < without).sum()} of {len(under)}"
-        for loss, (under, without) in _at_equal_settings(trained, INIT_GAUSSIAN).items()
-    )
-    lower = ", ".join(equal)
+    lower = _counted(_at_equal_settings(trained, INIT_GAUSSIAN), -1)
     return claim(
         *says("starts_as_well"),
         {
@@ -107,9 +101,7 @@ def starts_as_well(trained: Trained) -> Claim:
 def converges_faster(trained: Trained) -> Claim:
     """What §5.2.3 says of Figure 3d: Gaussian Exploration is faster."""
     equal = _at_equal_settings(trained, EXPLORATION)
-    higher = (f"{LOSSES[loss].label} in {(one > two).sum()} of {len(one)}" for loss, (one, two) in equal.items())
-    counts = ", ".join(higher)
-    winners = _gains(trained, EXPLORATION, mean_return)
+    counts, winners = _counted(equal, 1), _gains(trained, EXPLORATION, mean_return)
     gains = ", ".join(f"{label} {told(gain)}" for label, gain in winners.items())
     return claim(
         *says("converges_faster"),
@@ -129,11 +121,7 @@ def no_local_optimum(trained: Trained) -> Claim:
         parts = {"less is missing": missing, "less than half is": missing / 2}
         units = {name: compare(part, left, paired) for name, part in parts.items()}
         note = f"Short of the optimum: {mean_interval(missing):.2f} without, {mean_interval(left):.2f} with it."
-    return claim(
-        *says("no_local_optimum"),
-        units,
-        note,
-    )
+    return claim(*says("no_local_optimum"), units, note)
 
 
 def exploration_is_not_the_reason(trained: Trained) -> Claim:
@@ -153,11 +141,7 @@ def exploration_is_not_the_reason(trained: Trained) -> Claim:
     }
     no_gain = ", ".join(f"{_named(*key)} {told(gain)}" for key, gain in gains.items() if key not in ahead)
     note = f"Not clearly more efficient to begin with: {no_gain}." if no_gain else ""
-    judged = claim(
-        *says("exploration_is_not_the_reason"),
-        units,
-        note,
-    )
+    judged = claim(*says("exploration_is_not_the_reason"), units, note)
     return judged if units or not note else dataclasses.replace(judged, why=note)
 
 

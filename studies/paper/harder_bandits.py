@@ -12,9 +12,8 @@ from galton_experiments.page import Claim
 from galton_experiments.runs import Summary
 from studies.paper.measures import CLASSIFICATION, Scores, final_return, versus
 from studies.paper.prose import says
-from studies.paper.scale import optimum
 from studies.paper.sweeps import AGAIN, MAIN, Sweep, again, winners_for
-from studies.paper.trained import Trained
+from studies.paper.trained import Trained, optimum
 from studies.paper.verdicts import A_TENTH, Found, claim, unit
 
 _BANDIT, _BANDIT_AGAIN = MAIN["bandit"], AGAIN["bandit"]
@@ -41,6 +40,10 @@ def losses_in(bandits: Mapping[float, Summary]) -> list[str]:
     """The losses that were trained on all of these bandits."""
     first, *others = bandits.values()
     return [loss for loss in first.best if all(loss in bandit.best for bandit in others)]
+
+
+def _ends(bandits: Mapping[float, Summary]) -> dict[str, str]:
+    return {"least": f"{min(bandits, default=0):g}", "most": f"{max(bandits, default=0):g}"}
 
 
 def _costs(bandits: Mapping[float, Summary]) -> dict[str, Comparison]:
@@ -74,11 +77,7 @@ def _shortfalls(bandits: Mapping[float, Summary], name: str) -> str:
 def less_sensitive_to_noise(trained: Trained) -> Claim:
     """What §5.2.2 says of Figure 3a: noise costs classification less."""
     bandits = across(trained, NOISE)
-    return claim(
-        *says("less_sensitive_to_noise", most=f"{max(bandits, default=0):g}", least=f"{min(bandits, default=0):g}"),
-        _costs(bandits),
-        _shortfalls(bandits, "σ"),
-    )
+    return claim(*says("less_sensitive_to_noise", **_ends(bandits)), _costs(bandits), _shortfalls(bandits, "σ"))
 
 
 def degrades_with_dimension(trained: Trained) -> Claim:
@@ -92,10 +91,7 @@ def degrades_with_dimension(trained: Trained) -> Claim:
             for loss in losses_in(bandits)
             if LOSSES[loss].in_paper
         }
-    return claim(
-        *says("degrades_with_dimension", few=f"{min(bandits, default=0):g}", many=f"{max(bandits, default=0):g}"),
-        units,
-    )
+    return claim(*says("degrades_with_dimension", **_ends(bandits)), units)
 
 
 def higher_in_all_dimensions(trained: Trained) -> Claim:
@@ -115,11 +111,7 @@ def higher_in_all_dimensions(trained: Trained) -> Claim:
 def gap_grows_with_dimension(trained: Trained) -> Claim:
     """What §5.2.2 and §7 make of Figure 3b: the more dimensions, the more classification is ahead."""
     bandits = across(trained, DIMENSION)
-    return claim(
-        *says("gap_grows_with_dimension", few=f"{min(bandits, default=0):g}", many=f"{max(bandits, default=0):g}"),
-        _costs(bandits),
-        _shortfalls(bandits, "d"),
-    )
+    return claim(*says("gap_grows_with_dimension", **_ends(bandits)), _costs(bandits), _shortfalls(bandits, "d"))
 
 
 def stops_at_the_next_bin(trained: Trained) -> Claim:
@@ -141,10 +133,7 @@ def stops_at_the_next_bin(trained: Trained) -> Claim:
             f"at the next bin at most, which costs {next_bin:.2f}:": unit(-near, shown),
             "by less than a tenth of the way from rest:": unit(little, shown),
         }
-    return claim(
-        *says("stops_at_the_next_bin", noise=f"{calm:g}"),
-        units,
-    )
+    return claim(*says("stops_at_the_next_bin", noise=f"{calm:g}"), units)
 
 
 def _cost_of_the_next_bin(bandit: Summary) -> float:

@@ -7,7 +7,6 @@ from galton.tasks import TASKS
 from galton_experiments.page import Cell, Matrix
 from galton_experiments.runs import Summary
 from studies.paper import changes, rescaling, returns, why
-from studies.paper.boxed import cell, in_the_box
 from studies.paper.changes import Variant
 from studies.paper.claims import Judge
 from studies.paper.figure import figure
@@ -34,7 +33,7 @@ _VARIANTS: dict[str, Iterable[Variant]] = {
 def rows(trained: Trained) -> Iterator[tuple[str, Trained]]:
     """The main experiment, then every change, each with what was trained as if the main experiment had been this."""
     yield "as in the main experiment", trained
-    yield "(a) bandit in units of its box", in_the_box(trained)
+    yield "(a) bandit in units of its box", rescaling.in_the_box(trained)
     for letter, variants in _VARIANTS.items():
         for variant in variants:
             yield f"({letter}) {variant.name}", under(trained, variant)
@@ -46,12 +45,11 @@ def rows(trained: Trained) -> Iterator[tuple[str, Trained]]:
 def table(trained: Trained) -> Matrix:
     """Change × claim: of how many tasks each holds."""
     found = {name: each for name, each in rows(trained) if each.judged}
-    return Matrix(
-        "change",
-        ["tasks", *CLAIMS],
-        {name: [Cell(_tasks(each)), *(cell(judge(each)) for judge in CLAIMS.values())] for name, each in found.items()},
-        heads=_heads(found),
-    )
+    cells = {}
+    for name, each in found.items():
+        tasks = "all" if len(each.judged) == len(TASKS) else ", ".join(map(each.title, each.judged))
+        cells[name] = [Cell(tasks), *(rescaling.cell(judge(each)) for judge in CLAIMS.values())]
+    return Matrix("change", ["tasks", *CLAIMS], cells, heads=_heads(found))
 
 
 def _heads(names: Iterable[str]) -> dict[str, tuple[str, str]]:
@@ -69,12 +67,6 @@ def _told(group: str) -> tuple[str, str]:
         return told["title"], told["text"]
     predicts = told["predicts"]
     return f"({group}) {told['title']}.", f"{told['open']} Predicted: {predicts[0].lower()}{predicts[1:]}"
-
-
-def _tasks(trained: Trained) -> str:
-    if len(trained.judged) == len(TASKS):
-        return "all"
-    return ", ".join(TASKS[task].title + (" (null)" if task in trained.nulls else "") for task in trained.judged)
 
 
 def under(trained: Trained, variant: Variant) -> Trained:

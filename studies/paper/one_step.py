@@ -97,12 +97,7 @@ def draw() -> Figure:
 
 
 def _draw_policy(
-    axes: Axes,
-    loss: str,
-    heights: Float[np.ndarray, " n"],
-    look: tuple[str, str, str],
-    width: float,
-    shade: float,
+    axes: Axes, loss: str, heights: Float[np.ndarray, " n"], look: tuple[str, str, str], width: float, shade: float
 ) -> None:
     name, color, linestyle = look
     if find_loss(loss).family == "histogram":

@@ -5,7 +5,6 @@ from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from galton.losses import LOSSES
 from galton.tasks import TASKS
 from galton_experiments.analysis import Interval, compare, difference_interval, from_best, mean_band, rounded
 from galton_experiments.analysis.plots import draw_series, finish, label_rows, look_of, panels
@@ -14,11 +13,10 @@ from galton_experiments.runs import Summary
 from galton_experiments.sweep import mean_returns
 from studies.paper.curves import counted, heading
 from studies.paper.figure import figure
-from studies.paper.measures import CLASSIFICATION, by_setting, spread
-from studies.paper.prose import says
-from studies.paper.scale import Scale
+from studies.paper.measures import CLASSIFICATION, by_setting, rate_spreads
+from studies.paper.prose import note, says
 from studies.paper.sweeps import MAIN
-from studies.paper.trained import Trained
+from studies.paper.trained import Scale, Trained
 from studies.paper.verdicts import Found, by_task, claim
 
 _HIGH = 0.9
@@ -63,25 +61,13 @@ def robust_to_settings(trained: Trained) -> Claim:
     """What §5.1 says of Figure 7: how much settings matter, judged by what all losses have in common to set."""
 
     def judge(task: str, scale: Scale) -> dict[str, Found]:
-        grid = trained.whole_grids[task]
-        moved = {loss: spread(grid, loss, "learning_rate", scale) for loss in ("gaussian", *CLASSIFICATION)}
-        theirs = moved["gaussian"]
-        return {
-            LOSSES[loss].label: compare(theirs, ours)
-            for loss in CLASSIFICATION
-            if (ours := moved[loss]) is not None and theirs is not None
-        }
+        pairs = rate_spreads(trained.whole_grids[task], CLASSIFICATION, "gaussian", scale)
+        return {name: compare(theirs, ours) for name, (ours, theirs) in pairs.items()}
 
     judged = {task: grid for task, grid in trained.whole_grids.items() if task in trained.scales}
     shown = "; ".join(f"{TASKS[task].title} {rounded(level(grid))}" for task, grid in judged.items())
-    return claim(
-        *says("robust_to_settings"),
-        by_task(trained, trained.whole_grids, judge),
-        "Level, which is another question: chance that a run of classification, of any setting, ends above one of the "
-        f"Gaussian, less ½ (mean of both losses): {shown}."
-        if shown
-        else "",
-    )
+    units = by_task(trained, trained.whole_grids, judge)
+    return claim(*says("robust_to_settings"), units, note("robust_to_settings", shown=shown) if shown else "")
 
 
 def higher_fraction(trained: Trained) -> Claim:
@@ -96,10 +82,7 @@ def higher_fraction(trained: Trained) -> Claim:
         theirs, *ours = ((by_setting(grid, loss) > high).mean(0) for loss in ("gaussian", *CLASSIFICATION))
         return {"": compare(np.mean(ours, axis=0), theirs)}
 
-    return claim(
-        *says("higher_fraction"),
-        by_task(trained, trained.whole_grids, judge),
-    )
+    return claim(*says("higher_fraction"), by_task(trained, trained.whole_grids, judge))
 
 
 def level(grid: Summary) -> Interval:

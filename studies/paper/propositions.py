@@ -13,10 +13,9 @@ from galton_experiments.analysis import Interval
 from galton_experiments.analysis.plots import draw_series, finish, look_of, panels
 from galton_experiments.page import Table
 from studies.paper import norms
-from studies.paper.bounds import Rows, check, findings, look_means, parts, read
 from studies.paper.figure import figure
 from studies.paper.gradients import collect
-from studies.paper.norms import PRINTED
+from studies.paper.norms import PRINTED, Rows, check, findings, look_means, parts, read
 from studies.paper.trained import Trained
 
 NAME = norms.NAME

@@ -24,6 +24,11 @@ def says(claim: str, **filled: str) -> tuple[str, str, str]:
     return source, words, test
 
 
+def note(claim: str, **filled: str) -> str:
+    """What else is said of a claim."""
+    return str(text("claims")[claim]["note"]).format(**filled)
+
+
 def _joined(value: Any) -> Any:
     if isinstance(value, dict):
         return {name: _joined(entry) for name, entry in value.items()}

@@ -1,4 +1,4 @@
-"""The page: the answer, what holds of the paper, every figure, and how all was made."""
+"""The page: the answer, what holds of the paper, every figure, and how all was made; and the tables that docs quote."""
 
 import dataclasses
 from collections.abc import Mapping
@@ -7,14 +7,15 @@ from pathlib import Path
 from matplotlib.figure import Figure
 
 from galton_experiments.analysis.plots import images, settle
-from galton_experiments.page import Claim, Section, render
+from galton_experiments.page import VERDICTS, Claim, Matrix, Section, quotes, render
 from galton_experiments.sweep import Store
-from studies.paper import hypotheses, made, tables
+from studies.paper import hypotheses, made, rescaling
 from studies.paper.answer import answer
 from studies.paper.claims import CLAIMS
 from studies.paper.figure import FigureStudy
 from studies.paper.prose import text
 from studies.paper.registry import FIGURES
+from studies.paper.standings import readme_table
 from studies.paper.trained import Trained
 
 FIRST = (hypotheses.NAME,)
@@ -51,7 +52,7 @@ def write(folder: Path, trained: Trained) -> None:
     for name in {f"{figure}{suffix}" for figure in FIGURES for suffix in (".png", ".svg")} - {*pictures}:
         store.remove(f"figures/{name}")  # of what a former version drew, or from data that have gone
     store.write("index.html", html.encode())
-    store.write(tables.FILE, tables.document(trained).encode())
+    store.write(FILE, document(trained).encode())
     print(f"{len(drawn)} figures and the page: {folder / 'index.html'}")
 
 
@@ -65,3 +66,36 @@ def _section(name: str, figure: FigureStudy, trained: Trained, drawn: Figure | N
     table = figure.table(trained) if figure.table and drawn else None
     missing = () if drawn else ("Not trained here.",)
     return Section(name, title, figure.caption, drawn, table, missing, name in FIRST)
+
+
+FILE = "tables.md"
+_SIGNS = dict(zip(VERDICTS, "✓◐✗≈", strict=True))
+
+
+def tables(trained: Trained) -> dict[str, str]:
+    """All of them by name; those that lack their data are left out."""
+    found = {
+        "Final training return on fresh seeds": readme_table(trained) if trained.judged else "",
+        FIGURES[hypotheses.NAME].title: markdown(hypotheses.table(trained)),
+        "Figure 3 in both units": markdown(rescaling.table(trained)),
+        "The scale of the action box": rescaling.markdown(trained),
+    }
+    return {name: table for name, table in found.items() if table}
+
+
+def document(trained: Trained) -> str:
+    """All of them, each under a heading."""
+    signs = ", ".join(f"{sign} {verdict}" for verdict, sign in _SIGNS.items())
+    head = f"# Tables\n\nOf how many tasks, losses or sizes a claim clearly holds: {signs}.\n"
+    return head + "".join(f"\n## {name}\n\n{table}\n" for name, table in tables(trained).items())
+
+
+def markdown(matrix: Matrix) -> str:
+    """A matrix of verdicts as a Markdown table; "" without rows."""
+    if not matrix.rows:
+        return ""
+    rows = [
+        [name, *(f"{_SIGNS[cell.verdict]} {cell.text}" if cell.verdict else cell.text for cell in cells)]
+        for name, cells in matrix.rows.items()
+    ]
+    return quotes.markdown([matrix.corner, *matrix.columns], rows)

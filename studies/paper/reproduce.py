@@ -102,21 +102,12 @@ def measure(
 
 
 def train(
-    sweeps: Iterable[Sweep],
-    budget: Budget,
-    out: str,
-    workers: CarryOut,
-    tell: Callable[[str], None] = lambda _: None,
+    sweeps: Iterable[Sweep], budget: Budget, out: str, workers: CarryOut, tell: Callable[[str], None] = lambda _: None
 ) -> None:
-    """Train the sweeps that are not done yet, and write a summary of each.
+    """Train the sweeps that are not done yet, after those whose winners they train, and write a summary of each.
 
-    Args:
-        sweeps: those whose winners they train come first.
-        budget: how much of each.
-        out: summaries go to its folder `data`, the runs to `sweeps`; a run needs no second training, and with its
-            summary there a sweep needs no runs.
-        workers: train what a plan lacks; `galton_experiments.sweep.workers` yields some.
-        tell: is told before each sweep that is trained which of how many it is, and its name.
+    Summaries go to the folder `data` of `out`, the runs to `sweeps`. Before each, `tell` is told which of how many it
+    is, and its name.
 
     Raises:
         UsageError: the folder holds a sweep that is not the one asked for, or is in use, or full.

@@ -1,5 +1,6 @@
-"""Hypothesis (b): the same task in other units of the action, for policies that know of units and those that don't."""
+"""Hypotheses (a) and (b): other units of the action, for policies that know of units and those that don't."""
 
+import functools
 from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 
@@ -10,12 +11,16 @@ from matplotlib.figure import Figure
 from galton.tasks import TASKS
 from galton_experiments.analysis import fit_curves, mean_band, mean_interval, rounded
 from galton_experiments.analysis.plots import draw_series, finish, label_rows, look_of, marker_of, panels
+from galton_experiments.page import Cell, Claim, Matrix
 from galton_experiments.runs import Summary
-from galton_experiments.sweep import Setting
+from galton_experiments.sweep import Setting, Study
+from studies.paper import bandit
 from studies.paper.changes import Variant
+from studies.paper.claims import of_figure
 from studies.paper.curves import heading
+from studies.paper.figure import figure
 from studies.paper.measures import Scores, final_of, logged
-from studies.paper.sweeps import MAIN, Budget, Sweep, again, winners_for
+from studies.paper.sweeps import MAIN, Budget, Done, Sweep, again, winners_for, with_constants
 from studies.paper.trained import Trained
 
 SCALE_TASKS = ("bandit", "lqr", "reacher", "half-cheetah")
@@ -124,7 +129,7 @@ def draw(trained: Trained) -> Figure:
     found = {task: across(trained, task) for task in SCALE_TASKS}
     found = {task: series for task, series in found.items() if any(len(by_scale) > 1 for by_scale in series.values())}
     titles = [f"{heading(task)}\nequal to the bit: {_equal(series)}" for task, series in found.items()]
-    figure, axes = panels(2 * len(found), columns=max(1, len(found)))
+    drawing, axes = panels(2 * len(found), columns=max(1, len(found)))
     for row, kind in enumerate(("training", "deterministic")):
         for column, series in enumerate(found.values()):
             panel = axes[row * len(found) + column]
@@ -132,7 +137,7 @@ def draw(trained: Trained) -> Figure:
             for name, by_scale in series.items():
                 finals = np.stack([at.final(kind) for at in by_scale.values()], 1)
                 drawn.append(mean_band([finals]))
-                draw_series(panel, [*by_scale], drawn[-1], *_look(name), marker=_marker(name))
+                draw_series(panel, [*by_scale], drawn[-1], *_look(name))
             panel.set_xscale("log", base=2)
             panel.set_xlim(SCALES[0] / 1.25, SCALES[-1] * 1.25)
             panel.set_xticks(SCALES, [f"{scale:g}" for scale in SCALES])
@@ -140,8 +145,8 @@ def draw(trained: Trained) -> Figure:
             panel.set_xlabel("action box times")
             fit_curves(panel, drawn)
         label_rows(axes[row * len(found) : (row + 1) * len(found)], f"{kind} return")
-    finish(figure, axes)
-    return figure
+    finish(drawing, axes)
+    return drawing
 
 
 def _equal(series: Mapping[str, Mapping[float, At]]) -> str:
@@ -150,11 +155,61 @@ def _equal(series: Mapping[str, Mapping[float, At]]) -> str:
     return f"{sum(equal)} of {len(equal)}"
 
 
-def _look(name: str) -> tuple[str, str, str]:
+def _look(name: str) -> tuple[str, str, str, str]:
+    """Label, colour, line style and marker."""
     if name != IN_THE_BOX:
-        return look_of(name)
-    return f"{look_of('gaussian')[0]}, units of the box", "0.5", ":"
+        return *look_of(name), marker_of(name)
+    return f"{look_of('gaussian')[0]}, units of the box", "0.5", ":", "X"
 
 
-def _marker(name: str) -> str:
-    return "X" if name == IN_THE_BOX else marker_of(name)
+_PREFIX = "boxed-"
+_UNITS = ("raw units", "units of the box")
+_HALF_WIDTH = 10.0
+"""Of the bandit's box: actions in [−1, 1] are a tenth of its own."""
+
+
+@functools.cache
+def _boxed(raw: Sweep) -> Sweep:
+    """The same sweep where the policy acts in [−1, 1]."""
+
+    def study(budget: Budget, done: Done) -> Study:
+        return with_constants(raw.study(budget, _without_prefix(done)), {"action_scale": 1 / _HALF_WIDTH})
+
+    before = None if raw.winners_of is None else _boxed(raw.winners_of)
+    return Sweep(_PREFIX + raw.name, study, winners_of=before)
+
+
+def _without_prefix(done: Done) -> Done:
+    return {name.removeprefix(_PREFIX): of for name, of in done.items() if name.startswith(_PREFIX)}
+
+
+IN_BOX = tuple(map(_boxed, bandit.FIGURE.sweeps))
+"""The sweeps of Figure 3, in units of the box."""
+
+
+def in_the_box(trained: Trained) -> Trained:
+    """The bandit in units of its box, in the place of the bandit."""
+    return Trained(_without_prefix(trained.sweeps))
+
+
+@functools.lru_cache(maxsize=1)  # the page and tables.md have it
+def table(trained: Trained) -> Matrix:
+    """What the paper says of Figure 3, judged in both units."""
+    sides = trained, in_the_box(trained)
+    if not sides[1].sweeps:
+        return Matrix("the bandit", _UNITS, {})
+    judged = [[judge(side) for judge in of_figure("figure-3")] for side in sides]
+    rows = {pair[0].words: [cell(claim) for claim in pair] for pair in zip(*judged, strict=True)}
+    return Matrix("the bandit", _UNITS, rows)
+
+
+def cell(claim: Claim) -> Cell:
+    """How many decisions of a claim are clearly as the paper says, of how many, and how many the contrary."""
+    if claim.count is None:
+        return Cell("—")
+    contrary = sum(line.startswith("✗") for line in claim.number.splitlines())
+    told = "{} of {}".format(*claim.count)
+    return Cell(f"{told}, {contrary} contrary" if contrary else told, claim.verdict)
+
+
+BOXED = figure("figure-3-boxed", lambda trained: bandit.draw(in_the_box(trained)), IN_BOX, table=table)

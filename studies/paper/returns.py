@@ -10,22 +10,14 @@ from galton.losses import LOSSES
 from galton.tasks import TASKS
 from galton_experiments.analysis import Comparison, compare, mean_interval
 from galton_experiments.page import Claim
+from studies.paper import measures
 from studies.paper.curves import best_curves, shown
 from studies.paper.figure import figure
-from studies.paper.measures import (
-    better,
-    better_by,
-    final_return,
-    logged,
-    mean_return,
-    over_regression,
-    steps_to,
-)
+from studies.paper.measures import better, better_by, final_return, logged, mean_return, over_regression
 from studies.paper.prose import says
-from studies.paper.scale import Scale, rest
 from studies.paper.standings import winners
 from studies.paper.sweeps import AGAIN, MAIN
-from studies.paper.trained import Judged, Trained
+from studies.paper.trained import Judged, Scale, Trained, rest
 from studies.paper.verdicts import Found, Unit, by_task, claim, marks, summed_up, unit
 
 _A_QUARTER = 0.25
@@ -59,12 +51,12 @@ def _without_noise(trained: Trained, tasks: Iterable[str], judge: Judge) -> list
     ]
 
 
-def _end(task: Judged, _: Scale, metric: str) -> Comparison:
-    return over_regression(task, final_return, metric)
+def _gap(measure: Callable[..., measures.Scores]) -> Callable[[Judged, Scale, str], Comparison]:
+    """What the better classification loss has over the Gaussian."""
+    return lambda task, _, metric: over_regression(task, measure, metric)
 
 
-def _mean(task: Judged, _: Scale, metric: str) -> Comparison:
-    return over_regression(task, mean_return, metric)
+_end, _mean = _gap(final_return), _gap(mean_return)
 
 
 def _steps(task: Judged, scale: Scale, metric: str) -> Unit:
@@ -73,7 +65,7 @@ def _steps(task: Judged, scale: Scale, metric: str) -> Unit:
     By the order of all runs, without pairs: of one that never gets there it is not known by how much it is later.
     """
     ours, level, last = better_by(task.chosen, mean_return, metric), scale.at(_A_QUARTER), task.again.steps[-1]
-    theirs, its = (steps_to(task.again, loss, level, metric) for loss in ("gaussian", ours))
+    theirs, its = (measures.steps_to(task.again, loss, level, metric) for loss in ("gaussian", ours))
     found, medians = compare(theirs, its), (float(np.median(steps)) for steps in (theirs, its))
     shown = (f"{steps:,.0f}" if steps <= last else "never" for steps in medians)
     return unit(found, f"{' and '.join(shown)}, P = {found.above:.2f}")
@@ -83,15 +75,11 @@ def _idle(trained: Trained, tasks: Iterable[str]) -> str:
     """A sentence on which of the paper's losses do not clearly learn to do better than rest."""
     found = []
     for name in tasks:
-        if name in trained.scales:
+        level = rest(name)
+        if name in trained.scales and level is not None:
             again = trained.judged[name].again
-            finals = {loss: final_return(again, loss) for loss in again.best if LOSSES[loss].in_paper}
-            level = rest(name)
-            idle = [
-                LOSSES[loss].label
-                for loss, final in finals.items()
-                if level is not None and not mean_interval(final).low > level
-            ]
+            finals = {LOSSES[x].label: final_return(again, x) for x in again.best if LOSSES[x].in_paper}
+            idle = [label for label, final in finals.items() if not mean_interval(final).low > level]
             found += [f"{TASKS[name].title} ({', '.join(idle)})"] if idle else []
     what = "Not clearly above rest, the better of doing nothing and of acting at random"
     return f"{what}: {', '.join(found)}." if found else ""
@@ -129,30 +117,19 @@ def ends_higher_without_noise(trained: Trained) -> Claim:
     def end(task: Judged, scale: Scale, _: str) -> Comparison:
         return _end(task, scale, [*logged(task.again)][-1])
 
-    return claim(
-        *says("ends_higher_without_noise"),
-        _units(trained, _of_most(trained), end),
-    )
+    return claim(*says("ends_higher_without_noise"), _units(trained, _of_most(trained), end))
 
 
 def learns_faster(trained: Trained) -> Claim:
     """Data efficiency, §5.2.1: the mean return over all of training."""
     tasks = _of_most(trained)
-    return claim(
-        *says("learns_faster"),
-        _units(trained, tasks, _mean),
-        *_without_noise(trained, tasks, _mean),
-    )
+    return claim(*says("learns_faster"), _units(trained, tasks, _mean), *_without_noise(trained, tasks, _mean))
 
 
 def learns_sooner(trained: Trained) -> Claim:
     """Data efficiency, §5.2.1, without level and start: the steps until something is learned."""
     tasks = _of_most(trained)
-    return claim(
-        *says("learns_sooner"),
-        _units(trained, tasks, _steps),
-        *_without_noise(trained, tasks, _steps),
-    )
+    return claim(*says("learns_sooner"), _units(trained, tasks, _steps), *_without_noise(trained, tasks, _steps))
 
 
 def acrobot(trained: Trained) -> Claim:

@@ -2,7 +2,7 @@
 
 import functools
 import itertools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from matplotlib import colormaps
@@ -10,30 +10,18 @@ from matplotlib.axes import Axes
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
-from galton.losses import LOSSES
 from galton.tasks import TASKS
-from galton_experiments.analysis import (
-    Comparison,
-    Interval,
-    against,
-    compare,
-    fit_curves,
-    mean_band,
-    mean_interval,
-    rounded,
-    within,
-)
+from galton_experiments.analysis import Interval, against, compare, fit_curves, mean_band, rounded, within
 from galton_experiments.analysis.plots import draw_series, finish, grid, over_steps
 from galton_experiments.page import Claim
 from galton_experiments.runs import Summary
 from studies.paper.curves import counted
 from studies.paper.figure import FigureStudy, figure
-from studies.paper.measures import CLASSIFICATION, by_value, spread
+from studies.paper.measures import CLASSIFICATION, by_value, rate_spreads, spread
 from studies.paper.prose import says
-from studies.paper.scale import Scale, optimum
 from studies.paper.sweeps import MAIN
-from studies.paper.trained import Trained
-from studies.paper.verdicts import A_TENTH, Found, by_task, claim, unit
+from studies.paper.trained import Scale, Trained, optimum
+from studies.paper.verdicts import A_TENTH, Found, by_task, claim, told_mean, unit
 
 NAMES = {"learning_rate": "learning rate", "n_bins": "k", "eta": "η"}
 _IN_WORDS = {"learning_rate": "the learning rate", "n_bins": "the number of bins", "eta": "η"}
@@ -70,10 +58,11 @@ def draw(grids: Mapping[str, Summary], loss: str, fields: tuple[str, ...]) -> Fi
         varied = {field: panel for field, panel in column.items() if len(found[field, task]) > 1}
         for field in column.keys() - varied:
             _tell_missing(column[field], NAMES[field], [*found[field, task]])
+        levels = [best for best in [optimum(task)] if best is not None]
         for field, panel in varied.items():
             for value, interval in found[field, task].items():
                 draw_series(panel, summary.steps, interval, f"{NAMES[field]} {value:g}", *looks[field][value])
-            fit_curves(panel, [curve for of in varied for curve in found[of, task].values()], _optimum(task))
+            fit_curves(panel, [curve for of in varied for curve in found[of, task].values()], levels)
             over_steps(panel, float(summary.steps[-1]))
             _tell_equal(panel, found[field, task], NAMES[field])
             is_last = field == [*varied][-1]
@@ -84,11 +73,6 @@ def draw(grids: Mapping[str, Summary], loss: str, fields: tuple[str, ...]) -> Fi
         panel.set_ylabel(f"by {NAMES[field]}\ntraining return")
     finish(drawing, axes, [f"{NAMES[field]} {value:g}" for field in rows for value in sorted(looks[field])])
     return drawing
-
-
-def _optimum(task: str) -> list[float]:
-    best = optimum(task)
-    return [] if best is None else [best]
 
 
 def _tell_missing(axes: Axes, name: str, values: Sequence[float]) -> None:
@@ -107,16 +91,11 @@ def _looks(values_of: Sequence[Sequence[float]]) -> dict[float, tuple[str, str]]
     for values in map(set, values_of):
         shared = [scale for scale in scales if scale & values]
         scales = [scale for scale in scales if scale not in shared] + [values.union(*shared)]
-    return {
-        value: (shade, style)
-        for scale in scales
-        for value, shade, style in zip(sorted(scale), _shades(len(scale)), itertools.cycle(_STYLES), strict=False)
-    }
-
-
-def _shades(n: int) -> list[str]:
-    """As many colours from dark to light, all of them dark enough for white paper."""
-    return [to_hex(color) for color in colormaps["viridis"](np.linspace(0, 0.78, n))]
+    found: dict[float, tuple[str, str]] = {}
+    for scale in scales:
+        shades = map(to_hex, colormaps["viridis"](np.linspace(0, 0.78, len(scale))))  # dark enough for white paper
+        found |= dict(zip(sorted(scale), zip(shades, itertools.cycle(_STYLES), strict=False), strict=True))
+    return found
 
 
 def _tell_equal(axes: Axes, curves: Mapping[float, Interval], name: str) -> None:
@@ -142,26 +121,18 @@ def _tell_equal(axes: Axes, curves: Mapping[float, Interval], name: str) -> None
     axes.text(right, up, told, transform=axes.transAxes, ha=across, va=along, fontsize=6.5, color="#444444")
 
 
-def sensitive(trained: Trained, loss: str, field: str) -> Claim:
-    """App. C.3: a field moves the mean final return by more than a tenth of the way from rest to the best."""
-    return _moved(trained, loss, field, "sensitive", lambda found: found)
+def sensitive(trained: Trained, loss: str, field: str, much: bool = True) -> Claim:
+    """App. C.3: a field moves the mean final return by more, or less, than a tenth of the way from rest to the best."""
 
-
-def robust(trained: Trained, loss: str, field: str) -> Claim:
-    """App. C.3: a field moves it by less."""
-    return _moved(trained, loss, field, "robust", lambda found: -found)
-
-
-def _moved(trained: Trained, loss: str, field: str, what: str, side: Callable[[Comparison], Comparison]) -> Claim:
     def judge(task: str, scale: Scale) -> dict[str, Found]:
         moved = spread(trained.whole_grids[task], loss, field, scale)
-        return {} if moved is None else {"": unit(side(against(moved, A_TENTH)), rounded(mean_interval(moved), ""))}
+        if moved is None:
+            return {}
+        found = against(moved, A_TENTH)
+        return {"": unit(found if much else -found, told_mean(moved))}
 
-    who = _LABELS[loss][0].upper() + _LABELS[loss][1:]
-    return claim(
-        *says("sensitive", what=f"{who} is {what} to {_IN_WORDS[field]}"),
-        by_task(trained, trained.whole_grids, judge),
-    )
+    what = f"{_LABELS[loss][0].upper()}{_LABELS[loss][1:]} is {'sensitive' if much else 'robust'} to {_IN_WORDS[field]}"
+    return claim(*says("sensitive", what=what), by_task(trained, trained.whole_grids, judge))
 
 
 def wide_targets(trained: Trained) -> Claim:
@@ -173,10 +144,7 @@ def wide_targets(trained: Trained) -> Claim:
             return {}
         return {"": compare(scale.share(marginals[0]), scale.share(marginals[-1]))}
 
-    return claim(
-        *says("wide_targets"),
-        by_task(trained, trained.whole_grids, judge),
-    )
+    return claim(*says("wide_targets"), by_task(trained, trained.whole_grids, judge))
 
 
 def similar_bins(trained: Trained) -> Claim:
@@ -189,30 +157,17 @@ def similar_bins(trained: Trained) -> Claim:
         gap = rounded(compare(ours, theirs).difference)
         return {"": unit(within(ours, theirs, A_TENTH), gap)}
 
-    return claim(
-        *says("similar_bins"),
-        by_task(trained, trained.whole_grids, judge),
-    )
+    return claim(*says("similar_bins"), by_task(trained, trained.whole_grids, judge))
 
 
 def also_sensitive(trained: Trained) -> Claim:
     """App. C.3: the learning rate matters for the other losses too."""
 
     def judge(task: str, scale: Scale) -> dict[str, Found]:
-        grid = trained.whole_grids[task]
-        moved = {loss: spread(grid, loss, "learning_rate", scale) for loss in ("gaussian", *CLASSIFICATION)}
-        theirs = moved["hl-gauss"]
-        return {
-            LOSSES[loss].label: compare(ours, theirs)
-            for loss in ("gaussian", "hl-one-hot")
-            if (ours := moved[loss]) is not None and theirs is not None
-        }
+        pairs = rate_spreads(trained.whole_grids[task], ("gaussian", "hl-one-hot"), "hl-gauss", scale)
+        return {name: compare(ours, theirs) for name, (ours, theirs) in pairs.items()}
 
-    return claim(
-        *says("also_sensitive"),
-        by_task(trained, trained.whole_grids, judge),
-        unless_contrary=True,
-    )
+    return claim(*says("also_sensitive"), by_task(trained, trained.whole_grids, judge), unless_contrary=True)
 
 
 def _figure(number: int, loss: str, *fields: str) -> FigureStudy:

@@ -4,7 +4,7 @@ import dataclasses
 import functools
 import json
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, Literal
 
 from galton.errors import require
@@ -84,12 +84,7 @@ def again(
 ) -> Sweep:
     """A sweep's winners on fresh seeds, by which they are judged: the mean of the best of many flatters.
 
-    Args:
-        sweep: what has chosen them.
-        winners: the settings to train, by default each loss's best.
-        name: by default the sweep's, and that it is trained again.
-        trials: runs of each, by default as FRESH_TRIALS has it, or as many as of the sweep.
-        env_kwargs: constants of the environment that are not the sweep's.
+    By default each loss's best setting, as often as FRESH_TRIALS has it, with the sweep's constants of the environment.
     """
 
     def study(budget: Budget, done: Done) -> Study:
@@ -139,8 +134,9 @@ def main_settings(task: str, budget: Budget) -> tuple[Setting, ...]:
     """The grid of a task's main sweep: the paper's, centred HL-Gauss beside it, or a part of both."""
     known, base = TASKS[task], task_defaults(TASKS[task].env)
     rates, bins, etas, wide = list(known.learning_rates), [100], [0.25, 0.75], CENTRED_ETAS
-    if (task, budget) == ("ant", "grid"):
-        found, wide = expand(_part_of_the_grid(rates), base), [2.0]
+    if (task, budget) == ("ant", "grid"):  # what Ant can afford: not crossed
+        blocks = paper_blocks(rates, [50, 200], [0.05, 0.25, 0.75])
+        found, wide = expand([*blocks[:2], blocks[2] | {"n_bins": 100}], base), [2.0]
     elif budget in ("grid", "paper"):
         found = paper_grid(known.env, base)
     else:
@@ -151,15 +147,6 @@ def main_settings(task: str, budget: Budget) -> tuple[Setting, ...]:
         found = expand(paper_blocks(rates, bins, etas if known.in_jax else etas[:1]), base)
     centred = {"loss": "hl-gauss-centred", "learning_rate": rates, "n_bins": bins, "eta": wide}
     return found + expand([centred], base)
-
-
-def _part_of_the_grid(rates: Sequence[float]) -> list[dict[str, object]]:
-    """All learning rates, with k from 50 to 200 and three η, but not crossed: what Ant can afford."""
-    return [
-        {"loss": "gaussian", "learning_rate": rates},
-        {"loss": "hl-one-hot", "learning_rate": rates, "n_bins": [50, 200]},
-        {"loss": "hl-gauss", "learning_rate": rates, "n_bins": 100, "eta": [0.05, 0.25, 0.75]},
-    ]
 
 
 _TRIALS: dict[Budget, dict[str, int]] = {

@@ -4,11 +4,13 @@ import math
 from collections.abc import Callable, Iterable, Mapping
 from typing import NamedTuple
 
+import numpy as np
+from jaxtyping import Float
+
 from galton.tasks import TASKS
-from galton_experiments.analysis import ALPHA, Comparison, Decision, decide, rounded
+from galton_experiments.analysis import ALPHA, Comparison, Decision, decide, mean_interval, rounded
 from galton_experiments.page import MARKS, Claim
-from studies.paper.scale import Scale
-from studies.paper.trained import Trained
+from studies.paper.trained import Scale, Trained
 
 UNKNOWN = "not decidable here"
 NOT_TRAINED = "What it needs was not trained."
@@ -33,12 +35,7 @@ Found = Comparison | Unit
 
 
 def unit(found: Comparison, text: str | None = None) -> Unit:
-    """A comparison whose first sample the paper says is above, as one of a claim's decisions.
-
-    Args:
-        found: the comparison.
-        text: what is told of it instead of difference and P.
-    """
+    """A comparison as one of a claim's decisions, and what is told of it instead of difference and P."""
     return Unit(told(found) if text is None else text, found.p, found.direction)
 
 
@@ -50,13 +47,7 @@ def null(why: str) -> Unit:
 def by_task(
     trained: Trained, tasks: Iterable[str], judge: Callable[[str, Scale], Mapping[str, Found]]
 ) -> dict[str, Found]:
-    """The units of each task, by its title and what `judge` calls them ("" where there is one); null tasks as such.
-
-    Args:
-        trained: what was trained.
-        tasks: their names; the grid of each is done.
-        judge: makes a task's units, from its name and the way from rest to the best.
-    """
+    """The units of each task, by its title and what `judge` calls them ("" where there is one); null tasks as such."""
     found: dict[str, Found] = {}
     for task in tasks:
         title = TASKS[task].title
@@ -68,6 +59,11 @@ def by_task(
     return found
 
 
+def told_mean(values: Float[np.ndarray, " n"]) -> str:
+    """The mean of runs with its interval."""
+    return rounded(mean_interval(values), "")
+
+
 def told(found: Comparison) -> str:
     """The difference with its interval, and P(X > Y)."""
     return f"{rounded(found.difference)}, P = {found.above:.2f}"
@@ -76,9 +72,7 @@ def told(found: Comparison) -> str:
 def decided(units: Mapping[str, Found], unless_contrary: bool = False) -> dict[str, Decision]:
     """What each unit decides, all adjusted together; ∅ of a task on which nothing is learned.
 
-    Args:
-        units: the decisions of one claim, or of one table.
-        unless_contrary: whether the paper claims no more than that nothing is clearly the contrary.
+    `unless_contrary` is for what claims no more than that nothing is clearly the contrary: all else is ✓.
     """
     known = _units(units)
     found = decide(known)
@@ -94,15 +88,9 @@ def marks(units: Mapping[str, Found]) -> dict[str, str]:
 def claim(
     source: str, words: str, test: str, units: Mapping[str, Found], *notes: str, unless_contrary: bool = False
 ) -> Claim:
-    """A sentence of the paper, judged by units that it says are positive.
+    """A sentence of the paper, judged by units that it says are positive; none where nothing was trained.
 
-    Args:
-        source: where it stands.
-        words: the sentence.
-        test: what was compared with what.
-        units: the decisions, by what the page calls them; none where nothing was trained.
-        notes: further sentences, each on a line of its own.
-        unless_contrary: see `decided`.
+    Notes are further sentences, each on a line of its own. For `unless_contrary` see `decided`.
     """
     given = decided(units, unless_contrary)
     k, m, n = (sum(each.mark in which for each in given.values()) for which in ("✓", "✗", "✓✗≈"))

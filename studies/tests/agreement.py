@@ -3,7 +3,7 @@
 import math
 import re
 
-from studies.paper import controls, harder_bandits, order, returns, stability
+from studies.paper import controls, harder_bandits, order, returns
 from studies.paper.claims import CLAIMS
 from studies.paper.trained import Trained
 
@@ -12,7 +12,7 @@ from .recomputed.claims import GRIDS, TASKS, on_grids, on_tasks
 from .recomputed.claims import order as order_of
 from .recomputed.runs import grids_of, tasks_of
 
-MODULES = (returns, stability, order, harder_bandits, controls)
+MODULES = (returns, order, harder_bandits, controls)
 NUMBER = re.compile(r"never|[+−]?\d[\d,]*\.?\d*")
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from studies.paper.bounds import crossings, findings, look_means, read, shares, smaller_from
+from studies.paper.norms import crossings, findings, look_means, read, shares, smaller_from
 
 from .samples import SERIES, SHARED, plain, sample, table
 

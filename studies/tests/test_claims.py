@@ -7,15 +7,14 @@ import pyarrow as pa
 import pytest
 
 from galton_experiments.runs import Summary
-from studies.paper import order, returns, stability
+from studies.paper import order, returns
 from studies.paper.claims import CLAIMS
 from studies.paper.measures import better, by_setting, final_return, over_regression
 from studies.paper.prose import text
 from studies.paper.registry import FIGURES
 from studies.paper.report import claims
-from studies.paper.scale import rest
 from studies.paper.sweeps import needed
-from studies.paper.trained import Trained
+from studies.paper.trained import Trained, rest
 
 from . import made_up
 from .made_up import SWEEPS
@@ -128,7 +127,7 @@ def with_curves(data, name, metric, curves):
 
 def test_without_fresh_seeds_nothing_is_judged():
     data = made_up.judgeable(winning("hl-gauss"), ("lqr", "mountain-car"))
-    for claim in (returns.ends_higher, returns.learns_sooner, stability.alike_between_seeds, order.order_changes):
+    for claim in (returns.ends_higher, returns.learns_sooner, order.alike_between_seeds, order.order_changes):
         assert claim(data).verdict == "not decidable here"
 
 
@@ -186,7 +185,7 @@ def test_calm_is_how_near_seeds_end_to_one_another(wild, expected):
     data = made_up.judgeable(lambda *_: 1.0, LQR)
     middle = rest("lqr") + 1
     louder = with_finals(data, "lqr-again", "training_return", wild, lambda x: middle + 100 * (x - middle))
-    assert stability.alike_between_seeds(louder).verdict == expected
+    assert order.alike_between_seeds(louder).verdict == expected
 
 
 @pytest.mark.parametrize(("fallen", "expected"), [(["gaussian"], "holds"), (CLASSIFIED, "does not hold")])
@@ -194,7 +193,7 @@ def test_calm_is_to_keep_what_was_reached(fallen, expected):
     """The best log point is where it was; the end is 3 below."""
     data = made_up.judgeable(lambda *_: 1.0, LQR)
     fallen = with_finals(data, "lqr-again", "training_return", fallen, lambda finals: finals - 3)
-    claim = stability.keeps_what_it_learns(fallen)
+    claim = order.keeps_what_it_learns(fallen)
     assert claim.verdict == expected
     assert "0.18 ± 0.00" in claim.number  # of 16.26 from rest to the optimum
 
@@ -253,8 +252,7 @@ def test_every_claim_can_be_judged_from_any_one_sweep(name):
 
 
 def test_claims_stand_in_the_order_of_the_paper_and_rest_on_their_figures():
-    named = [getattr(judge, "func", judge).__name__ for _, judge in CLAIMS]
-    names = [{"robust": "sensitive"}.get(name, name) for name in dict.fromkeys(named)]
+    names = [getattr(judge, "func", judge).__name__ for _, judge in CLAIMS]
     assert [*dict.fromkeys(names)] == [*text("claims")]
     assert {name for name, _ in CLAIMS} <= {*FIGURES}
     found = {claim.source: claim.section for claim in reversed(claims(Trained({})))}

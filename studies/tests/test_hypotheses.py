@@ -10,7 +10,7 @@ from galton.tasks import TASKS
 from galton_experiments.page import quotes
 from galton_experiments.sweep.grid import task_defaults
 from galton_experiments.sweep.study import Setting
-from studies.paper import boxed, changes, hypotheses, rescaling, tables
+from studies.paper import changes, hypotheses, report, rescaling
 from studies.paper.prose import text
 from studies.paper.sweeps import AGAIN, MAIN
 from studies.paper.trained import Trained
@@ -76,8 +76,8 @@ def test_the_bandit_in_units_of_its_box_is_judged_by_its_own_runs():
         return 20.0 if setting["loss"] == ahead else 10.0
 
     trained = made_up.judgeable(in_the_box)
-    words = next(words for words in boxed.table(trained).rows if words.startswith("Both classification losses"))
-    raw, box = boxed.table(trained).rows[words]
+    words = next(words for words in rescaling.table(trained).rows if words.startswith("Both classification losses"))
+    raw, box = rescaling.table(trained).rows[words]
     assert raw.text.startswith("0 of")
     assert not box.text.startswith("0 of")
 
@@ -136,12 +136,12 @@ def test_every_sweep_has_a_name_of_its_own_and_the_main_experiment_stays():
 
 
 def test_the_tables_that_documents_quote_are_markdown_with_a_sign_for_each_verdict():
-    lines = tables.document(made_up.judgeable(floored)).splitlines()
+    lines = report.document(made_up.judgeable(floored)).splitlines()
     assert "## What makes the paper's result appear?" in lines
     row = next(line for line in lines if line.startswith("| (c) σ at least 0.1 |"))
     assert "| ✓ " in row
     assert {line.count("|") for line in lines if line.startswith("| (")} == {len(hypotheses.CLAIMS) + 3}
-    assert "|" not in tables.document(Trained({}))
+    assert "|" not in report.document(Trained({}))
 
 
 def test_a_document_gets_its_tables_where_it_names_them():

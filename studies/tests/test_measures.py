@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from studies.paper.measures import apart, drawdown, over_training, steps_to
-from studies.paper.scale import Scale
+from studies.paper.trained import Scale
 
 from . import made_up
 from .test_claims import with_curves, with_finals

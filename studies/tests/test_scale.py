@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from galton.tasks import TASKS
-from studies.paper.scale import Scale, above_rest, null_because, rest, scale_of
-from studies.paper.trained import Trained
+from studies.paper.trained import Scale, Trained, above_rest, null_because, rest, scale_of
 
 from . import made_up
 

@@ -5,8 +5,8 @@ from scipy import stats
 
 from galton_experiments.runs import Summary
 from studies.paper.measures import spread
-from studies.paper.scale import Scale
 from studies.paper.sensitivity import _looks, draw, marginals
+from studies.paper.trained import Scale
 
 from . import made_up
 

@@ -134,7 +134,7 @@ def learning_curves(results: Results, env: Environment | None, title: str) -> Fi
         axes.set_title(heading, fontsize=10)
         over_steps(axes, float(max(result.steps[-1] for result in results.values())))
         if optimum is not None:
-            draw_level(axes, optimum, "optimum", "--")
+            draw_level(axes, optimum, "optimum")
     fit(left, means)
     left.set_ylabel("undiscounted return")
     finish(figure, [left])
