@@ -176,7 +176,7 @@ def test_what_a_figure_measured_is_kept_and_refused_at_another_budget(tmp_path):
 
 
 def test_damaged_propositions_are_named(tmp_path):
-    store = reproduce.Store(f"{tmp_path}/{reproduce.DATA}")
+    store = data_of(tmp_path)
     for content in (b"PAR1", None):
         if content is None:
             pq.write_table(samples(), tmp_path / reproduce.DATA / "propositions.parquet")
@@ -199,7 +199,7 @@ def test_damaged_propositions_are_named(tmp_path):
     ],
 )
 def test_samples_of_another_form_are_refused_by_the_column(tmp_path, changed, told):
-    store = reproduce.Store(f"{tmp_path}/{reproduce.DATA}")
+    store = data_of(tmp_path)
     record = {"budget": "smoke", "versions": [{}], "machines": [""]}
     store.write("propositions.parquet", to_bytes(with_record(samples(**changed), record)))
     with pytest.raises(UsageError, match=f"propositions.parquet in .*{told}"):
@@ -209,9 +209,27 @@ def test_samples_of_another_form_are_refused_by_the_column(tmp_path, changed, to
 def test_a_summary_of_another_study_is_refused(tmp_path):
     summary = made_up.data(lambda *_: 1.0, ("lqr",)).sweeps["lqr"]
     other = dataclasses.replace(summary, study=dataclasses.replace(summary.study, trials=3))
-    other.save(reproduce.Store(f"{tmp_path}/{reproduce.DATA}"), "lqr.parquet")
+    other.save(data_of(tmp_path), "lqr.parquet")
     with pytest.raises(UsageError, match="whose lqr is of another study than this version and budget 'smoke' ask for"):
         reproduce.train([MAIN["lqr"]], "smoke", str(tmp_path), lambda *_: None)
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"budget": "huge"}, "its budget is 'huge'; it must be smoke or small or grid or paper"),
+        ({"budget": 7}, "its record has budget 7; it must be str"),
+        ({"versions": {"galton": "0"}}, "its record has versions {'galton': '0'}; it must be a list of dict"),
+        ({"machines": [7]}, r"its record has machines \[7\]; it must be a list of str"),
+        ({"train_seconds": "60"}, "its record has train_seconds '60'; it must be float"),
+        ({"compile_seconds": float("nan")}, "its record has compile_seconds nan"),
+    ],
+)
+def test_a_summary_that_does_not_say_how_it_was_made_is_refused(tmp_path, changes, said):
+    summary = made_up.data(lambda *_: 1.0, ("lqr",)).sweeps["lqr"]
+    dataclasses.replace(summary, provenance=summary.provenance | changes).save(data_of(tmp_path), "lqr.parquet")
+    with pytest.raises(UsageError, match=f"lqr.parquet in .*{said}"):
+        reproduce.load(str(tmp_path))
 
 
 def test_figure_1_needs_no_training_and_takes_stale_figures_away(tmp_path):
@@ -232,7 +250,7 @@ def test_a_summary_is_enough(tmp_path):
     """No sweep is carried out whose summary is there."""
     data = made_up.data(lambda *_: 1.0, ("bandit", "bandit-again"))
     for name, summary in data.sweeps.items():
-        summary.save(reproduce.Store(f"{tmp_path}/{reproduce.DATA}"), f"{name}.parquet")
+        summary.save(data_of(tmp_path), f"{name}.parquet")
 
     def fail(*_):
         raise AssertionError("trained")
