@@ -49,14 +49,6 @@ def test_classification_that_wins_somewhere_holds_in_part():
     assert line(part, "Bandit")[0] == "✗"
 
 
-def test_one_task_that_turns_round_turns_its_mark_and_the_verdict():
-    data = made_up.judgeable(winning("hl-gauss"), LQR)
-    assert returns.ends_higher(data).verdict == "holds"
-    turned = with_finals(data, "lqr-again", "training_return", ["hl-gauss"], lambda finals: finals - 10)
-    assert returns.ends_higher(turned).verdict == "does not hold"
-    assert line(returns.ends_higher(turned), "LQR")[0] == "✗"
-
-
 def test_one_run_that_fails_does_not_hide_that_the_others_are_higher():
     """A t interval of the difference leaves 0 in; ranks don't."""
 

@@ -7,12 +7,10 @@ import pyarrow as pa
 import pytest
 
 from galton.tasks import TASKS
-from galton_experiments.page import quotes
 from galton_experiments.sweep.grid import task_defaults
 from galton_experiments.sweep.study import Setting
 from studies.paper import changes, hypotheses, report, rescaling
 from studies.paper.prose import text
-from studies.paper.sweeps import AGAIN, MAIN
 from studies.paper.trained import Trained
 
 from . import made_up
@@ -129,12 +127,6 @@ def test_without_the_lowest_rate_the_winners_are_others():
     )
 
 
-def test_every_sweep_has_a_name_of_its_own_and_the_main_experiment_stays():
-    names = [sweep.name for sweep in (*changes.SWEEPS.values(), *changes.AGAIN.values(), *rescaling.SWEEPS.values())]
-    assert len(set(names)) == len(names)
-    assert not {*names} & {sweep.name for sweep in (*MAIN.values(), *AGAIN.values())}
-
-
 def test_the_tables_that_documents_quote_are_markdown_with_a_sign_for_each_verdict():
     lines = report.document(made_up.judgeable(floored)).splitlines()
     assert "## What makes the paper's result appear?" in lines
@@ -142,11 +134,3 @@ def test_the_tables_that_documents_quote_are_markdown_with_a_sign_for_each_verdi
     assert "| ✓ " in row
     assert {line.count("|") for line in lines if line.startswith("| (")} == {len(hypotheses.CLAIMS) + 3}
     assert "|" not in report.document(Trained({}))
-
-
-def test_a_document_gets_its_tables_where_it_names_them():
-    text = "a\n\n<!-- table: one -->\n\n| old |\n|---|\n\nb\n\n<!-- table: other -->\n\n| stays |\n"
-    filled = quotes.filled(text, {"one": "| new |\n|---|\n| 1 |"}.get)
-    assert filled == text.replace("| old |\n|---|\n", "| new |\n|---|\n| 1 |\n")
-    for same in (filled, text.replace("|\n\nb", "|\nb")):  # a table without a blank line after it swallows the text
-        assert quotes.filled(same, {"one": "| new |\n|---|\n| 1 |"}.get) == filled

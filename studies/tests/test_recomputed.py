@@ -95,13 +95,6 @@ def test_the_table_of_hypotheses(sweeps, trained):
     assert shown == {name: [cell(judged) for judged in row] for name, row in table(sweeps).items()}
 
 
-def test_figure_3_in_both_units(sweeps, trained):
-    shown = [[(each.text, each.verdict) for each in cells] for cells in rescaling.table(trained).rows.values()]
-    sides = [{name.removeprefix("boxed-"): of for name, of in sweeps.items() if name.startswith("boxed-")}]
-    found = [[cell(judge(side)) for side in (sweeps, *sides)] for judge in BANDITS.values()]
-    assert sorted(map(str, shown)) == (sorted(map(str, found)) if sides[0] else [])
-
-
 def columns_that_differ(tables, i):
     """The columns of the tables in which setting i's numbers are not the same bits in all of them."""
     rows = [table.filter(np.equal(table["setting"].to_numpy(), i)) for table in tables]

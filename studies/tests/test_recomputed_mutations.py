@@ -270,16 +270,3 @@ def test_runs_that_diverge_are_the_worst_of_all_by_both_paths(losses, tables, tr
     new = both_paths(trained, sweeps, changed(tables, edits))
     for name in NAMES:
         agreed(name, *new)
-
-
-def test_another_setting_wins_where_its_runs_are_raised(tables, trained, sweeps):
-    edits = [(WHOLE, lowered, of((*GAUSSIAN, *CLASSIFIED), learning_rate=max), 1)]
-    new, second = both_paths(trained, sweeps, changed(tables, edits))
-    for task, grid in new.grids.items():
-        for loss in (*GAUSSIAN, *CLASSIFIED):
-            setting, best = grid.best[loss].setting, second[task].of(loss).setting
-            rates = [
-                setting["learning_rate"] for setting in settings_of(record_of(tables[task])) if setting["loss"] == loss
-            ]
-            assert setting["learning_rate"] == best["learning_rate"] == max(rates)
-            assert (setting["n_bins"], setting["eta"]) == (best["n_bins"], best["eta"])
