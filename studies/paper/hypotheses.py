@@ -57,16 +57,8 @@ def _heads(names: Iterable[str]) -> dict[str, tuple[str, str]]:
     firsts: dict[str, str] = {}
     for name in names:
         firsts.setdefault(name[1] if name.startswith("(") else "why" if why.CHANGES.get(name) else "", name)
-    return {name: _told(group) for group, name in firsts.items() if group}
-
-
-def _told(group: str) -> tuple[str, str]:
-    """The title of a hypothesis, and what it says."""
-    told = text("hypotheses")[group]
-    if "open" not in told:
-        return told["title"], told["text"]
-    predicts = told["predicts"]
-    return f"({group}) {told['title']}.", f"{told['open']} Predicted: {predicts[0].lower()}{predicts[1:]}"
+    told = text("hypotheses")
+    return {name: (told[group]["title"], told[group]["text"]) for group, name in firsts.items() if group}
 
 
 def under(trained: Trained, variant: Variant) -> Trained:

@@ -42,13 +42,6 @@ def test_apart_is_the_distance_from_the_median(data):
     np.testing.assert_allclose(apart(spread.sweeps["lqr-again"], "gaussian"), [0, 4, 3])
 
 
-def test_fresh_seeds_are_paired_and_grids_are_not(data):
-    grid, again = data.sweeps["lqr"], data.sweeps["lqr-again"]
-    assert again.is_paired_with(again)
-    assert not grid.is_paired_with(grid)
-    assert not again.is_paired_with(grid)
-
-
 def test_the_mean_over_training_of_each_setting(data):
     grid = data.sweeps["lqr"]
     found = over_training(grid)

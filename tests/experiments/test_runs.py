@@ -150,7 +150,11 @@ def test_parts_and_runs_beside_one_another(summary):
     for setting in STUDY.settings:
         ours, theirs = (each.final("sigma")[each.rows(setting)] for each in (turned, summary))
         np.testing.assert_array_equal(np.sort(ours), np.sort(theirs))
-    fewer = dataclasses.replace(summary.part(others, trials=1))
+    fewer = summary.part(others, trials=1)
     joined = summary.part([first]).joined(fewer)
     assert (joined.study.trials, joined.table.num_rows) == (1, len(STUDY.settings))
     assert not joined.study.common_seeds
+    fresh = dataclasses.replace(summary, study=dataclasses.replace(STUDY, seed=1, common_seeds=True))
+    assert fresh.is_paired_with(fresh)
+    assert not fresh.is_paired_with(summary)
+    assert fresh.part([first]).joined(fresh.part(others)).study.common_seeds
