@@ -125,7 +125,7 @@ def train(
                 )
             continue
         tell(f"{i} of {len(wanted)}: {name}")
-        for runs in train_stage(store, name, [study], workers, 2 if budget == "smoke" else None):  # few programs
-            table = runs.table()
-            done[name] = Summary.of_results(study, table, {"budget": budget} | record_of(table))
-            done[name].save(store.below(DATA), f"{name}.parquet")
+        (runs,) = train_stage(store, name, [study], workers, 2 if budget == "smoke" else None)  # few programs
+        table = runs.table()
+        done[name] = Summary.of_results(study, table, {"budget": budget} | record_of(table))
+        done[name].save(store.below(DATA), f"{name}.parquet")
