@@ -69,15 +69,14 @@ def under(trained: Trained, variant: Variant) -> Trained:
     found: dict[str, Summary] = {}
     for task, (choosing, judging) in variant.sweeps.items():
         chosen, again, main = trained.of(choosing), trained.of(judging), trained.judged.get(task)
-        if chosen is None or again is None or main is None:
+        if chosen is None or again is None or main is None or not (winners := variant.winners(task, chosen, again)):
             continue
-        winners = variant.winners(task, chosen, again)
         own = Judged(chosen.part([*winners]), again.part([*winners.values()]))
         losses = variant.losses or [setting["loss"] for setting in winners]
         others = [best.setting for loss, best in main.again.best.items() if loss not in losses]
         if others:
             own = Judged(*(each.joined(of.part(others)) for each, of in zip(own, main, strict=True)))
-        found |= {MAIN[task].name: own.chosen, AGAIN[task].name: own.again} if winners else {}
+        found |= {MAIN[task].name: own.chosen, AGAIN[task].name: own.again}
     return Trained(found)
 
 
