@@ -39,8 +39,11 @@ class Summary:
     """What is kept of a sweep: R runs of a study with L log points each."""
 
     study: Study
+    """What was trained."""
     provenance: Provenance
+    """How it was made."""
     table: pa.Table
+    """A row for each run: its setting's place in the study, its trial, final numbers and curves."""
 
     @classmethod
     def of_results(cls, study: Study, results: pa.Table, provenance: Provenance) -> "Summary":

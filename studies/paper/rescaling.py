@@ -1,6 +1,7 @@
 """Hypotheses (a) and (b): other units of the action, for policies that know of units and those that don't."""
 
 import functools
+import json
 from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 
@@ -173,7 +174,8 @@ def _boxed(raw: Sweep) -> Sweep:
     """The same sweep where the policy acts in [−1, 1]."""
 
     def study(budget: Budget, done: Done) -> Study:
-        return with_constants(raw.study(budget, _without_prefix(done)), {"action_scale": 1 / _HALF_WIDTH})
+        plain = raw.study(budget, _without_prefix(done))
+        return with_constants(plain, json.loads(plain.env_kwargs) | {"action_scale": 1 / _HALF_WIDTH})
 
     before = None if raw.winners_of is None else _boxed(raw.winners_of)
     return Sweep(_PREFIX + raw.name, study, winners_of=before)

@@ -116,9 +116,8 @@ def grid(
 
 
 def with_constants(study: Study, env_kwargs: Mapping[str, Any] | None) -> Study:
-    """The same study where these constants of the environment are others."""
-    constants = json.loads(study.env_kwargs) | dict(env_kwargs or {})
-    return dataclasses.replace(study, env_kwargs=json.dumps(constants)) if env_kwargs else study
+    """The same study with these constants of the environment, as files have them; None for its own."""
+    return study if env_kwargs is None else dataclasses.replace(study, env_kwargs=json.dumps(dict(env_kwargs)))
 
 
 def needed(sweeps: Iterable[Sweep]) -> list[Sweep]:

@@ -72,11 +72,6 @@ def test_a_task_on_which_nobody_learns_is_listed_and_not_counted():
     assert claim.count == (0, 1)
 
 
-def test_three_runs_against_three_decide_nothing():
-    for trials, expected in ((3, "not decidable here"), (4, "holds")):
-        assert judged(returns.ends_higher, winning("hl-gauss"), names=LQR, trials=trials) == expected
-
-
 def test_the_better_loss_is_chosen_by_other_runs_than_it_is_judged_by():
     """On the grid HL-1-Hot is better; on fresh seeds HL-Gauss is, and alone beats the Gaussian."""
 
