@@ -26,9 +26,7 @@ def test_a_change_sets_what_it_names_and_nothing_else(change):
         for setting in change.settings(task, "paper"):
             record = setting.record()
             free = {"loss", "learning_rate", "n_bins", "eta"}
-            assert {name: record[name] for name in own if name in record} == {
-                name: value for name, value in own.items() if name in record
-            }
+            assert all(record[name] == value for name, value in own.items() if name in record)
             assert {name for name in record if record[name] != base.get(name)} <= {*own, *free}
         assert {setting["loss"] for setting in change.settings(task, "paper")} == {*change.losses}
 
@@ -39,8 +37,12 @@ def floored(name, setting):
     return 5.0 if setting["loss"] == "gaussian" and not has_floor else 1.0 if has_floor else 3.0
 
 
-def test_a_floor_turns_the_claim_and_leaves_the_other_losses_as_they_were():
-    trained = made_up.judgeable(floored)
+@pytest.fixture(scope="module")
+def trained():
+    return made_up.judgeable(floored)
+
+
+def test_a_floor_turns_the_claim_and_leaves_the_other_losses_as_they_were(trained):
     table = hypotheses.table(trained)
     place = table.columns.index("ends higher")
     main, floor = (table.rows[name][place] for name in ("as in the main experiment", "(c) σ at least 0.1"))
@@ -60,17 +62,24 @@ def test_a_floor_turns_the_claim_and_leaves_the_other_losses_as_they_were():
         )
 
 
-def test_every_hypothesis_has_a_row_and_every_row_its_tasks():
-    table = hypotheses.table(made_up.judgeable(floored))
+def test_every_hypothesis_has_a_row_and_every_row_its_tasks(trained):
+    table = hypotheses.table(trained)
     assert {name[1] for name in table.rows if name.startswith("(")} == {*text("hypotheses")} - {"why"} == {*"abcdefgh"}
     assert table.rows["(g) η in units of the action"][0].text == "LQR, Mountain Car, Acrobot"
-    assert hypotheses.table(Trained({})).rows == {}
+
+
+def test_the_tables_that_documents_quote_are_markdown_with_a_sign_for_each_verdict(trained):
+    lines = report.document(trained).splitlines()
+    assert "## What makes the paper's result appear?" in lines
+    row = next(line for line in lines if line.startswith("| (c) σ at least 0.1 |"))
+    assert "| ✓ " in row
+    assert {line.count("|") for line in lines if line.startswith("| (")} == {len(hypotheses.CLAIMS) + 3}
+    assert "|" not in report.document(Trained({}))
 
 
 def test_the_bandit_in_units_of_its_box_is_judged_by_its_own_runs():
     def in_the_box(name, setting):
-        ahead = "hl-gauss" if name.startswith("boxed") else "gaussian"
-        return 20.0 if setting["loss"] == ahead else 10.0
+        return 20.0 if setting["loss"] == ("hl-gauss" if name.startswith("boxed") else "gaussian") else 10.0
 
     trained = made_up.judgeable(in_the_box)
     words = next(words for words in rescaling.table(trained).rows if words.startswith("Both classification losses"))
@@ -124,12 +133,3 @@ def test_without_the_lowest_rate_the_winners_are_others():
     assert without.again.best["hl-gauss"].setting["learning_rate"] > min(
         setting["learning_rate"] for setting in main.chosen.study.settings
     )
-
-
-def test_the_tables_that_documents_quote_are_markdown_with_a_sign_for_each_verdict():
-    lines = report.document(made_up.judgeable(floored)).splitlines()
-    assert "## What makes the paper's result appear?" in lines
-    row = next(line for line in lines if line.startswith("| (c) σ at least 0.1 |"))
-    assert "| ✓ " in row
-    assert {line.count("|") for line in lines if line.startswith("| (")} == {len(hypotheses.CLAIMS) + 3}
-    assert "|" not in report.document(Trained({}))
