@@ -20,6 +20,8 @@ from studies.paper.trained import Trained
 
 FIRST = (hypotheses.NAME,)
 """The figures that stand before the claims."""
+FILE = "tables.md"
+_SIGNS = dict(zip(VERDICTS, "✓◐✗≈", strict=True))
 
 
 def figures(trained: Trained) -> dict[str, Figure]:
@@ -68,12 +70,8 @@ def _section(name: str, figure: FigureStudy, trained: Trained, drawn: Figure | N
     return Section(name, title, figure.caption, drawn, table, missing, name in FIRST)
 
 
-FILE = "tables.md"
-_SIGNS = dict(zip(VERDICTS, "✓◐✗≈", strict=True))
-
-
 def tables(trained: Trained) -> dict[str, str]:
-    """All of them by name; those that lack their data are left out."""
+    """The tables that documents quote, as Markdown, by name; those that lack their data are left out."""
     found = {
         "Final training return on fresh seeds": readme_table(trained) if trained.judged else "",
         FIGURES[hypotheses.NAME].title: markdown(hypotheses.table(trained)),
@@ -84,7 +82,7 @@ def tables(trained: Trained) -> dict[str, str]:
 
 
 def document(trained: Trained) -> str:
-    """All of them, each under a heading."""
+    """All tables, each under a heading."""
     signs = ", ".join(f"{sign} {verdict}" for verdict, sign in _SIGNS.items())
     head = f"# Tables\n\nOf how many tasks, losses or sizes a claim clearly holds: {signs}.\n"
     return head + "".join(f"\n## {name}\n\n{table}\n" for name, table in tables(trained).items())
