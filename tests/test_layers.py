@@ -34,6 +34,7 @@ RANKS = """
     deploy
     cli
     analysis sweep
+    runs
     page
     benchmark
     commands
@@ -50,7 +51,7 @@ CORE_LIBRARIES = "jax numpy optax jaxtyping"
 COMMAND_LINE = "cli commands"
 COMMAND_LINE_LIBRARIES = {
     "matplotlib": ["analysis", "page", "benchmark"],  # which draw
-    "pyarrow": ["analysis", "sweep", "benchmark"],  # which keep what thousands of runs told
+    "pyarrow": ["analysis", "sweep", "runs", "benchmark"],  # which keep what thousands of runs told
     "rich": ["models/learning.py", "sweep/view.py"],  # which show progress
     "tyro": [],
 }

@@ -28,7 +28,7 @@ from galton.optimizers import OPTIMIZERS, Optimizer
 from galton.parts import Part, settings
 from galton.policies import POLICIES
 from galton.words import CHOICES, vocabulary
-from studies.paper import reproduce, standings, tables
+from studies.paper import report, reproduce, standings
 from studies.paper.trained import Trained
 
 RESULTS = Path(__file__).parents[2] / "results" / "paper"
@@ -161,7 +161,7 @@ def trained() -> Trained:
 @functools.cache
 def quoted() -> Rows:
     """The table of final training returns, as README quotes it."""
-    table = tables.tables(trained())["Final training return on fresh seeds"]
+    table = report.tables(trained())["Final training return on fresh seeds"]
     cells = [[cell.strip() for cell in line.strip("|").split("|")] for line in table.splitlines()]
     return [cells[0], *cells[2:]]
 

@@ -17,7 +17,6 @@ from galton_experiments.sweep import Place, one_per_core
 from galton_experiments.sweep import workers as processes
 from studies.paper import report as page
 from studies.paper import reproduce as paper
-from studies.paper import tables as markdown
 from studies.paper.figure import FigureStudy
 from studies.paper.registry import FIGURES, all_sweeps
 from studies.paper.sweeps import AGAIN, MAIN, Budget, Sweep
@@ -91,7 +90,7 @@ def tables(folder: tyro.conf.Positional[Path], documents: tyro.conf.Positional[t
         folder: what `reproduce` made.
         documents: Markdown files.
     """
-    quotes.write(markdown.tables(paper.load(str(folder))).get, documents)
+    quotes.write(page.tables(paper.load(str(folder))).get, documents)
 
 
 def asked(what: Sequence[str]) -> tuple[list[Sweep], dict[str, FigureStudy]]:

@@ -6,24 +6,20 @@ from matplotlib.figure import Figure
 
 from galton.losses import LOSSES
 from galton.tasks import TASKS
-from galton_experiments.analysis import fit_curves
+from galton_experiments.analysis import fit_curves, rounded
 from galton_experiments.analysis.plots import finish, panels
 from galton_experiments.page import VERDICTS, Answer, Cell, Claim, Matrix
 from studies.paper.curves import draw_best, draw_levels, shown
 from studies.paper.measures import DETERMINISTIC, final_return, over_regression
-from studies.paper.scale import Scale
-from studies.paper.trained import Trained
-from studies.paper.verdicts import Found, Unit, by_task, marks, rounded
+from studies.paper.prose import text
+from studies.paper.trained import Scale, Trained
+from studies.paper.verdicts import Found, Unit, by_task, marks
 
 _KINDS = ("training", "deterministic")
 _COLORS = {"✓": VERDICTS[0], "✗": VERDICTS[2]}
 _EXCEPTION = TASKS["acrobot"].title
 """The task on which the paper itself has regression end higher."""
-_OF_EXCEPTION = {
-    "✗": f"; on {_EXCEPTION} it ends lower, as the paper says",
-    "✓": f"; on {_EXCEPTION} it ends higher, too",
-    "≈": f"; on {_EXCEPTION} neither is clear",
-}
+_OF_EXCEPTION = {"✗": "it ends lower, as the paper says", "✓": "it ends higher, too", "≈": "neither is clear"}
 _WORDS = {"✓": "higher", "✗": "lower", "≈": "neither clearly", "?": "too few runs"}
 
 
@@ -34,12 +30,9 @@ def answer(trained: Trained, claims: Sequence[Claim]) -> Answer:
     return Answer(
         [_sentence(given[_KINDS[0]]), " ".join([*_further(trained, given[_KINDS[1]]), _counted(claims)])],
         Matrix("gain", [*_KINDS, "verdict"], _rows(found, given), narrow=True),
-        "Final return on fresh seeds, the classification loss that was better on the grid − the Gaussian: mean and "
-        "95% interval. Bold and in colour is what a rank test calls clear, adjusted for all tasks (Holm), if the mean "
-        "agrees. A few runs that fail move a mean and not the ranks. The deterministic policy acts without "
-        "exploration.",
+        text("page")["answer"]["note"],
         curves(trained) if trained.grids else None,
-        "Training return of the best settings on fresh seeds: Figure 2 in small.",
+        text("page")["answer"]["caption"],
     )
 
 
@@ -58,14 +51,12 @@ def _gaps(trained: Trained, kind: str) -> dict[str, Found]:
 def _rows(found: Mapping[str, Mapping[str, Found]], given: Mapping[str, Mapping[str, str]]) -> dict[str, list[Cell]]:
     rows = {}
     for title in found[_KINDS[0]]:
-        units, of_task = [found[kind][title] for kind in _KINDS], [given[kind][title] for kind in _KINDS]
-        cells = [Cell(_short(unit), _COLORS.get(mark)) for unit, mark in zip(units, of_task, strict=True)]
+        of_task = [given[kind][title] for kind in _KINDS]
+        units = [found[kind][title] for kind in _KINDS]
+        texts = ["—" if isinstance(unit, Unit) else rounded(unit.difference) for unit in units]
+        cells = [Cell(told, _COLORS.get(mark)) for told, mark in zip(texts, of_task, strict=True)]
         rows[title] = [*cells, _verdict(*of_task)]
     return rows
-
-
-def _short(unit: Found) -> str:
-    return "—" if isinstance(unit, Unit) else rounded(unit.difference)
 
 
 def _verdict(training: str, deterministic: str) -> Cell:
@@ -74,11 +65,9 @@ def _verdict(training: str, deterministic: str) -> Cell:
         return Cell("null task", VERDICTS[3])
     if training == deterministic:
         return Cell(_WORDS[training], _COLORS.get(training, VERDICTS[3]))
-    if {training, deterministic} == {"✓", "✗"}:
-        return Cell(f"{_WORDS[deterministic]} without noise", VERDICTS[1])
-    if training in _COLORS:
-        return Cell(f"{_WORDS[training]} with noise", VERDICTS[1])
-    return Cell(f"{_WORDS[deterministic]} without noise", VERDICTS[1])
+    noisy = training in _COLORS and {training, deterministic} != {"✓", "✗"}
+    told = f"{_WORDS[training]} with noise" if noisy else f"{_WORDS[deterministic]} without noise"
+    return Cell(told, VERDICTS[1])
 
 
 def _sentence(given: Mapping[str, str]) -> str:
@@ -91,7 +80,8 @@ def _sentence(given: Mapping[str, str]) -> str:
     parts = [f"it clearly does on {len(ends['✓'])} of {len(others)} others{_named(ends['✓'])}"]
     parts += [f"{words[mark]} on {len(ends[mark])}{_named(ends[mark])}" for mark in "✗≈" if ends[mark]]
     said = f"The paper says that classification ends higher than regression almost everywhere but on {_EXCEPTION}"
-    exception = _OF_EXCEPTION.get(given.get(_EXCEPTION, ""), "")
+    mark = given.get(_EXCEPTION, "")
+    exception = f"; on {_EXCEPTION} {_OF_EXCEPTION[mark]}" if mark in _OF_EXCEPTION else ""
     return f"{said}. Here {', '.join(parts)}{exception}."
 
 

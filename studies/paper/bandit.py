@@ -6,14 +6,13 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from galton_experiments.analysis import AXES, Interval, fit_curves, mean_band
+from galton_experiments.analysis import Interval, fit_curves, mean_band
 from galton_experiments.analysis.plots import draw_series, finish, label_rows, look_of, marker_of, panels
-from studies.paper import controls, harder_bandits
+from galton_experiments.runs import Summary
 from studies.paper.controls import CONTROLS
-from studies.paper.curves import BANDS, draw_best, draw_levels, numbered, runs_of
-from studies.paper.figure import FigureStudy
+from studies.paper.curves import draw_best, draw_levels, draw_thin, numbered
+from studies.paper.figure import figure
 from studies.paper.harder_bandits import DIMENSION, NOISE, across, losses_in
-from studies.paper.summary import Summary
 from studies.paper.sweeps import AGAIN, MAIN, Sweep
 from studies.paper.trained import Trained
 
@@ -25,7 +24,7 @@ def draw(trained: Trained) -> Figure:
     constants = {"noise_std": across(trained, NOISE), "d": across(trained, DIMENSION)}
     constants = {name: bandits for name, bandits in constants.items() if bandits}
     under = {control.label: done for control in CONTROLS if (done := _fresh(trained, control.again, control.sweep))}
-    figure, axes = panels(len(constants) + len(under), columns=2, height=2.9)
+    drawing, axes = panels(len(constants) + len(under), columns=2, height=2.9)
     finals, curves = axes[: len(constants)], axes[len(constants) :]
     for panel, (name, bandits) in zip(finals, constants.items(), strict=True):
         _draw_final(panel, bandits)
@@ -43,8 +42,8 @@ def draw(trained: Trained) -> Figure:
     _share_y(finals)
     label_rows(finals, "final training return")
     label_rows(curves, "training return")
-    finish(figure, axes)
-    return figure
+    finish(drawing, axes)
+    return drawing
 
 
 def _fresh(trained: Trained, again: Sweep, sweep: Sweep) -> Summary | None:
@@ -63,13 +62,8 @@ def _draw_control(axes: Axes, control: Summary, main: Summary | None) -> list[In
     """Draw the learning curves under a control, with the Gaussian's and, thin and dotted, those without it."""
     gaussian = {"gaussian": main} if main and "gaussian" in main.best else {}
     drawn = draw_best(axes, gaussian | dict.fromkeys(control.best, control), "training_return")
-    for loss in control.best:
-        if main and loss in main.best:
-            label, color, _ = look_of(loss)
-            drawn.append(mean_band([runs_of(main, loss, "training_return")]))
-            name = f"{label} without it"
-            axes.plot(main.steps, drawn[-1].mean, gid=name, label=name, lw=0.9, ls=":", color=color)
-    return drawn
+    known = [loss for loss in control.best if main and loss in main.best]
+    return drawn + [draw_thin(axes, main, loss, "training_return", " without it") for loss in known if main]
 
 
 def _share_y(axes: Sequence[Axes]) -> None:
@@ -79,29 +73,12 @@ def _share_y(axes: Sequence[Axes]) -> None:
         panel.set_ylim(limits[:, 0].min(), limits[:, 1].max())
 
 
-FIGURE = FigureStudy(
-    "The bandit: noise, dimensions, initial policy, exploration",
-    "Top: final training return of the settings that win on the bandit itself (noise 1, d = 2), on noisier bandits "
-    "and in more dimensions, on one scale. Bottom: the main experiment again, its sweep included, with the softmax "
-    "policies starting as the Gaussian does, and sampling from a Gaussian with their own mean and variance; thin and "
-    "dotted the same losses without that, from Figure 2, and the Gaussian, which has nothing to change. All on fresh "
-    f"seeds: means of n runs, and {BANDS}. {AXES}",
+FIGURE = figure(
+    "figure-3",
     draw,
     (
         *dict.fromkeys((_BANDIT, _BANDIT_AGAIN, *NOISE.values(), *DIMENSION.values())),
         *(control.sweep for control in CONTROLS),
         *(control.again for control in CONTROLS),
     ),
-    number=3,
-    claims={
-        9: harder_bandits.less_sensitive_to_noise,
-        10: harder_bandits.degrades_with_dimension,
-        11: harder_bandits.higher_in_all_dimensions,
-        11.5: harder_bandits.gap_grows_with_dimension,
-        12: controls.starts_as_well,
-        13: controls.converges_faster,
-        14: controls.no_local_optimum,
-        15: controls.exploration_is_not_the_reason,
-        16.5: harder_bandits.stops_at_the_next_bin,
-    },
 )

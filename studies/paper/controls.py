@@ -1,28 +1,22 @@
 """The two controls of §5.2.3, on the bandit: softmax policies that start, or explore, as the Gaussian does."""
 
 import dataclasses
+from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
 from galton.losses import LOSSES
-from galton_experiments.analysis import Comparison, compare, mean_interval
+from galton_experiments.analysis import Comparison, compare, decide, mean_interval
 from galton_experiments.page import Claim
-from galton_experiments.sweep import Study
-from studies.paper.measures import (
-    CLASSIFICATION,
-    DETERMINISTIC,
-    Score,
-    final_return,
-    mean_return,
-    over_training,
-)
-from studies.paper.scale import optimum
-from studies.paper.summary import Summary
-from studies.paper.sweeps import AGAIN, MAIN, Budget, Done, Sweep, again, main_settings, task_study
-from studies.paper.trained import Trained
-from studies.paper.verdicts import claim, marks, told
+from galton_experiments.runs import Summary
+from galton_experiments.sweep import Setting
+from studies.paper.measures import CLASSIFICATION, DETERMINISTIC, Score, final_return, mean_return, over_training
+from studies.paper.prose import says
+from studies.paper.sweeps import AGAIN, MAIN, Budget, Sweep, again, grid, main_settings
+from studies.paper.trained import Trained, optimum
+from studies.paper.verdicts import claim, told
 
 Means = Float[np.ndarray, " settings"]
 
@@ -38,13 +32,11 @@ class Control(NamedTuple):
 
 
 def _control(name: str, label: str, **change: str) -> Control:
-    def study(budget: Budget, _: Done) -> Study:
-        changed = (
-            setting.replace(**change) for setting in main_settings("bandit", budget) if setting["loss"] != "gaussian"
-        )
-        return task_study("bandit", budget, tuple(changed))
+    def settings(budget: Budget) -> Iterator[Setting]:
+        softmaxes = (setting for setting in main_settings("bandit", budget) if setting["loss"] != "gaussian")
+        return (setting.replace(**change) for setting in softmaxes)
 
-    sweep = Sweep(name, study)
+    sweep = grid(name, "bandit", settings)
     return Control(label, sweep, again(sweep), change)
 
 
@@ -85,18 +77,17 @@ def _at_equal_settings(trained: Trained, control: Control) -> dict[str, tuple[Me
     return found
 
 
+def _counted(equal: Mapping[str, tuple[Means, Means]], sign: int) -> str:
+    """In how many settings each loss is higher under a control, or lower."""
+    found = (f"{LOSSES[x].label} in {(sign * (one - two) > 0).sum()} of {len(one)}" for x, (one, two) in equal.items())
+    return ", ".join(found)
+
+
 def starts_as_well(trained: Trained) -> Claim:
     """What §5.2.3 says of Figure 3c: Init Gaussian does no harm."""
-    equal = (
-        f"{LOSSES[loss].label} in {(under < without).sum()} of {len(under)}"
-        for loss, (under, without) in _at_equal_settings(trained, INIT_GAUSSIAN).items()
-    )
-    lower = ", ".join(equal)
+    lower = _counted(_at_equal_settings(trained, INIT_GAUSSIAN), -1)
     return claim(
-        "§5.2.3",
-        "A Gaussian initial policy has no significant negative effect on classification.",
-        "bandit, training return of the best settings on fresh seeds, final and averaged over training: Init Gaussian "
-        "− uniform; ✓ is not clearly negative",
+        *says("starts_as_well"),
         {
             f"{label} {when}": gain
             for when, score in (("final", final_return), ("over training", mean_return))
@@ -110,15 +101,10 @@ def starts_as_well(trained: Trained) -> Claim:
 def converges_faster(trained: Trained) -> Claim:
     """What §5.2.3 says of Figure 3d: Gaussian Exploration is faster."""
     equal = _at_equal_settings(trained, EXPLORATION)
-    higher = (f"{LOSSES[loss].label} in {(one > two).sum()} of {len(one)}" for loss, (one, two) in equal.items())
-    counts = ", ".join(higher)
-    winners = _gains(trained, EXPLORATION, mean_return)
+    counts, winners = _counted(equal, 1), _gains(trained, EXPLORATION, mean_return)
     gains = ", ".join(f"{label} {told(gain)}" for label, gain in winners.items())
     return claim(
-        "§5.2.3",
-        "Gaussian Exploration makes both classification losses converge faster.",
-        "bandit, training return averaged over training and trials, in pairs of equal settings over the whole grid: "
-        "Gaussian Exploration − sampling from the softmax",
+        *says("converges_faster"),
         {LOSSES[loss].label: compare(*pair, paired=True) for loss, pair in equal.items()},
         f"Higher with it: {counts}." if counts else "",
         f"The best settings of each, which are not the same, on fresh seeds: {gains}." if gains else "",
@@ -135,14 +121,7 @@ def no_local_optimum(trained: Trained) -> Claim:
         parts = {"less is missing": missing, "less than half is": missing / 2}
         units = {name: compare(part, left, paired) for name, part in parts.items()}
         note = f"Short of the optimum: {mean_interval(missing):.2f} without, {mean_interval(left):.2f} with it."
-    return claim(
-        "§5.2.3",
-        "Gaussian Exploration removes HL-1-Hot's sub-optimal convergence.",
-        "bandit, final training return of the best settings on fresh seeds: what is missing to the optimum without it, "
-        "and half of that, − with it",
-        units,
-        note,
-    )
+    return claim(*says("no_local_optimum"), units, note)
 
 
 def exploration_is_not_the_reason(trained: Trained) -> Claim:
@@ -152,8 +131,7 @@ def exploration_is_not_the_reason(trained: Trained) -> Claim:
     for metric in {"training_return": "", **DETERMINISTIC}:
         if main is not None and metric in main.table.column_names:
             gains |= {(loss, metric): _over_gaussian(main, loss, main, metric) for loss in CLASSIFICATION}
-    given = marks({" ".join(key): gain for key, gain in gains.items()})
-    ahead = [key for key, mark in zip(gains, given.values(), strict=True) if mark == "✓"]
+    ahead = [key for key, decision in decide(gains).items() if decision.mark == "✓"]
     units = {
         f"{_named(loss, metric)}, {control.label}": _over_gaussian(pair[0], loss, pair[1], metric)
         for control in CONTROLS
@@ -163,15 +141,7 @@ def exploration_is_not_the_reason(trained: Trained) -> Claim:
     }
     no_gain = ", ".join(f"{_named(*key)} {told(gain)}" for key, gain in gains.items() if key not in ahead)
     note = f"Not clearly more efficient to begin with: {no_gain}." if no_gain else ""
-    judged = claim(
-        "§5.2.3",
-        "Softmax exploration is not the key reason for the higher data efficiency.",
-        "bandit, return averaged over training: classification that starts or explores as the Gaussian does − "
-        "Gaussian, of the losses that are ahead of it without that, by training return and by the deterministic "
-        "policy's",
-        units,
-        note,
-    )
+    judged = claim(*says("exploration_is_not_the_reason"), units, note)
     return judged if units or not note else dataclasses.replace(judged, why=note)
 
 

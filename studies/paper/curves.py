@@ -11,22 +11,9 @@ from galton.losses import LOSSES
 from galton.tasks import TASKS
 from galton.training import MEAN_ACTION_RETURN
 from galton_experiments.analysis import Interval, fit_curves, mean_band
-from galton_experiments.analysis.plots import (
-    LEVELS,
-    draw_level,
-    draw_series,
-    finish,
-    label_rows,
-    look_of,
-    over_steps,
-    panels,
-)
-from studies.paper.scale import optimum
-from studies.paper.summary import Summary
-from studies.paper.trained import Trained, paper_settings
-
-BANDS = "a percentile bootstrap of their mean, 95%, which with three runs is their range"
-"""What the bands around learning curves are, for captions."""
+from galton_experiments.analysis.plots import draw_level, draw_series, finish, label_rows, look_of, over_steps, panels
+from galton_experiments.runs import Summary
+from studies.paper.trained import Trained, optimum, paper_settings
 
 
 def heading(task: str) -> str:
@@ -71,16 +58,12 @@ def draw_best(axes: Axes, best_of: Mapping[str, Summary], metric: str) -> list[I
     return drawn
 
 
-def draw_by_mean_action(axes: Axes, summary: Summary) -> None:
-    """Draw what softmax policies earn by the mean of their distribution, thinly, where that was logged."""
-    if MEAN_ACTION_RETURN not in summary.table.column_names:
-        return
-    for loss in summary.best:
-        if LOSSES[loss].family == "histogram":
-            label, color, _ = look_of(loss)
-            mean = mean_band([runs_of(summary, loss, MEAN_ACTION_RETURN)]).mean
-            name = f"{label}: mean action"
-            axes.plot(summary.steps, mean, gid=name, label=name, lw=0.9, ls=":", color=color)
+def draw_thin(axes: Axes, summary: Summary, loss: str, metric: str, word: str) -> Interval:
+    """Draw the mean of a loss's best setting thin and dotted, with a word behind the loss's name."""
+    label, color, _ = look_of(loss)
+    found = mean_band([runs_of(summary, loss, metric)])
+    axes.plot(summary.steps, found.mean, gid=label + word, label=label + word, lw=0.9, ls=":", color=color)
+    return found
 
 
 def draw_levels(axes: Axes, task: str) -> list[float]:
@@ -88,7 +71,7 @@ def draw_levels(axes: Axes, task: str) -> list[float]:
     values = {"optimum": optimum(task), "solved": TASKS[task].solved, "doing nothing": TASKS[task].at_rest}
     known = {name: value for name, value in values.items() if value is not None}
     for name, value in known.items():
-        draw_level(axes, value, name, LEVELS[name])
+        draw_level(axes, value, name)
     return [*known.values()]
 
 
@@ -98,8 +81,9 @@ def best_curves(by_task: Mapping[str, Summary], metric: str) -> Figure:
     for panel, (task, summary) in zip(axes, by_task.items(), strict=True):
         drawn = draw_best(panel, dict.fromkeys(summary.best, summary), metric)
         fit_curves(panel, drawn, draw_levels(panel, task))
-        if metric == "evaluation_return":
-            draw_by_mean_action(panel, summary)
+        if metric == "evaluation_return" and MEAN_ACTION_RETURN in summary.table.column_names:
+            for loss in (loss for loss in summary.best if LOSSES[loss].family == "histogram"):
+                draw_thin(panel, summary, loss, MEAN_ACTION_RETURN, ": mean action")
         panel.set_title(numbered(heading(task), summary), fontsize=10)
     label_rows(axes, "undiscounted return")
     finish(figure, axes)

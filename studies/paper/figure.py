@@ -1,12 +1,15 @@
 """A study as one record: what is trained for a figure, how it is drawn, and what it says of the paper."""
 
 import dataclasses
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
+from typing import Any
 
 import pyarrow as pa
 from matplotlib.figure import Figure
 
-from galton_experiments.page import Claim, Matrix, Table
+from galton_experiments.analysis import AXES
+from galton_experiments.page import Matrix, Table
+from studies.paper.prose import text
 from studies.paper.sweeps import Budget, Sweep
 from studies.paper.trained import Trained
 
@@ -27,9 +30,6 @@ class FigureStudy:
     """Its number in the paper; None for a figure that the paper does not have."""
     table: Callable[[Trained], Table | Matrix] | None = None
     """Makes the table of numbers below the figure, where that is drawn."""
-    claims: Mapping[int | float, Callable[[Trained], Claim]] = dataclasses.field(default_factory=dict)
-    """What the paper says of it, by the place among all claims of the page, which are in the paper's order: 2.5 stands
-    between 2 and 3. They are judged from whatever there is."""
     measure: Callable[[Budget], pa.Table] | None = None
     """Measures what no sweep trains; the figure finds it in `Trained.tables` under its name."""
     check: Callable[[pa.Table], None] = lambda _: None
@@ -39,3 +39,11 @@ class FigureStudy:
         """Whether anything was trained or measured for it, or it needs nothing."""
         needs_nothing = not self.sweeps and self.measure is None
         return needs_nothing or name in trained.tables or any(sweep.name in trained.sweeps for sweep in self.sweeps)
+
+
+def figure(name: str, draw: Callable[[Trained], Figure], sweeps: tuple[Sweep, ...] = (), **parts: Any) -> FigureStudy:
+    """A figure whose title and caption stand in figures.toml; `filled` are the words that these lack."""
+    shared = {"axes": AXES, "bands": text("figures")["bands"]} | parts.pop("filled", {})
+    told = text("figures")[name]
+    title, caption = (told[part].format(**shared) for part in ("title", "caption"))
+    return FigureStudy(title, caption, draw, sweeps, **{"number": told.get("number")} | parts)

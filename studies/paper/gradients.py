@@ -27,10 +27,7 @@ READINGS = {"sigma^2": 2, "sigma": 1}
 """The power of σ that divides the Gaussian's squared error: its log-likelihood's, and the one that §4.3 prints."""
 ETAS = {"hl-gauss-centred": 2.0}
 """The η of losses that are not measured at the default one."""
-FACTORS = {
-    "gaussian": (1.0, 0.3, 0.1, 0.03, 0.01, 0.003, 0.001),
-    "hl-gauss": (0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0),
-}
+FACTORS = {"gaussian": (1.0, 0.3, 0.1, 0.03, 0.01, 0.003, 0.001), "hl-gauss": (0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0)}
 """How trained policies are made ever sharper: what σ is multiplied by, or the logits."""
 
 

@@ -1,7 +1,5 @@
 """The bandits of Figure 3, under noise and in more dimensions, and what the paper says of them (§5.2.2, §7)."""
 
-import dataclasses
-import json
 from collections.abc import Mapping
 
 import numpy as np
@@ -11,12 +9,11 @@ from galton.envs import find
 from galton.losses import LOSSES
 from galton_experiments.analysis import Comparison, against, compare
 from galton_experiments.page import Claim
-from galton_experiments.sweep import Study
+from galton_experiments.runs import Summary
 from studies.paper.measures import CLASSIFICATION, Scores, final_return, versus
-from studies.paper.scale import optimum
-from studies.paper.summary import Summary
-from studies.paper.sweeps import AGAIN, MAIN, Budget, Done, Sweep, on_fresh_seeds
-from studies.paper.trained import Trained
+from studies.paper.prose import says
+from studies.paper.sweeps import AGAIN, MAIN, Sweep, again, winners_for
+from studies.paper.trained import Trained, optimum
 from studies.paper.verdicts import A_TENTH, Found, claim, unit
 
 _BANDIT, _BANDIT_AGAIN = MAIN["bandit"], AGAIN["bandit"]
@@ -24,14 +21,7 @@ _BANDIT, _BANDIT_AGAIN = MAIN["bandit"], AGAIN["bandit"]
 
 def _with(name: str, constant: str, value: float | int) -> Sweep:
     """The sweep of the bandit's winners on a bandit with another constant, on fresh seeds."""
-
-    def study(budget: Budget, done: Done) -> Study:
-        main = done[_BANDIT.name]
-        losses = ("gaussian", "hl-gauss") if budget == "smoke" else tuple(main.best)
-        settings = tuple(main.best[loss].setting for loss in losses)
-        return on_fresh_seeds(dataclasses.replace(main.study, env_kwargs=json.dumps({constant: value})), settings)
-
-    return Sweep(f"bandit-{name}-{value:g}", study, winners_of=_BANDIT)
+    return again(_BANDIT, winners_for, name=f"bandit-{name}-{value:g}", env_kwargs={constant: value})
 
 
 NOISE = {value: _with("noise", "noise_std", value) for value in (0.0, 2.0, 5.0, 10.0)} | {1.0: _BANDIT_AGAIN}
@@ -50,6 +40,10 @@ def losses_in(bandits: Mapping[float, Summary]) -> list[str]:
     """The losses that were trained on all of these bandits."""
     first, *others = bandits.values()
     return [loss for loss in first.best if all(loss in bandit.best for bandit in others)]
+
+
+def _ends(bandits: Mapping[float, Summary]) -> dict[str, str]:
+    return {"least": f"{min(bandits, default=0):g}", "most": f"{max(bandits, default=0):g}"}
 
 
 def _costs(bandits: Mapping[float, Summary]) -> dict[str, Comparison]:
@@ -83,14 +77,7 @@ def _shortfalls(bandits: Mapping[float, Summary], name: str) -> str:
 def less_sensitive_to_noise(trained: Trained) -> Claim:
     """What §5.2.2 says of Figure 3a: noise costs classification less."""
     bandits = across(trained, NOISE)
-    return claim(
-        "§5.2.2",
-        "Classification is less sensitive to noise in the reward.",
-        f"bandit, what a noise of {max(bandits, default=0):g} instead of {min(bandits, default=0):g} costs in final "
-        "return: Gaussian's loss − theirs",
-        _costs(bandits),
-        _shortfalls(bandits, "σ"),
-    )
+    return claim(*says("less_sensitive_to_noise", **_ends(bandits)), _costs(bandits), _shortfalls(bandits, "σ"))
 
 
 def degrades_with_dimension(trained: Trained) -> Claim:
@@ -104,21 +91,14 @@ def degrades_with_dimension(trained: Trained) -> Claim:
             for loss in losses_in(bandits)
             if LOSSES[loss].in_paper
         }
-    return claim(
-        "§5.2.2",
-        "All methods degrade as actions get more dimensions.",
-        f"bandit, final return: d = {min(bandits, default=0):g} − d = {max(bandits, default=0):g}",
-        units,
-    )
+    return claim(*says("degrades_with_dimension", **_ends(bandits)), units)
 
 
 def higher_in_all_dimensions(trained: Trained) -> Claim:
     """What §5.2.2 says of Figure 3b: classification stays ahead of the Gaussian."""
     bandits = across(trained, DIMENSION)
     return claim(
-        "§5.2.2",
-        "Both classification losses keep a higher final return than the Gaussian at every dimensionality.",
-        "bandit, final return − Gaussian's",
+        *says("higher_in_all_dimensions"),
         {
             f"{LOSSES[loss].label} d = {d:g}": versus(bandit, loss, "gaussian", final_return)
             for loss in CLASSIFICATION
@@ -131,13 +111,7 @@ def higher_in_all_dimensions(trained: Trained) -> Claim:
 def gap_grows_with_dimension(trained: Trained) -> Claim:
     """What §5.2.2 and §7 make of Figure 3b: the more dimensions, the more classification is ahead."""
     bandits = across(trained, DIMENSION)
-    return claim(
-        "§5.2.2, §7",
-        "The more dimensions, the larger is the lead of classification.",
-        f"bandit, final return − Gaussian's: at d = {max(bandits, default=0):g} − at d = {min(bandits, default=0):g}",
-        _costs(bandits),
-        _shortfalls(bandits, "d"),
-    )
+    return claim(*says("gap_grows_with_dimension", **_ends(bandits)), _costs(bandits), _shortfalls(bandits, "d"))
 
 
 def stops_at_the_next_bin(trained: Trained) -> Claim:
@@ -159,12 +133,7 @@ def stops_at_the_next_bin(trained: Trained) -> Claim:
             f"at the next bin at most, which costs {next_bin:.2f}:": unit(-near, shown),
             "by less than a tenth of the way from rest:": unit(little, shown),
         }
-    return claim(
-        "§7",
-        "HL-1-Hot may stop at a bin next to the optimal one, and loses little by it.",
-        f"bandit with noise {calm:g}, how far the deterministic policy ends from the optimum",
-        units,
-    )
+    return claim(*says("stops_at_the_next_bin", noise=f"{calm:g}"), units)
 
 
 def _cost_of_the_next_bin(bandit: Summary) -> float:

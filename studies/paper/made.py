@@ -1,36 +1,16 @@
 """How what is on the page was made: a row for each sweep and for each table of measurements."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 from galton_experiments.page import Section, Table
+from galton_experiments.runs import Summary
 from galton_experiments.sweep.parquet import record_of
+from studies.paper.prose import text
 from studies.paper.registry import FIGURES, all_sweeps
-from studies.paper.summary import Summary
-from studies.paper.sweeps import AGAIN, MAIN, Budget, Sweep
+from studies.paper.sweeps import AGAIN, MAIN, Sweep
 from studies.paper.trained import Trained
 
 NAME = "how-made"
-BUDGETS: dict[Budget, str] = {
-    "smoke": "a few hundred steps: the numbers mean nothing, and no verdict does",
-    "small": "a part of App. C.2's grid, few trials",
-    "grid": "App. C.2's grid, or on Ant a part of it, with few trials",
-    "paper": "App. C.2's grid and trials, on the environments that docs/paper.md describes",
-}
-"""What to think of the numbers of each budget."""
-_HEADINGS = (
-    "sweep",
-    "settings",
-    "trials",
-    "steps",
-    "seed",
-    "episodes per steps",
-    "budget",
-    "core minutes",
-    "on",
-    "with",
-    "word",
-)
 
 
 def section(trained: Trained) -> Section:
@@ -40,25 +20,24 @@ def section(trained: Trained) -> Section:
     sweeps = all_sweeps()
     names = [name for name in (*sweeps, *FIGURES) if name in records]
     machines, versions = (_keyed([value for name in names for value in records[name][of]]) for of in _KEYED)
-    rows = []
+    known, rows = [("machines", machines), ("versions", versions)], []
     for name in names:
         made = records[name]
         of_study = _study(trained.sweeps[name]) if name in trained.sweeps else ["—"] * 5
-        minutes = f"{_minutes(made):,.0f}" if "train_seconds" in made else "—"
-        keys = [_keys_of(made[of], keyed) for of, keyed in zip(_KEYED, (machines, versions), strict=True)]
+        is_sweep = "train_seconds" in made
+        minutes = f"{(made['train_seconds'] + made['compile_seconds']) / 60:,.0f}" if is_sweep else "—"
+        keys = [", ".join(dict.fromkeys(keyed[_value(value)] for value in made[of])) for of, keyed in known]
         called = f"{name} ({sweeps[name].title})" if name in sweeps and sweeps[name].title else name
         rows.append([called, *of_study, made["budget"], minutes, *keys, _word(name)])
+    words, told = text("page"), text("page")["how-made"]
     budgets = dict.fromkeys(records[name]["budget"] for name in names)
     paragraphs = [
-        "A row is trained again by: python -m studies.paper reproduce WORD --budget BUDGET --out DIR. Sweeps of seed 0 "
-        "choose settings, those of seed 1 judge them; in pairs means that trial t has the same seed in all settings. "
-        "Each evaluation plays so many episodes by the deterministic policy, once in so many steps; twice means by the "
-        "most likely and by the mean action.",
-        " ".join(f"Budget {budget}: {BUDGETS[budget]}." for budget in budgets),
+        told["text"],
+        " ".join(f"Budget {budget}: {words['budgets'][budget]}." for budget in budgets),
         f"Machines: {_told(machines)}.",
         f"Versions: {_told(versions)}.",
     ]
-    return Section(NAME, "How all of this was made", table=Table(_HEADINGS, rows), paragraphs=paragraphs)
+    return Section(NAME, told["title"], table=Table(told["headings"], rows), paragraphs=paragraphs)
 
 
 _KEYED = ("machines", "versions")
@@ -70,10 +49,6 @@ def _keyed(values: Sequence[object]) -> dict[Value, str]:
     """A letter for each of the values, in order."""
     found = dict.fromkeys(map(_value, values))
     return {value: chr(ord("A") + i) if i < 26 else str(i) for i, value in enumerate(found)}
-
-
-def _keys_of(values: Sequence[object], keyed: Mapping[Value, str]) -> str:
-    return ", ".join(dict.fromkeys(keyed[_value(value)] for value in values))
 
 
 def _value(value: object) -> Value:
@@ -99,10 +74,6 @@ def _study(summary: Summary) -> list[str]:
     seeds = f"{study.seed}, in pairs" if study.common_seeds else f"{study.seed}"
     evaluated = per + (", twice" if study.eval_mean else "")
     return [f"{len(study.settings):,}", f"{study.trials}", f"{study.steps:,}", seeds, evaluated]
-
-
-def _minutes(made: Mapping[str, Any]) -> float:
-    return float(made["train_seconds"] + made["compile_seconds"]) / 60
 
 
 def _word(name: str) -> str:

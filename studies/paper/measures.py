@@ -1,7 +1,7 @@
 """Numbers that claims and tables quote, one per run, and what compares those of two losses."""
 
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from jaxtyping import Float
@@ -9,10 +9,9 @@ from jaxtyping import Float
 from galton.losses import LOSSES
 from galton.training import MEAN_ACTION_RETURN
 from galton_experiments.analysis import Comparison, compare, fill_start
+from galton_experiments.runs import Summary
 from galton_experiments.sweep import Setting
-from studies.paper.scale import Scale
-from studies.paper.summary import Summary
-from studies.paper.trained import Judged
+from studies.paper.trained import Judged, Scale
 
 CLASSIFICATION = ("hl-one-hot", "hl-gauss")
 """The paper's two losses that classify."""
@@ -152,3 +151,10 @@ def spread(summary: Summary, loss: str, field: str, scale: Scale) -> Scores | No
         means = marginals[:, half != here].mean(1)
         differences[half == here] = (marginals[means.argmax()] - marginals[means.argmin()])[half == here]
     return differences / (scale.best - scale.rest)
+
+
+def rate_spreads(grid: Summary, losses: Sequence[str], of: str, scale: Scale) -> dict[str, tuple[Scores, Scores]]:
+    """How much the learning rate moves each of some losses and another one, by label, where the grid varies both."""
+    theirs = spread(grid, of, "learning_rate", scale)
+    found = {LOSSES[loss].label: spread(grid, loss, "learning_rate", scale) for loss in losses}
+    return {name: (ours, theirs) for name, ours in found.items() if ours is not None and theirs is not None}

@@ -14,7 +14,7 @@ from galton.losses import LOSSES, find_loss, surrogate
 from galton.policies import Distribution, Gaussian, Histogram
 from galton.types import Params
 from galton_experiments.analysis.plots import finish, look_of, panels
-from studies.paper.figure import FigureStudy
+from studies.paper.figure import figure
 
 BINS = Bins(-3.0, 3.0, 30)
 ACTIONS = BINS.centers[0, [7, 17, 23]]
@@ -24,15 +24,6 @@ ETAS = {"hl-gauss": 0.75, "hl-gauss-centred": 2.0}
 """The η of the losses that have one: the widest of the paper's grid, and what the centred loss is trained with."""
 STEP_SIZES = {"gaussian": 0.6, "histogram": 6.0}
 """The size of the one step of gradient descent, by policy: large, so that it can be seen."""
-
-CAPTION = (
-    "One step of gradient descent on the same three sampled actions (arrows: their advantages), from the same policy, "
-    "N(0, 1) or its histogram (grey). The Gaussian can only move and change its width, towards the actions with "
-    "positive advantage and away from the other. HL-1-Hot raises the sampled bins with positive advantage, lowers the "
-    "one with negative advantage and leaves the proportions among all others as they were; HL-Gauss takes their "
-    "neighbours along, as far as η reaches. Centred HL-Gauss (ours, not the paper's) reaches further because its η is "
-    "wider, and for no other reason: with advantages that average to zero centring changes nothing."
-)
 
 _DENSITY = 0.87
 _FLOOR, _ARROW = -0.19, 0.13
@@ -90,7 +81,7 @@ def _at(loss: str) -> Float[np.ndarray, " n"]:
 
 def draw() -> Figure:
     """A panel per loss: the policy before the step, the sampled actions with their advantages, the policy after."""
-    figure, axes = panels(len(LOSSES), height=2.9)
+    drawing, axes = panels(len(LOSSES), height=2.9)
     heights = densities()
     for panel, loss in zip(axes, LOSSES, strict=True):
         look = look_of(loss)
@@ -101,17 +92,12 @@ def draw() -> Figure:
         panel.set_title(look[0] + (f", η = {ETAS[loss]:g}" if loss in ETAS else ""), fontsize=10)
     axes[0].set_ylabel("density")
     axes[0].text(-0.5, _FLOOR + 0.02, "advantage", fontsize=8, color="#333333", ha="center")
-    finish(figure, axes)
-    return figure
+    finish(drawing, axes)
+    return drawing
 
 
 def _draw_policy(
-    axes: Axes,
-    loss: str,
-    heights: Float[np.ndarray, " n"],
-    look: tuple[str, str, str],
-    width: float,
-    shade: float,
+    axes: Axes, loss: str, heights: Float[np.ndarray, " n"], look: tuple[str, str, str], width: float, shade: float
 ) -> None:
     name, color, linestyle = look
     if find_loss(loss).family == "histogram":
@@ -139,4 +125,4 @@ def _draw_actions(axes: Axes) -> None:
     axes.set_xlabel("action")
 
 
-FIGURE = FigureStudy("What each loss does to a policy", CAPTION, lambda _: draw(), number=1)
+FIGURE = figure("figure-1", lambda _: draw())

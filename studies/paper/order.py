@@ -1,16 +1,18 @@
-"""What §7 says of the two classification losses against each other."""
+"""What §1 says of stability between seeds and in a run, and §7 of the order of the two classification losses."""
 
 import dataclasses
 from collections.abc import Iterable
 
+import numpy as np
+
 from galton.tasks import TASKS
-from galton_experiments.analysis import Comparison, within
+from galton_experiments.analysis import Comparison, rounded, within
 from galton_experiments.page import Claim
-from studies.paper.measures import Scores, final_return, versus
-from studies.paper.scale import Scale
-from studies.paper.summary import Summary
-from studies.paper.trained import Trained
-from studies.paper.verdicts import A_TENTH, UNKNOWN, Found, by_task, claim, marks, null, rounded, unit
+from galton_experiments.runs import Summary
+from studies.paper.measures import Scores, apart, better, drawdown, final_return, versus
+from studies.paper.prose import says
+from studies.paper.trained import Scale, Trained
+from studies.paper.verdicts import A_TENTH, UNKNOWN, Found, by_task, claim, marks, null, told_mean, unit
 
 _ONE_HOT = 0.1
 """η up to which HL-Gauss is HL-1-Hot: the own bin has 0.999999 of the mass or more."""
@@ -36,10 +38,7 @@ def order_changes(trained: Trained) -> Claim:
     little = [mark for mark in marks(units).values() if mark in "✓✗≈"]
     ahead = marks(orders)
     told = claim(
-        "§7",
-        "HL-1-Hot and HL-Gauss often differ little, and which is better changes across tasks.",
-        "final training return on fresh seeds, HL-Gauss − HL-1-Hot, rest → best = 1; ✓ differs by less than a tenth. "
-        "Often is on half of the tasks or more, of two at least; holds if also each of them is clearly ahead somewhere",
+        *says("order_changes"),
         units,
         f"HL-Gauss is clearly ahead: {_where(ahead, '✓')}. HL-1-Hot: {_where(ahead, '✗')}." if units else "",
     )
@@ -54,21 +53,16 @@ def _both(*facts: bool | None) -> str:
 
 
 def _often(little: list[str]) -> bool | None:
-    """Whether half of the tasks or more differ little.
-
-    None where those that are open could decide it either way, or where there is but one.
-    """
-    if len(little) < 2:
-        return None
-    if 2 * little.count("✓") >= len(little):
+    """Whether half of the tasks or more differ little; None where open ones could decide it, or where there is one."""
+    if len(little) > 1 and 2 * little.count("✓") >= len(little):
         return True
-    return False if 2 * little.count("✗") > len(little) else None
+    return False if len(little) > 1 and 2 * little.count("✗") > len(little) else None
 
 
 def _changes(ahead: Iterable[str]) -> bool | None:
-    """Whether each loss is ahead somewhere; not so where one is wherever anything can be decided, on two tasks or more.
+    """Whether each loss is ahead somewhere; None where it is open.
 
-    None where it is open.
+    Not so where one is wherever anything can be decided, on two tasks or more.
     """
     known = [mark for mark in ahead if mark in "✓✗≈"]
     if {"✓", "✗"} <= {*known}:
@@ -78,3 +72,29 @@ def _changes(ahead: Iterable[str]) -> bool | None:
 
 def _where(ahead: dict[str, str], mark: str) -> str:
     return ", ".join(task for task, found in ahead.items() if found == mark) or "nowhere"
+
+
+def alike_between_seeds(trained: Trained) -> Claim:
+    """The fourth contribution of §1, between runs: how far seeds end from one another."""
+
+    def judge(task: str, scale: Scale) -> dict[str, Found]:
+        chosen, again = trained.judged[task]
+        ours = better(chosen, final_return)
+        found = versus(again, "gaussian", ours, apart)
+        typical = (np.median(apart(again, loss)) / (scale.best - scale.rest) for loss in ("gaussian", ours))
+        return {"": unit(found, "{:.3f} and {:.3f}, P = ".format(*typical) + f"{found.above:.2f}")}
+
+    return claim(*says("alike_between_seeds"), by_task(trained, trained.judged, judge))
+
+
+def keeps_what_it_learns(trained: Trained) -> Claim:
+    """The fourth contribution of §1, within a run: what is lost again of what had been reached."""
+
+    def judge(task: str, scale: Scale) -> dict[str, Found]:
+        chosen, again = trained.judged[task]
+        ours = better(chosen, final_return)
+        found = versus(again, "gaussian", ours, lambda summary, loss: drawdown(summary, loss, scale))
+        lost = (told_mean(drawdown(again, loss, scale)) for loss in ("gaussian", ours))
+        return {"": unit(found, f"{' and '.join(lost)}, P = {found.above:.2f}")}
+
+    return claim(*says("keeps_what_it_learns"), by_task(trained, trained.judged, judge))

@@ -5,20 +5,19 @@ from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from galton.losses import LOSSES
 from galton.tasks import TASKS
-from galton_experiments.analysis import Interval, compare, difference_interval, from_best, mean_band
+from galton_experiments.analysis import Interval, compare, difference_interval, from_best, mean_band, rounded
 from galton_experiments.analysis.plots import draw_series, finish, label_rows, look_of, panels
 from galton_experiments.page import Claim
+from galton_experiments.runs import Summary
 from galton_experiments.sweep import mean_returns
 from studies.paper.curves import counted, heading
-from studies.paper.figure import FigureStudy
-from studies.paper.measures import CLASSIFICATION, by_setting, spread
-from studies.paper.scale import Scale
-from studies.paper.summary import Summary
+from studies.paper.figure import figure
+from studies.paper.measures import CLASSIFICATION, by_setting, rate_spreads
+from studies.paper.prose import note, says
 from studies.paper.sweeps import MAIN
-from studies.paper.trained import Trained
-from studies.paper.verdicts import Found, by_task, claim, rounded
+from studies.paper.trained import Scale, Trained
+from studies.paper.verdicts import Found, by_task, claim
 
 _HIGH = 0.9
 """How much of the way from rest to the best setting counts as high."""
@@ -33,7 +32,7 @@ def profile(summary: Summary, loss: str, taus: Float[np.ndarray, " T"]) -> Inter
 
 def draw(trained: Trained) -> Figure:
     """The performance profile of each loss over its whole grid, a panel per task that is done."""
-    figure, axes = panels(len(trained.grids))
+    drawing, axes = panels(len(trained.grids))
     for panel, (task, summary) in zip(axes, trained.grids.items(), strict=True):
         known = summary.final("training_return")
         known = known[~np.isnan(known)]
@@ -47,8 +46,8 @@ def draw(trained: Trained) -> Figure:
         panel.set_xlabel("τ, final training return")
         panel.set_ylim(0, 1.02)
     label_rows(axes, "share of runs above τ")
-    finish(figure, axes)
-    return figure
+    finish(drawing, axes)
+    return drawing
 
 
 def _from_best(axes: Axes, finals: Float[np.ndarray, " R"]) -> None:
@@ -62,28 +61,13 @@ def robust_to_settings(trained: Trained) -> Claim:
     """What §5.1 says of Figure 7: how much settings matter, judged by what all losses have in common to set."""
 
     def judge(task: str, scale: Scale) -> dict[str, Found]:
-        grid = trained.whole_grids[task]
-        moved = {loss: spread(grid, loss, "learning_rate", scale) for loss in ("gaussian", *CLASSIFICATION)}
-        theirs = moved["gaussian"]
-        return {
-            LOSSES[loss].label: compare(theirs, ours)
-            for loss in CLASSIFICATION
-            if (ours := moved[loss]) is not None and theirs is not None
-        }
+        pairs = rate_spreads(trained.whole_grids[task], CLASSIFICATION, "gaussian", scale)
+        return {name: compare(theirs, ours) for name, (ours, theirs) in pairs.items()}
 
     judged = {task: grid for task, grid in trained.whole_grids.items() if task in trained.scales}
     shown = "; ".join(f"{TASKS[task].title} {rounded(level(grid))}" for task, grid in judged.items())
-    return claim(
-        "§5.1",
-        "Classification is more robust to hyperparameters.",
-        "how much the learning rate, of which all losses have the same values, moves the marginal mean final return "
-        "(best − worst value, rest → best = 1): Gaussian's − theirs",
-        by_task(trained, trained.whole_grids, judge),
-        "Level, which is another question: chance that a run of classification, of any setting, ends above one of the "
-        f"Gaussian, less ½ (mean of both losses): {shown}."
-        if shown
-        else "",
-    )
+    units = by_task(trained, trained.whole_grids, judge)
+    return claim(*says("robust_to_settings"), units, note("robust_to_settings", shown=shown) if shown else "")
 
 
 def higher_fraction(trained: Trained) -> Claim:
@@ -98,13 +82,7 @@ def higher_fraction(trained: Trained) -> Claim:
         theirs, *ours = ((by_setting(grid, loss) > high).mean(0) for loss in ("gaussian", *CLASSIFICATION))
         return {"": compare(np.mean(ours, axis=0), theirs)}
 
-    return claim(
-        "App. C.4",
-        "Over all settings, a higher fraction of classification's runs reaches a high return.",
-        "share of a trial's runs, one per setting, that end above nine tenths of the way from rest to the mean of the "
-        "best setting: mean of HL-1-Hot's and HL-Gauss's − Gaussian's",
-        by_task(trained, trained.whole_grids, judge),
-    )
+    return claim(*says("higher_fraction"), by_task(trained, trained.whole_grids, judge))
 
 
 def level(grid: Summary) -> Interval:
@@ -132,14 +110,4 @@ def _placements(a: Float[np.ndarray, "s n"], b: Float[np.ndarray, "t n"]) -> Flo
     return np.stack([placed(a, b), placed(b, a)])
 
 
-FIGURE = FigureStudy(
-    "Performance profiles",
-    "Share of all runs of a loss, every setting and trial of its grid, whose final training return exceeds τ; the 95% "
-    "band is that of drawing each setting's trials again. A run that diverged exceeds nothing. The axis begins with "
-    "the worst run, and is linear near the best and logarithmic far from it. Above each panel stands how much of App. "
-    "C.2's grid was trained. The grids differ: the Gaussian's has learning rates alone, centred HL-Gauss's wider η.",
-    draw,
-    (*MAIN.values(),),
-    number=7,
-    claims={24: robust_to_settings, 25: higher_fraction},
-)
+FIGURE = figure("figure-7", draw, (*MAIN.values(),))

@@ -1,6 +1,5 @@
 """Propositions 1 and 2 in training: the figure and its table (§4.3)."""
 
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -14,10 +13,9 @@ from galton_experiments.analysis import Interval
 from galton_experiments.analysis.plots import draw_series, finish, look_of, panels
 from galton_experiments.page import Table
 from studies.paper import norms
-from studies.paper.bounds import Rows, check, findings, look_means, parts, read
-from studies.paper.figure import FigureStudy
+from studies.paper.figure import figure
 from studies.paper.gradients import collect
-from studies.paper.norms import LIKELIHOOD, PRINTED
+from studies.paper.norms import PRINTED, Rows, check, findings, look_means, parts, read
 from studies.paper.trained import Trained
 
 NAME = norms.NAME
@@ -30,7 +28,7 @@ Look = tuple[str, str, Any]
 def draw(table: pa.Table) -> Figure:
     """A row of panels per task: how tight the bounds are, bound and norm in training, and the norm as σ → 0."""
     tasks = dict(parts(read(table), "task"))
-    figure, axes = panels(4 * len(tasks), height=2.9)
+    drawing, axes = panels(4 * len(tasks), height=2.9)
     for i, ((task,), of_task) in enumerate(tasks.items()):
         row = axes[4 * i : 4 * i + 4]
         row[2].sharey(row[1])  # bound and norm can be compared
@@ -47,8 +45,8 @@ def draw(table: pa.Table) -> Figure:
         _frame(row, of_task)
         for panel, words in zip(row, _TITLES, strict=True):
             panel.set_title(f"{TASKS[task].title}: {words}", fontsize=9)
-    finish(figure, axes)
-    return figure
+    finish(drawing, axes)
+    return drawing
 
 
 _TITLES = ("how tight the bound is", "the bound in training", "the norm in training", "policies made sharper")
@@ -121,28 +119,4 @@ def _median(values: np.ndarray) -> str:
     return "—" if np.isnan(values).all() else f"{np.nanmedian(values):.3g}".replace("-", "−")
 
 
-FIGURE = FigureStudy(
-    "Propositions 1 and 2 in training",
-    "Both sides of eqs 7 and 8 for sampled actions of networks in training (the settings of App. C.2, learning rate "
-    "7e-4, k = 100, η = 0.25, for centred HL-Gauss 2). First: norm / bound, median over samples, with a band from the "
-    "tenth percentile to the largest of all; nothing crosses the line at 1. Second and third: both sides divided by "
-    "|A|, median and range of the runs; half of all steps lie to the right of the dotted line. Fourth: the norm of "
-    "trained policies whose σ is made small (for HL-Gauss: logits times a constant), without what the propositions "
-    "share. Black is the Gaussian's own likelihood, (a − μ)² / 2σ², which grows as 1/σ; with the loss as §4.3 prints "
-    "it, (a − μ)² / 2σ (grey, dashed), nothing explodes, since |a − μ| shrinks with σ. The table has medians over "
-    "runs of what is averaged over the steps of training. These are two tasks, one setting of each loss and six seeds.",
-    lambda trained: draw(trained.tables[NAME]),
-    table=bounds,
-    claims={
-        5: norms.bounds_hold,
-        5.1: partial(norms.norm_is_smaller, reading=LIKELIHOOD),
-        5.2: partial(norms.norm_is_smaller, reading=PRINTED),
-        6: partial(norms.bound_is_smaller, reading=LIKELIHOOD),
-        6.1: partial(norms.bound_is_smaller, reading=PRINTED),
-        7: partial(norms.bound_varies_less, reading=LIKELIHOOD),
-        7.1: partial(norms.bound_varies_less, reading=PRINTED),
-        8: norms.sigma_explodes,
-    },
-    measure=collect,
-    check=check,
-)
+FIGURE = figure(NAME, lambda trained: draw(trained.tables[NAME]), table=bounds, measure=collect, check=check)

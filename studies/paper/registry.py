@@ -1,7 +1,7 @@
 """The figures of the page by name, and the sweeps that they need."""
 
 from galton.errors import require
-from studies.paper import bandit, boxed, hypotheses, one_step, profiles, propositions, returns, sensitivity, why
+from studies.paper import bandit, hypotheses, one_step, profiles, propositions, rescaling, returns, sensitivity, why
 from studies.paper.figure import FigureStudy
 from studies.paper.sweeps import Sweep, needed
 
@@ -9,7 +9,7 @@ FIGURES: dict[str, FigureStudy] = {
     "figure-1": one_step.FIGURE,
     "figure-2": returns.TRAINING,
     "figure-3": bandit.FIGURE,
-    "figure-3-boxed": boxed.FIGURE,
+    "figure-3-boxed": rescaling.BOXED,
     "figure-4": sensitivity.HL_GAUSS,
     "figure-5": sensitivity.HL_ONE_HOT,
     "figure-6": sensitivity.GAUSSIAN,
@@ -22,8 +22,8 @@ FIGURES: dict[str, FigureStudy] = {
 }
 """The figures by name, in the order of the page.
 
-A study of your own is one more entry: its sweeps are trained, and its figure, table and claims stand on the page, as
-the others' are.
+A study of your own is one more entry: its sweeps are trained, and its figure and table stand on the page, as the
+others' do. What it says is one more of claims.CLAIMS.
 """
 
 

@@ -1,4 +1,4 @@
-"""The page: the answer, what holds of the paper, every figure, and how all was made."""
+"""The page: the answer, what holds of the paper, every figure, and how all was made; and the tables that docs quote."""
 
 import dataclasses
 from collections.abc import Mapping
@@ -7,37 +7,21 @@ from pathlib import Path
 from matplotlib.figure import Figure
 
 from galton_experiments.analysis.plots import images, settle
-from galton_experiments.page import Claim, Section, render
+from galton_experiments.page import VERDICTS, Claim, Matrix, Section, quotes, render
 from galton_experiments.sweep import Store
-from studies.paper import hypotheses, made, tables
+from studies.paper import hypotheses, made, rescaling
 from studies.paper.answer import answer
+from studies.paper.claims import CLAIMS
 from studies.paper.figure import FigureStudy
+from studies.paper.prose import text
 from studies.paper.registry import FIGURES
+from studies.paper.standings import readme_table
 from studies.paper.trained import Trained
 
-TITLE = "Replacing implicit regression with classification: what holds"
-INTRODUCTION = (
-    "The paper replaces the regression that hides in Gaussian policy gradients by classification: a softmax over "
-    "bins, trained with a cross-entropy towards the sampled bin (HL-1-Hot) or a Gaussian histogram around it "
-    "(HL-Gauss). Here all of that is trained again, and what the paper says stands beside what was measured.",
-    "A claim has a decision for each task, or for what else its lines name. Each is a rank test of P, the chance that "
-    "a run of the first is above one of the second: Mann and Whitney's, or where eight or more pairs of runs have "
-    "common seeds the one that exchanges the two of a pair. Those of a claim are adjusted together (Holm); clear is "
-    "what stays below p = 0.05, if the mean points the way that P does. Numbers of a single loss, such as how much a "
-    "setting moves it, are judged by Student's t test instead, and so is whether two losses differ by little. "
-    "Intervals are 95% intervals of the mean, each by itself. A run that diverges counts as the worst of its sweep. "
-    "Beside a verdict stands how many of the decisions are clearly as the paper says. A claim holds if all that can "
-    "be decided are, and does not if more are clearly the contrary; in between it holds in part. Tasks on which fewer "
-    "than one run in a hundred ever earns more than rest are null, and no claim on returns counts them.",
-    "Rest is what doing nothing earns, or acting at random where that is known and better; rest → best is the way "
-    "from there to the optimum, or where that is not known to the best mean final return of any setting on the grid, "
-    "in training or of the deterministic policy. Centred HL-Gauss (dash-dotted) is not the paper's. It is HL-Gauss "
-    "without a bias that docs/paper.md derives, on a grid of its own with wider targets, and no claim compares it. "
-    "App. C.2 has 20 trials of each of 88 settings. Where a task has fewer of either, Figures 4 to 7 say it above its "
-    "panel, and the last table has both for every sweep.",
-)
 FIRST = (hypotheses.NAME,)
 """The figures that stand before the claims."""
+FILE = "tables.md"
+_SIGNS = dict(zip(VERDICTS, "✓◐✗≈", strict=True))
 
 
 def figures(trained: Trained) -> dict[str, Figure]:
@@ -57,7 +41,7 @@ def page(trained: Trained, drawn: Mapping[str, Figure]) -> str:
     head = answer(trained, judged)
     if head.figure is not None:
         settle(head.figure)
-    return render(TITLE, INTRODUCTION, judged, [*sections, *there], head)
+    return render(text("page")["title"], text("page")["introduction"], judged, [*sections, *there], head)
 
 
 def write(folder: Path, trained: Trained) -> None:
@@ -70,18 +54,13 @@ def write(folder: Path, trained: Trained) -> None:
     for name in {f"{figure}{suffix}" for figure in FIGURES for suffix in (".png", ".svg")} - {*pictures}:
         store.remove(f"figures/{name}")  # of what a former version drew, or from data that have gone
     store.write("index.html", html.encode())
-    store.write(tables.FILE, tables.document(trained).encode())
+    store.write(FILE, document(trained).encode())
     print(f"{len(drawn)} figures and the page: {folder / 'index.html'}")
 
 
 def claims(trained: Trained) -> list[Claim]:
-    """What is said of all figures, in its order, each resting on the section of its figure."""
-    placed = [
-        (place, dataclasses.replace(judge(trained), section=name))
-        for name, figure in FIGURES.items()
-        for place, judge in figure.claims.items()
-    ]
-    return [claim for _, claim in sorted(placed, key=lambda entry: entry[0])]
+    """What is said of all figures, each claim resting on the section of its figure."""
+    return [dataclasses.replace(judge(trained), section=name) for name, judge in CLAIMS]
 
 
 def _section(name: str, figure: FigureStudy, trained: Trained, drawn: Figure | None) -> Section:
@@ -89,3 +68,32 @@ def _section(name: str, figure: FigureStudy, trained: Trained, drawn: Figure | N
     table = figure.table(trained) if figure.table and drawn else None
     missing = () if drawn else ("Not trained here.",)
     return Section(name, title, figure.caption, drawn, table, missing, name in FIRST)
+
+
+def tables(trained: Trained) -> dict[str, str]:
+    """The tables that documents quote, as Markdown, by name; those that lack their data are left out."""
+    found = {
+        "Final training return on fresh seeds": readme_table(trained) if trained.judged else "",
+        FIGURES[hypotheses.NAME].title: markdown(hypotheses.table(trained)),
+        "Figure 3 in both units": markdown(rescaling.table(trained)),
+        "The scale of the action box": rescaling.markdown(trained),
+    }
+    return {name: table for name, table in found.items() if table}
+
+
+def document(trained: Trained) -> str:
+    """All tables, each under a heading."""
+    signs = ", ".join(f"{sign} {verdict}" for verdict, sign in _SIGNS.items())
+    head = f"# Tables\n\nOf how many tasks, losses or sizes a claim clearly holds: {signs}.\n"
+    return head + "".join(f"\n## {name}\n\n{table}\n" for name, table in tables(trained).items())
+
+
+def markdown(matrix: Matrix) -> str:
+    """A matrix of verdicts as a Markdown table; "" without rows."""
+    if not matrix.rows:
+        return ""
+    rows = [
+        [name, *(f"{_SIGNS[cell.verdict]} {cell.text}" if cell.verdict else cell.text for cell in cells)]
+        for name, cells in matrix.rows.items()
+    ]
+    return quotes.markdown([matrix.corner, *matrix.columns], rows)

@@ -5,14 +5,13 @@ from typing import Any, get_args
 
 import pyarrow as pa
 
-from galton.errors import UsageError, in_a_line, require
+from galton.errors import UsageError, require
 from galton.saving import machine, versions
-from galton_experiments.sweep import CarryOut, Store, columns
-from galton_experiments.sweep import sweep as train_study
-from galton_experiments.sweep.parquet import from_bytes, record_of, to_bytes, with_record
+from galton_experiments.runs import Summary
+from galton_experiments.sweep import CarryOut, Store, columns, train_stage
+from galton_experiments.sweep.parquet import opened, record_of, to_bytes, with_record
 from studies.paper.figure import FigureStudy
 from studies.paper.registry import FIGURES, all_sweeps
-from studies.paper.summary import Summary
 from studies.paper.sweeps import Budget, Sweep, needed, unpaired
 from studies.paper.trained import Trained
 
@@ -21,6 +20,7 @@ MEASURED: dict[str, Any] = {"budget": "", "versions": [{}], "machines": [""]}
 """What a file says of how its numbers were made, each of its type."""
 SUMMARISED = MEASURED | {"train_seconds": 0.0, "compile_seconds": 0.0}
 COMMAND = "python -m studies.paper"
+AGAIN = f"{COMMAND} reproduce"
 """What made a folder, for messages."""
 DATA = "data"
 """The folder, inside that of a reproduction, of summaries and of what figures measured."""
@@ -42,15 +42,13 @@ def load(out: str) -> Trained:
 
 
 def _measured(store: Store, file: str, figure: FigureStudy) -> pa.Table:
-    data = store.read(file)
-    try:
-        table = from_bytes(data)
-        record = record_of(table)
+    def read(table: pa.Table, _: Mapping[str, Any]) -> pa.Table:
         figure.check(table)
-    except (pa.ArrowException, OSError, KeyError, TypeError, ValueError) as error:
-        told = in_a_line(error)
-        raise UsageError(f"{file} in {store.url} is not what was measured, or was damaged: {told}") from None
-    _check_provenance(f"{file} in {store.url}", record, MEASURED)
+        return table
+
+    where, told = f"{file} in {store.url}", "not what was measured, or was damaged"
+    table = opened(store.read(file), where, read, told, f"remove it, and make it again with: {AGAIN}")
+    _check_provenance(where, record_of(table), MEASURED)
     return table
 
 
@@ -60,7 +58,7 @@ def _check_provenance(where: str, record: Mapping[str, Any], example: dict[str, 
         columns.check_record(dict(record), example)
         require(record["budget"] in BUDGETS, f"its budget is {record['budget']!r}; it must be {' or '.join(BUDGETS)}")
     except UsageError as error:
-        told = f"{where} can't be used: {error}; remove it, and make it again with: python -m studies.paper reproduce"
+        told = f"{where} can't be used: {error}; remove it, and make it again with: {AGAIN}"
         raise UsageError(told) from None
 
 
@@ -104,26 +102,17 @@ def measure(
 
 
 def train(
-    sweeps: Iterable[Sweep],
-    budget: Budget,
-    out: str,
-    workers: CarryOut,
-    tell: Callable[[str], None] = lambda _: None,
+    sweeps: Iterable[Sweep], budget: Budget, out: str, workers: CarryOut, tell: Callable[[str], None] = lambda _: None
 ) -> None:
-    """Train the sweeps that are not done yet, and write a summary of each.
+    """Train the sweeps that are not done yet, after those whose winners they train, and write a summary of each.
 
-    Args:
-        sweeps: those whose winners they train come first.
-        budget: how much of each.
-        out: summaries go to its folder `data`, the runs to `sweeps`; a run needs no second training, and with its
-            summary there a sweep needs no runs.
-        workers: train what a plan lacks; `galton_experiments.sweep.workers` yields some.
-        tell: is told before each sweep that is trained which of how many it is, and its name.
+    Summaries go to the folder `data` of `out`, the runs to `sweeps`. Before each, `tell` is told which of how many it
+    is, and its name.
 
     Raises:
         UsageError: the folder holds a sweep that is not the one asked for, or is in use, or full.
     """
-    done = dict(load(out).sweeps)
+    store, done = Store(out), dict(load(out).sweeps)
     wanted = list(needed(sweeps))
     for i, sweep in enumerate(wanted, 1):
         name, study = sweep.name, sweep.study(budget, done)
@@ -136,7 +125,7 @@ def train(
                 )
             continue
         tell(f"{i} of {len(wanted)}: {name}")
-        width = 2 if budget == "smoke" else None  # few programs
-        table = train_study(study, Store(out).below(f"sweeps/{name}"), workers=workers, shard_width=width)
+        (runs,) = train_stage(store, name, [study], workers, 2 if budget == "smoke" else None)  # few programs
+        table = runs.table()
         done[name] = Summary.of_results(study, table, {"budget": budget} | record_of(table))
-        done[name].save(Store(out).below(DATA), f"{name}.parquet")
+        done[name].save(store.below(DATA), f"{name}.parquet")

@@ -4,27 +4,20 @@ import math
 from collections.abc import Callable, Iterable, Mapping
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from galton.losses import LOSSES
 from galton.tasks import TASKS
-from galton_experiments.analysis import AXES, Comparison, compare, mean_interval
+from galton_experiments.analysis import Comparison, compare, mean_interval
 from galton_experiments.page import Claim
-from studies.paper import order, stability
-from studies.paper.curves import BANDS, best_curves, shown
-from studies.paper.figure import FigureStudy
-from studies.paper.measures import (
-    better,
-    better_by,
-    final_return,
-    logged,
-    mean_return,
-    over_regression,
-    steps_to,
-)
-from studies.paper.scale import Scale, rest
+from studies.paper import measures
+from studies.paper.curves import best_curves, shown
+from studies.paper.figure import figure
+from studies.paper.measures import better, better_by, final_return, logged, mean_return, over_regression
+from studies.paper.prose import says
 from studies.paper.standings import winners
 from studies.paper.sweeps import AGAIN, MAIN
-from studies.paper.trained import Judged, Trained
+from studies.paper.trained import Judged, Scale, Trained, rest
 from studies.paper.verdicts import Found, Unit, by_task, claim, marks, summed_up, unit
 
 _A_QUARTER = 0.25
@@ -58,12 +51,12 @@ def _without_noise(trained: Trained, tasks: Iterable[str], judge: Judge) -> list
     ]
 
 
-def _end(task: Judged, _: Scale, metric: str) -> Comparison:
-    return over_regression(task, final_return, metric)
+def _gap(measure: Callable[..., measures.Scores]) -> Callable[[Judged, Scale, str], Comparison]:
+    """What the better classification loss has over the Gaussian."""
+    return lambda task, _, metric: over_regression(task, measure, metric)
 
 
-def _mean(task: Judged, _: Scale, metric: str) -> Comparison:
-    return over_regression(task, mean_return, metric)
+_end, _mean = _gap(final_return), _gap(mean_return)
 
 
 def _steps(task: Judged, scale: Scale, metric: str) -> Unit:
@@ -72,7 +65,7 @@ def _steps(task: Judged, scale: Scale, metric: str) -> Unit:
     By the order of all runs, without pairs: of one that never gets there it is not known by how much it is later.
     """
     ours, level, last = better_by(task.chosen, mean_return, metric), scale.at(_A_QUARTER), task.again.steps[-1]
-    theirs, its = (steps_to(task.again, loss, level, metric) for loss in ("gaussian", ours))
+    theirs, its = (measures.steps_to(task.again, loss, level, metric) for loss in ("gaussian", ours))
     found, medians = compare(theirs, its), (float(np.median(steps)) for steps in (theirs, its))
     shown = (f"{steps:,.0f}" if steps <= last else "never" for steps in medians)
     return unit(found, f"{' and '.join(shown)}, P = {found.above:.2f}")
@@ -82,15 +75,11 @@ def _idle(trained: Trained, tasks: Iterable[str]) -> str:
     """A sentence on which of the paper's losses do not clearly learn to do better than rest."""
     found = []
     for name in tasks:
-        if name in trained.scales:
+        level = rest(name)
+        if name in trained.scales and level is not None:
             again = trained.judged[name].again
-            finals = {loss: final_return(again, loss) for loss in again.best if LOSSES[loss].in_paper}
-            level = rest(name)
-            idle = [
-                LOSSES[loss].label
-                for loss, final in finals.items()
-                if level is not None and not mean_interval(final).low > level
-            ]
+            finals = {LOSSES[x].label: final_return(again, x) for x in again.best if LOSSES[x].in_paper}
+            idle = [label for label, final in finals.items() if not mean_interval(final).low > level]
             found += [f"{TASKS[name].title} ({', '.join(idle)})"] if idle else []
     what = "Not clearly above rest, the better of doing nothing and of acting at random"
     return f"{what}: {', '.join(found)}." if found else ""
@@ -114,10 +103,7 @@ def ends_higher(trained: Trained) -> Claim:
     tasks = _of_most(trained)
     units = _units(trained, tasks, _end)
     return claim(
-        "§1, §5.2.1",
-        "In almost all instances classification reaches a higher return at the end of training. (Acrobot is an "
-        "exception.)",
-        "final training return on fresh seeds, the classification loss that was better on the grid − Gaussian",
+        *says("ends_higher"),
         units,
         *_without_noise(trained, tasks, _end),
         _entropies(trained, units),
@@ -131,42 +117,19 @@ def ends_higher_without_noise(trained: Trained) -> Claim:
     def end(task: Judged, scale: Scale, _: str) -> Comparison:
         return _end(task, scale, [*logged(task.again)][-1])
 
-    return claim(
-        "§5.2.1",
-        "In almost all instances classification's deterministic policy ends higher. (Acrobot is an exception.)",
-        "final return of the deterministic policy on fresh seeds (the mean action where it was logged), the "
-        "classification loss that was better on the grid − Gaussian",
-        _units(trained, _of_most(trained), end),
-    )
+    return claim(*says("ends_higher_without_noise"), _units(trained, _of_most(trained), end))
 
 
 def learns_faster(trained: Trained) -> Claim:
     """Data efficiency, §5.2.1: the mean return over all of training."""
     tasks = _of_most(trained)
-    return claim(
-        "Abstract, §5.2.1",
-        "In almost all instances classification learns faster: more return over training. (Acrobot is an exception.)",
-        "training return averaged over all of training, on fresh seeds, the classification loss that was better on "
-        "the grid − Gaussian",
-        _units(trained, tasks, _mean),
-        *_without_noise(trained, tasks, _mean),
-    )
+    return claim(*says("learns_faster"), _units(trained, tasks, _mean), *_without_noise(trained, tasks, _mean))
 
 
 def learns_sooner(trained: Trained) -> Claim:
     """Data efficiency, §5.2.1, without level and start: the steps until something is learned."""
     tasks = _of_most(trained)
-    return claim(
-        "Abstract, §5.2.1",
-        "In almost all instances classification learns faster: fewer steps until something is learned. (Acrobot is an "
-        "exception.)",
-        "environment steps to the first log point at a quarter of the way from rest to the best, by training return on "
-        "fresh seeds: median for the Gaussian and for the classification loss with the higher mean over training on "
-        "the grid; P that the Gaussian is later. Seeds are no pairs here; a run that never gets there is one log point "
-        "later than the last",
-        _units(trained, tasks, _steps),
-        *_without_noise(trained, tasks, _steps),
-    )
+    return claim(*says("learns_sooner"), _units(trained, tasks, _steps), *_without_noise(trained, tasks, _steps))
 
 
 def acrobot(trained: Trained) -> Claim:
@@ -177,9 +140,7 @@ def acrobot(trained: Trained) -> Claim:
         return -_end(task, scale, metric)
 
     return claim(
-        "§5.2.1",
-        "On Acrobot regression outperforms classification.",
-        "final training return on fresh seeds, Gaussian − the classification loss that was better on the grid",
+        *says("acrobot"),
         _units(trained, tasks, behind),
         *_without_noise(trained, tasks, behind),
         _entropies(trained, _units(trained, tasks, _end)),
@@ -187,46 +148,16 @@ def acrobot(trained: Trained) -> Claim:
     )
 
 
-TRAINING = FigureStudy(
-    "Training return",
-    "Undiscounted training return of each loss's best setting (highest mean final training return on the grid) on "
-    "fresh seeds, which did not choose it and by which claims are judged: mean of n runs, a diverged one until it did, "
-    f"and {BANDS}. Dashed: the best that any policy can do, where that is known. Dotted: what the action 0 earns, "
-    f"always taken. Long dashes: the return from which the task counts as solved. {AXES} In the table the mean of a "
-    "curve is how a loss does over training, and the noise of exploration costs what the deterministic policy earns "
-    "more over training.",
-    lambda trained: best_curves(shown(trained), "training_return"),
-    (*MAIN.values(), *AGAIN.values()),
-    number=2,
-    table=winners,
-    claims={
-        1: ends_higher,
-        2: learns_faster,
-        2.5: learns_sooner,
-        4: stability.alike_between_seeds,
-        4.5: stability.keeps_what_it_learns,
-        16: order.order_changes,
-    },
-)
+def _curves(metric: str, tasks: Iterable[str] = tuple(TASKS)) -> Callable[[Trained], Figure]:
+    """Draws the learning curves on these tasks."""
+    return lambda trained: best_curves({task: runs for task, runs in shown(trained).items() if task in tasks}, metric)
 
-EVALUATION = FigureStudy(
-    "Evaluation return",
-    "Undiscounted return of the deterministic policy (the Gaussian's mean, the softmax's most likely bin) during "
-    "training, without the noise of exploration: settings, seeds and bands of Figure 2. Thin and dotted, where that "
-    "was measured: the softmax policies by the mean of their distribution, since of a wide one the most likely bin is "
-    f"nearly any. {AXES}",
-    lambda trained: best_curves(shown(trained), "evaluation_return"),
-    (*MAIN.values(), *AGAIN.values()),
-    number=8,
-)
 
-IN_THE_APPENDIX = FigureStudy(
-    "Training return on the LQR and on Acrobot",
-    "Two panels of Figure 2 again, the same curves, as the paper has them in its appendix.",
-    lambda trained: best_curves(
-        {task: summary for task, summary in shown(trained).items() if task in _IN_THE_APPENDIX}, "training_return"
-    ),
-    (*(MAIN[task] for task in _IN_THE_APPENDIX), *(AGAIN[task] for task in _IN_THE_APPENDIX)),
-    number=9,
-    claims={3: acrobot},
+_SWEEPS = (*MAIN.values(), *AGAIN.values())
+TRAINING = figure("figure-2", _curves("training_return"), _SWEEPS, table=winners)
+EVALUATION = figure("figure-8", _curves("evaluation_return"), _SWEEPS)
+IN_THE_APPENDIX = figure(
+    "figure-9",
+    _curves("training_return", _IN_THE_APPENDIX),
+    tuple(sweep[task] for sweep in (MAIN, AGAIN) for task in _IN_THE_APPENDIX),
 )

@@ -2,7 +2,7 @@
 
 import functools
 import itertools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from matplotlib import colormaps
@@ -10,21 +10,22 @@ from matplotlib.axes import Axes
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
-from galton.losses import LOSSES
 from galton.tasks import TASKS
-from galton_experiments.analysis import AXES, Interval, against, compare, fit_curves, mean_band, mean_interval, within
+from galton_experiments.analysis import Interval, against, compare, fit_curves, mean_band, rounded, within
 from galton_experiments.analysis.plots import draw_series, finish, grid, over_steps
 from galton_experiments.page import Claim
+from galton_experiments.runs import Summary
 from studies.paper.curves import counted
-from studies.paper.figure import FigureStudy
-from studies.paper.measures import CLASSIFICATION, by_value, spread
-from studies.paper.scale import Scale, optimum
-from studies.paper.summary import Summary
+from studies.paper.figure import FigureStudy, figure
+from studies.paper.measures import CLASSIFICATION, by_value, rate_spreads, spread
+from studies.paper.prose import says
 from studies.paper.sweeps import MAIN
-from studies.paper.trained import Trained
-from studies.paper.verdicts import A_TENTH, Found, by_task, claim, rounded, unit
+from studies.paper.trained import Scale, Trained, optimum
+from studies.paper.verdicts import A_TENTH, Found, by_task, claim, told_mean, unit
 
 NAMES = {"learning_rate": "learning rate", "n_bins": "k", "eta": "η"}
+_IN_WORDS = {"learning_rate": "the learning rate", "n_bins": "the number of bins", "eta": "η"}
+_LABELS = {"gaussian": "the Gaussian", "hl-one-hot": "HL-1-Hot", "hl-gauss": "HL-Gauss"}
 _ALIKE = 0.02
 """Curves that are nowhere further apart than this share of the panel's height lie upon one another."""
 
@@ -50,17 +51,18 @@ def draw(grids: Mapping[str, Summary], loss: str, fields: tuple[str, ...]) -> Fi
         for task, summary in grids.items()
     }
     rows = [field for field in fields if any(len(found[field, task]) > 1 for task in grids)]
-    figure, axes = grid(len(rows), len(grids))
+    drawing, axes = grid(len(rows), len(grids))
     looks = {field: _looks([[*found[field, task]] for task in grids]) for field in rows}
     for i, (task, summary) in enumerate(grids.items()):
         column = dict(zip(rows, axes[i :: len(grids)], strict=True))
         varied = {field: panel for field, panel in column.items() if len(found[field, task]) > 1}
         for field in column.keys() - varied:
             _tell_missing(column[field], NAMES[field], [*found[field, task]])
+        levels = [best for best in [optimum(task)] if best is not None]
         for field, panel in varied.items():
             for value, interval in found[field, task].items():
                 draw_series(panel, summary.steps, interval, f"{NAMES[field]} {value:g}", *looks[field][value])
-            fit_curves(panel, [curve for of in varied for curve in found[of, task].values()], _optimum(task))
+            fit_curves(panel, [curve for of in varied for curve in found[of, task].values()], levels)
             over_steps(panel, float(summary.steps[-1]))
             _tell_equal(panel, found[field, task], NAMES[field])
             is_last = field == [*varied][-1]
@@ -69,13 +71,8 @@ def draw(grids: Mapping[str, Summary], loss: str, fields: tuple[str, ...]) -> Fi
         axes[i].set_title(f"{TASKS[task].title}\n{counted(summary, loss)}", fontsize=7)
     for panel, field in zip(axes[:: len(grids)], rows, strict=True):
         panel.set_ylabel(f"by {NAMES[field]}\ntraining return")
-    finish(figure, axes, [f"{NAMES[field]} {value:g}" for field in rows for value in sorted(looks[field])])
-    return figure
-
-
-def _optimum(task: str) -> list[float]:
-    best = optimum(task)
-    return [] if best is None else [best]
+    finish(drawing, axes, [f"{NAMES[field]} {value:g}" for field in rows for value in sorted(looks[field])])
+    return drawing
 
 
 def _tell_missing(axes: Axes, name: str, values: Sequence[float]) -> None:
@@ -94,16 +91,11 @@ def _looks(values_of: Sequence[Sequence[float]]) -> dict[float, tuple[str, str]]
     for values in map(set, values_of):
         shared = [scale for scale in scales if scale & values]
         scales = [scale for scale in scales if scale not in shared] + [values.union(*shared)]
-    return {
-        value: (shade, style)
-        for scale in scales
-        for value, shade, style in zip(sorted(scale), _shades(len(scale)), itertools.cycle(_STYLES), strict=False)
-    }
-
-
-def _shades(n: int) -> list[str]:
-    """As many colours from dark to light, all of them dark enough for white paper."""
-    return [to_hex(color) for color in colormaps["viridis"](np.linspace(0, 0.78, n))]
+    found: dict[float, tuple[str, str]] = {}
+    for scale in scales:
+        shades = map(to_hex, colormaps["viridis"](np.linspace(0, 0.78, len(scale))))  # dark enough for white paper
+        found |= dict(zip(sorted(scale), zip(shades, itertools.cycle(_STYLES), strict=False), strict=True))
+    return found
 
 
 def _tell_equal(axes: Axes, curves: Mapping[float, Interval], name: str) -> None:
@@ -129,7 +121,7 @@ def _tell_equal(axes: Axes, curves: Mapping[float, Interval], name: str) -> None
     axes.text(right, up, told, transform=axes.transAxes, ha=across, va=along, fontsize=6.5, color="#444444")
 
 
-def sensitive(trained: Trained, loss: str, field: str, much: bool, words: str) -> Claim:
+def sensitive(trained: Trained, loss: str, field: str, much: bool = True) -> Claim:
     """App. C.3: a field moves the mean final return by more, or less, than a tenth of the way from rest to the best."""
 
     def judge(task: str, scale: Scale) -> dict[str, Found]:
@@ -137,15 +129,10 @@ def sensitive(trained: Trained, loss: str, field: str, much: bool, words: str) -
         if moved is None:
             return {}
         found = against(moved, A_TENTH)
-        return {"": unit(found if much else -found, rounded(mean_interval(moved), ""))}
+        return {"": unit(found if much else -found, told_mean(moved))}
 
-    return claim(
-        "App. C.3",
-        words,
-        "marginal mean final return, best − worst value, rest → best = 1 (values chosen by every other trial, "
-        "compared by the rest, and the other way round); a tenth divides sensitive from robust",
-        by_task(trained, trained.whole_grids, judge),
-    )
+    what = f"{_LABELS[loss][0].upper()}{_LABELS[loss][1:]} is {'sensitive' if much else 'robust'} to {_IN_WORDS[field]}"
+    return claim(*says("sensitive", what=what), by_task(trained, trained.whole_grids, judge))
 
 
 def wide_targets(trained: Trained) -> Claim:
@@ -157,12 +144,7 @@ def wide_targets(trained: Trained) -> Claim:
             return {}
         return {"": compare(scale.share(marginals[0]), scale.share(marginals[-1]))}
 
-    return claim(
-        "App. C.3",
-        "With η too large HL-Gauss degrades.",
-        "marginal mean final return, rest → best = 1: smallest − largest η of the grid",
-        by_task(trained, trained.whole_grids, judge),
-    )
+    return claim(*says("wide_targets"), by_task(trained, trained.whole_grids, judge))
 
 
 def similar_bins(trained: Trained) -> Claim:
@@ -175,93 +157,29 @@ def similar_bins(trained: Trained) -> Claim:
         gap = rounded(compare(ours, theirs).difference)
         return {"": unit(within(ours, theirs, A_TENTH), gap)}
 
-    return claim(
-        "App. C.3",
-        "HL-1-Hot is similarly robust to the number of bins as HL-Gauss.",
-        "how much k moves the marginal mean final return, rest → best = 1: HL-1-Hot − HL-Gauss; ✓ differs by less than "
-        "a tenth",
-        by_task(trained, trained.whole_grids, judge),
-    )
+    return claim(*says("similar_bins"), by_task(trained, trained.whole_grids, judge))
 
 
 def also_sensitive(trained: Trained) -> Claim:
     """App. C.3: the learning rate matters for the other losses too."""
 
     def judge(task: str, scale: Scale) -> dict[str, Found]:
-        grid = trained.whole_grids[task]
-        moved = {loss: spread(grid, loss, "learning_rate", scale) for loss in ("gaussian", *CLASSIFICATION)}
-        theirs = moved["hl-gauss"]
-        return {
-            LOSSES[loss].label: compare(ours, theirs)
-            for loss in ("gaussian", "hl-one-hot")
-            if (ours := moved[loss]) is not None and theirs is not None
-        }
+        pairs = rate_spreads(trained.whole_grids[task], ("gaussian", "hl-one-hot"), "hl-gauss", scale)
+        return {name: compare(ours, theirs) for name, (ours, theirs) in pairs.items()}
 
-    return claim(
-        "App. C.3",
-        "The Gaussian and HL-1-Hot are also sensitive to the learning rate, as HL-Gauss is.",
-        "how much the learning rate moves the marginal mean final return, rest → best = 1: theirs − HL-Gauss's; ✓ is "
-        "not clearly less",
-        by_task(trained, trained.whole_grids, judge),
-        unless_contrary=True,
-    )
+    return claim(*says("also_sensitive"), by_task(trained, trained.whole_grids, judge), unless_contrary=True)
 
 
-def _figure(
-    number: int,
-    loss: str,
-    label: str,
-    fields: tuple[str, ...],
-    claims: Mapping[int | float, Callable[[Trained], Claim]],
-) -> FigureStudy:
-    names = ", ".join(NAMES[field] for field in fields)
-    return FigureStudy(
-        f"Sensitivity of {label}",
-        f"Training return of {label} with one hyperparameter held ({names}: a row each) and all other settings of the "
-        "grid averaged: the mean, and the 95% band of drawing each setting's trials again. Where others are averaged "
-        "in, no curve can be better than Figure 2's. Above stands how much of App. C.2's grid was trained. A task's "
-        "panels have one y axis. Colours are those of a hyperparameter's values, dark for the smallest. " + AXES,
-        lambda trained: draw(trained.grids, loss, fields),
-        (*MAIN.values(),),
-        number,
-        claims=claims,
-    )
+def _figure(number: int, loss: str, *fields: str) -> FigureStudy:
+    words = {"loss": _LABELS[loss], "names": ", ".join(NAMES[field] for field in fields)}
+    draw_it = functools.partial(_draw, loss=loss, fields=fields)
+    return figure("sensitivity", draw_it, (*MAIN.values(),), number=number, filled=words)
 
 
-def _says(loss: str, field: str, much: bool, words: str) -> Callable[[Trained], Claim]:
-    return functools.partial(sensitive, loss=loss, field=field, much=much, words=words)
+def _draw(trained: Trained, loss: str, fields: tuple[str, ...]) -> Figure:
+    return draw(trained.grids, loss, fields)
 
 
-HL_GAUSS = _figure(
-    4,
-    "hl-gauss",
-    "HL-Gauss",
-    ("learning_rate", "n_bins", "eta"),
-    {
-        17: _says("hl-gauss", "learning_rate", True, "HL-Gauss is sensitive to the learning rate."),
-        18: _says("hl-gauss", "eta", True, "HL-Gauss is sensitive to η."),
-        19: wide_targets,
-        20: _says("hl-gauss", "n_bins", False, "HL-Gauss is robust to the number of bins."),
-    },
-)
-HL_ONE_HOT = _figure(
-    5,
-    "hl-one-hot",
-    "HL-1-Hot",
-    ("learning_rate", "n_bins"),
-    {
-        21: _says("hl-one-hot", "n_bins", False, "HL-1-Hot is robust to the number of bins."),
-        21.5: similar_bins,
-        22: _says("hl-one-hot", "learning_rate", True, "HL-1-Hot is sensitive to the learning rate."),
-    },
-)
-GAUSSIAN = _figure(
-    6,
-    "gaussian",
-    "the Gaussian",
-    ("learning_rate",),
-    {
-        23: _says("gaussian", "learning_rate", True, "The Gaussian is sensitive to the learning rate."),
-        23.5: also_sensitive,
-    },
-)
+HL_GAUSS = _figure(4, "hl-gauss", "learning_rate", "n_bins", "eta")
+HL_ONE_HOT = _figure(5, "hl-one-hot", "learning_rate", "n_bins")
+GAUSSIAN = _figure(6, "gaussian", "learning_rate")

@@ -6,13 +6,12 @@ import numpy as np
 
 from galton.losses import LOSSES
 from galton.tasks import TASKS
-from galton_experiments.analysis import Comparison, holm, mean_interval
+from galton_experiments.analysis import Comparison, decide
 from galton_experiments.page import Table
-from studies.paper.measures import DETERMINISTIC, final_return, mean_return, versus
-from studies.paper.scale import optimum
-from studies.paper.summary import Summary
-from studies.paper.trained import Trained
-from studies.paper.verdicts import marks, rounded
+from galton_experiments.runs import Summary
+from studies.paper.measures import DETERMINISTIC, final_return, logged, mean_return, versus
+from studies.paper.trained import Trained, optimum
+from studies.paper.verdicts import told_mean
 
 _BASELINE = "gaussian"
 Decisions = Mapping[tuple[str, str], Comparison]
@@ -32,9 +31,7 @@ def decisions(trained: Trained) -> Decisions:
 
 def clear(trained: Trained) -> dict[tuple[str, str], str]:
     """The mark of each decision, all adjusted together: ✓ where a loss is clearly ahead of the Gaussian, ✗ behind."""
-    found = decisions(trained)
-    given = marks({" ".join(key): each for key, each in found.items()})
-    return dict(zip(found, given.values(), strict=True))
+    return {key: decision.mark for key, decision in decide(decisions(trained)).items()}
 
 
 def ahead(trained: Trained) -> set[tuple[str, str]]:
@@ -54,11 +51,10 @@ def readme_table(trained: Trained) -> str:
     lines = ["| | runs | " + " | ".join(LOSSES[loss].label for loss in losses) + " |", "|---" * (len(losses) + 2) + "|"]
     for task, judged in trained.judged.items():
         best = optimum(task)
-        named = TASKS[task].title + ("" if best is None else f" (optimum {_plain(best)})")
-        named += " (null)" if task in trained.nulls else ""
-        cells = [named, str(judged.again.study.trials)]
+        known = "" if best is None else f" (optimum {_plain(best)})"
+        cells = [f"{TASKS[task].title}{known}{' (null)' * (task in trained.nulls)}", str(judged.again.study.trials)]
         for loss in losses:
-            text = rounded(mean_interval(final_return(judged.again, loss)), "") if loss in judged.again.best else "—"
+            text = _final(judged.again, loss) if loss in judged.again.best else "—"
             cells.append(f"**{text}**" if (task, loss) in bold else text)
         lines.append(f"| {' | '.join(cells)} |")
     return "\n".join(lines)
@@ -70,15 +66,19 @@ def winners(trained: Trained) -> Table:
     headings += [f"evaluation, {name}" for name in DETERMINISTIC.values()]
     headings += ["as it won", "over training", "noise costs", "doing nothing", "optimum"]
     found = decisions(trained)
-    p = dict(zip(found, holm([each.p for each in found.values()]), strict=True))
+    p = {key: decision.p for key, decision in decide(found).items()}
     rows = []
     for task, summary in trained.grids.items():
         again = trained.judged[task].again if task in trained.judged else None
         levels = ["—" if value is None else _plain(value) for value in (TASKS[task].at_rest, optimum(task))]
-        title = TASKS[task].title + (" (null)" if task in trained.nulls else "")
+        title = trained.title(task)
         for loss, best in summary.best.items():
             cells = [title, LOSSES[loss].label, best.setting.brief()]
-            cells += [str(again.study.trials), _final(again, loss), _median(again, loss)] if again else ["—"] * 3
+            cells += (
+                [str(again.study.trials), _final(again, loss), _plain(float(np.median(final_return(again, loss))))]
+                if again
+                else ["—"] * 3
+            )
             cells += _against(found.get((task, loss)), p.get((task, loss), np.nan))
             evaluated, (over_training, noise) = _deterministic(again or summary, loss)
             rows.append([*cells, *evaluated, _final(summary, loss), over_training, noise, *levels])
@@ -94,21 +94,20 @@ def _against(found: Comparison | None, p: float) -> list[str]:
 
 def _deterministic(summary: Summary, loss: str) -> tuple[list[str], list[str]]:
     """The deterministic policy's final returns; and the mean training return, and what noise costs there."""
-    returns = [
-        _final(summary, loss, metric) if metric in summary.table.column_names else "—" for metric in DETERMINISTIC
-    ]
+    kinds = logged(summary)
+    returns = [_final(summary, loss, metric) if metric in kinds else "—" for metric in DETERMINISTIC]
     over_training = mean_return(summary, loss)
     noise = mean_return(summary, loss, "evaluation_return") - over_training
-    return returns, [rounded(mean_interval(each), "") for each in (over_training, noise)]
+    return returns, [told_mean(over_training), told_mean(noise)]
+
+
+def _fresh(again: Summary, loss: str) -> list[str]:
+    """The final training return on fresh seeds, and its median, which a few runs that fail do not move."""
+    return [_final(again, loss), _plain(float(np.median(final_return(again, loss))))]
 
 
 def _final(summary: Summary, loss: str, metric: str = "training_return") -> str:
-    return rounded(mean_interval(final_return(summary, loss, metric)), "")
-
-
-def _median(summary: Summary, loss: str) -> str:
-    """The median final training return, which a few runs that fail do not move."""
-    return _plain(float(np.median(final_return(summary, loss))))
+    return told_mean(final_return(summary, loss, metric))
 
 
 def _plain(value: float) -> str:

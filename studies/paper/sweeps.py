@@ -1,14 +1,16 @@
 """What is trained for figures: the record of a sweep, and the grids of the paper's tasks at four budgets."""
 
 import dataclasses
+import functools
+import json
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Literal
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any, Literal
 
 from galton.errors import require
 from galton.tasks import TASKS
+from galton_experiments.runs import Summary
 from galton_experiments.sweep import Setting, Study, expand, paper_blocks, paper_grid, task_defaults
-from studies.paper.summary import Summary
 
 Budget = Literal["smoke", "small", "grid", "paper"]
 Done = Mapping[str, Summary]
@@ -50,6 +52,12 @@ def best_of_each_loss(summary: Summary) -> tuple[Setting, ...]:
     return tuple(best.setting for best in summary.best.values())
 
 
+def winners_for(summary: Summary, budget: Budget) -> tuple[Setting, ...]:
+    """The same, of two losses alone in the smoke test."""
+    losses = ("gaussian", "hl-gauss") if budget == "smoke" else tuple(summary.best)
+    return tuple(summary.best[loss].setting for loss in losses)
+
+
 def on_fresh_seeds(study: Study, settings: tuple[Setting, ...], trials: int | None = None) -> Study:
     """A study of these settings by which they are judged: seeds that chose nothing, trial t the same for all settings.
 
@@ -66,15 +74,50 @@ def unpaired(study: Study, trials: int) -> Study:
     return dataclasses.replace(study, trials=trials, common_seeds=False, eval_mean=False)
 
 
-def again(sweep: Sweep, winners: Callable[[Summary], tuple[Setting, ...]] = best_of_each_loss) -> Sweep:
-    """A sweep's winners on fresh seeds, by which they are judged: the mean of the best of many flatters."""
+def again(
+    sweep: Sweep,
+    winners: Callable[[Summary, Budget], Iterable[Setting]] = lambda summary, _: best_of_each_loss(summary),
+    *,
+    name: str = "",
+    trials: Callable[[Budget], int | None] | None = None,
+    env_kwargs: Mapping[str, Any] | None = None,
+) -> Sweep:
+    """A sweep's winners on fresh seeds, by which they are judged: the mean of the best of many flatters.
+
+    By default each loss's best setting, as often as FRESH_TRIALS has it, with the sweep's constants of the environment.
+    """
 
     def study(budget: Budget, done: Done) -> Study:
         main = done[sweep.name]
-        trials = FRESH_TRIALS.get(budget, {}).get(sweep.name)
-        return on_fresh_seeds(main.study, winners(main), trials)
+        n = trials(budget) if trials else FRESH_TRIALS.get(budget, {}).get(sweep.name)
+        settings = tuple(dict.fromkeys(winners(main, budget)))
+        return with_constants(on_fresh_seeds(main.study, settings, n), env_kwargs)
 
-    return Sweep(f"{sweep.name}-again", study, winners_of=sweep)
+    return Sweep(name or f"{sweep.name}-again", study, winners_of=sweep)
+
+
+def grid(
+    name: str,
+    task: str,
+    settings: Callable[[Budget], Iterable[Setting]],
+    *,
+    title: str = "",
+    trials: Callable[[Budget], int] | None = None,
+    env_kwargs: Mapping[str, Any] | None = None,
+) -> Sweep:
+    """Settings of a task from which the best are chosen, at the main experiment's length."""
+
+    def study(budget: Budget, _: Done) -> Study:
+        found = task_study(task, budget, tuple(dict.fromkeys(settings(budget))))
+        found = dataclasses.replace(found, trials=trials(budget)) if trials else found
+        return with_constants(found, env_kwargs)
+
+    return Sweep(name, study, title)
+
+
+def with_constants(study: Study, env_kwargs: Mapping[str, Any] | None) -> Study:
+    """The same study with these constants of the environment, as files have them; None for its own."""
+    return study if env_kwargs is None else dataclasses.replace(study, env_kwargs=json.dumps(dict(env_kwargs)))
 
 
 def needed(sweeps: Iterable[Sweep]) -> list[Sweep]:
@@ -90,27 +133,19 @@ def main_settings(task: str, budget: Budget) -> tuple[Setting, ...]:
     """The grid of a task's main sweep: the paper's, centred HL-Gauss beside it, or a part of both."""
     known, base = TASKS[task], task_defaults(TASKS[task].env)
     rates, bins, etas, wide = list(known.learning_rates), [100], [0.25, 0.75], CENTRED_ETAS
-    if (task, budget) == ("ant", "grid"):
-        grid, wide = expand(_part_of_the_grid(rates), base), [2.0]
+    if (task, budget) == ("ant", "grid"):  # what Ant can afford: not crossed
+        blocks = paper_blocks(rates, [50, 200], [0.05, 0.25, 0.75])
+        found, wide = expand([*blocks[:2], blocks[2] | {"n_bins": 100}], base), [2.0]
     elif budget in ("grid", "paper"):
-        grid = paper_grid(known.env, base)
+        found = paper_grid(known.env, base)
     else:
         rates, bins = (rates[-3:], bins) if budget == "small" else (rates[1:3], [20])
         if (task, budget) == ("ant", "small"):
             rates = rates[::2]
         wide = [2.0]
-        grid = expand(paper_blocks(rates, bins, etas if known.in_jax else etas[:1]), base)
+        found = expand(paper_blocks(rates, bins, etas if known.in_jax else etas[:1]), base)
     centred = {"loss": "hl-gauss-centred", "learning_rate": rates, "n_bins": bins, "eta": wide}
-    return grid + expand([centred], base)
-
-
-def _part_of_the_grid(rates: Sequence[float]) -> list[dict[str, object]]:
-    """All learning rates, with k from 50 to 200 and three η, but not crossed: what Ant can afford."""
-    return [
-        {"loss": "gaussian", "learning_rate": rates},
-        {"loss": "hl-one-hot", "learning_rate": rates, "n_bins": [50, 200]},
-        {"loss": "hl-gauss", "learning_rate": rates, "n_bins": 100, "eta": [0.05, 0.25, 0.75]},
-    ]
+    return found + expand([centred], base)
 
 
 _TRIALS: dict[Budget, dict[str, int]] = {
@@ -136,11 +171,7 @@ _EVALUATED = {"reacher": (50, 10), "half-cheetah": (25, 5), "ant": (25, 5)}
 """Log points and episodes at each of them where they cost: of HalfCheetah and Ant an eighth of the steps."""
 
 
-def _main(task: str) -> Sweep:
-    return Sweep(task, lambda budget, _: task_study(task, budget, main_settings(task, budget)), TASKS[task].title)
-
-
-MAIN = {task: _main(task) for task in TASKS}
+MAIN = {task: grid(task, task, functools.partial(main_settings, task), title=TASKS[task].title) for task in TASKS}
 """The main sweep of each task: the grid of App. C.2, and centred HL-Gauss."""
 AGAIN = {task: again(MAIN[task]) for task in TASKS}
 """The sweep of each task that trains each loss's best setting of the grid on fresh seeds."""

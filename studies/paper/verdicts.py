@@ -5,12 +5,12 @@ from collections.abc import Callable, Iterable, Mapping
 from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import Float
 
 from galton.tasks import TASKS
-from galton_experiments.analysis import ALPHA, Comparison, Interval, holm
+from galton_experiments.analysis import ALPHA, Comparison, Decision, decide, mean_interval, rounded
 from galton_experiments.page import MARKS, Claim
-from studies.paper.scale import Scale
-from studies.paper.trained import Trained
+from studies.paper.trained import Scale, Trained
 
 UNKNOWN = "not decidable here"
 NOT_TRAINED = "What it needs was not trained."
@@ -25,7 +25,7 @@ class Unit(NamedTuple):
     """The numbers that were found, as the line of this decision shows them."""
     p: float
     """Of the test that there is no difference, not adjusted; NaN where nothing can be decided."""
-    sign: int
+    direction: int
     """Which way it points: 1 as the paper says, −1 the contrary."""
     is_null: bool = False
     """Whether the task is one on which nothing is learned."""
@@ -35,12 +35,7 @@ Found = Comparison | Unit
 
 
 def unit(found: Comparison, text: str | None = None) -> Unit:
-    """A comparison whose first sample the paper says is above, as one of a claim's decisions.
-
-    Args:
-        found: the comparison.
-        text: what is told of it instead of difference and P.
-    """
+    """A comparison as one of a claim's decisions, and what is told of it instead of difference and P."""
     return Unit(told(found) if text is None else text, found.p, found.direction)
 
 
@@ -52,13 +47,7 @@ def null(why: str) -> Unit:
 def by_task(
     trained: Trained, tasks: Iterable[str], judge: Callable[[str, Scale], Mapping[str, Found]]
 ) -> dict[str, Found]:
-    """The units of each task, by its title and what `judge` calls them ("" where there is one); null tasks as such.
-
-    Args:
-        trained: what was trained.
-        tasks: their names; the grid of each is done.
-        judge: makes a task's units, from its name and the way from rest to the best.
-    """
+    """The units of each task, by its title and what `judge` calls them ("" where there is one); null tasks as such."""
     found: dict[str, Found] = {}
     for task in tasks:
         title = TASKS[task].title
@@ -70,49 +59,41 @@ def by_task(
     return found
 
 
+def told_mean(values: Float[np.ndarray, " n"]) -> str:
+    """The mean of runs with its interval."""
+    return rounded(mean_interval(values), "")
+
+
 def told(found: Comparison) -> str:
     """The difference with its interval, and P(X > Y)."""
     return f"{rounded(found.difference)}, P = {found.above:.2f}"
 
 
-def rounded(value: Interval, plus: str = "+") -> str:
-    """An interval as text, with fewer decimals where its numbers are large."""
-    largest = np.nanmax(np.abs([*value])) if np.isfinite([*value]).any() else 0.0
-    return f"{value:{plus}{'.2f' if largest < 100 else ',.0f'}}"
+def decided(units: Mapping[str, Found], unless_contrary: bool = False) -> dict[str, Decision]:
+    """What each unit decides, all adjusted together; ∅ of a task on which nothing is learned.
 
-
-def marks(units: Mapping[str, Found], unless_contrary: bool = False) -> dict[str, str]:
-    """The mark of each unit: their p are adjusted together, and those below 0.05 are clear.
-
-    Args:
-        units: the decisions of one claim, or of one table.
-        unless_contrary: whether the paper claims no more than that nothing is clearly the contrary.
+    `unless_contrary` is for what claims no more than that nothing is clearly the contrary: all else is ✓.
     """
     known = _units(units)
-    adjusted = holm([each.p for each in known.values()])
-    found = {}
-    for (name, each), p in zip(known.items(), adjusted, strict=True):
-        way = {1: "✓", -1: "✗", 0: "≈"}[each.sign] if p < ALPHA else "≈"
-        way = "✓" if unless_contrary and way == "≈" else way
-        found[name] = "∅" if each.is_null else "?" if math.isnan(p) else way
-    return found
+    found = decide(known)
+    found |= {name: found[name]._replace(mark="∅") for name, each in known.items() if each.is_null}
+    return {n: d._replace(mark="✓" if unless_contrary and d.mark == "≈" else d.mark) for n, d in found.items()}
+
+
+def marks(units: Mapping[str, Found]) -> dict[str, str]:
+    """The mark of each unit."""
+    return {name: decision.mark for name, decision in decided(units).items()}
 
 
 def claim(
     source: str, words: str, test: str, units: Mapping[str, Found], *notes: str, unless_contrary: bool = False
 ) -> Claim:
-    """A sentence of the paper, judged by units that it says are positive.
+    """A sentence of the paper, judged by units that it says are positive; none where nothing was trained.
 
-    Args:
-        source: where it stands.
-        words: the sentence.
-        test: what was compared with what.
-        units: the decisions, by what the page calls them; none where nothing was trained.
-        notes: further sentences, each on a line of its own.
-        unless_contrary: see `marks`.
+    Notes are further sentences, each on a line of its own. For `unless_contrary` see `decided`.
     """
-    given = marks(units, unless_contrary)
-    k, m, n = (sum(mark in which for mark in given.values()) for which in ("✓", "✗", "✓✗≈"))
+    given = decided(units, unless_contrary)
+    k, m, n = (sum(each.mark in which for each in given.values()) for which in ("✓", "✗", "✓✗≈"))
     why = "\n".join([_counted(k, m, n), *filter(None, notes)]) if units else NOT_TRAINED
     count = (k, n) if n else None
     return Claim(source, words, test, listed(units, given), verdict(k, m, n), why, count=count)
@@ -125,15 +106,13 @@ def verdict(k: int, m: int, n: int) -> str:
     return "holds" if k == n else "holds in part" if k >= m else "does not hold"
 
 
-def listed(units: Mapping[str, Found], given: Mapping[str, str]) -> str:
+def listed(units: Mapping[str, Found], given: Mapping[str, Decision]) -> str:
     """A line for each unit: its mark, name, what was found, and p, adjusted; and whether the mean contradicts it."""
-    known = _units(units)
-    adjusted = dict(zip(known, holm([each.p for each in known.values()]), strict=True))
-    against = {name: each.sign == 0 and bool(adjusted[name] < ALPHA) for name, each in known.items()}
-    return "\n".join(
-        f"{given[name]} {name} {each.text}{_p(adjusted[name])}{'; the mean points the other way' * against[name]}"
-        for name, each in known.items()
-    )
+    lines = []
+    for (name, each), (mark, p) in zip(_units(units).items(), given.values(), strict=True):
+        against = "; the mean points the other way" * (each.direction == 0 and p < ALPHA)
+        lines.append(f"{mark} {name} {each.text}{_p(p)}{against}")
+    return "\n".join(lines)
 
 
 def summed_up(what: str, units: Mapping[str, Found]) -> str:

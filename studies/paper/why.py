@@ -3,7 +3,7 @@
 import dataclasses
 import functools
 import textwrap
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,11 +17,12 @@ from galton.tasks import TASKS
 from galton_experiments.analysis import Interval, mean_band, mean_interval
 from galton_experiments.analysis.plots import draw_marks, finish, fit, look_of, marker_of, panels
 from galton_experiments.page import Table
+from galton_experiments.runs import Summary
 from galton_experiments.sweep import Setting, Study, expand, mean_returns, task_defaults
-from studies.paper.curves import BANDS, draw_levels, heading, numbered
-from studies.paper.figure import FigureStudy
+from studies.paper.changes import Variant
+from studies.paper.curves import draw_levels, heading, numbered
+from studies.paper.figure import figure
 from studies.paper.measures import CLASSIFICATION
-from studies.paper.summary import Summary
 from studies.paper.sweeps import Budget, Done, Sweep, again, task_study
 from studies.paper.trained import Trained
 
@@ -89,7 +90,7 @@ def best_of_each(summary: Summary) -> tuple[Setting, ...]:
 
 SWEEPS = {task: _sweep(task) for task in WHY_TASKS}
 """The sweep of each task: all losses under each change."""
-AGAIN = {task: again(SWEEPS[task], best_of_each) for task in WHY_TASKS}
+AGAIN = {task: again(SWEEPS[task], lambda summary, _: best_of_each(summary)) for task in WHY_TASKS}
 """The sweep of each task that trains each loss's best setting under each change on fresh seeds."""
 
 
@@ -143,15 +144,26 @@ def _plain(env: str) -> dict[str, Any]:
     return Setting(task_defaults(env)).record()
 
 
+def variants() -> Iterator[Variant]:
+    """The winners under each change, in the place of the main experiment."""
+    sweeps = {task: (SWEEPS[task], AGAIN[task]) for task in WHY_TASKS}
+    for name in filter(CHANGES.get, CHANGES):
+
+        def winners(task: str, _: Summary, again: Summary, name: str = name) -> Mapping[Setting, Setting]:
+            return {each: each for each in again.study.settings if change_of(each, TASKS[task].env) == name}
+
+        yield Variant(name, sweeps, winners)
+
+
 def draw(trained: Trained) -> Figure:
     """A panel per task: changes across, returns up, a mark per loss for training and one without exploration."""
     found = retrained(trained)
-    figure, axes = panels(len(found), columns=1, height=3.0)
-    figure.set_figwidth(10.5)
+    drawing, axes = panels(len(found), columns=1, height=3.0)
+    drawing.set_figwidth(10.5)
     for panel, (task, summary) in zip(axes, found.items(), strict=True):
         _draw_task(panel, task, summary)
-    finish(figure, axes, [look_of(loss)[0] + word for word, _ in _SHOWN.values() for loss in LOSSES])
-    return figure
+    finish(drawing, axes, [look_of(loss)[0] + word for word, _ in _SHOWN.values() for loss in LOSSES])
+    return drawing
 
 
 def _draw_task(axes: Axes, task: str, summary: Summary) -> None:
@@ -210,13 +222,7 @@ def _fit_marks(axes: Axes, task: str, means: Float[np.ndarray, " n"]) -> tuple[f
 
 
 def _draw_beyond(
-    axes: Axes,
-    intervals: Sequence[Interval],
-    bottom: float,
-    top: float,
-    shift: float,
-    color: ColorType,
-    line: int,
+    axes: Axes, intervals: Sequence[Interval], bottom: float, top: float, shift: float, color: ColorType, line: int
 ) -> None:
     """An arrow where an interval goes on below the axis; where a mean lies beyond it its numbers, on that line."""
     low, high = axes.get_ylim()
@@ -237,7 +243,7 @@ def causes(trained: Trained) -> Table:
     """What the policies look like in the end, under each change."""
     rows = []
     for task, summary in retrained(trained).items():
-        title = TASKS[task].title + (" (null)" if task in trained.nulls else "")
+        title = trained.title(task)
         for (change, loss), outcome in outcomes(summary).items():
             cells = [
                 f"{np.nanmedian(values):.2f}".replace("-", "−")  # it may be −∞
@@ -249,14 +255,4 @@ def causes(trained: Trained) -> Table:
     return Table(["task", "change", "loss", "setting", *METRICS.values()], rows)
 
 
-FIGURE = FigureStudy(
-    "Why: one thing changed at a time",
-    "Final return of each loss (k = 100; HL-Gauss with η = 0.25, centred HL-Gauss with the better of η = 2 and 4, each "
-    "with the best of three learning rates up to 0.003) as in the main experiment and with one thing changed. Filled: "
-    "in training; hollow: by the deterministic policy. Changes stand in the order of what the better of HL-1-Hot and "
-    f"HL-Gauss earns in training. Means of n runs on fresh seeds, and {BANDS}; a small arrow says that the bar goes on "
-    "below the axis, a number that the mean lies beyond it. Dotted: what the action 0 earns, always taken.",
-    draw,
-    tuple(sweep for task in WHY_TASKS for sweep in (SWEEPS[task], AGAIN[task])),
-    table=causes,
-)
+FIGURE = figure("why", draw, tuple(sweep for task in WHY_TASKS for sweep in (SWEEPS[task], AGAIN[task])), table=causes)

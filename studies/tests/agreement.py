@@ -3,8 +3,8 @@
 import math
 import re
 
-from studies.paper import controls, harder_bandits, order, returns, stability
-from studies.paper.registry import FIGURES
+from studies.paper import controls, harder_bandits, order, returns
+from studies.paper.claims import CLAIMS
 from studies.paper.trained import Trained
 
 from .recomputed.bandits import BANDITS
@@ -12,11 +12,11 @@ from .recomputed.claims import GRIDS, TASKS, on_grids, on_tasks
 from .recomputed.claims import order as order_of
 from .recomputed.runs import grids_of, tasks_of
 
-MODULES = (returns, stability, order, harder_bandits, controls)
+MODULES = (returns, order, harder_bandits, controls)
 NUMBER = re.compile(r"never|[+−]?\d[\d,]*\.?\d*")
 
 
-JUDGES = [judge for figure in FIGURES.values() for judge in figure.claims.values()]
+JUDGES = [judge for _, judge in CLAIMS]
 NAMES = (*TASKS, "order_changes", *BANDITS, *GRIDS)
 """Every claim that both paths judge, by its function's name or by its words."""
 

@@ -6,10 +6,9 @@ import numpy as np
 import pyarrow as pa
 
 from galton.tasks import TASKS
+from galton_experiments.runs import CURVES, Summary
 from studies.paper.registry import all_sweeps
-from studies.paper.scale import rest
-from studies.paper.summary import CURVES, Summary
-from studies.paper.trained import Trained
+from studies.paper.trained import Trained, rest
 from studies.paper.why import METRICS
 
 LOGGED = tuple(dict.fromkeys((*CURVES, *METRICS, "sigma")))

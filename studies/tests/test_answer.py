@@ -9,7 +9,6 @@ from galton_experiments.page.page import VERDICTS
 from studies.paper.answer import answer
 from studies.paper.registry import FIGURES
 from studies.paper.report import claims
-from studies.paper.trained import Trained
 
 from . import made_up
 
@@ -49,14 +48,10 @@ def test_the_sentence_counts_the_tasks_each_way():
         assert training.text.startswith("+3.0" if is_higher else "−3.0")
 
 
-def test_all_or_none_are_told_without_the_other():
+def test_all_are_told_without_the_others():
     others = ", ".join(task.title for name, task in TASKS.items() if name != "acrobot")
-    assert (
-        head(ends(TASKS))
-        .sentences[0]
-        .endswith(f"Here it clearly does on 6 of 6 others ({others}); on Acrobot it ends higher, too.")
-    )
-    assert "Here it clearly does on 0 of 6 others, clearly ends lower on 6" in head(ends(())).sentences[0]
+    told = f"Here it clearly does on 6 of 6 others ({others}); on Acrobot it ends higher, too."
+    assert head(ends(TASKS)).sentences[0].endswith(told)
 
 
 def test_null_tasks_and_few_runs_are_named_and_not_counted():
@@ -100,7 +95,3 @@ def test_the_curves_are_figure_2s_of_the_papers_losses():
         assert {"Gaussian", "HL-1-Hot", "HL-Gauss"} <= {*curves}
         assert "Centred HL-Gauss (ours)" not in curves
         assert all(drawn[name] == values for name, values in curves.items())
-
-
-def test_nothing_at_all_is_answered_too():
-    assert "none of the tasks" in answer(Trained({}), []).sentences[0]

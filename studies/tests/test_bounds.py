@@ -2,9 +2,8 @@
 
 import numpy as np
 import pyarrow as pa
-import pytest
 
-from studies.paper.bounds import crossings, findings, look_means, read, shares, smaller_from
+from studies.paper.norms import crossings, findings, look_means, read, smaller_from
 
 from .samples import SERIES, SHARED, plain, sample, table
 
@@ -74,8 +73,3 @@ def test_a_crossing_is_counted():
     norms[1] = 1e-3  # where the advantage and so the bound is 0
     planted = KNOWN.set_column(KNOWN.column_names.index("norm"), "norm", pa.array(norms))
     assert crossings(planted) == 3
-
-
-@pytest.mark.parametrize("looks", [[0, 20, 60, 500], [3, 4], [7]])
-def test_the_shares_are_all_of_training(looks):
-    assert shares(np.array(looks)).sum() == pytest.approx(1)

@@ -15,9 +15,9 @@ from galton.losses import surrogate
 from galton.networks import features, mlp
 from galton.theory import output_lipschitz
 from galton.types import Learner, Transition
-from studies.paper import bounds, gradients, propositions
-from studies.paper.bounds import crossings, findings
+from studies.paper import gradients, norms, propositions
 from studies.paper.gradients import READINGS, measure, sharpen
+from studies.paper.norms import crossings, findings
 from studies.paper.propositions import FIGURE
 from studies.paper.trained import Trained
 from tests.agents import agent
@@ -204,10 +204,10 @@ def test_sharpening_scales_sigma_or_the_logits():
 def test_collect_measures_real_training():
     table = gradients.collect("smoke")
     assert crossings(table) == 0
-    rows = bounds.read(table)
+    rows = norms.read(table)
     assert set(rows["step"]) == {0, 400}
     assert set(zip(rows["loss"], rows["reading"], strict=True)) == {*SERIES[:2], ("hl-gauss", "")}
-    for _, look in bounds.parts(rows, "loss", "reading", "step", "swept", "factor"):
+    for _, look in norms.parts(rows, "loss", "reading", "step", "swept", "factor"):
         assert look["sample"].tolist() == list(range(20))
     assert findings(table)["mountain-car", "gaussian", "sigma^2"].exponent == pytest.approx([-1], abs=0.1)
     FIGURE.draw(Trained({}, {propositions.NAME: table}))

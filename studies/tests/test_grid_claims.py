@@ -5,18 +5,18 @@ import dataclasses
 import numpy as np
 import pytest
 
-from studies.paper import profiles, sensitivity
-from studies.paper.registry import FIGURES
-from studies.paper.summary import Summary
+from galton_experiments.runs import Summary
+from studies.paper import profiles
+from studies.paper.claims import of_figure
 
 from . import made_up
 from .made_up import SWEEPS
-from .test_claims import CLASSIFIED, judged, winning
+from .test_claims import CLASSIFIED, judged
 
 
 def sensitivities(data):
     """What is claimed of Figures 4 to 6."""
-    found = [judge(data) for name in ("figure-4", "figure-5", "figure-6") for judge in FIGURES[name].claims.values()]
+    found = [judge(data) for name in ("figure-4", "figure-5", "figure-6") for judge in of_figure(name)]
     return {claim.words: claim for claim in found}
 
 
@@ -62,11 +62,6 @@ def test_bins_that_matter_as_much_for_both_losses():
     assert verdict_of(0.2) == "does not hold"
 
 
-def test_wide_targets():
-    assert judged(sensitivity.wide_targets, lambda _, s: 5 - s["eta"]) == "holds"
-    assert judged(sensitivity.wide_targets, lambda _, s: 5 + s["eta"]) == "does not hold"
-
-
 def test_robust_is_how_much_the_learning_rate_matters_not_how_high_runs_end():
     """A level below the Gaussian's is no spread; a spread is, wherever it lies."""
 
@@ -105,5 +100,3 @@ def test_a_higher_fraction_is_of_high_returns():
         return 1.0 if setting["loss"] in CLASSIFIED else 5.0 if setting["learning_rate"] == rates[-1] else 0.0
 
     assert judged(profiles.higher_fraction, final_of, names=("lqr",)) == "does not hold"
-    assert judged(profiles.higher_fraction, winning("gaussian")) == "does not hold"
-    assert judged(profiles.higher_fraction, lambda _, s: 5.0 if s["loss"] in CLASSIFIED else 1.0) == "holds"

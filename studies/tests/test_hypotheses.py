@@ -7,17 +7,15 @@ import pyarrow as pa
 import pytest
 
 from galton.tasks import TASKS
-from galton_experiments.page import quotes
 from galton_experiments.sweep.grid import task_defaults
 from galton_experiments.sweep.study import Setting
-from studies.paper import boxed, changes, hypotheses, rescaling, tables
-from studies.paper.changes import HYPOTHESES
-from studies.paper.sweeps import AGAIN, MAIN
+from studies.paper import changes, hypotheses, report, rescaling
+from studies.paper.prose import text
 from studies.paper.trained import Trained
 
 from . import made_up
 
-CHANGES = [change for hypothesis in HYPOTHESES.values() for change in hypothesis.changes]
+CHANGES = [change for of in changes.CHANGES.values() for change in of]
 
 
 @pytest.mark.parametrize("change", CHANGES, ids=[change.name for change in CHANGES])
@@ -28,9 +26,7 @@ def test_a_change_sets_what_it_names_and_nothing_else(change):
         for setting in change.settings(task, "paper"):
             record = setting.record()
             free = {"loss", "learning_rate", "n_bins", "eta"}
-            assert {name: record[name] for name in own if name in record} == {
-                name: value for name, value in own.items() if name in record
-            }
+            assert all(record[name] == value for name, value in own.items() if name in record)
             assert {name for name in record if record[name] != base.get(name)} <= {*own, *free}
         assert {setting["loss"] for setting in change.settings(task, "paper")} == {*change.losses}
 
@@ -41,8 +37,12 @@ def floored(name, setting):
     return 5.0 if setting["loss"] == "gaussian" and not has_floor else 1.0 if has_floor else 3.0
 
 
-def test_a_floor_turns_the_claim_and_leaves_the_other_losses_as_they_were():
-    trained = made_up.judgeable(floored)
+@pytest.fixture(scope="module")
+def trained():
+    return made_up.judgeable(floored)
+
+
+def test_a_floor_turns_the_claim_and_leaves_the_other_losses_as_they_were(trained):
     table = hypotheses.table(trained)
     place = table.columns.index("ends higher")
     main, floor = (table.rows[name][place] for name in ("as in the main experiment", "(c) σ at least 0.1"))
@@ -50,8 +50,8 @@ def test_a_floor_turns_the_claim_and_leaves_the_other_losses_as_they_were():
     assert floor.verdict == "holds"
     assert "as in the main experiment" not in table.heads
     heads = {name: table.heads[name][0] for name in ("(c) σ at least 0.1", "λ = 0.95")}
-    assert heads == {"(c) σ at least 0.1": f"(c) {HYPOTHESES['c'].title}.", "λ = 0.95": "The earlier study, why."}
-    under = hypotheses.under(trained, HYPOTHESES["c"].changes[0])
+    assert heads == {"(c) σ at least 0.1": text("hypotheses")["c"]["title"], "λ = 0.95": "The earlier study, why."}
+    under = hypotheses.under(trained, changes.CHANGES["c"][0].variant)
     for task, judged in under.judged.items():
         again, main = judged.again, trained.judged[task].again
         setting = main.best["hl-gauss"].setting
@@ -62,21 +62,28 @@ def test_a_floor_turns_the_claim_and_leaves_the_other_losses_as_they_were():
         )
 
 
-def test_every_hypothesis_has_a_row_and_every_row_its_tasks():
-    table = hypotheses.table(made_up.judgeable(floored))
-    assert {name[1] for name in table.rows if name.startswith("(")} == {*HYPOTHESES} == {*"abcdefgh"}
+def test_every_hypothesis_has_a_row_and_every_row_its_tasks(trained):
+    table = hypotheses.table(trained)
+    assert {name[1] for name in table.rows if name.startswith("(")} == {*text("hypotheses")} - {"why"} == {*"abcdefgh"}
     assert table.rows["(g) η in units of the action"][0].text == "LQR, Mountain Car, Acrobot"
-    assert hypotheses.table(Trained({})).rows == {}
+
+
+def test_the_tables_that_documents_quote_are_markdown_with_a_sign_for_each_verdict(trained):
+    lines = report.document(trained).splitlines()
+    assert "## What makes the paper's result appear?" in lines
+    row = next(line for line in lines if line.startswith("| (c) σ at least 0.1 |"))
+    assert "| ✓ " in row
+    assert {line.count("|") for line in lines if line.startswith("| (")} == {len(hypotheses.CLAIMS) + 3}
+    assert "|" not in report.document(Trained({}))
 
 
 def test_the_bandit_in_units_of_its_box_is_judged_by_its_own_runs():
     def in_the_box(name, setting):
-        ahead = "hl-gauss" if name.startswith("boxed") else "gaussian"
-        return 20.0 if setting["loss"] == ahead else 10.0
+        return 20.0 if setting["loss"] == ("hl-gauss" if name.startswith("boxed") else "gaussian") else 10.0
 
     trained = made_up.judgeable(in_the_box)
-    words = next(words for words in boxed.table(trained).rows if words.startswith("Both classification losses"))
-    raw, box = boxed.table(trained).rows[words]
+    words = next(words for words in rescaling.table(trained).rows if words.startswith("Both classification losses"))
+    raw, box = rescaling.table(trained).rows[words]
     assert raw.text.startswith("0 of")
     assert not box.text.startswith("0 of")
 
@@ -120,32 +127,9 @@ def test_without_the_lowest_rate_the_winners_are_others():
         return 5.0 if setting["learning_rate"] < 5e-4 and setting["loss"] == "gaussian" else 3.0
 
     trained = made_up.judgeable(lowest)
-    main, without = trained.judged["reacher"], hypotheses.without_lowest(trained).judged["reacher"]
+    main, without = trained.judged["reacher"], hypotheses.under(trained, changes.WITHOUT_LOWEST).judged["reacher"]
     rates = [each.again.best["gaussian"].setting["learning_rate"] for each in (main, without)]
     assert rates[0] < rates[1]
     assert without.again.best["hl-gauss"].setting["learning_rate"] > min(
         setting["learning_rate"] for setting in main.chosen.study.settings
     )
-
-
-def test_every_sweep_has_a_name_of_its_own_and_the_main_experiment_stays():
-    names = [sweep.name for sweep in (*changes.SWEEPS.values(), *changes.AGAIN.values(), *rescaling.SWEEPS.values())]
-    assert len(set(names)) == len(names)
-    assert not {*names} & {sweep.name for sweep in (*MAIN.values(), *AGAIN.values())}
-
-
-def test_the_tables_that_documents_quote_are_markdown_with_a_sign_for_each_verdict():
-    lines = tables.document(made_up.judgeable(floored)).splitlines()
-    assert "## What makes the paper's result appear?" in lines
-    row = next(line for line in lines if line.startswith("| (c) σ at least 0.1 |"))
-    assert "| ✓ " in row
-    assert {line.count("|") for line in lines if line.startswith("| (")} == {len(hypotheses.CLAIMS) + 3}
-    assert "|" not in tables.document(Trained({}))
-
-
-def test_a_document_gets_its_tables_where_it_names_them():
-    text = "a\n\n<!-- table: one -->\n\n| old |\n|---|\n\nb\n\n<!-- table: other -->\n\n| stays |\n"
-    filled = quotes.filled(text, {"one": "| new |\n|---|\n| 1 |"}.get)
-    assert filled == text.replace("| old |\n|---|\n", "| new |\n|---|\n| 1 |\n")
-    for same in (filled, text.replace("|\n\nb", "|\nb")):  # a table without a blank line after it swallows the text
-        assert quotes.filled(same, {"one": "| new |\n|---|\n| 1 |"}.get) == filled

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from studies.paper.measures import apart, drawdown, over_training, steps_to
-from studies.paper.scale import Scale
+from studies.paper.trained import Scale
 
 from . import made_up
 from .test_claims import with_curves, with_finals
@@ -40,13 +40,6 @@ def test_drawdown_is_what_is_lost_of_the_best_log_point(data):
 def test_apart_is_the_distance_from_the_median(data):
     spread = with_finals(data, "lqr-again", "training_return", ["gaussian"], lambda _: np.array([4.0, 0.0, 7.0]))
     np.testing.assert_allclose(apart(spread.sweeps["lqr-again"], "gaussian"), [0, 4, 3])
-
-
-def test_fresh_seeds_are_paired_and_grids_are_not(data):
-    grid, again = data.sweeps["lqr"], data.sweeps["lqr-again"]
-    assert again.is_paired_with(again)
-    assert not grid.is_paired_with(grid)
-    assert not again.is_paired_with(grid)
 
 
 def test_the_mean_over_training_of_each_setting(data):

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from galton_experiments.page import quotes
-from studies.paper import report, reproduce, tables
+from studies.paper import report, reproduce
 
 ROOT = Path(__file__).parents[2]
 RESULTS = ROOT / "results" / "paper"
@@ -16,7 +16,7 @@ RESULTS = ROOT / "results" / "paper"
 def test_page_tables_and_figures_are_made_of_the_data_to_the_byte(tmp_path):
     shutil.copytree(RESULTS / "data", tmp_path / "data")
     report.write(tmp_path, reproduce.load(str(tmp_path)))
-    for name in ("index.html", tables.FILE):
+    for name in ("index.html", report.FILE):
         assert (tmp_path / name).read_bytes() == (RESULTS / name).read_bytes(), (
             f"python -m studies.paper report {RESULTS}"
         )
@@ -25,7 +25,7 @@ def test_page_tables_and_figures_are_made_of_the_data_to_the_byte(tmp_path):
 
 
 def test_tables_of_results_are_quoted_as_they_were_made():
-    known = tables.tables(reproduce.load(str(RESULTS)))
+    known = report.tables(reproduce.load(str(RESULTS)))
     for path in (ROOT / "docs" / "reproduce.md", ROOT / "docs" / "why.md"):
         text = path.read_text()
         assert "<!-- table: " in text

@@ -5,10 +5,10 @@ import zlib
 import pyarrow as pa
 import pytest
 
+from galton_experiments.runs import Summary
 from galton_experiments.sweep.store import Store
 from studies.paper import hypotheses
 from studies.paper.returns import ends_higher
-from studies.paper.summary import Summary
 from studies.paper.trained import Trained
 
 from . import made_up
@@ -38,13 +38,13 @@ def test_every_change_is_judged_alike(made, tmp_path):
     found = {name: [cell(judged) for judged in row] for name, row in table(sweeps).items()}
     shown = hypotheses.table(made).rows
     assert {name: [(each.text, each.verdict) for each in cells[1:]] for name, cells in shown.items()} == found
-    assert {row.name for row in hypotheses.rows(made) if row.trained.judged} == {*rows(sweeps)} == {*shown}
+    assert {*rows(sweeps)} == {*shown}
     assert len({verdict for row in found.values() for _, verdict in row} - {None}) == 4
 
 
 def judged(trained):
     """The marks of one claim in every row of the table."""
-    claims = {row.name: ends_higher(row.trained) for row in hypotheses.rows(trained) if row.trained.judged}
+    claims = {name: ends_higher(under) for name, under in hypotheses.rows(trained) if under.judged}
     return {name: [line[0] for line in claim.number.splitlines()] for name, claim in claims.items()}
 
 

@@ -10,21 +10,20 @@ from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.parquet as pq
 import pytest
 from matplotlib.figure import Figure
 
 from galton.errors import UsageError
 from galton.saving.provenance import machine, versions
 from galton.tasks import TASKS
+from galton_experiments.runs import Summary
 from galton_experiments.sweep.parquet import record_of, to_bytes, with_record
 from studies.paper import made, report, reproduce
-from studies.paper.__main__ import asked
+from studies.paper.__main__ import asked, main
 from studies.paper.figure import FigureStudy
 from studies.paper.gradients import Sample
 from studies.paper.registry import FIGURES
 from studies.paper.report import claims
-from studies.paper.summary import Summary
 from studies.paper.sweeps import AGAIN, MAIN, Sweep, again, needed
 from studies.paper.trained import Trained
 from studies.paper.verdicts import claim
@@ -38,6 +37,22 @@ ROOT = Path(__file__).parents[2]
 def command(*arguments, cwd=ROOT, timeout=1800):
     line = [sys.executable, "-m", "studies.paper", *map(str, arguments)]
     return subprocess.run(line, capture_output=True, text=True, timeout=timeout, cwd=cwd)
+
+
+@pytest.fixture
+def told(monkeypatch, capsys):
+    """The exit code of a command in this process, and what it tells on stderr."""
+
+    def run(*arguments):
+        monkeypatch.setattr(sys, "argv", ["studies.paper", *map(str, arguments)])
+        code = 0
+        try:
+            main()
+        except SystemExit as end:
+            code = end.code
+        return code, capsys.readouterr().err
+
+    return run
 
 
 def files(folder):
@@ -95,43 +110,32 @@ def test_a_page_that_is_published_is_below_5_mb(page):
 
 
 @pytest.mark.slow
-def test_the_summaries_alone_give_the_same_page_without_training(part, tmp_path):
+@pytest.mark.parametrize("words", [["reproduce", *PART, "--budget", "smoke", "--out"], ["report"]], ids=str)
+def test_the_summaries_alone_give_the_same_page_without_training(part, tmp_path, words):
     shutil.copytree(part / reproduce.DATA, tmp_path / reproduce.DATA)
-    done = command("reproduce", *PART, "--budget", "smoke", "--out", tmp_path)
+    done = command(*words, tmp_path)
     assert done.returncode == 0, done.stderr
     assert not (tmp_path / "sweeps").exists()
     assert {name: data for name, data in files(part).items() if not name.startswith("sweeps")} == files(tmp_path)
 
 
-@pytest.mark.slow
-def test_a_report_alone_writes_the_same(part, tmp_path):
-    shutil.copytree(part / reproduce.DATA, tmp_path / reproduce.DATA)
-    assert command("report", tmp_path).returncode == 0
-    assert {name: data for name, data in files(part).items() if not name.startswith("sweeps")} == files(tmp_path)
-
-
-def test_another_budget_in_the_same_folder_is_refused(part):
-    done = command("reproduce", "propositions", "lqr", "--budget", "small", "--out", part)
-    assert done.returncode == 2
-    assert "whose lqr was made with budget 'smoke', not 'small'" in done.stderr
-    assert done.stderr.count("\n") == 1
+def test_another_budget_in_the_same_folder_is_refused(part, told):
+    code, errors = told("reproduce", "propositions", "lqr", "--budget", "small", "--out", part)
+    assert (code, errors.count("\n")) == (2, 1)
+    assert "whose lqr was made with budget 'smoke', not 'small'" in errors
 
 
 @pytest.mark.parametrize(
     ("arguments", "complaint"),
     [
         (["reproduce", "figure-11"], "'figure-11' is nothing to reproduce; choose from figure-1, "),
-        (
-            ["report", "nowhere"],
-            "folder is 'nowhere', which holds no data; make some with: python -m studies.paper",
-        ),
+        (["report", "nowhere"], "folder is 'nowhere', which holds no data; make some with: python -m studies.paper"),
     ],
 )
-def test_wrong_words_are_one_line(arguments, complaint):
-    done = command(*arguments)
-    assert done.returncode == 2
-    assert complaint in done.stderr
-    assert done.stderr.count("\n") == 1
+def test_wrong_words_are_one_line(arguments, complaint, told):
+    code, errors = told(*arguments)
+    assert (code, errors.count("\n")) == (2, 1)
+    assert complaint in errors
 
 
 def test_words_ask_for_sweeps():
@@ -175,17 +179,6 @@ def test_what_a_figure_measured_is_kept_and_refused_at_another_budget(tmp_path):
         reproduce.refuse_other_budgets([], figures, "paper", str(tmp_path))
 
 
-def test_damaged_propositions_are_named(tmp_path):
-    store = reproduce.Store(f"{tmp_path}/{reproduce.DATA}")
-    for content in (b"PAR1", None):
-        if content is None:
-            pq.write_table(samples(), tmp_path / reproduce.DATA / "propositions.parquet")
-        else:
-            store.write("propositions.parquet", content)
-        with pytest.raises(UsageError, match=r"propositions.parquet in .* is not what was measured, or was damaged"):
-            reproduce.load(str(tmp_path))
-
-
 @pytest.mark.parametrize(
     ("changed", "told"),
     [
@@ -199,7 +192,7 @@ def test_damaged_propositions_are_named(tmp_path):
     ],
 )
 def test_samples_of_another_form_are_refused_by_the_column(tmp_path, changed, told):
-    store = reproduce.Store(f"{tmp_path}/{reproduce.DATA}")
+    store = data_of(tmp_path)
     record = {"budget": "smoke", "versions": [{}], "machines": [""]}
     store.write("propositions.parquet", to_bytes(with_record(samples(**changed), record)))
     with pytest.raises(UsageError, match=f"propositions.parquet in .*{told}"):
@@ -209,22 +202,36 @@ def test_samples_of_another_form_are_refused_by_the_column(tmp_path, changed, to
 def test_a_summary_of_another_study_is_refused(tmp_path):
     summary = made_up.data(lambda *_: 1.0, ("lqr",)).sweeps["lqr"]
     other = dataclasses.replace(summary, study=dataclasses.replace(summary.study, trials=3))
-    other.save(reproduce.Store(f"{tmp_path}/{reproduce.DATA}"), "lqr.parquet")
+    other.save(data_of(tmp_path), "lqr.parquet")
     with pytest.raises(UsageError, match="whose lqr is of another study than this version and budget 'smoke' ask for"):
         reproduce.train([MAIN["lqr"]], "smoke", str(tmp_path), lambda *_: None)
 
 
-def test_figure_1_needs_no_training_and_takes_stale_figures_away(tmp_path):
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"budget": "huge"}, "its budget is 'huge'; it must be smoke or small or grid or paper"),
+        ({"budget": 7}, "its record has budget 7; it must be str"),
+        ({"versions": {"galton": "0"}}, "its record has versions {'galton': '0'}; it must be a list of dict"),
+        ({"machines": [7]}, r"its record has machines \[7\]; it must be a list of str"),
+        ({"train_seconds": "60"}, "its record has train_seconds '60'; it must be float"),
+        ({"compile_seconds": float("nan")}, "its record has compile_seconds nan"),
+    ],
+)
+def test_a_summary_that_does_not_say_how_it_was_made_is_refused(tmp_path, changes, said):
+    summary = made_up.data(lambda *_: 1.0, ("lqr",)).sweeps["lqr"]
+    dataclasses.replace(summary, provenance=summary.provenance | changes).save(data_of(tmp_path), "lqr.parquet")
+    with pytest.raises(UsageError, match=f"lqr.parquet in .*{said}"):
+        reproduce.load(str(tmp_path))
+
+
+def test_figure_1_needs_no_training_and_takes_stale_figures_away(tmp_path, told):
     (tmp_path / "figures").mkdir()
     for name in ("figure-2.png", "mine.png"):
         (tmp_path / "figures" / name).touch()
-    done = command("reproduce", "figure-1", "--out", tmp_path)
-    assert done.returncode == 0, done.stderr
-    assert sorted(path.name for path in (tmp_path / "figures").iterdir()) == [
-        "figure-1.png",
-        "figure-1.svg",
-        "mine.png",
-    ]
+    assert told("reproduce", "figure-1", "--out", tmp_path) == (0, "")
+    there = sorted(path.name for path in (tmp_path / "figures").iterdir())
+    assert there == ["figure-1.png", "figure-1.svg", "mine.png"]
     assert 'id="figure-1"' in (tmp_path / "index.html").read_text()
 
 
@@ -232,7 +239,7 @@ def test_a_summary_is_enough(tmp_path):
     """No sweep is carried out whose summary is there."""
     data = made_up.data(lambda *_: 1.0, ("bandit", "bandit-again"))
     for name, summary in data.sweeps.items():
-        summary.save(reproduce.Store(f"{tmp_path}/{reproduce.DATA}"), f"{name}.parquet")
+        summary.save(data_of(tmp_path), f"{name}.parquet")
 
     def fail(*_):
         raise AssertionError("trained")
@@ -248,6 +255,7 @@ MINE = """
 from galton_experiments.analysis.plots import panels
 from studies.paper.figure import FigureStudy
 from studies.paper.gradients import Sample
+from studies.paper.claims import CLAIMS
 from studies.paper.registry import FIGURES
 from studies.paper.verdicts import claim
 
@@ -262,7 +270,8 @@ def says(trained):
     return claim("of our own", "It is drawn.", "nothing", {})
 
 
-FIGURES["mine"] = FigureStudy("A study of our own", "A line.", draw, claims={100: says})
+FIGURES["mine"] = FigureStudy("A study of our own", "A line.", draw)
+CLAIMS.append(("mine", says))
 """
 
 
@@ -284,7 +293,8 @@ def test_a_sweep_from_outside_is_trained_drawn_and_judged(tmp_path, monkeypatch)
     """What of it is trained again on fresh seeds is loaded too, though the figure does not name the grid."""
     study = MAIN["lqr"].study("smoke", {})
     grid = Sweep("mine", lambda budget, done: study, title="My grid")
-    mine = FigureStudy("My figure", "", lambda trained: Figure(), (again(grid),), claims={100: my_claim})
+    mine = FigureStudy("My figure", "", lambda trained: Figure(), (again(grid),))
+    monkeypatch.setattr(report, "CLAIMS", [*report.CLAIMS, ("my-figure", my_claim)])
     monkeypatch.setitem(FIGURES, "my-figure", mine)
     results = made_up.results(study, lambda setting: 1.0)
     Summary.of_results(study, results, made_up.PROVENANCE).save(data_of(tmp_path), "mine.parquet")

@@ -1,11 +1,9 @@
 import dataclasses
 
-import numpy as np
 import pytest
 
 from galton.tasks import TASKS
-from studies.paper.scale import Scale, above_rest, null_because, rest, scale_of
-from studies.paper.trained import Trained
+from studies.paper.trained import Scale, Trained, above_rest, null_because, rest, scale_of
 
 from . import made_up
 
@@ -25,13 +23,6 @@ def test_the_best_is_the_optimum_or_else_the_best_settings_mean():
     by_rate = grid("acrobot", lambda s: 50.0 if s["loss"] == "hl-gauss-centred" else 1.0)
     assert scale_of("acrobot", by_rate).best == pytest.approx(-450, abs=0.1)
     assert scale_of("acrobot", grid("acrobot", lambda _: -1.0)) is None
-
-
-def test_a_share_is_of_the_way():
-    way = Scale(-20.0, -10.0)
-    assert way.share(-15.0) == 0.5
-    assert way.at(0.25) == -17.5
-    np.testing.assert_array_equal(way.share(np.array([-20.0, -5.0])), [0, 1.5])
 
 
 def test_a_task_is_null_where_fewer_than_one_run_in_a_hundred_gets_above_rest():

@@ -1,12 +1,11 @@
 import numpy as np
 import pytest
-from matplotlib.colors import to_rgb
 from scipy import stats
 
+from galton_experiments.runs import Summary
 from studies.paper.measures import spread
-from studies.paper.scale import Scale
-from studies.paper.sensitivity import _looks, draw, marginals
-from studies.paper.summary import Summary
+from studies.paper.sensitivity import draw, marginals
+from studies.paper.trained import Scale
 
 from . import made_up
 
@@ -44,14 +43,6 @@ def test_noise_alone_is_no_spread():
         summary = Summary.of_results(study, table, made_up.PROVENANCE)
         spreads.append(spread(summary, "hl-gauss", "learning_rate", WAY).mean())
     assert abs(np.mean(spreads)) < 3 * stats.sem(spreads)
-
-
-def test_values_that_tasks_share_have_one_look_and_others_begin_anew():
-    looks = _looks([[0.01, 0.05], [0.05, 0.1], [1.0, 2.0, 3.0]])
-    assert looks[0.01] == looks[1.0]
-    for looked in zip(*(looks[value] for value in (0.01, 0.05, 0.1)), strict=True):
-        assert len({*looked}) == 3  # colours, and line styles too
-    assert all(np.mean(to_rgb(color)) < 0.7 for color, _ in looks.values())
 
 
 def test_a_row_per_field_and_a_column_per_task_with_words_where_there_is_one_value():

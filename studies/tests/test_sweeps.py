@@ -5,9 +5,9 @@ import pytest
 
 from galton.errors import UsageError
 from galton.tasks import TASKS
+from galton_experiments.runs import Summary
 from galton_experiments.sweep.grid import paper_grid, task_defaults
 from studies.paper.registry import FIGURES, all_sweeps
-from studies.paper.summary import Summary
 from studies.paper.sweeps import AGAIN, CENTRED_ETAS, MAIN, Sweep, needed
 from studies.paper.why import CHANGES, WHY_TASKS, best_of_each, change_of
 

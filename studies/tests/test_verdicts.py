@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from galton_experiments.analysis.statistics import Comparison, Interval
-from studies.paper.verdicts import Unit, claim, marks, null, rounded, summed_up, unit, verdict
+from studies.paper.verdicts import Unit, claim, marks, null, summed_up, unit
 
 
 def found(mean, p, side=None):
@@ -79,16 +79,3 @@ def test_notes_follow_the_count_and_sum_up_by_name():
 def test_a_unit_may_tell_something_else_than_the_difference():
     assert unit(FOR, "80 and 120") == Unit("80 and 120", 0.001, 1)
     assert judged({"A": unit(FOR, "80 and 120")}).number == "✓ A 80 and 120, p = 0.001"
-
-
-def test_large_numbers_have_no_decimals():
-    assert rounded(Interval(*np.float64([608.3, 230.1, 986.5]))) == "+608 ± 378"
-    assert rounded(Interval(*np.float64([-1897.2, -3076.0, -718.4])), "") == "−1,897 ± 1,179"
-    assert rounded(Interval(*np.float64([0.5, 0.25, 0.75])), "") == "0.50 ± 0.25"
-    assert rounded(Interval(*np.float64([0.5, np.nan, np.nan]))) == "+0.50"
-
-
-@pytest.mark.parametrize(("k", "m", "n"), [(3, 0, 3), (2, 2, 5), (1, 2, 3), (0, 1, 1), (0, 0, 4)])
-def test_the_verdict_in_words(k, m, n):
-    expected = {(3, 0, 3): "holds", (2, 2, 5): "holds in part", (0, 0, 4): "not decidable here"}
-    assert verdict(k, m, n) == expected.get((k, m, n), "does not hold")

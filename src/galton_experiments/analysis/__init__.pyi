@@ -15,3 +15,7 @@ from .statistics import fill_until as fill_until
 from .statistics import holm as holm
 from .statistics import mean_interval as mean_interval
 from .statistics import within as within
+from .verdicts import WORDS as WORDS
+from .verdicts import Decision as Decision
+from .verdicts import decide as decide
+from .verdicts import rounded as rounded

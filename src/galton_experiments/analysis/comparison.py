@@ -14,7 +14,8 @@ from galton.losses import LOSSES
 from galton.records import plain
 from galton.training.train import Result
 from galton_experiments.analysis.plots import draw_level, draw_series, finish, fit, look_of, over_steps, panels
-from galton_experiments.analysis.statistics import ALPHA, Comparison, Interval, compare, fill_until, holm, mean_interval
+from galton_experiments.analysis.statistics import Comparison, Interval, compare, fill_until, mean_interval
+from galton_experiments.analysis.verdicts import WORDS, decide
 
 Results = Mapping[str, Result]
 """The trained runs of each loss, as `named` calls it."""
@@ -109,19 +110,8 @@ def verdicts(results: Results, baseline: str = "gaussian") -> list[str]:
                 ours, theirs = (np.where(np.isnan(runs), known.min(), runs) for runs in (of, finals[baseline]))
                 sentence = f"{label_of(loss)} − {label_of(baseline)}, {name} return"
                 found[sentence] = compare(ours, theirs, paired=True)
-    adjusted = holm([comparison.p for comparison in found.values()])
-    return [
-        f"{sentence}: {comparison.difference:+.2f}: {_verdict(comparison, p)}"
-        for (sentence, comparison), p in zip(found.items(), adjusted, strict=True)
-    ]
-
-
-def _verdict(comparison: Comparison, p: float) -> str:
-    if math.isnan(p):
-        return "too few seeds to tell"
-    if p >= ALPHA or not comparison.direction:
-        return "no clear difference"
-    return "better" if comparison.direction > 0 else "worse"
+    decided = decide(found)
+    return [f"{what}: {each.difference:+.2f}: {WORDS[decided[what].mark]}" for what, each in found.items()]
 
 
 def learning_curves(results: Results, env: Environment | None, title: str) -> Figure:
@@ -144,7 +134,7 @@ def learning_curves(results: Results, env: Environment | None, title: str) -> Fi
         axes.set_title(heading, fontsize=10)
         over_steps(axes, float(max(result.steps[-1] for result in results.values())))
         if optimum is not None:
-            draw_level(axes, optimum, "optimum", "--")
+            draw_level(axes, optimum, "optimum")
     fit(left, means)
     left.set_ylabel("undiscounted return")
     finish(figure, [left])

@@ -131,9 +131,9 @@ def marker_of(loss: str) -> str:
     return _MARKERS[[*LOSSES].index(loss) % len(_MARKERS)]
 
 
-def draw_level(axes: Axes, value: float, name: str, linestyle: LineStyle) -> None:
-    """Draw a level as a line all along the x axis."""
-    axes.axhline(value, color="#777777", linestyle=linestyle, linewidth=1, label=name, gid=name)
+def draw_level(axes: Axes, value: float, name: str) -> None:
+    """Draw one of LEVELS as a line all along the x axis."""
+    axes.axhline(value, color="#777777", linestyle=LEVELS[name], linewidth=1, label=name, gid=name)
 
 
 def color(i: int) -> str:

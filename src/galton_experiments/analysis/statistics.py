@@ -1,25 +1,20 @@
-"""Means, comparisons of two samples and, after Agarwal et al. (2021), robuster statistics, with intervals."""
+"""Means and comparisons of two samples, with intervals and tests."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
 from scipy import stats
 
-from galton.errors import require, require_integer
+from galton.errors import require
 from galton_experiments.analysis.ranks import least_paired_p, least_rank_sum_p, paired_rank_sum, rank_sum
 
 Numbers = np.float64 | Float[np.ndarray, "*rest"]
 
 Tasks = Sequence[Float[np.ndarray, " _"]]
 """The scores of each task's runs, [R_m]: tasks may have unequal numbers of runs. A diverged run is NaN."""
-
-Scores = Tasks | Float[np.ndarray, "_ _"]
-"""The same; a matrix is [R, M], a row per run and a column per task."""
-
-Statistic = Callable[[Tasks], float | Numbers]
 
 
 class Interval(NamedTuple):
@@ -203,41 +198,6 @@ def _share_above(a: Float[np.ndarray, " n"], b: Float[np.ndarray, " m"]) -> floa
     return float(((pairs > 0) + 0.5 * (pairs == 0)).mean())
 
 
-def stratified_bootstrap(scores: Scores, statistic: Statistic, n_resamples: int = 2000, seed: int = 0) -> Interval:
-    """A statistic of the scores and its percentile interval, runs resampled within each task.
-
-    The interval is NaN if a task has fewer than two runs, or if the statistic of a resample is NaN. Diverged runs reach
-    the statistic as NaN.
-    """
-    require_integer("n_resamples", n_resamples, 1)
-    require_integer("seed", seed, 0)
-    tasks = _tasks(scores)
-    estimate = np.asarray(statistic(tasks), np.float64)[()]
-    if min(len(task) for task in tasks) < 2:
-        return Interval(estimate, estimate * np.nan, estimate * np.nan)
-    rng = np.random.default_rng(seed)
-    resamples = ([task[rng.integers(len(task), size=len(task))] for task in tasks] for _ in range(n_resamples))
-    estimates = np.array([statistic(resample) for resample in resamples])
-    # Every method that interpolates makes NaN of two neighbours that are −∞.
-    low, high = np.quantile(estimates, (0.025, 0.975), axis=0, method="inverted_cdf")
-    return Interval(estimate, low, high)
-
-
-def performance_profile(
-    scores: Scores, taus: Float[np.ndarray, " T"], n_resamples: int = 2000, seed: int = 0
-) -> Interval:
-    """Share of runs that score above each tau, averaged over tasks, with a pointwise bootstrap band: [T] each.
-
-    A diverged run is above no tau.
-    """
-
-    def profile(tasks: Tasks) -> Float[np.ndarray, " T"]:
-        not_above = [np.searchsorted(np.sort(task), taus, "right") / len(task) for task in tasks]
-        return np.asarray(1 - np.mean(not_above, axis=0))
-
-    return stratified_bootstrap([diverged_lowest(task) for task in _tasks(scores)], profile, n_resamples, seed)
-
-
 def fill_forward(curves: Float[np.ndarray, "R L"]) -> Float[np.ndarray, "R L"]:
     """Each NaN replaced by the last known value before it, where there is one."""
     known = ~np.isnan(curves)
@@ -258,16 +218,6 @@ def fill_until(
     """`fill_forward`, but NaN from the step where a run diverged; −1 for one that did not."""
     gone = (diverged_at >= 0)[:, None] & (steps >= diverged_at[:, None])
     return np.where(gone, np.nan, fill_forward(curves))
-
-
-def _tasks(scores: Scores) -> Tasks:
-    """The scores as a list, task by task, once they are checked."""
-    tasks = list(scores.T if isinstance(scores, np.ndarray) else scores)
-    require(len(tasks) > 0, "scores has no tasks; give an array of scores for each")
-    for i, task in enumerate(tasks):
-        shape = np.shape(task)
-        require(len(shape) == 1 and shape[0] > 0, f"scores[{i}] has shape {shape}; give the task's scores, one per run")
-    return tasks
 
 
 def diverged_lowest(scores: Float[np.ndarray, "*any"]) -> Float[np.ndarray, "*any"]:

@@ -6,6 +6,7 @@ import numpy as np
 from scipy import stats
 
 from galton_experiments.analysis.statistics import ALPHA, least_p
+from galton_experiments.analysis.verdicts import mark
 from galton_experiments.benchmark.found import Found
 from galton_experiments.benchmark.stages import Stage
 from galton_experiments.benchmark.tables import STAGES
@@ -61,9 +62,8 @@ def _against(found: Found, stage: Stage, ahead: str) -> str:
     standings, base = found.standings[stage], found.protocol.baseline
     label = next(method.label for method in found.protocol.methods if method.name == ahead)
     tasks = {task.name: task.label for task in found.protocol.tasks}
-    clear = {name: versus for name, versus in standings.versus[ahead].items() if versus.p < ALPHA}
-    better = [tasks[name] for name, versus in clear.items() if versus.direction > 0]
-    worse = [tasks[name] for name, versus in clear.items() if versus.direction < 0]
+    marks = {tasks[name]: mark(versus.direction, versus.p) for name, versus in standings.versus[ahead].items()}
+    better, worse = ([label for label, each in marks.items() if each == wanted] for wanted in "✓✗")
     first = f"On the {STAGES[stage]}, {label} is above {base.label} with P = {standings.above[ahead][base.name]:.2f}."
     n = found.protocol.budget.fresh_seeds
     if least_p(n, n, paired=True) * len(standings.tasks) >= ALPHA:

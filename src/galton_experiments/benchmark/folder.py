@@ -3,7 +3,7 @@
 import dataclasses
 import functools
 import json
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -15,19 +15,16 @@ from galton_experiments.benchmark.found import Found
 from galton_experiments.benchmark.protocol import Protocol
 from galton_experiments.benchmark.runs import Runs, gather
 from galton_experiments.benchmark.stages import Part, Stage, afterwards, tuning, width
-from galton_experiments.sweep import engine, results
-from galton_experiments.sweep.engine import CarryOut
+from galton_experiments.sweep.engine import CarryOut, Trained, train_stage
 from galton_experiments.sweep.parquet import record_of
-from galton_experiments.sweep.plan import FILE as FILE_OF_PLAN
-from galton_experiments.sweep.plan import Plan
-from galton_experiments.sweep.shard import finished, provenance, read
+from galton_experiments.sweep.shard import finished, read
 from galton_experiments.sweep.store import Store
 from galton_experiments.sweep.study import Setting, canonical
 
 FILE = "benchmark.json"
 """What the folder was begun with: the content of the benchmark's file, its hash, and the draws."""
-DATA, SWEEPS = "data", "sweeps"
-"""The folders of the parts that are done, and of their sweeps, which may be removed then."""
+DATA = "data"
+"""The folder of the parts that are done."""
 MADE = "provenance.json"
 """How the parts were made, and how long that took: what differs from one time to the next."""
 
@@ -158,36 +155,15 @@ def _done(
         return Runs.load(store.read(file), part, protocol.digest, f"{file} in {store.url}")
     if carry_out is None:
         return None
-    sweeps = [*_prepared(store, part, shard_width)]
-    for place, plan in sweeps:
-        with place.lock():
-            carry_out(place, plan)
-    if any(len(finished(place, plan)) < plan.n_shards for place, plan in sweeps):
+    sweeps = train_stage(store, part.name, part.studies, carry_out, shard_width or width)
+    if not sweeps:
         return None
-    runs = gather(part, [results.collect(place, plan) for place, plan in sweeps], protocol.selection)
-    _note(store, part, sweeps)
+    tables = [each.table() for each in sweeps]
+    runs = gather(part, tables, protocol.selection)
+    known = made(store) | {part.name: {"sweeps": [*map(record_of, tables)], "steps_per_second": _speeds(part, sweeps)}}
+    store.write(MADE, written(known))
     store.write(file, runs.save(protocol.digest))
     return runs
-
-
-def _prepared(store: Store, part: Part, shard_width: int | None) -> Iterator[tuple[Store, Plan]]:
-    """The folder and the plan of each study of a part."""
-    for i, study in enumerate(part.studies):
-        place = store.below(f"{SWEEPS}/{part.name}" + (f"~{i + 1}" if i else ""))  # no task's name has a ~
-        there = FILE_OF_PLAN in place.names("")
-        with place.lock():
-            plan = engine.prepare(place, study, None if there else shard_width or width(study), extend=False)
-        yield place, plan
-
-
-def _note(store: Store, part: Part, sweeps: Sequence[tuple[Store, Plan]]) -> None:
-    """Add to the folder how a part was made: by which versions, on which machines, and how fast each method was."""
-    known = made(store)
-    known[part.name] = {
-        "sweeps": [provenance(place, plan) for place, plan in sweeps],
-        "steps_per_second": _speeds(part, sweeps),
-    }
-    store.write(MADE, written(known))
 
 
 def made(store: Store) -> dict[str, Any]:
@@ -200,7 +176,7 @@ def made(store: Store) -> dict[str, Any]:
         raise UsageError(f"out is {store.url}, whose {MADE} is damaged ({error}); remove that file") from None
 
 
-def _speeds(part: Part, sweeps: Sequence[tuple[Store, Plan]]) -> dict[str, int]:
+def _speeds(part: Part, sweeps: Sequence[Trained]) -> dict[str, int]:
     """Environment steps a second, training and evaluation, of a worker that trains a method's runs side by side.
 
     Runs that are trained together share their time evenly; in a narrow shard each has more of it than in a wide one.

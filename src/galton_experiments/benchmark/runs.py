@@ -8,13 +8,13 @@ import numpy as np
 import pyarrow as pa
 from jaxtyping import Float, Int
 
-from galton.errors import UsageError, in_a_line, require
+from galton.errors import require
 from galton.training.train import final
-from galton_experiments.analysis.statistics import fill_until
 from galton_experiments.benchmark.protocol import Selection
 from galton_experiments.benchmark.stages import Part, Role, Stage
+from galton_experiments.runs import curves, finals, steps
 from galton_experiments.sweep import columns
-from galton_experiments.sweep.parquet import from_bytes, record_of, to_bytes, with_record
+from galton_experiments.sweep.parquet import opened, to_bytes, with_record
 from galton_experiments.sweep.study import Setting, canonical
 
 CURVES = ("judged", "training")
@@ -48,24 +48,22 @@ class Runs:
 
     def finals(self, method: str, role: Role, curve: str = "judged") -> Float[np.ndarray, "rows trials"]:
         """The final mean of one of CURVES, a row for each draw of this role; NaN for a diverged run."""
-        return self._of(method, role, f"final_{curve}").astype(np.float64)
+        return finals(self._of(method, role), curve).reshape(-1, self.part.trials)
 
     def diverged(self, method: str, role: Role) -> int:
         """How many runs diverged."""
-        return int((self._of(method, role, "diverged_at") >= 0).sum())
+        return int((self._of(method, role)["diverged_at"].to_numpy() >= 0).sum())
 
     def trained(self, method: str, role: Role) -> int:
         """Environment steps of all runs together."""
-        return int(self._of(method, role, "final_step").sum(dtype=np.int64))
+        return int(self._of(method, role)["final_step"].to_numpy().sum(dtype=np.int64))
 
     def curves(
         self, method: str, role: Role, curve: str = "judged"
     ) -> tuple[Int[np.ndarray, " L"], Float[np.ndarray, "runs L"]]:
         """The log points and one of CURVES of each run; NaN once it has diverged."""
-        rows = self._rows(method, role)
-        steps = np.array([self.table.column("steps")[i].as_py() for i in rows[:1]])[0]
-        found = np.array([self.table.column(curve)[i].as_py() for i in rows], np.float64)
-        return steps, fill_until(found, steps, self._column("diverged_at")[rows])
+        own = self._of(method, role)
+        return steps(own), curves(own, curve)
 
     def save(self, digest: str) -> bytes:
         """The whole file; the same bytes for the same runs."""
@@ -78,23 +76,17 @@ class Runs:
         Raises:
             UsageError: another file, or the runs of something else.
         """
-        try:
-            table = from_bytes(data)
-            _check(table, part, digest)
-        except (pa.ArrowException, OSError, KeyError, TypeError, ValueError) as error:
-            told = in_a_line(error)
-            raise UsageError(f"{where} is not what this benchmark writes: {told}; remove it to make it again") from None
-        return cls(part, table.replace_schema_metadata(None))
 
-    def _column(self, name: str) -> np.ndarray:
-        return np.asarray(self.table.column(name).to_numpy())
+        def read(table: pa.Table, record: dict[str, Any]) -> Runs:
+            _check(table, record, part, digest)
+            return cls(part, table.replace_schema_metadata(None))
 
-    def _rows(self, method: str, role: Role) -> Int[np.ndarray, " rows"]:
+        return opened(data, where, read, "not what this benchmark writes", "remove it to make it again")
+
+    def _of(self, method: str, role: Role) -> pa.Table:
         entries = [i for i, entry in enumerate(self.part.entries) if (entry.method, entry.role) == (method, role)]
-        return np.ravel(np.array(entries)[:, None] * self.part.trials + np.arange(self.part.trials))
-
-    def _of(self, method: str, role: Role, name: str) -> np.ndarray:
-        return np.asarray(self._column(name)[self._rows(method, role)].reshape(-1, self.part.trials))
+        rows = np.ravel(np.array(entries, int)[:, None] * self.part.trials + np.arange(self.part.trials))
+        return self.table.take(pa.array(rows))
 
 
 def gather(part: Part, tables: Sequence[pa.Table], selection: Selection) -> Runs:
@@ -134,9 +126,8 @@ def _keys(part: Part) -> list[tuple[str, str, int, str, int]]:
     ]
 
 
-def _check(table: pa.Table, part: Part, digest: str) -> None:
+def _check(table: pa.Table, record: dict[str, Any], part: Part, digest: str) -> None:
     """Raise UsageError unless a table has the rows of this part."""
-    record = record_of(table)
     for name, value in _record(part, digest).items():
         require(record.get(name) == value, f"its {name} is {record.get(name)!r}, not {value!r}")
     columns.check_names(table, _SCHEMA.names)

@@ -9,7 +9,8 @@ from jaxtyping import Float
 
 from galton_experiments.analysis.aggregates import improvement, interquartile_mean
 from galton_experiments.analysis.bands import mean_band
-from galton_experiments.analysis.statistics import Interval, compare, holm, mean_interval
+from galton_experiments.analysis.statistics import Interval, compare, mean_interval
+from galton_experiments.analysis.verdicts import decide
 from galton_experiments.benchmark.protocol import Protocol
 from galton_experiments.benchmark.runs import CURVES, Runs
 from galton_experiments.benchmark.selection import Judged, normalised
@@ -143,11 +144,8 @@ def _versus(finals: Judged, filled: Judged, method: str, base: str) -> dict[str,
         lost, lost_too = (np.isnan(finals[task][name][0]) for name in (method, base))
         ranked = compare(ours - lost, theirs - lost_too, paired=True)
         found[task] = compare(ours, theirs, paired=True)._replace(p=ranked.p, above=ranked.above)
-    adjusted = holm([comparison.p for comparison in found.values()]).tolist()
-    return {
-        task: Versus(comparison.difference, comparison.direction, comparison.above, p)
-        for (task, comparison), p in zip(found.items(), adjusted, strict=True)
-    }
+    decided = decide(found)
+    return {task: Versus(each.difference, each.direction, each.above, decided[task].p) for task, each in found.items()}
 
 
 def _sensitivity(scores: Judged, method: str) -> Interval:

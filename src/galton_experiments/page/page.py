@@ -14,15 +14,10 @@ from matplotlib.figure import Figure
 
 from galton.errors import require
 from galton_experiments.analysis.plots import svg
+from galton_experiments.analysis.verdicts import WORDS
 
 VERDICTS = ("holds", "holds in part", "does not hold", "not decidable here")
-MARKS = {
-    "✓": "as the paper says",
-    "✗": "clearly the contrary",
-    "≈": "no clear difference",
-    "∅": "null task",
-    "?": "too few runs",
-}
+MARKS = {"✓": "as the paper says", "✗": "clearly the contrary", "≈": WORDS["≈"], "∅": "null task", "?": WORDS["?"]}
 """What became of one unit of a claim (a task, a loss), by the mark that its line begins with."""
 _COLORS = {"✓": 0, "✗": 2}
 """The verdict whose colour a mark has; the others are grey."""

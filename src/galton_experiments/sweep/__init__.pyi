@@ -2,6 +2,7 @@ from . import columns as columns
 from . import parquet as parquet
 from .engine import CarryOut as CarryOut
 from .engine import sweep as sweep
+from .engine import train_stage as train_stage
 from .executors import Place as Place
 from .executors import one_per_core as one_per_core
 from .grid import expand as expand

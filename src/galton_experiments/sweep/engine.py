@@ -3,9 +3,9 @@
 import collections
 import concurrent.futures
 import time
-from collections.abc import Callable, Collection, Iterable
+from collections.abc import Callable, Collection, Iterable, Sequence
 from concurrent.futures import Executor, Future
-from typing import Protocol, runtime_checkable
+from typing import NamedTuple, Protocol, runtime_checkable
 
 import pyarrow as pa
 
@@ -18,6 +18,8 @@ from galton_experiments.sweep.shard import Report, discard, finished, provenance
 from galton_experiments.sweep.store import Store
 from galton_experiments.sweep.study import Program, Study
 
+SWEEPS = "sweeps"
+"""The folder of the runs of stages."""
 TICK = 0.2
 """Seconds between two looks at who is there to work."""
 
@@ -76,9 +78,49 @@ def sweep(
         else:
             with processes(places) as executor:
                 run(store, plan, executor, lambda: len(places), Silent())
-        table = results.collect(store, plan)
-        results.save(store, table)
-        return with_record(table, provenance(store, plan))
+        table = Trained(store, plan).table()
+        results.save(store, table.replace_schema_metadata(None))
+        return table
+
+
+class Trained(NamedTuple):
+    """A study that was trained: the folder of its runs, and their plan."""
+
+    store: Store
+    plan: Plan
+
+    def table(self) -> pa.Table:
+        """A row for each run, as `results.collect` tells, and in its record how they were made."""
+        return with_record(results.collect(self.store, self.plan), provenance(self.store, self.plan))
+
+
+def train_stage(
+    store: Store, name: str, studies: Sequence[Study], carry_out: CarryOut, width: int | Callable[[Study], int] | None
+) -> list[Trained]:
+    """Train what is not done of studies that belong together; none of them where some of it is left out.
+
+    Each has a folder of its own below `sweeps`, which may be removed once what is kept of its runs is written.
+
+    Args:
+        store: the folder of all that is trained.
+        name: what the studies are called together.
+        studies: what to train.
+        carry_out: trains what a plan lacks, or leaves it out.
+        width: runs side by side, for plans that are not there yet.
+
+    Raises:
+        UsageError: a folder is of another study, or in use, or full.
+        BrokenEnvironmentError: an environment broke.
+    """
+    found = []
+    for i, study in enumerate(studies):
+        place = store.below(f"{SWEEPS}/{name}" + (f"~{i + 1}" if i else ""))  # no name has a ~
+        with place.lock():
+            there = FILE in place.names("")
+            plan = prepare(place, study, None if there else width(study) if callable(width) else width, extend=False)
+            carry_out(place, plan)
+        found.append(Trained(place, plan))
+    return found if all(len(finished(*each)) == each.plan.n_shards for each in found) else []
 
 
 def prepare(store: Store, study: Study, shard_width: int | None, extend: bool) -> Plan:

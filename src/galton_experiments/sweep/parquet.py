@@ -2,13 +2,16 @@
 
 import io
 import json
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Callable, Mapping
+from typing import Any, TypeVar
 
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from galton.errors import MALFORMED, NewerVersionError, UsageError, in_a_line
+
 _RECORD = b"galton"
+T = TypeVar("T")
 
 
 def with_record(table: pa.Table, record: Mapping[str, object]) -> pa.Table:
@@ -51,3 +54,27 @@ def from_bytes(data: bytes) -> pa.Table:
         pyarrow.ArrowException: the data are no Parquet file.
     """
     return pq.ParquetFile(pa.BufferReader(data)).read(use_threads=False)
+
+
+def opened(data: bytes, where: str, check: Callable[[pa.Table, dict[str, Any]], T], told: str, remedy: str) -> T:
+    """What a check makes of the table and the record in a file.
+
+    Args:
+        data: the file.
+        where: its name, for messages.
+        check: raises an error for what can't be used.
+        told: what a file is not that it refuses.
+        remedy: what is to be done about it.
+
+    Raises:
+        UsageError: no Parquet file, or one that the check refuses; the message says why.
+    """
+    try:
+        table = from_bytes(data)
+        return check(table, record_of(table))
+    except NewerVersionError as error:
+        raise NewerVersionError(f"{where} can't be read: {error}") from None
+    except MemoryError:
+        raise
+    except (pa.ArrowException, OSError, *MALFORMED) as error:
+        raise UsageError(f"{where} is {told}: {in_a_line(error)}; {remedy}") from None

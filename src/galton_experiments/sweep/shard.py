@@ -5,6 +5,7 @@ import datetime
 import functools
 import json
 import re
+from typing import Any
 
 import jax
 import numpy as np
@@ -13,13 +14,13 @@ import pyarrow as pa
 from galton.devices import use_all_cores
 from galton.envs.find import find
 from galton.envs.registry import read_constants
-from galton.errors import UsageError, in_a_line, require
+from galton.errors import require
 from galton.foreign import import_all
 from galton.saving.provenance import machine, versions
 from galton.training.log import Log
 from galton.training.train import Result, log_points, train
 from galton_experiments.sweep import columns
-from galton_experiments.sweep.parquet import from_bytes, record_of, to_bytes, with_record
+from galton_experiments.sweep.parquet import opened, record_of, to_bytes, with_record
 from galton_experiments.sweep.plan import Plan, Shard
 from galton_experiments.sweep.store import Store, checksum
 
@@ -183,20 +184,13 @@ def read(store: Store, done: Done) -> pa.Table | None:
         return None
     if checksum(data) != done.checksum:
         return None
-    try:
-        table = from_bytes(data)
-        check(table, done)
-    except (pa.ArrowException, OSError, KeyError, TypeError, ValueError) as error:
-        told = in_a_line(error)
-        raise UsageError(
-            f"{FOLDER}/{done.file} in {store.url} is not what this sweep's workers write: {told}; remove the file and "
-            "run the sweep again, which trains its runs anew"
-        ) from None
-    return table
+    where, remedy = f"{FOLDER}/{done.file} in {store.url}", "run the sweep again, which trains its runs anew"
+    told = "not what this sweep's workers write"
+    return opened(data, where, functools.partial(check, done), told, f"remove the file and {remedy}")
 
 
-def check(table: pa.Table, done: Done) -> None:
-    """Raise UsageError unless a table holds what `tabulate` makes of the runs of a shard."""
+def check(done: Done, table: pa.Table, record: dict[str, Any]) -> pa.Table:
+    """The table, if it holds what `tabulate` makes of the runs of a shard; UsageError otherwise."""
     plan, runs = done.plan, slice(*done.plan.bounds[done.index : done.index + 2].tolist())
     columns.check_names(table, NEEDED)
     for name, wanted in (("setting", plan.setting), ("trial", plan.trial), ("seed", plan.seed)):
@@ -212,9 +206,9 @@ def check(table: pa.Table, done: Done) -> None:
             columns.numbers(table, name, np.float32)
         else:
             columns.curves(table, name, np.float32, len(steps))
-    columns.check_record(record_of(table), RECORD)
-    same = record_of(table)["shard"] == done.name
-    require(same, f"its record is of shard {record_of(table)['shard']}, not {done.name}")
+    columns.check_record(record, RECORD)
+    require(record["shard"] == done.name, f"its record is of shard {record['shard']}, not {done.name}")
+    return table
 
 
 def discard(store: Store, done: Done) -> None:

@@ -6,7 +6,6 @@ import pytest
 from galton import UsageError
 from galton_experiments.benchmark import stages
 from galton_experiments.benchmark.draws import draws, setting
-from galton_experiments.benchmark.priors import Prior
 
 from .files import changed, of_record, protocol
 
@@ -137,10 +136,6 @@ def test_shards_are_few_and_even(settings, trials, width):
     known = protocol(budget__settings=settings, budget__seeds=trials, methods__ppo=None, prior__clip_range=None)
     study = stages.tuning(known, draws(known))[0].studies[0]
     assert stages.width(study) == width
-
-
-def test_a_prior_of_one_value_is_still_a_draw():
-    assert Prior.read("prior.gamma", {"choice": [0.9]}).is_drawn
 
 
 def test_a_common_field_that_a_method_has_no_use_for_is_not_drawn_for_it():

@@ -30,6 +30,7 @@ WRONG = [
     ({"fixed__eta": {"uniform": [1, 2]}}, "fixed.eta is a prior; move it to prior, or to the search of a method"),
     ({"fixed__learning_rate": 0.1}, "fixed has learning_rate, and so has prior; leave it in one of them"),
     ({"fixed__n_stepps": 3}, "fixed has 'n_stepps', which is no setting; did you mean n_steps"),
+    ({"methods__bins": None, "methods__ppo": None}, "methods has fewer than two"),
     ({"methods": {}}, r"methods is missing; add a \[methods.NAME\] table for each"),
     ({"methods__bins": 3}, "methods.bins is 3; it must be a table"),
     ({"methods__a/b": {}}, "methods has 'a/b', which no file can be called"),
@@ -114,11 +115,6 @@ def test_a_method_that_searches_nothing_is_refused():
     with pytest.raises(UsageError, match=r"methods.gaussian searches nothing, so its draws would all be alike"):
         protocol(**places)
     assert protocol(**places, budget__settings=1).budget.settings == 1
-
-
-def test_one_method_is_no_comparison():
-    with pytest.raises(UsageError, match="methods has fewer than two"):
-        protocol(methods__bins=None, methods__ppo=None)
 
 
 def test_the_file_is_named(tmp_path):

@@ -35,10 +35,6 @@ def test_a_rescaled_task_selects_the_same():
     assert select(normalised(judged)) == select(normalised(scaled))
 
 
-def test_of_equal_draws_the_first_is_selected():
-    assert select(normalised({"x": {"a": np.ones((4, 2))}})).shared == {"a": 0}
-
-
 def test_of_equal_draws_the_first_is_selected_whatever_their_sums_round_to():
     of_task = (0.1, 0.2, 0.3)
     assert sum(of_task) != sum(reversed(of_task))

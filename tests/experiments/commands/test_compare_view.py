@@ -29,14 +29,8 @@ def test_the_table_fits_a_terminal_and_holds_every_loss():
         assert words in shown
 
 
-def test_without_a_known_optimum_there_is_no_share():
+def test_what_is_not_known_is_left_out_or_a_dash_and_what_diverged_is_said():
     assert "optimum" not in text(row("gaussian"))
-
-
-def test_what_is_not_known_of_one_loss_is_a_dash():
     assert "—" in text(row("gaussian"), row("hl-gauss", share=0.5))
-
-
-def test_diverged_runs_are_counted_and_said_to_be_left_out():
     assert "left out of the means" in text(row("gaussian", diverged=3))
     assert "left out of the means" not in text(row("gaussian"))

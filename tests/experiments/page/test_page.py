@@ -46,7 +46,7 @@ def figure(names=("Gaussian", "HL-Gauss"), color="#0072B2"):
     for panel in axes:
         for i, name in enumerate(names):
             draw_series(panel, STEPS, mean_interval(RUNS + i), name, color)
-        draw_level(panel, 3.0, "optimum", "--")
+        draw_level(panel, 3.0, "optimum")
         panel.set_title(f"On {names[0]}")
         panel.set_xlabel("steps")
     finish(drawn, axes)

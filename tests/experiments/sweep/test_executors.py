@@ -80,16 +80,6 @@ def test_a_worker_that_dies_is_replaced_and_its_call_made_again(two, tmp_path):
 
 
 @pytest.mark.slow
-def test_workers_killed_from_outside_are_replaced(two):
-    futures = [two.submit(nap, 0.3) for _ in range(6)]
-    for _ in range(4):
-        time.sleep(0.25)
-        for worker in multiprocessing.active_children()[:1]:
-            worker.kill()
-    assert all(future.result() for future in futures)
-
-
-@pytest.mark.slow
 def test_a_call_that_kills_every_worker_is_given_up(two, monkeypatch):
     monkeypatch.setattr("galton_experiments.sweep.executors.ATTEMPTS", 2)
     with pytest.raises(WorkerDiedError, match="killed 2 workers"):

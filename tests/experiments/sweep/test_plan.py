@@ -192,11 +192,6 @@ def test_a_million_runs_fit_in_a_few_megabytes(tmp_path):
     assert Plan.load(store).names == plan.names
 
 
-def test_a_width_may_be_an_integer_of_numpy_s(tmp_path):
-    Plan.create(study(), np.int64(3)).save(Store(str(tmp_path)))
-    assert Plan.load(Store(str(tmp_path))).names == Plan.create(study(), 3).names
-
-
 UNTRAINABLE = [
     (
         {"loss": "gaussian", "eta_rule": "policy"},

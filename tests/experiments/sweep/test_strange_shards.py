@@ -58,18 +58,13 @@ def refused(strange, content, said):
     assert collect(store, plan).num_rows == 2
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("content", [b"", b"PAR1", b"nonsense" * 100, b"PAR1" + b"\0" * 100 + b"PAR1"])
-def test_garbage_is_refused(strange, content):
-    refused(strange, content, "is not what this sweep's workers write: ")
-
-
 def of_ints(name, *values):
     """Another column of 32-bit integers."""
     return lambda a, b: replaced(a, name, pa.array(values, pa.int32()))
 
 
 CASES = {
+    "nonsense": (None, "is not what this sweep's workers write: "),
     "other columns": (lambda a, b: with_record(pa.table({"x": [1]}), record_of(a)), "it has no column setting, trial"),
     "setting 99": (
         of_ints("setting", 99, 99),
@@ -113,7 +108,7 @@ CASES = {
 
 @pytest.mark.parametrize(("make", "said"), CASES.values(), ids=CASES)
 def test_what_is_no_shard_of_this_sweep_is_refused_by_name(strange, make, said):
-    refused(strange, to_bytes(make(*strange[2])), said)
+    refused(strange, to_bytes(make(*strange[2])) if make else b"nonsense" * 100, said)
 
 
 @pytest.mark.few
@@ -140,16 +135,3 @@ def test_a_changed_shard_is_refused_or_gives_the_right_numbers(strange, done, se
         is_lacking = mutation.__name__ in ("drop", "rename") and ours.dtype.kind == "f"  # as of an earlier version
         first = 2 if is_lacking and np.isnan(ours[:2]).all() else 0
         np.testing.assert_array_equal(ours[first:], theirs[first:])
-
-
-def test_most_changes_are_refused(strange):
-    store, plan, (table, _), put = strange
-    n_refused = 0
-    for seed, mutation in enumerate(MUTATIONS):
-        file = put(to_bytes(mutation(table, np.random.default_rng(seed))))
-        try:
-            collect(store, plan)
-        except UsageError:
-            n_refused += 1
-        store.remove(f"{FOLDER}/{file}")
-    assert n_refused >= len(MUTATIONS) - 4

@@ -1,4 +1,4 @@
-"""A sweep in a file small enough to keep: a row per run with its final numbers and its curves."""
+"""Runs in a file small enough to keep: a row for each with its final numbers and its curves."""
 
 import dataclasses
 import functools
@@ -7,14 +7,18 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float, Int, Shaped
 
-from galton.errors import MALFORMED, NewerVersionError, UsageError, in_a_line, require
+from galton.errors import require
 from galton.losses import find_loss
-from galton.training import MEAN_ACTION_RETURN, final
-from galton_experiments.analysis import fill_until
-from galton_experiments.sweep import Best, Setting, Store, Study, best_settings, columns
-from galton_experiments.sweep.parquet import from_bytes, record_of, to_bytes, with_record
+from galton.training.log import MEAN_ACTION_RETURN
+from galton.training.train import final
+from galton_experiments.analysis.statistics import fill_until
+from galton_experiments.sweep import columns
+from galton_experiments.sweep.parquet import opened, to_bytes, with_record
+from galton_experiments.sweep.results import Best, best_settings
+from galton_experiments.sweep.store import Store
+from galton_experiments.sweep.study import Setting, Study
 
 _KEYS = ("setting", "trial", "seed", "final_training_return", "final_evaluation_return", "diverged_at", "steps")
 """The columns of a sweep's results that are not curves of a metric."""
@@ -35,8 +39,11 @@ class Summary:
     """What is kept of a sweep: R runs of a study with L log points each."""
 
     study: Study
+    """What was trained."""
     provenance: Provenance
+    """How it was made."""
     table: pa.Table
+    """A row for each run: its setting's place in the study, its trial, final numbers and curves."""
 
     @classmethod
     def of_results(cls, study: Study, results: pa.Table, provenance: Provenance) -> "Summary":
@@ -45,7 +52,7 @@ class Summary:
         content = {name: results.column(name) for name in ("setting", "trial", "diverged_at")}
         metrics = [name for name in results.column_names if name not in _KEYS and not name.startswith("setting.")]
         for metric in metrics:
-            curves = _matrix(results, metric)
+            curves = lists(results, metric)
             content[f"final_{metric}"] = pa.array(final(curves, diverged_at).astype(np.float32))
             if metric in (*CURVES, *CURVES_TOO):
                 as_read = pa.list_(pa.field("element", pa.float32()), curves.shape[1])
@@ -75,24 +82,15 @@ class Summary:
             FileNotFoundError: no such file.
             UsageError: something else is there.
         """
-        data = store.read(name)
-        try:
-            table = from_bytes(data)
-            record = record_of(table)
+
+        def read(table: pa.Table, record: dict[str, Any]) -> Summary:
             study = Study.of_record(record["study"])
             check(table, study)
             columns.check_record(record, {"provenance": {}})
             return cls(study, record["provenance"], table.replace_schema_metadata(None))
-        except NewerVersionError as error:
-            raise NewerVersionError(f"{name} in {store.url} can't be read: {error}") from None
-        except (pa.ArrowException, OSError, *MALFORMED) as error:
-            if isinstance(error, MemoryError):
-                raise
-            told = in_a_line(error)
-            raise UsageError(
-                f"{name} in {store.url} is no summary of a sweep, or was damaged: {told}; remove it, and make it again "
-                "with: python -m studies.paper reproduce"
-            ) from None
+
+        told = "no summary of a sweep, or was damaged"
+        return opened(store.read(name), f"{name} in {store.url}", read, told, "remove it, and make it again")
 
     @functools.cached_property
     def best(self) -> dict[str, Best]:
@@ -102,7 +100,7 @@ class Summary:
     @property
     def steps(self) -> Int[np.ndarray, " L"]:
         """How many environment steps were taken at each log point."""
-        return np.asarray(_matrix(self.table.slice(0, 1), "steps")[0])
+        return steps(self.table)
 
     @functools.cached_property
     def setting(self) -> Int[np.ndarray, " R"]:
@@ -152,12 +150,11 @@ class Summary:
 
     def final(self, metric: str) -> Float[np.ndarray, " R"]:
         """A metric's mean over the last 5% of each run; NaN for a diverged one."""
-        return np.asarray(self.table.column(f"final_{metric}").to_numpy(), np.float64)
+        return finals(self.table, metric)
 
     def curves(self, metric: str) -> Float[np.ndarray, "R L"]:
         """One of CURVES, each point without a finished episode as the one before it; NaN once a run has diverged."""
-        diverged_at = self.table.column("diverged_at").to_numpy()
-        return fill_until(_matrix(self.table, metric).astype(np.float64), self.steps, diverged_at)
+        return curves(self.table, metric)
 
 
 def check(table: pa.Table, study: Study) -> None:
@@ -172,14 +169,12 @@ def check(table: pa.Table, study: Study) -> None:
     require((np.diff(by_run) >= 0).all(), "its rows must be sorted by setting and trial, for pairs go by their places")
     require(len(set(zip(setting.tolist(), trial.tolist(), strict=True))) == len(setting), "it has one run twice")
     require(len(setting) > 0, "it has no runs")
-    steps = columns.curves(table, "steps", np.int32)
-    require(
-        (steps[:, 0] > 0).all() and (np.diff(steps) > 0).all(), "its steps must rise, from one log point to the next"
-    )
+    at = columns.curves(table, "steps", np.int32)
+    require((at[:, 0] > 0).all() and (np.diff(at) > 0).all(), "its steps must rise, from one log point to the next")
     require((diverged_at >= -1).all(), "its diverged_at are no steps")
     for name in table.column_names:
         if name in (*CURVES, *CURVES_TOO):
-            columns.curves(table, name, np.float32, steps.shape[1])
+            columns.curves(table, name, np.float32, at.shape[1])
         elif name not in _KEYS_KEPT[:4]:
             require(name.startswith("final_"), f"it has a column {name}, which no summary has")
             columns.numbers(table, name, np.float32)
@@ -187,7 +182,27 @@ def check(table: pa.Table, study: Study) -> None:
         find_loss(loss)
 
 
-def _matrix(table: pa.Table, name: str) -> np.ndarray:
+def finals(table: pa.Table, metric: str) -> Float[np.ndarray, " R"]:
+    """The final mean of a metric of each run; NaN for a diverged one."""
+    return np.asarray(table.column(f"final_{metric}").to_numpy(), np.float64)
+
+
+def steps(table: pa.Table) -> Int[np.ndarray, " L"]:
+    """How many environment steps were taken at each log point of runs that have the same ones."""
+    return np.asarray(lists(table.slice(0, 1), "steps")[0])
+
+
+def curves(table: pa.Table, metric: str) -> Float[np.ndarray, "R L"]:
+    """A metric's curves of runs with the same log points.
+
+    A point without a finished episode is as the one before it; once a run has diverged, they are NaN.
+    """
+    diverged_at = table.column("diverged_at").to_numpy()
+    return fill_until(lists(table, metric).astype(np.float64), steps(table), diverged_at)
+
+
+def lists(table: pa.Table, name: str) -> Shaped[np.ndarray, "R L"]:
+    """A column of lists, all of one length, as a matrix."""
     column = table.column(name).combine_chunks()
     return np.asarray(column.flatten().to_numpy(zero_copy_only=False)).reshape(len(column), -1)
 

@@ -1,0 +1,53 @@
+"""Whether one sample is above another, in one vocabulary: marks, their words, and numbers as they are written."""
+
+import math
+from collections.abc import Mapping
+from typing import NamedTuple, Protocol, TypeVar
+
+import numpy as np
+
+from galton_experiments.analysis.statistics import ALPHA, Interval, holm
+
+WORDS = {"✓": "better", "✗": "worse", "≈": "no clear difference", "?": "too few runs"}
+"""What a comparison says of its first sample, by its mark."""
+_Key = TypeVar("_Key")
+
+
+class Decidable(Protocol):
+    """What can be decided: a Comparison, or anything with its test and its direction."""
+
+    @property
+    def p(self) -> float:
+        """Of the test that there is no difference; NaN with too few runs."""
+
+    @property
+    def direction(self) -> int:
+        """1 or −1 where it points one way or the other, 0 where it points nowhere."""
+
+
+class Decision(NamedTuple):
+    """What was decided of one comparison among several."""
+
+    mark: str
+    """One of WORDS."""
+    p: float
+    """Adjusted for all that were decided together by Holm's method."""
+
+
+def decide(found: Mapping[_Key, Decidable]) -> dict[_Key, Decision]:
+    """What each comparison decides: their p are adjusted together, and those below ALPHA are clear."""
+    adjusted = holm([each.p for each in found.values()]).tolist()
+    return {key: Decision(mark(found[key].direction, p), p) for key, p in zip(found, adjusted, strict=True)}
+
+
+def mark(direction: int, p: float) -> str:
+    """The mark of what points in a direction with an adjusted p."""
+    if math.isnan(p):
+        return "?"
+    return {1: "✓", -1: "✗", 0: "≈"}[direction] if p < ALPHA else "≈"
+
+
+def rounded(value: Interval, plus: str = "+") -> str:
+    """An interval as text, with fewer decimals where its numbers are large."""
+    largest = np.nanmax(np.abs([*value])) if np.isfinite([*value]).any() else 0.0
+    return f"{value:{plus}{'.2f' if largest < 100 else ',.0f'}}"
