@@ -123,11 +123,15 @@ def clipped_surrogates_gradient(agent, sampling, params, rows):
     """By its definition: of min(r w, clip(r) w) where the loss moves the ratio r, else of w r times the loss."""
     weight, own, pair = agent.credit.weights(rows.advantage), agent.algorithm, agent.loss
 
+    def policy_of(params):
+        return agent.policy.distribution(mlp(params["actor"], rows.observation), params)
+
     def measured(params):
-        distribution = agent.policy.distribution(mlp(params["actor"], rows.observation), params)
+        distribution = policy_of(params)
         loss = log_loss = -distribution.log_prob(rows.action)
         if isinstance(pair, HLGauss):
-            target = pair.target(distribution, rows.action) if rows.target is None else rows.target
+            aims = policy_of(sampling.params) if own.ratio == "smoothed" else distribution
+            target = pair.target(aims, rows.action)
             loss = cross_entropy(distribution, jax.lax.stop_gradient(target))
             loss = jnp.where(weight < 0, log_loss, loss) if pair.negative_target == "one-hot" else loss
         return loss, log_loss, distribution.entropy().mean()
