@@ -55,7 +55,12 @@ def test_a_parts_fields_stay_what_they_are_and_whole_numbers_are_numbers():
 def test_numbers_are_leaves_and_the_rest_is_structure():
     loss = HLGauss(eta=0.5, eta_rule="policy", eta_min=1.0)
     paths = jax.tree_util.tree_leaves_with_path(loss)
-    assert {jax.tree_util.keystr(path): leaf for path, leaf in paths} == {".eta": 0.5, ".eta_min": 1.0, ".eta_max": 16}
+    assert {jax.tree_util.keystr(path): leaf for path, leaf in paths} == {
+        ".eta": 0.5,
+        ".eta_min": 1.0,
+        ".eta_max": 16,
+        ".diffusion": 0,
+    }
     assert jax.tree.structure(loss) == jax.tree.structure(loss.replace(eta=7.0))
     assert jax.tree.structure(loss) != jax.tree.structure(loss.replace(target_tails="edges"))
     assert jax.tree.structure(HLGauss()) != jax.tree.structure(HLOneHot())

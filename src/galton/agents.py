@@ -68,7 +68,8 @@ def words_of(agent: Agent) -> Fields:
     if found["policy"] == agent.loss.policy:
         found["policy"] = "auto"
     known = vocabulary()
-    absent = {name: 0.0 for name, value in found.items() if value is None and known.is_number(name)}  # in all runs
+    usual = known.usual  # of numbers that no run changes
+    absent = {name: usual[name] for name, value in found.items() if value is None and known.is_number(name)}
     return {name: (found | absent)[name] for name in known.usual if name in found}
 
 

@@ -5,7 +5,7 @@ A new one is a class of this kind, with the settings that it needs, and a line i
 """
 
 import abc
-from typing import Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import jax.numpy as jnp
 import numpy as np
@@ -15,15 +15,17 @@ from jaxtyping import Array, Float, Int
 
 from galton import targets
 from galton.errors import require, unknown
+from galton.fields import Within
 from galton.parts import Part, unusual
 from galton.policies.base import Distribution, Family
 from galton.policies.histogram import Histogram
 from galton.targets import Eta
-from galton.types import Positive
+from galton.types import Number, Positive
 
 Losses = Float[Array, "*batch"]
 Weights = Float[Array, "*batch d k"]
 """Of the bins' log π."""
+Bonus = Annotated[Number | None, Within(lambda x: np.isfinite(x) & (x >= 0), "finite, and 0 or more")]
 
 
 def surrogate(advantage: Float[Array, "*batch"], loss: Losses) -> Float[Array, ""]:
@@ -63,6 +65,9 @@ class Loss(Part, abc.ABC):
 
     def of_negatives(self, distribution: Any, action: Float[Array, "*batch d"]) -> Losses | None:
         """The losses of actions with a negative weight, where they are other ones; None where they are the same."""
+
+    def regularizer(self, distribution: Any) -> Losses | None:
+        """What the objective has beside the weighted losses, for each state; None for nothing."""
 
 
 class NegativeLogLikelihood(Loss):
@@ -108,7 +113,7 @@ class HLGauss(Loss):
     eta: Positive = 0.25
     """The width η = σ / bin width (§4.2). Where it follows the policy (eta_rule) this is the factor of the policy's
     standard deviation."""
-    target_tails: Literal["rescaled", "edges"] = "rescaled"
+    target_tails: Literal["rescaled", "edges", "reflected"] = "rescaled"
     """What becomes of a target's mass beyond the box: the rest is rescaled to sum to 1 (eq. 6), or the first and last
     bin get it."""
     eta_rule: Literal["fixed", "policy"] = "fixed"
@@ -120,6 +125,9 @@ class HLGauss(Loss):
     """The greatest η where the width follows the policy."""
     negative_target: Literal["same", "one-hot"] = "same"
     """The target for an action with a negative weight: the same Gaussian, or all mass on its bin."""
+    diffusion: Bonus = 0.0
+    """The weight β of a bonus that moves the logits along Kᵀπ − π, whatever the actions are worth: probability spreads
+    to neighbouring bins, so that no policy becomes certain (0: none)."""
 
     def __call__(self, distribution: Histogram, action: Float[Array, "*batch d"]) -> Losses:
         """The cross-entropy with the Gaussian target."""
@@ -146,6 +154,16 @@ class HLGauss(Loss):
     def of_negatives(self, distribution: Histogram, action: Float[Array, "*batch d"]) -> Losses | None:
         """The losses of HL-1-Hot, where negative weights have its target."""
         return None if self.negative_target == "same" else HLOneHot()(distribution, action)
+
+    def regularizer(self, distribution: Histogram) -> Losses | None:
+        """−β Σ_l Σ_i (Kᵀπ)_i log π_i with Kᵀπ held fixed, whose gradient in the logits is β (π − Kᵀπ).
+
+        It is fixed share (Herbster & Warmuth, 1998) with a local kernel. An entropy bonus leaves a policy alone that is
+        certain already; this one does not.
+        """
+        if self.diffusion is None:
+            return None
+        return self.diffusion * cross_entropy(distribution, lax.stop_gradient(self.expected_target(distribution)))
 
     def width(self, distribution: Histogram) -> Eta:
         """The η that these distributions call for; `[*batch, d]` where it follows the policy.

@@ -54,7 +54,7 @@ class Part:
     """A frozen record of settings; a class of this kind is made a dataclass and a pytree.
 
     The annotation of a field is its check (`galton.fields`) and says what it is: a number with bounds is a leaf. One
-    that may be None is absent from programs where it is 0 in every run (see `trimmed`).
+    that may be None is absent from programs where every run has its default (see `trimmed`).
 
     Raises:
         UsageError: a field is not what its annotation says.
@@ -128,7 +128,7 @@ def unusual(value: Any, usual: Any) -> str:
 
 
 def trimmed(part: PartT) -> PartT:
-    """The part with None for each number that may be None and is 0 in every run; its own parts likewise.
+    """The part with None for each number that may be None and is the default in every run; its own parts likewise.
 
     Its program then has no trace of them.
     """
@@ -137,8 +137,8 @@ def trimmed(part: PartT) -> PartT:
         value = getattr(part, name, None)
         if isinstance(value, Part):
             changed[name] = trimmed(value)
-        elif is_number(annotation) and type(None) in get_args(get_args(annotation)[0]) and not np.any(value):
-            changed[name] = None
+        elif is_number(annotation) and type(None) in get_args(get_args(annotation)[0]):
+            changed[name] = value if np.any(value != getattr(type(part), name)) else None
     return part.replace(**changed) if changed else part
 
 

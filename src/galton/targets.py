@@ -13,10 +13,12 @@ from galton.errors import require, require_word
 
 Eta = float | int | Float[Array, "*entries"]
 """HL-Gauss's width, one for all or one for each entry of the actions."""
-Tails = Literal["rescaled", "edges"]
+Tails = Literal["rescaled", "edges", "reflected"]
 Centers = Literal["inside", "bounds"]
 
 _SQRT2 = 2**0.5
+FEW = 256
+"""Up to so many bins a matrix product is faster than Fourier transforms."""
 
 
 def one_hot(bins: Bins, action: Float[Array, "*batch d"]) -> Float[Array, "*batch d k"]:
@@ -46,6 +48,11 @@ def hl_gauss(
     With tails="edges" nothing is rescaled: the first bin gets all that lies below its upper edge, the last all that
     lies above its lower one. It is the histogram of the Gaussian's values clipped into the box.
 
+    With tails="reflected" what lies beyond the outermost bins is folded back into them, as often as it takes, and bins
+    count as equally wide: q_a(i) = Σ_m φ(i − x + 2km) + φ(i + x + 1 + 2km) with the mass φ of a bin of width 1 under a
+    Gaussian of σ = η, and the action x in bin widths from the first center. The targets of the centers are then a
+    matrix K that is symmetric, positive semidefinite and doubly stochastic.
+
     Args:
         bins: k bins in each of d dimensions.
         action: any real values.
@@ -53,6 +60,11 @@ def hl_gauss(
         tails: what becomes of the mass beyond the box.
     """
     _check(eta, tails)
+    if tails == "reflected":
+        place = (bins.clip(action) - bins.centers[:, 0]) / bins.width
+        steps = jnp.arange(bins.n_bins)
+        there, back = steps - place[..., None], steps + place[..., None] + 1
+        return _folded(bins.n_bins, there, eta) + _folded(bins.n_bins, back, eta)
     # The difference to an edge nearby is exact in floating point; then add what rounding took from the edge.
     distance = (bins.edges - bins.clip(action)[..., None]) + bins.edges_rest
     cdf = erf(distance / (_column(eta) * _SQRT2 * bins.width[:, None]))
@@ -69,9 +81,18 @@ def hl_gauss_of_center(
 
     In bin widths all centers see the same Gaussian: with one η for all every target is a window of one vector of
     2k − 1 bin masses, rescaled. Where the bins at the ends are cut off elsewhere, or not at all, their two masses are
-    put in. With an η for each index the masses of its own k bins are computed.
+    put in. With an η for each index the masses of its own k bins are computed. A reflected target is two windows of
+    one vector of 2k folded masses.
     """
     _check(eta, tails, centers)
+    if tails == "reflected":
+        steps = jnp.arange(n_bins)
+        if jnp.ndim(eta):
+            there, back = steps - index[..., None], steps + index[..., None] + 1
+            return _folded(n_bins, there, eta) + _folded(n_bins, back, eta)
+        folded = _folded(n_bins, jnp.arange(2 * n_bins), eta)
+        both_ways = jnp.concatenate([folded[n_bins - 1 : 0 : -1], folded])
+        return _windows(both_ways, n_bins - 1 - index, n_bins) + _windows(folded, index + 1, n_bins)
     if jnp.ndim(eta):
         low, high = _ends(n_bins, index, eta, tails, centers)
         inner = erf((jnp.arange(1, n_bins) - (index + 0.5)[..., None]) / (_column(eta) * _SQRT2))
@@ -80,8 +101,7 @@ def hl_gauss_of_center(
     mass, cdf = _masses(n_bins, eta)
     start = (n_bins - 1) - index
     low, high = cdf[start], cdf[start + n_bins]
-    window = jnp.vectorize(lambda i: lax.dynamic_slice(mass, (i,), (n_bins,)), signature="()->(k)")
-    target: Array = window(start)
+    target = _windows(mass, start, n_bins)
     if (tails, centers) != ("rescaled", "inside"):
         low, high = _ends(n_bins, index, eta, tails, centers)
         ends = (jnp.maximum(end, 0.0) for end in (cdf[start + 1] - low, high - cdf[start + n_bins - 1]))
@@ -96,11 +116,16 @@ def mean_of_centers(
 
     Row j of K is the target of bin j's center. With one η for all, K is one matrix. Otherwise each entry has a K of its
     own, which is never made: but for the scales of its rows, and the bins at its ends, it is a Toeplitz matrix of
-    2k − 1 masses. So Kᵀπ is their convolution with the scaled π, by Fourier transforms, exact up to rounding.
+    2k − 1 masses. So Kᵀπ is their convolution with the scaled π, by Fourier transforms, exact up to rounding. The
+    reflected K is a convolution of π and its mirror image, and a matrix product where bins are few.
     """
     _check(eta, tails, centers)
     k = probs.shape[-1]
     index = jnp.arange(k)
+    if tails == "reflected" and (jnp.ndim(eta) or k > FEW):
+        mirrored = jnp.concatenate([probs, probs[..., ::-1]], -1)
+        spectrum = jnp.fft.rfft(mirrored) * jnp.fft.rfft(_folded(k, jnp.arange(2 * k), eta)).real
+        return jnp.maximum(jnp.fft.irfft(spectrum, 2 * k)[..., :k], 0.0)
     if not jnp.ndim(eta):
         return probs @ hl_gauss_of_center(k, index, eta, tails, centers)
     mass, cdf = _masses(k, eta)
@@ -112,6 +137,27 @@ def mean_of_centers(
     first = (scaled * (cdf[..., k:0:-1] - low)).sum(-1, keepdims=True)
     last = (scaled * (high - cdf[..., 2 * k - 2 : k - 2 : -1])).sum(-1, keepdims=True)
     return jnp.concatenate([first, inner, last], -1)
+
+
+def _windows(masses: Float[Array, " m"], start: Int[Array, "*batch"], size: int) -> Float[Array, "*batch k"]:
+    """So many masses from each of these places on."""
+    window = jnp.vectorize(lambda i: lax.dynamic_slice(masses, (i,), (size,)), signature="()->(k)")
+    found: Array = window(start)
+    return found
+
+
+def _folded(
+    n_bins: int, step: Float[Array, "*#batch n"] | Int[Array, "*#batch n"], eta: Eta
+) -> Float[Array, "*batch n"]:
+    """Σ_m φ(step + 2km), the mass of a bin so many steps away under a Gaussian of σ = η that comes round after 2k bins.
+
+    Of the rounds three are added up. Where η is more than about a third of k the others count as well, and these three
+    are scaled to be all.
+    """
+    period, scale = 2 * n_bins, _column(eta) * _SQRT2
+    step = (step + n_bins) % period - n_bins
+    mass = sum(erf((step + 0.5 + m * period) / scale) - erf((step - 0.5 + m * period) / scale) for m in (-1, 0, 1))
+    return jnp.maximum(mass, 0.0) / (2 * erf(3 * n_bins / scale))
 
 
 def _masses(n_bins: int, eta: Eta) -> tuple[Float[Array, "*entries m"], Float[Array, "*entries m+1"]]:

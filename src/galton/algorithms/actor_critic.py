@@ -23,7 +23,8 @@ def init(key: Key[Array, ""], agent: Agent, observation_size: int) -> Learner:
     network, policy, critic, rollout = agent.network, agent.policy, agent.critic, agent.rollout
     actor = network.init(actor_key, observation_size, policy.n_outputs, 0.01, of_critic=False)
     of_critic = network.init(critic_key, observation_size, critic.n_outputs, critic.init_scale, of_critic=True)
-    actor[-1]["bias"], extra = policy.init()
+    first, extra = policy.init()
+    actor[-1]["bias"] = first if policy.head_scale is None else first / policy.head_scale
     params = {"actor": actor, "critic": of_critic, **extra}
     return Learner(
         params,
@@ -35,7 +36,7 @@ def init(key: Key[Array, ""], agent: Agent, observation_size: int) -> Learner:
 
 def distribution(agent: Agent, params: Params, observation: Float[Array, "*batch o"]) -> Distribution:
     """π(· | s), from observations that are normalised already where they are to be."""
-    return agent.policy.distribution(agent.network(params["actor"], observation), params)
+    return agent.policy.distribution(agent.policy.scaled(agent.network(params["actor"], observation)), params)
 
 
 def act(
@@ -53,14 +54,14 @@ def value(agent: Agent, params: Params, observation: Float[Array, "*batch o"]) -
 def outputs(
     agent: Agent, params: Params, observation: Float[Array, "B o"]
 ) -> tuple[Float[Array, "B n_actor"], Float[Array, "B n_critic"]]:
-    """What the networks of actor and critic say of these observations.
+    """What the networks of actor and critic say of these observations, the actor's scaled for its policy.
 
     A barrier keeps XLA from computing softmaxes again inside the matrix products of the backward pass.
     """
     actor, critic = jax.lax.optimization_barrier(
         (agent.network(params["actor"], observation), agent.network(params["critic"], observation))
     )
-    return actor, critic
+    return agent.policy.scaled(actor), critic
 
 
 def as_update_sees(
@@ -115,7 +116,7 @@ def objective(
     critic_loss: Float[Array, " B"],
     credit: Float[Array, " B"] | None = None,
 ) -> Objective:
-    """mean(weight · loss) + vf_coef · mean(critic_loss) − the entropy, weighted.
+    """mean(weight · loss) + vf_coef · mean(critic_loss) − the entropy, weighted, + the loss's own regularizer.
 
     The weight is A2C's credit; PPO's has the likelihood ratio in it, and names the credit too.
     """
@@ -126,6 +127,8 @@ def objective(
     value_loss = jnp.mean(critic_loss)
     entropy = jnp.mean(distribution.entropy())
     total = policy_loss + agent.algorithm.vf_coef * value_loss - ent_coef * entropy
+    regularizer = agent.loss.regularizer(distribution)
+    total = total if regularizer is None else total + jnp.mean(regularizer)
     return Objective(total, policy_loss, value_loss, entropy)
 
 

@@ -10,15 +10,18 @@ import numpy as np
 
 from galton.deploy.graph import Graph
 from galton.policies import (
+    AnchoredPolicy,
     BetaPolicy,
+    BinnedPolicy,
     ClippedGaussianPolicy,
+    DiscretisedGaussianPolicy,
     GaussianHead,
-    HistogramPolicy,
     OrdinalPolicy,
     SmoothedPolicy,
     SquashedGaussianPolicy,
     TruncatedGaussianPolicy,
 )
+from galton.policies.gaussian import units_of
 
 
 class Chosen(NamedTuple):
@@ -79,7 +82,7 @@ def beta(graph: Graph, outputs: str, policy: BetaPolicy) -> Chosen:
     return Chosen(action, "mean", "The mean of the Beta distribution on the action box.")
 
 
-def histogram(graph: Graph, outputs: str, policy: HistogramPolicy) -> Chosen:
+def histogram(graph: Graph, outputs: str, policy: BinnedPolicy) -> Chosen:
     """The mode, the mean or the median of the bins, whose logits are the outputs."""
     centers, rule = policy.bins.centers, policy.choices.deterministic_action
     logits = graph.add("Reshape", outputs, np.array([0, *centers.shape]), name="logits")
@@ -91,6 +94,32 @@ def histogram(graph: Graph, outputs: str, policy: HistogramPolicy) -> Chosen:
         first = np.arange(len(centers)) * policy.bins.n_bins
         action = graph.add("Gather", centers.ravel(), graph.add("Add", bins, first))
     return Chosen(action, rule, MEANINGS[rule])
+
+
+def discretised(graph: Graph, outputs: str, policy: DiscretisedGaussianPolicy) -> Chosen:
+    """As the softmax policy chooses, from a Gaussian's logits around the outputs."""
+    return histogram(graph, _gaussian_logits(graph, outputs, policy), policy)
+
+
+def anchored(graph: Graph, outputs: str, policy: AnchoredPolicy) -> Chosen:
+    """As the softmax policy chooses, from a Gaussian's logits plus the residuals."""
+    d, k = policy.bins.centers.shape
+    parts = graph.add("Reshape", outputs, np.array([0, d, k + 1]))
+    residuals = graph.add("Gather", parts, np.arange(k), axis=2)
+    mean = graph.add("Gather", parts, np.array(k), axis=2)
+    free = graph.add("Mul", residuals, np.asarray(policy.residual_scale))
+    return histogram(graph, graph.add("Add", _gaussian_logits(graph, mean, policy), free), policy)
+
+
+def _gaussian_logits(graph: Graph, mean: str, policy: DiscretisedGaussianPolicy) -> str:
+    """The logits −(c − μ)² / 2σ² of each bin, `[batch, d, k]`, of a policy whose σ is its first one."""
+    d = len(policy.bins.centers)
+    std = np.exp(np.maximum(policy.log_std_init, policy.log_std_min)) * np.ones(d)
+    shift, scale = (np.reshape(np.asarray(x), (-1, 1)) for x in units_of(policy, policy.box_units))
+    centers = (policy.bins.centers - shift) / scale
+    apart = graph.add("Sub", graph.add("Reshape", mean, np.array([0, d, 1])), centers)
+    z = graph.add("Div", apart, std[:, None])
+    return graph.add("Mul", graph.add("Mul", z, z), -0.5)
 
 
 def ordinal(graph: Graph, outputs: str, policy: OrdinalPolicy) -> Chosen:
@@ -122,10 +151,13 @@ ACTIONS: dict[str, Callable[[Graph, str, Any], Chosen]] = {
     "histogram": histogram,
     "ordinal": ordinal,
     "smoothed": smoothed,
+    "discretised-gaussian": discretised,
+    "anchored": anchored,
     "clipped-gaussian": clipped_gaussian,
     "truncated-gaussian": truncated_gaussian,
     "squashed-gaussian": squashed_gaussian,
     "beta": beta,
     "rpo": gaussian,
 }
-"""By the names in POLICIES: (graph, the outputs' name in it `[batch, n_outputs]`, policy)."""
+"""By the names in POLICIES: (graph, the outputs' name in it `[batch, n_outputs]`, policy). Where the policy learns
+log σ, its `log_std_init` is what was learnt."""

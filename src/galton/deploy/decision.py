@@ -49,8 +49,13 @@ def decide(model: Model) -> Decision:
     rows = OBSERVATION if len(shape) == 1 else graph.add("Reshape", OBSERVATION, np.array([-1, observations.size]))
     inputs = _normalised(graph, rows, model.learner.normalizer)
     features = BODIES[kind](graph, model.agent.network, params["actor"], inputs)
-    outputs = linear(graph, params["actor"][-1], features, name="outputs")
-    chosen = ACTIONS[name](graph, outputs, at(model.agent.policy, model.num_timesteps))
+    policy = at(model.agent.policy, model.num_timesteps)
+    if "log_std" in params:
+        policy = policy.replace(log_std_init=np.asarray(params["log_std"]))
+    outputs = linear(
+        graph, {name: policy.scaled(part) for name, part in params["actor"][-1].items()}, features, name="outputs"
+    )
+    chosen = ACTIONS[name](graph, outputs, policy)
     low, high = bounds(model.actions)
     shaped = graph.add("Reshape", chosen.action, np.array([0, *low.shape]))
     graph.add("Min", graph.add("Max", shaped, low), high, name=ACTION)

@@ -6,8 +6,9 @@ A new one is a class in a file and a line in POLICIES.
 from galton.policies.base import Correlatable, Distribution, Family, MovesOutputs, Policy
 from galton.policies.beta import Beta, BetaPolicy
 from galton.policies.clipped_gaussian import ClippedGaussian, ClippedGaussianPolicy
+from galton.policies.discretised_gaussian import AnchoredPolicy, DiscretisedGaussianPolicy
 from galton.policies.gaussian import Gaussian, GaussianHead, GaussianPolicy
-from galton.policies.histogram import Histogram, HistogramPolicy
+from galton.policies.histogram import BinnedPolicy, Histogram, HistogramPolicy
 from galton.policies.ordinal import OrdinalPolicy
 from galton.policies.rpo import RpoPolicy
 from galton.policies.smoothed import SmoothedPolicy
@@ -19,6 +20,8 @@ POLICIES: dict[str, type[Policy]] = {
     "histogram": HistogramPolicy,
     "ordinal": OrdinalPolicy,
     "smoothed": SmoothedPolicy,
+    "discretised-gaussian": DiscretisedGaussianPolicy,
+    "anchored": AnchoredPolicy,
     "clipped-gaussian": ClippedGaussianPolicy,
     "truncated-gaussian": TruncatedGaussianPolicy,
     "squashed-gaussian": SquashedGaussianPolicy,
@@ -28,11 +31,14 @@ POLICIES: dict[str, type[Policy]] = {
 
 __all__ = [
     "POLICIES",
+    "AnchoredPolicy",
     "Beta",
     "BetaPolicy",
+    "BinnedPolicy",
     "ClippedGaussian",
     "ClippedGaussianPolicy",
     "Correlatable",
+    "DiscretisedGaussianPolicy",
     "Distribution",
     "Family",
     "Gaussian",

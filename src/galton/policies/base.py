@@ -1,16 +1,18 @@
 """What a policy has to offer. Distributions live inside a traced function; policies are static."""
 
 import abc
-from typing import ClassVar, Literal, Protocol, TypeVar, runtime_checkable
+from typing import Annotated, ClassVar, Literal, Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 from jaxtyping import Array, Bool, Float, Key, PyTree
 
 from galton.errors import require
+from galton.fields import Within
 from galton.parts import Box, Part, Schedule, settings
-from galton.types import Params, Rule
+from galton.types import Number, Params, Rule
 
 PolicyT = TypeVar("PolicyT", bound="Policy")
+Scale = Annotated[Number | None, Within(lambda x: np.isfinite(x) & (x > 0), "finite, and greater than 0")]
 EDGE = 0.01
 """Nearer to a bound than this share of the box is at the edge, where a density has no mass on the bound itself."""
 
@@ -61,6 +63,9 @@ class Policy(Part, abc.ABC):
 
     box: Box | None = None
     """Where actions lie; a task sets it (`on`)."""
+    head_scale: Scale = 1.0
+    """What the network's outputs are multiplied with, above their first values: under Adam the learning rate of the
+    policy's last layer is that many times the others', whatever the policy makes of its outputs."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -74,6 +79,10 @@ class Policy(Part, abc.ABC):
     def on(self: PolicyT, box: Box) -> PolicyT:
         """The policy for actions in this box."""
         return self.replace(box=box)
+
+    def scaled(self, outputs: Float[Array, "*batch n_outputs"]) -> Float[Array, "*batch n_outputs"]:
+        """The network's outputs times `head_scale`, which is what `distribution` takes."""
+        return outputs if self.head_scale is None else self.head_scale * outputs
 
     @property
     def low(self) -> Float[np.ndarray, " d"]:
@@ -108,7 +117,7 @@ class Policy(Part, abc.ABC):
 
     @abc.abstractmethod
     def init(self) -> tuple[Float[Array, " n_outputs"], Params]:
-        """The initial bias of the actor's last layer, and parameters beside the network."""
+        """What `distribution` takes at first where the network says 0, and parameters beside the network."""
 
     @abc.abstractmethod
     def noise(self, key: Key[Array, ""], shape: tuple[int, ...]) -> PyTree[Array]:

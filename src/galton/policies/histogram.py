@@ -18,7 +18,7 @@ from galton.policies.exploration import gaussian_action, init_clipped_gaussian_l
 from galton.policies.gaussian import Floor, Units, units_of
 from galton.types import Finite, Params, Rule
 
-PolicyT = TypeVar("PolicyT", bound="HistogramPolicy")
+PolicyT = TypeVar("PolicyT", bound="BinnedPolicy")
 Exploration = Literal["softmax", "gaussian"]
 BinSample = Literal["center", "uniform"]
 
@@ -128,20 +128,16 @@ def sample_bin(logits: Float[Array, "*batch k"], u: Float[Array, "*batch"]) -> I
     return jnp.minimum(block * size + offset, k - 1)
 
 
-class HistogramPolicy(Policy):
-    """The network gives d · k logits."""
+class BinnedPolicy(Policy):
+    """What policies over bins have in common, before each makes its logits of the network's outputs."""
 
     family: ClassVar[Family] = "histogram"
-    label: ClassVar[str] = "softmax"
 
     n_bins: Annotated[int, AtLeast(2)] = 100
     """Bins per action dimension, k (§4.1)."""
     bin_centers: Literal["inside", "bounds"] = "inside"
     """Whether all bins are of one width, so that their centers lie inside the box (§4.1), or the first and last center
     are the box's bounds, so that the bins at the ends are half as wide."""
-    initial_policy: Literal["uniform", "gaussian", "clipped-gaussian"] = "uniform"
-    """How it starts: uniform, like the Gaussian policy inside its box ("Init Gaussian", §5.2.3), or like the actions
-    that the environment makes of the Gaussian policy's: clipped, with the tails in the first and last bin."""
     exploration: Exploration = "softmax"
     """What it samples from: itself, or the Gaussian with its moments (§5.2.3)."""
     bin_sample: BinSample = "center"
@@ -185,6 +181,28 @@ class HistogramPolicy(Policy):
         return self if rule == self.deterministic_action else self.replace(deterministic_action=rule)
 
     @property
+    def noise_marginals(self) -> Marginal:
+        """Normal where a Gaussian explores, else uniform."""
+        return "normal" if self.exploration == "gaussian" else "uniform"
+
+    def noise(self, key: Key[Array, ""], shape: tuple[int, ...]) -> Float[Array, "*batch n"]:
+        """Uniform, two per dimension where the place in the bin is drawn too; normal where a Gaussian explores."""
+        d = len(self._box.low)
+        if self.exploration == "gaussian":
+            return jax.random.normal(key, (*shape, d))
+        return jax.random.uniform(key, (*shape, d if self.bin_sample == "center" else 2 * d))
+
+
+class HistogramPolicy(BinnedPolicy):
+    """The network gives d · k logits."""
+
+    label: ClassVar[str] = "softmax"
+
+    initial_policy: Literal["uniform", "gaussian", "clipped-gaussian"] = "uniform"
+    """How it starts: uniform, like the Gaussian policy inside its box ("Init Gaussian", §5.2.3), or like the actions
+    that the environment makes of the Gaussian policy's: clipped, with the tails in the first and last bin."""
+
+    @property
     def n_outputs(self) -> int:
         """The k logits of each action dimension."""
         return len(self._box.low) * self.n_bins
@@ -197,18 +215,6 @@ class HistogramPolicy(Policy):
         std = scale * jnp.exp(jnp.maximum(self.log_std_init, self.log_std_min))
         start = init_gaussian_logits if self.initial_policy == "gaussian" else init_clipped_gaussian_logits
         return start(self.bins, shift, std).ravel(), {}
-
-    @property
-    def noise_marginals(self) -> Marginal:
-        """Normal where a Gaussian explores, else uniform."""
-        return "normal" if self.exploration == "gaussian" else "uniform"
-
-    def noise(self, key: Key[Array, ""], shape: tuple[int, ...]) -> Float[Array, "*batch n"]:
-        """Uniform, two per dimension where the place in the bin is drawn too; normal where a Gaussian explores."""
-        d = len(self._box.low)
-        if self.exploration == "gaussian":
-            return jax.random.normal(key, (*shape, d))
-        return jax.random.uniform(key, (*shape, d if self.bin_sample == "center" else 2 * d))
 
     def distribution(self, outputs: Float[Array, "*batch dk"], params: Params) -> Histogram:
         """Softmax policies with these logits."""

@@ -23,7 +23,7 @@ class SmoothedPolicy(HistogramPolicy):
 
     eta: Positive = 0.25
     """The width of the moving average, in bins."""
-    target_tails: Literal["rescaled", "edges"] = "rescaled"
+    target_tails: Literal["rescaled", "edges", "reflected"] = "rescaled"
     """What becomes of a row's mass beyond the box: the rest is rescaled to sum to 1, or the bin at that end gets it."""
 
     def init(self) -> tuple[Float[Array, " dk"], Params]:

@@ -63,7 +63,7 @@ def _propositions(
     network, actor = agent.network, params["actor"]
 
     def loss_of(outputs: Array, action: Array, weight: Array) -> Array:
-        distribution = agent.policy.distribution(outputs, params)
+        distribution = agent.policy.distribution(agent.policy.scaled(outputs), params)
         return by_sign(weight, agent.loss(distribution, action), agent.loss.of_negatives(distribution, action))
 
     def policy_loss(theta: list[Params]) -> Array:

@@ -1,0 +1,62 @@
+"""The Gaussian on bins, alone and with residuals, against its definition in float64."""
+
+import jax
+import numpy as np
+import pytest
+from scipy.special import log_softmax
+
+from galton import UsageError
+
+from ..agents import agent
+
+LOW, HIGH, K = np.array([-1.0, 2.0], np.float32), np.array([1.0, 6.0], np.float32), 41
+WORDS = {"loss": "hl-one-hot", "n_bins": K}
+
+
+def policy_of(name, **words):
+    return agent(WORDS | {"policy": name, **words}, low=LOW, high=HIGH).policy
+
+
+def by_definition(mean, std):
+    centers = LOW[:, None] + (np.arange(K) + 0.5) / K * (HIGH - LOW)[:, None]
+    return log_softmax(-((centers - mean[..., None]) ** 2) / (2 * std[:, None] ** 2), -1), centers
+
+
+@pytest.mark.parametrize("box_units", [0.0, 1.0])
+def test_it_is_the_density_at_the_centers_scaled_to_sum_to_one(box_units):
+    policy = policy_of("discretised-gaussian", box_units=box_units, log_std_init=-1.0)
+    first, params = policy.init()
+    outputs = np.random.default_rng(0).normal(size=(6, 2)).astype(np.float32) * 2
+    shift, scale = ((HIGH + LOW) / 2, (HIGH - LOW) / 2) if box_units else (0.0, 1.0)
+    expected, centers = by_definition(shift + scale * outputs, np.exp(-1) * scale * np.ones(2))
+    found = policy.distribution(outputs, params)
+    np.testing.assert_allclose(jax.nn.log_softmax(found.logits), expected, rtol=1e-4, atol=1e-4)
+    assert first.shape == outputs.shape[1:]
+
+    action = centers[:, 7].astype(np.float32)
+    slope = jax.grad(lambda mean: policy.distribution(mean, params).log_prob(action))(outputs[0])
+    apart = centers[:, 7] - (np.exp(expected[0]) * centers).sum(-1)
+    np.testing.assert_allclose(slope, apart / scale / np.exp(-1) ** 2, rtol=1e-3)
+
+
+def test_a_mean_beyond_the_box_puts_its_mass_on_the_last_bin():
+    policy = policy_of("discretised-gaussian", log_std_init=-2.0)
+    found = policy.distribution(np.array([5.0, -9.0], np.float32), policy.init()[1])
+    np.testing.assert_allclose([found.probs[0, -1], found.probs[1, 0]], 1, atol=1e-4)
+
+
+def test_with_residuals_it_starts_there_and_may_take_any_shape():
+    rng = np.random.default_rng(1)
+    plain, policy = policy_of("discretised-gaussian"), policy_of("anchored", residual_scale=0.5)
+    params, mean, free = plain.init()[1], rng.normal(size=(3, 2, 1)), rng.normal(size=(3, 2, K))
+    np.testing.assert_array_equal(policy.init()[0], np.zeros(2 * (K + 1)))
+    outputs = np.concatenate([free, mean], -1).reshape(3, -1).astype(np.float32)
+    found = policy.distribution(outputs, params).logits
+    gaussian = plain.distribution(mean[..., 0].astype(np.float32), params).logits
+    np.testing.assert_allclose(found, gaussian + 0.5 * free, rtol=1e-5, atol=1e-4)
+
+
+@pytest.mark.parametrize("name", ["discretised-gaussian", "anchored"])
+def test_it_has_no_first_policy_to_choose(name):
+    with pytest.raises(UsageError, match=r"initial_policy is 'clipped-gaussian'; it goes with policy 'histogram', "):
+        policy_of(name, initial_policy="clipped-gaussian")
