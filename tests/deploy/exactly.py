@@ -37,6 +37,18 @@ def exactly(model, states):
         return Exact(np.clip(mean, low, high), np.maximum(size, least), np.zeros(0), np.zeros(0))
     d, k = len(low), settings["n_bins"]
     centers = low[:, None] + (high - low)[:, None] * (np.arange(k) + 0.5) / k
+    if settings["policy"] in ("discretised-gaussian", "anchored"):
+        parts, sizes = (of.reshape(len(x), d, -1) for of in (outputs, size))
+        in_box = settings["box_units"] == 1
+        std = np.exp(np.maximum(np.asarray(params["log_std"], np.float64), settings["log_std_min"]))[:, None]
+        mean = parts[..., -1:] * (half[:, None] if in_box else 1) + (center[:, None] if in_box else 0)
+        z = (centers - mean) / (std * (half[:, None] if in_box else 1))
+        logits = -0.5 * z**2
+        size = (abs(z) * (sizes[..., -1:] + abs(z) * std) / std).max(-1)  # of the slope, and of z itself
+        if settings["policy"] == "anchored":
+            logits = logits + settings["residual_scale"] * parts[..., :-1]
+            size = size + settings["residual_scale"] * sizes[..., :-1].max(-1)
+        return _chosen(settings["deterministic_action"], logits, np.maximum(size, least), centers)
     logits, size = outputs.reshape(-1, d, k), size.reshape(-1, d, k).max(-1)
     if settings["policy"] == "ordinal":
         size = abs(logits).sum(-1) + size
