@@ -67,7 +67,7 @@ class Loss(Part, abc.ABC):
         """The losses of actions with a negative weight, where they are other ones; None where they are the same."""
 
     def regularizer(self, distribution: Any) -> Losses | None:
-        """What the objective has beside the weighted losses, for each state; None for nothing."""
+        """The objective has this term for each state beside the weighted losses; None is no term."""
 
 
 class NegativeLogLikelihood(Loss):

@@ -39,7 +39,7 @@ class Summary:
     """What is kept of a sweep: R runs of a study with L log points each."""
 
     study: Study
-    """What was trained."""
+    """The settings, trials and steps of the sweep are those of this study."""
     provenance: Provenance
     """How it was made."""
     table: pa.Table

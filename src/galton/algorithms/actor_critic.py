@@ -54,7 +54,7 @@ def value(agent: Agent, params: Params, observation: Float[Array, "*batch o"]) -
 def outputs(
     agent: Agent, params: Params, observation: Float[Array, "B o"]
 ) -> tuple[Float[Array, "B n_actor"], Float[Array, "B n_critic"]]:
-    """What the networks of actor and critic say of these observations, the actor's scaled for its policy.
+    """The networks of actor and critic are asked about these observations; the actor's answer is scaled for its policy.
 
     A barrier keeps XLA from computing softmaxes again inside the matrix products of the backward pass.
     """

@@ -29,7 +29,7 @@ COMMON = (
     *("env", "loss", "losses", "preset", "algorithm", "seed", "seeds", "out", "overwrite", "resume", "training"),
     *("steps", "eval_episodes", "n_envs", "learning_rate", "gamma"),
 )
-"""What `--help` shows of a command's options, and `--help-all` the rest too."""
+"""These options of a command are shown by `--help`, and the rest too by `--help-all`."""
 
 TrainingOptions = Annotated[Training, tyro.conf.arg(name=""), Without(*ELSEWHERE)]
 """Training among the options of a command, whose help names its groups."""

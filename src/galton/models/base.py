@@ -137,7 +137,7 @@ class Base:
             )
 
     def take(self) -> Taken:
-        """What `save` would write now, to be written later or by another thread."""
+        """The file is made that `save` would write now, to be written later or by another thread."""
         settings = {
             "class": self.agent.algorithm.label,
             "env": self.env_name,

@@ -46,7 +46,7 @@ class Taken(NamedTuple):
 
 
 def read(path: Path, opener: type) -> saved.Saved:
-    """What a file holds of a model, for a class: Model, an algorithm's, or one made of them.
+    """A model is read from a file for a class: Model, an algorithm's, or one made of them.
 
     UsageError for one of another class, and what `opened` raises.
     """

@@ -64,8 +64,8 @@ class Policy(Part, abc.ABC):
     box: Box | None = None
     """Where actions lie; a task sets it (`on`)."""
     head_scale: Scale = 1.0
-    """What the network's outputs are multiplied with, above their first values: under Adam the learning rate of the
-    policy's last layer is that many times the others', whatever the policy makes of its outputs."""
+    """The network's outputs are multiplied with this number. Under Adam the policy then moves that many times as far in
+    a step as with 1, while the critic and the hidden layers keep their rate."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -117,7 +117,7 @@ class Policy(Part, abc.ABC):
 
     @abc.abstractmethod
     def init(self) -> tuple[Float[Array, " n_outputs"], Params]:
-        """What `distribution` takes at first where the network says 0, and parameters beside the network."""
+        """The outputs are returned that the policy begins with, and its parameters beside the network."""
 
     @abc.abstractmethod
     def noise(self, key: Key[Array, ""], shape: tuple[int, ...]) -> PyTree[Array]:

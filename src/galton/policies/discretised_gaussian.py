@@ -50,8 +50,8 @@ class AnchoredPolicy(DiscretisedGaussianPolicy):
     label: ClassVar[str] = "anchored softmax"
 
     residual_scale: NotNegative = 1.0
-    """What the residuals are multiplied with, which under Adam is their learning rate in units of the mean's; with 0
-    the shape is a Gaussian's."""
+    """The residuals are multiplied with this number, which under Adam is their learning rate in units of the mean's;
+    with 0 the shape is a Gaussian's."""
 
     @property
     def n_outputs(self) -> int:

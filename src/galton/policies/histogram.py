@@ -129,7 +129,7 @@ def sample_bin(logits: Float[Array, "*batch k"], u: Float[Array, "*batch"]) -> I
 
 
 class BinnedPolicy(Policy):
-    """What policies over bins have in common, before each makes its logits of the network's outputs."""
+    """Policies over bins have this in common, before each makes its logits of the network's outputs."""
 
     family: ClassVar[Family] = "histogram"
 

@@ -1,4 +1,4 @@
-"""Whether one sample is above another, in one vocabulary: marks, their words, and numbers as they are written."""
+"""One vocabulary says whether one sample is above another: marks, their words, and numbers as they are written."""
 
 import math
 from collections.abc import Mapping
@@ -9,12 +9,12 @@ import numpy as np
 from galton_experiments.analysis.statistics import ALPHA, Interval, holm
 
 WORDS = {"✓": "better", "✗": "worse", "≈": "no clear difference", "?": "too few runs"}
-"""What a comparison says of its first sample, by its mark."""
+"""Each mark says this of the first sample of a comparison."""
 _Key = TypeVar("_Key")
 
 
 class Decidable(Protocol):
-    """What can be decided: a Comparison, or anything with its test and its direction."""
+    """A Comparison can be decided, or anything with its test and its direction."""
 
     @property
     def p(self) -> float:
@@ -29,7 +29,7 @@ class Decision(NamedTuple):
     """What was decided of one comparison among several."""
 
     mark: str
-    """One of WORDS."""
+    """The mark is a key of WORDS, which has its meaning in words."""
     p: float
     """Adjusted for all that were decided together by Holm's method."""
 

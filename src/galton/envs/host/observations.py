@@ -138,7 +138,7 @@ def _leaves(space: Any) -> Iterator[Any]:
 
 
 def _parts(observation: Any, space: Space) -> Iterator[tuple[Any, Space]]:
-    """What an observation has for each of those spaces."""
+    """An observation has one of these for each of those spaces."""
     if isinstance(space, Dict | Tuple):
         for key, part in space.spaces.items() if isinstance(space, Dict) else enumerate(space.spaces):
             yield from _parts(observation[key], part)

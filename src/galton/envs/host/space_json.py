@@ -31,7 +31,7 @@ def to_json(space: Space) -> dict[str, object]:
 
 
 def n_entries(record: dict[str, Any]) -> int:
-    """How many entries the Boxes have that `to_json` described."""
+    """The Boxes that `to_json` described have so many entries."""
     ((kind, content),) = record.items()
     if kind in ("Dict", "Tuple"):
         return sum(n_entries(part[1] if kind == "Dict" else part) for part in content)
