@@ -18,7 +18,8 @@ Centers = Literal["inside", "bounds"]
 
 _SQRT2 = 2**0.5
 FEW = 256
-"""Up to so many bins a matrix product is faster than Fourier transforms."""
+"""Up to so many bins a reflected K is a matrix. Which is faster depends on the rows too: for a few hundred of them
+Fourier transforms are from here on, for thousands the matrix is."""
 
 
 def one_hot(bins: Bins, action: Float[Array, "*batch d"]) -> Float[Array, "*batch d k"]:
