@@ -72,8 +72,14 @@ def check_every_number_is_gymnasiums(name, kwargs, n_steps):
     return ended
 
 
-@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore")  # Gymnasium's and MuJoCo's own
+@pytest.mark.parametrize("name", MUJOCO_FUNCTIONS)
+def test_a_hundred_steps_are_gymnasiums_to_the_last_bit(name):
+    check_every_number_is_gymnasiums(name, {}, 100)
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize("name", MUJOCO_FUNCTIONS)
 def test_ten_thousand_steps_are_gymnasiums_to_the_last_bit(name, trust):
     terminated, truncated = check_every_number_is_gymnasiums(name, {}, 10_000)
