@@ -18,10 +18,6 @@ def test_a_gif_plays_in_real_time_and_no_picture_is_too_short_for_browsers(tmp_p
     assert sum(lasting) == pytest.approx(1000 * 30 / fps, rel=0.2)  # a GIF counts in hundredths of seconds
 
 
-def test_an_mp4_lasts_as_long_and_odd_sizes_are_padded(tmp_path):
+def test_an_mp4_of_an_odd_size_lasts_as_long(tmp_path):
     _film.write(tmp_path / "film.mp4", [np.full((33, 47, 3), 7 * i, np.uint8) for i in range(30)], 20)
-    frames = imageio_ffmpeg.read_frames(str(tmp_path / "film.mp4"))
-    told = next(frames)
-    assert told["size"] == (48, 34)
-    assert told["duration"] == pytest.approx(1.5, abs=0.1)
-    assert sum(1 for _ in frames) == 30
+    assert imageio_ffmpeg.count_frames_and_secs(tmp_path / "film.mp4") == (30, pytest.approx(1.5, abs=0.1))
