@@ -2,7 +2,7 @@
 
 The versions of the libraries are those of constraints.txt, or with --newest those that pip takes by itself.
 
-    python tools/matrix.py [--newest] [--pythons 3.11 3.12 3.13] [--out results/packaging]
+    python tools/matrix.py [--newest] [--pythons 3.11 3.12 3.13 3.14] [--out results/packaging]
 """
 
 import argparse
@@ -11,17 +11,15 @@ from pathlib import Path
 
 import builds
 from environments import Environment, find_python
-from requirements import USERS
+from requirements import users
 from smoke import CORE, SMOKE, check
-
-CALLS = [*CORE, *(call for extra in USERS for call in SMOKE[extra])]
 
 
 def main() -> None:
     """Try each version, print a line for it, and keep what was seen."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--newest", action="store_true", help="without constraints.txt")
-    parser.add_argument("--pythons", nargs="+", default=["3.11", "3.12", "3.13"], help="their versions")
+    parser.add_argument("--pythons", nargs="+", default=["3.11", "3.12", "3.13", "3.14"], help="their versions")
     parser.add_argument("--keep", type=Path, default=builds.ROOT / "build" / "matrix", help="the folder to work in")
     parser.add_argument("--out", type=Path, default=builds.ROOT / "results" / "packaging")
     options = parser.parse_args()
@@ -36,17 +34,18 @@ def main() -> None:
         if python is None:
             print(f"Python {version}: not here", flush=True)
             continue
-        requirement = f"{wheel}[{','.join(USERS)}]"
-        environment = Environment.make(folder / version, [requirement], constraints, python)
-        seconds = check(environment, CALLS, str(folder.with_name("programs")))
+        extras = users(version)
+        calls = [*CORE, *(call for extra in extras for call in SMOKE[extra])]
+        environment = Environment.make(folder / version, [f"{wheel}[{','.join(extras)}]"], constraints, python)
+        seconds = check(environment, calls, str(folder.with_name("programs")))
         whole = environment.run("python", "-c", "import platform; print(platform.python_version())").stdout.strip()
         installed = {library: release for library, (release, _) in environment.installed().items()}
         environment.remove()
-        found[version] = {"python": whole, "calls": len(CALLS), "seconds": round(seconds)} | made
+        found[version] = {"python": whole, "calls": len(calls), "seconds": round(seconds)} | made
         found[version] |= {"installed": installed} if options.newest else {}
         ordered = {one: found[one] for one in sorted(found, key=lambda one: int(one.partition(".")[2]))}
         (options.out / f"{name}.json").write_text(json.dumps(ordered, indent=1) + "\n")
-        print(f"Python {whole}: {len(CALLS)} calls as they must be, {round(seconds)} s", flush=True)
+        print(f"Python {whole}: {len(calls)} calls as they must be, {round(seconds)} s", flush=True)
 
 
 if __name__ == "__main__":

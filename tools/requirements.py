@@ -13,6 +13,16 @@ OTHERS = ("test", "bench", "docs", "dev")
 """Those for work in the repository."""
 
 
+def users(python: str) -> tuple[str, ...]:
+    """Those of USERS that have all their libraries under a version of Python, such as 3.14."""
+
+    def there(extra: str) -> bool:
+        ends = re.findall(r"python_version < '3\.(\d+)'", " ".join(PROJECT["optional-dependencies"][extra]))
+        return all(int(python.partition(".")[2]) < int(end) for end in ends)
+
+    return tuple(extra for extra in USERS if there(extra))
+
+
 def lowest(extras: tuple[str, ...] = USERS) -> dict[str, str]:
     """The lowest version of each direct dependency of the core and these extras that is declared to do.
 
