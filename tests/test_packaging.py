@@ -81,6 +81,12 @@ def test_the_lowest_versions_that_were_tried_are_those_declared():
         assert numbers(installed[name])[: len(numbers(version))] == numbers(version), name
 
 
+def test_the_newest_versions_were_tried_under_each_of_these_pythons():
+    assert found("newest").keys() == found("matrix").keys()
+    core = {name_of(line) for line in PROJECT["dependencies"]}
+    assert all(one["installed"].keys() >= core for one in found("newest").values())
+
+
 def test_the_table_of_extras_says_what_was_measured():
     sizes = {name: one["megabytes"] for name, one in found("package")["environments"].items()}
     page = (ROOT / "docs" / "install.md").read_text()

@@ -3,7 +3,7 @@
 A test that holds a promise takes the fixture `trust` and calls it in the end with the figure that it found. Where
 GALTON_TRUST names a folder, only such tests run, and each call leaves a file there; otherwise nothing is written.
 `python -m tests.trust FOLDER` then makes the records in results/trust of them and of what `make package`, `make
-lowest`, `make matrix` and `benchmarks/starting.py` found, and the table of all records.
+lowest`, `make matrix`, `make newest` and `benchmarks/starting.py` found, and the table of all records.
 """
 
 import datetime
@@ -144,9 +144,12 @@ def gather(folder: Path) -> dict[str, Record]:
 
 def outside() -> dict[str, Record]:
     """The records by name of what is measured outside the tests: the wheel far from here, and a command's start."""
-    package, lowest, matrix, starting = (
+    package, lowest, matrix, newest, starting = (
         json.loads((RESULTS / f"{name}.json").read_text())
-        for name in ("packaging/package", "packaging/lowest", "packaging/matrix", "benchmarks/starting")
+        for name in (
+            *(f"packaging/{name}" for name in ("package", "lowest", "matrix", "newest")),
+            "benchmarks/starting",
+        )
     )
 
     def record(promise: str, figure: float, unit: str, file: str, command: str, of: dict[str, Any], **bound: float):
@@ -154,7 +157,9 @@ def outside() -> dict[str, Record]:
 
     versions = starting["versions"]
     starting["version"] = f"{versions['galton']} ({versions['commit']})"
-    alone, newest = package["environments"], list(matrix.values())[-1]
+    alone = package["environments"]
+    pinned, free = (list(found.values())[-1] for found in (matrix, newest))
+    theirs = [f"{library} {free['installed'][library]}" for library in ("gymnasium", "jax", "mujoco", "numpy")]
     return {
         "wheel": record(
             "Two builds give the same bytes. The wheel works in an empty environment, by its core and with each extra "
@@ -174,8 +179,15 @@ def outside() -> dict[str, Record]:
         "pythons": record(
             "The wheel works with all its extras under Python 3.11, 3.12 and 3.13.",
             len(matrix),
-            f"versions, each with {newest['calls']} calls as they must be",
-            *("tools/matrix.py", "make matrix", newest),
+            f"versions, each with {pinned['calls']} calls as they must be",
+            *("tools/matrix.py", "make matrix", pinned),
+            at_least=3,
+        ),
+        "newest": record(
+            "The wheel works with the newest version of every library that each of these Pythons has.",
+            len(newest),
+            f"versions, the last with {', '.join(theirs)}",
+            *("tools/matrix.py", "make newest", free),
             at_least=3,
         ),
         "starting": record(
