@@ -28,14 +28,13 @@ def score(job):
     import jax
 
     import galton
-    from galton.models.settings import split
-    from galton.presets import find_preset
+    from galton.presets import PRESETS
 
     galton.use_all_cores()
     start = time.perf_counter()
-    config, hypers = split(galton.ALGORITHMS["ppo"], find_preset(name, None, "ppo"), None, {}, task)
-    settings = {"n_logs": 10, "n_eval_episodes": 20, "devices": jax.devices()[:1]}
-    result = galton.train(task, config, hypers, seeds, TASKS[task], **settings)
+    preset = PRESETS[name]["ppo"]
+    agent = galton.make_agent(algorithm="ppo", loss=preset.loss, **preset.settings)
+    result = galton.train(task, agent, seeds, TASKS[task], n_logs=10, n_eval_episodes=20, devices=jax.devices()[:1])
     line = {"task": task, "preset": name, "seeds": list(seeds), "steps": int(result.steps[-1])}
     line |= {"returns": np.asarray(result.log.evaluation_return)[:, -1].tolist()}
     line |= {"curves": np.asarray(result.log.evaluation_return).round(3).tolist()}
