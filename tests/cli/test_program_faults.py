@@ -1,5 +1,6 @@
 """A folder of compiled programs that is read-only, full or damaged costs time and one line, and changes no result."""
 
+import bz2
 import os
 import subprocess
 import sys
@@ -208,6 +209,16 @@ def test_what_is_whole_stays_and_what_is_old_is_not_read_again(tmp_path):
     os.utime(whole, (0, 0))
     programs_on_disk.tidy(tmp_path)  # only what was written since is looked at
     assert {*entries(tmp_path)} == {whole}
+
+
+def test_environments_that_pack_programs_otherwise_have_folders_of_their_own(monkeypatch, tmp_path):
+    monkeypatch.delenv("JAX_COMPILATION_CACHE_DIR", raising=False)
+    monkeypatch.setenv(programs_on_disk.PLACE, str(tmp_path))
+    here = programs_on_disk.place()
+    (here / "program").write_bytes(zlib.compress(b"program" * 1000))
+    monkeypatch.setattr(programs_on_disk, "_packer", lambda: bz2)  # as zstandard in another environment
+    assert programs_on_disk.place() != here
+    assert (here / "program").exists()
 
 
 def test_those_that_were_not_used_for_longest_make_room(monkeypatch, tmp_path):

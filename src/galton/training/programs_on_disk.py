@@ -1,16 +1,17 @@
 """Compiled programs on disk: what one process has compiled the next one finds. JAX keeps them; where, is said here."""
 
+import contextlib
 import functools
 import hashlib
 import importlib
 import os
 import platform
-import sys
 import time
 import warnings
 import zlib
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 import platformdirs
 
@@ -18,9 +19,6 @@ PLACE = "GALTON_PROGRAMS"
 """The variable of the environment that names another folder for them, or is "off"."""
 MOST = 10**9
 """Bytes that they may take; those that were not used for longest go first."""
-
-_ZSTANDARD = b"\x28\xb5\x2f\xfd"
-"""How a file begins that JAX has packed with zstandard, which it prefers to zlib where it is installed."""
 
 REMEDY = f"{PLACE} names another folder, or is off"
 """What a user can do about a folder that can't be used."""
@@ -88,20 +86,27 @@ def _is_whole(path: Path) -> bool:
         data = path.read_bytes()
     except FileNotFoundError:
         return True
-    packer = zlib
-    if data.startswith(_ZSTANDARD):
-        packer = importlib.import_module("compression.zstd" if sys.version_info >= (3, 14) else "zstandard")
     try:
-        packer.decompress(data)
+        _packer().decompress(data)
     except Exception:  # each packer has errors of its own
         return False
     return True
 
 
+@functools.cache
+def _packer() -> Any:
+    """The module that JAX packs programs with in this environment."""
+    for name in ("compression.zstd", "zstandard"):  # Python has the first from 3.14 on
+        with contextlib.suppress(ImportError):
+            return importlib.import_module(name)
+    return zlib
+
+
 def _kind() -> str:
-    """The name of a folder for programs that this machine's processor and these versions can run."""
+    """The name of a folder for programs that this machine's processor and these versions can run and unpack."""
     cpu = Path("/proc/cpuinfo")
     lines = cpu.read_text().splitlines() if cpu.exists() else [platform.processor()]
     known = {line for line in lines if not cpu.exists() or line.startswith(("model name", "flags", "Features"))}
     told = "\n".join([platform.machine(), *sorted(known)])
-    return f"jax-{version('jax')}-{version('jaxlib')}-{hashlib.sha256(told.encode()).hexdigest()[:12]}"
+    packed = _packer().__name__
+    return f"jax-{version('jax')}-{version('jaxlib')}-{packed}-{hashlib.sha256(told.encode()).hexdigest()[:12]}"
