@@ -1,0 +1,158 @@
+"""The gate: heads over bins and Gaussians with the same numbers, on tasks that nobody tuned these heads for.
+
+Every head is trained with the numbers of two anchors, five seeds on each of seven tasks, 300,000 steps. The
+deterministic policy plays 20 episodes at the end. Nothing is selected. Each job, one head with one anchor on one task,
+is kept as it ends, so that the command goes on where it stopped; it ends with the tables of docs/gate.md.
+
+    python benchmarks/gate.py [--tasks lqr ...] [--heads gaussian ...] [--out results/benchmarks/gate.jsonl]
+"""
+
+import argparse
+import itertools
+import json
+import math
+import multiprocessing
+import os
+import time
+from pathlib import Path
+
+import numpy as np
+
+from galton_experiments.analysis.aggregates import improvement
+from galton_experiments.analysis.statistics import Interval, mean_interval
+
+STEPS = 300_000
+SEEDS = tuple(range(3000, 3005))
+TASKS = ("lqr", "acrobot", "Pendulum-v1", "HalfCheetah-v5", "Hopper-v5", "Reacher-v5", "Swimmer-v5")
+COMMON = {
+    "algorithm": "ppo",
+    "n_envs": 8,
+    "n_steps": 256,
+    "n_epochs": 10,
+    "normalize_observation": True,
+    "normalize_reward": True,
+    "box_units": 1.0,
+}
+"""Stable-Baselines3's numbers for PPO, but for eight environments, normalisation and σ in units of the box."""
+ANCHORS = {"sb3": {"log_std_init": 0.0}, "hand-set": {"log_std_init": -0.5, "decay_steps": math.inf}}
+"""The second is the preset of the Gaussian, set by hand on HalfCheetah: its learning rate falls to 0."""
+BINS = {"n_bins": 41, "bin_centers": "bounds", "deterministic_action": "mean"}
+FREE = BINS | {"initial_policy": "clipped-gaussian"}
+CENTRED = {"loss": "hl-gauss-centred", "eta": 2.0, "target_tails": "reflected"}
+HEADS = {
+    "gaussian": {"loss": "gaussian"},
+    "gaussian, mean × 4": {"loss": "gaussian", "head_scale": 4.0},
+    "discretised gaussian": {"loss": "hl-one-hot", "policy": "discretised-gaussian"} | BINS,
+    "anchored, S = 0.1": {"loss": "hl-one-hot", "policy": "anchored", "residual_scale": 0.1} | BINS,
+    "anchored, S = 1": {"loss": "hl-one-hot", "policy": "anchored", "residual_scale": 1.0} | BINS,
+    "centred × 4": CENTRED | FREE | {"head_scale": 4.0},
+    "centred × 4, diffusion": CENTRED | FREE | {"head_scale": 4.0, "diffusion": 0.01},
+    "exact × 4": {
+        "loss": "hl-one-hot",
+        "policy": "smoothed",
+        "eta": 2.0,
+        "target_tails": "reflected",
+        "head_scale": 4.0,
+    }
+    | FREE,
+    "today's": {"loss": "hl-gauss-centred", "eta": 4.48, "target_tails": "edges"} | FREE | {"n_bins": 50},
+}
+"""What each head adds to an anchor. The last is the head of the preset of classification, with an anchor's numbers."""
+
+
+def train(job):
+    """Train one head with one anchor on one task, all seeds side by side on one core, and write its returns down."""
+    out, task, anchor, head = job
+    import jax
+
+    import galton
+
+    galton.use_all_cores()
+    start = time.perf_counter()
+    agent = galton.make_agent(**COMMON | ANCHORS[anchor] | HEADS[head])
+    result = galton.train(task, agent, SEEDS, STEPS, n_logs=10, n_eval_episodes=20, devices=jax.devices()[:1])
+    curves = np.asarray(result.log.evaluation_return)
+    line = {"task": task, "anchor": anchor, "head": head, "steps": int(result.steps[-1])}
+    line |= {"returns": curves[:, -1].round(4).tolist(), "curves": curves.round(3).tolist()}
+    line |= {"training_returns": np.asarray(result.log.training_return)[:, -1].round(3).tolist()}
+    line |= {"diverged": int((result.diverged_at >= 0).sum()), "version": galton.__version__}
+    line |= {"seconds": round(time.perf_counter() - start, 1)}
+    with out.open("a") as file:
+        file.write(json.dumps(line) + "\n")
+
+
+def read(out):
+    """The jobs that are done, by task, anchor and head."""
+    lines = [json.loads(line) for line in out.read_text().splitlines()] if out.exists() else []
+    return {(line["task"], line["anchor"], line["head"]): line for line in lines}
+
+
+def interval_over_tasks(differences, n_resamples=20_000):
+    """The mean of paired differences `[tasks, seeds]` and its 95% interval, tasks and then their seeds drawn again."""
+    rng = np.random.default_rng(0)
+    n_tasks, n_seeds = differences.shape
+    tasks = rng.integers(n_tasks, size=(n_resamples, n_tasks, 1))
+    seeds = rng.integers(n_seeds, size=(n_resamples, n_tasks, n_seeds))
+    means = differences[tasks, seeds].mean((1, 2))
+    return Interval(differences.mean(), *np.quantile(means, (0.025, 0.975)))
+
+
+def tables(done):
+    """The lines of two tables: each head's returns by task and anchor, and all tasks together against the Gaussian.
+
+    A head is in the second one with the tasks on which both it and the Gaussian were trained. A task's scores are its
+    returns between the worst and the best run of any head there.
+    """
+    tasks = [task for task in TASKS if any(key[0] == task for key in done)]
+    pools = {task: np.concatenate([line["returns"] for key, line in done.items() if key[0] == task]) for task in tasks}
+    yield "| numbers | head | " + " | ".join(tasks) + " |"
+    yield "|---" * (len(tasks) + 2) + "|"
+    for anchor, head in itertools.product(ANCHORS, HEADS):
+        found = [done.get((task, anchor, head)) for task in tasks]
+        digits = [",.0f" if np.ptp(pools[task]) > 100 else ".2f" for task in tasks]
+        cells = [
+            f"{mean_interval(np.array(line['returns'])):{d}}" if line else "—"
+            for line, d in zip(found, digits, strict=True)
+        ]
+        if any(found):
+            yield f"| {anchor} | {head} | " + " | ".join(cells) + " |"
+    yield ""
+    yield "| numbers | head | tasks | score | less the Gaussian's | ahead on | P(above the Gaussian) |"
+    yield "|---|---|---|---|---|---|---|"
+    for anchor, head in itertools.product(ANCHORS, HEADS):
+        both = [task for task in tasks if {(task, anchor, head), (task, anchor, "gaussian")} <= done.keys()]
+        if not both:
+            continue
+        spread = np.array([[pools[task].min(), np.ptp(pools[task])] for task in both])[..., None]
+        ours, theirs = (
+            (np.array([done[task, anchor, name]["returns"] for task in both]) - spread[:, 0]) / spread[:, 1]
+            for name in (head, "gaussian")
+        )
+        row = f"| {anchor} | {head} | {len(both)} | {ours.mean():.2f} |"
+        if head == "gaussian":
+            yield row + " | | |"
+            continue
+        difference = interval_over_tasks(ours - theirs)
+        ahead = int((ours.mean(1) > theirs.mean(1)).sum())
+        above = improvement(list(ours), list(theirs), n_resamples=20_000, paired=True)
+        yield row + f" {difference:+.2f} | {ahead} | {above:.2f} |"
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--tasks", nargs="+", default=list(TASKS))
+    parser.add_argument("--heads", nargs="+", default=list(HEADS))
+    parser.add_argument("--anchors", nargs="+", default=list(ANCHORS))
+    parser.add_argument("--processes", type=int, default=os.cpu_count())
+    parser.add_argument("--out", type=Path, default=Path("results/benchmarks/gate.jsonl"))
+    arguments = parser.parse_args()
+    known = read(arguments.out)
+    wanted = itertools.product(arguments.tasks, arguments.anchors, arguments.heads)
+    jobs = [(arguments.out, *job) for job in wanted if job not in known]
+    with multiprocessing.get_context("spawn").Pool(arguments.processes, maxtasksperchild=1) as pool:
+        pool.map(train, jobs, chunksize=1)
+    print(*tables(read(arguments.out)), sep="\n")
+
+
+if __name__ == "__main__":
+    main()
