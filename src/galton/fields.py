@@ -62,12 +62,6 @@ def checked(name: str, value: object, annotation: Any) -> Any:
     return value
 
 
-def check_fields(record: Hashable) -> None:
-    """Check every field of a new frozen dataclass by its annotation, and keep what `checked` makes of it."""
-    for name, annotation in annotations(type(record)).items():
-        object.__setattr__(record, name, checked(name, getattr(record, name), annotation))
-
-
 @functools.cache
 def annotations(record: Hashable) -> dict[str, Any]:
     """The annotation of each field of a record, with its bounds."""

@@ -10,7 +10,6 @@ from typing import Annotated
 
 import tyro
 
-from galton.errors import UsageError
 from galton.foreign import import_all
 
 Imports = Annotated[
@@ -31,18 +30,3 @@ def import_typed(modules: Sequence[str]) -> None:
     if modules:
         search_here()
         import_all(modules)
-
-
-def import_of_file(modules: Sequence[str]) -> None:
-    """Import modules that a file names, unless they were typed; UsageError for one that can't be, with what to do."""
-    found = [path for path in sys.path if path == ""]
-    sys.path[:] = [path for path in sys.path if path != ""]
-    try:
-        import_all(modules)
-    except UsageError as error:
-        raise UsageError(
-            f"{error}. It is named by a file, for which the current folder is not searched: if it lies there and you "
-            f"trust it, give --imports {' '.join(modules)}"
-        ) from None
-    finally:
-        sys.path += found

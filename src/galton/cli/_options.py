@@ -35,16 +35,6 @@ EnvName = Annotated[
 ]
 _LOSSES, _ALGORITHMS, _PRESETS = ("{" + ",".join(known) + "}" for known in (LOSSES, ALGORITHMS, PRESETS))
 LossName = Annotated[str, tyro.conf.arg(metavar=_LOSSES, help="What is minimised: docs/paper.md has each of them.")]
-LossNames = Annotated[
-    tuple[str, ...],
-    Fills("loss"),
-    tyro.conf.arg(
-        metavar=f"{_LOSSES} ...",
-        help=f"The losses, each named once, or presets ({', '.join(PRESETS)}), each with its loss and the settings "
-        "that were tuned for it. What is both a loss and a preset is the preset if another one is, so that both are "
-        "tuned. What you set beside them goes for all.",
-    ),
-]
 AlgorithmName = Annotated[
     str, tyro.conf.arg(metavar=_ALGORITHMS, help="What learns; the defaults of its settings are its own.")
 ]

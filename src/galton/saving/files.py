@@ -7,7 +7,7 @@ import re
 import secrets
 import stat
 from collections.abc import Iterator
-from pathlib import Path, PureWindowsPath
+from pathlib import Path
 
 from galton.errors import UsageError, require
 
@@ -69,16 +69,6 @@ def replacing(path: Path) -> Iterator[Path]:
     finally:
         with contextlib.suppress(OSError):
             scratch.unlink(missing_ok=True)
-
-
-def check_inside(name: str, value: str) -> None:
-    """Raise UsageError, which calls the value by this name, unless it is the path of a file inside a folder.
-
-    What stands in a registry may become one. It is the same on every system.
-    """
-    parts = re.split(r"[/\\]", value)
-    inside = "\0" not in value and not {"", ".", ".."} & {*parts} and not PureWindowsPath(value).drive
-    require(inside, f"{name} is {value!r}, which is no name of a file in a folder; leave out '..' and what leads away")
 
 
 def check_no_way_out(name: str, folder: Path, *files: str) -> None:

@@ -36,20 +36,6 @@ FILES = (
 """What commands write into folders of results. One that holds anything else is somebody's, and is not replaced."""
 
 
-@contextlib.contextmanager
-def result_folder(path: Path, overwrite: bool) -> Iterator[Path]:
-    """A hidden folder beside `path` to write into; it becomes `path` at the end, or vanishes if that is never reached.
-
-    Raises:
-        UsageError: at once, if path holds something and may not be overwritten, or another process is about to fill it.
-    """
-    check_free(path, overwrite)
-    with claimed(path):
-        check_free(path, overwrite)  # nobody else can fill it now
-        with replacing(path, overwrite) as fresh:
-            yield fresh
-
-
 def check_free(path: Path, overwrite: bool, instead: str = "--overwrite") -> None:
     """Raise UsageError, with the options to give `instead`, if path holds something that may not be replaced."""
     files.check_text("out", path)
