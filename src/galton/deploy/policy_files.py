@@ -1,15 +1,27 @@
-"""A policy's two files: the ONNX file, and the contract beside it."""
+"""A policy's two files: the ONNX file, and the contract beside it, which says as plain JSON how to call it."""
 
+import hashlib
 import json
-from collections.abc import Mapping
+import math
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
-from galton.deploy.contract import contract
-from galton.deploy.decision import decide
-from galton.deploy.encoding import encode
+import numpy as np
+from gymnasium.spaces import Box, Dict, Discrete, MultiDiscrete, Tuple
+from gymnasium.spaces.utils import flatdim
+
+from galton import normalization
+from galton.agents import policy_name
+from galton.deploy.decision import ACTION, OBSERVATION, Decision, decide
+from galton.deploy.encoding import BATCH, IR_VERSION, OPSET, encode
+from galton.envs.host.base import Space
 from galton.errors import require
 from galton.models import Model
 from galton.saving import files
+from galton.saving.provenance import version
+
+VERSION = 1
+"""Of the contract's form; a higher one may have other entries."""
 
 
 def export(model: Model, path: str | Path, origin: Mapping[str, object] | None = None) -> Path:
@@ -43,3 +55,75 @@ def export(model: Model, path: str | Path, origin: Mapping[str, object] | None =
         files.write(path, content)
         files.write(path.with_suffix(".json"), text.encode(errors="backslashreplace"))  # which is how JSON writes them
     return path
+
+
+def contract(
+    model: Model, decision: Decision, file: str, content: bytes, origin: Mapping[str, object]
+) -> dict[str, object]:
+    """What the file with these bytes takes and gives, and where it came from; `origin` is added to the latter."""
+    normalizes = bool(model.learner.normalizer.observation)
+    return {
+        "contract": VERSION,
+        "file": file,
+        "sha256": hashlib.sha256(content).hexdigest(),
+        "opset": OPSET,
+        "ir_version": IR_VERSION,
+        "input": {
+            "name": OBSERVATION,
+            "dtype": "float32",
+            "shape": [BATCH, *decision.observation_shape],
+            "units": "the environment's own, not normalised; every number must be finite",
+            "entries": list(_entries(model.observations.space)),
+        },
+        "observation_normalization": {"clip": normalization.CLIP} if normalizes else None,
+        "rule": decision.chosen.rule,
+        "rule_meaning": decision.chosen.meaning,
+        "output": {
+            "name": ACTION,
+            "dtype": "float32",
+            "shape": [BATCH, *decision.action_shape],
+            "units": "the environment's own",
+            "low": decision.low.tolist(),
+            "high": decision.high.tolist(),
+            "environment_dtype": str(model.action_space.dtype),
+        },
+        "source": _source(model) | dict(origin),
+    }
+
+
+def _source(model: Model) -> dict[str, object]:
+    settings = model.settings
+    return {
+        "env": model.env_name,
+        "algorithm": settings["algorithm"],
+        "loss": settings["loss"] if isinstance(settings["loss"], str) else type(settings["loss"]).__name__,
+        "policy": policy_name(model.agent),
+        "seed": int(model.seed),
+        "steps": int(model.num_timesteps),
+        "galton": version(),
+    }
+
+
+def _entries(space: Space, where: tuple[str | int, ...] = (), first: int = 0) -> Iterator[dict[str, object]]:
+    """Which entries of the flat observation each part of the environment's is, in order; `to` is left out."""
+    if isinstance(space, Dict | Tuple):
+        for name, part in space.spaces.items() if isinstance(space, Dict) else enumerate(space.spaces):
+            yield from _entries(part, (*where, name), first)
+            first += flatdim(part)
+        return
+    entry: dict[str, object] = {"part": list(where), "from": first, "to": first + flatdim(space)}
+    if isinstance(space, Box):
+        yield entry | {"encoding": "as it is", "low": _finite(space.low), "high": _finite(space.high)}
+    elif isinstance(space, Discrete):
+        yield entry | {"encoding": "one-hot", "first": int(space.start), "sizes": [int(space.n)]}
+    elif isinstance(space, MultiDiscrete):
+        sizes, starts = (np.ravel(of).tolist() for of in (space.nvec, space.start))
+        yield entry | {"encoding": "one-hot, one after the other", "first": starts, "sizes": sizes}
+    else:
+        yield entry | {"encoding": "0 or 1"}
+
+
+def _finite(bound: np.ndarray) -> list[float | None] | float | None:
+    """Bounds, row by row, or one number where all are equal; None for one that is not there: JSON knows no infinity."""
+    values = [value if math.isfinite(value) else None for value in bound.astype(np.float64).ravel().tolist()]
+    return values[0] if len(set(values)) == 1 else values

@@ -99,7 +99,8 @@ def _find_mujoco(name: str, kwargs: dict[str, Any]) -> Task | None:
     if not _comes_from(name, "mujoco"):
         return None
     with needed(f"environment {name!r}", "mujoco", "imageio"):  # which Gymnasium imports with it
-        from galton.envs.host.mujoco import MUJOCO_FUNCTIONS, MujocoTask
+        from galton.envs.host.mujoco import MujocoTask
+        from galton.envs.host.mujoco_functions import MUJOCO_FUNCTIONS
     return MujocoTask(name, **kwargs) if name in MUJOCO_FUNCTIONS else None
 
 

@@ -18,7 +18,7 @@ from jaxtyping import Float
 
 from galton.envs.host.wrappers import is_monitor, put
 from galton.errors import UsageError, require
-from galton.foreign import is_instance_of
+from galton.extras import is_instance_of
 
 Layers = list[Any]
 """An environment's wrappers from the outside in, and the environment; of one in a vector environment, that's first."""
@@ -222,8 +222,7 @@ def _is_of_rewards(value: Any) -> bool:
 
 
 def _of_observations(layers: Layers) -> dict[str, Any]:
-    used = [layer if getattr(layer, "norm_obs", True) else None for layer in layers]  # SB3's VecNormalize may not
-    found = statistics_of([layer for layer in used if layer is not None])
+    found = statistics_of([layer for layer in layers if getattr(layer, "norm_obs", True)])  # SB3's VecNormalize may not
     return {place: one for place, one in found.items() if not _is_of_rewards(one)}
 
 

@@ -12,16 +12,11 @@ from galton.envs.host.action_box import ActionBox
 from galton.envs.host.answers import as_float32, try_to_make
 from galton.envs.host.base import Steps
 from galton.envs.host.moves import Moves
-from galton.envs.host.mujoco_arms import ARMS
-from galton.envs.host.mujoco_parts import Constants, Matrix, Rows
-from galton.envs.host.mujoco_robots import ROBOTS
+from galton.envs.host.mujoco_functions import MUJOCO_FUNCTIONS, Constants, Matrix, Rows
 from galton.envs.host.observations import Observations
 from galton.envs.host.simulation import Batched, Looped, Simulations
 from galton.envs.host.state import generator_state, set_generator_state
 from galton.errors import BrokenEnvironmentError
-
-MUJOCO_FUNCTIONS = ARMS | ROBOTS
-"""The tasks that run in batches, by Gymnasium's ids."""
 
 
 class MujocoTask:
