@@ -13,7 +13,7 @@ from typing import Any
 
 from galton.envs.host.state import Env
 from galton.errors import UsageError
-from galton.foreign import is_instance_of
+from galton.extras import is_instance_of
 
 
 def is_callback(callback: object) -> bool:

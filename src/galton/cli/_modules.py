@@ -10,7 +10,7 @@ from typing import Annotated
 
 import tyro
 
-from galton.foreign import import_all
+from galton.extras import import_all
 
 Imports = Annotated[
     tuple[str, ...],

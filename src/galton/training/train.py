@@ -14,7 +14,6 @@ from galton.algorithms import Agent
 from galton.errors import require, require_integer, unknown
 from galton.fields import checked
 from galton.training.log import MEAN_ACTION_RETURN, Log
-from galton.training.pieces import Pieces
 from galton.training.population import Population, populate
 from galton.types import Learner, Rule
 
@@ -113,6 +112,26 @@ def train(
         rules = _rules(agent, eval_mean) if n_eval_episodes else {}
         trained = _train(population, steps, updates_per_log, n_eval_episodes, rules, on_log, meanwhile)
     return Result(agent, np.asarray(seeds), steps, *trained)
+
+
+PIECE = 0.5
+"""Seconds that a piece of training takes, about, unless a single update takes longer."""
+
+
+class Pieces:
+    """Cuts training by `advance` into pieces of half a second. How long an update takes is learnt on the way."""
+
+    def __init__(self, advance: Callable[[int], None]) -> None:
+        self._advance, self._n = advance, 1
+
+    def train(self, at_most: int) -> int:
+        """Train for a piece of at most so many updates, and return how many they were."""
+        n, start = min(self._n, at_most), time.perf_counter()
+        self._advance(n)
+        seconds = max(time.perf_counter() - start, 1e-9)
+        if n == self._n or seconds > PIECE:
+            self._n = max(1, min(2 * n, int(n * PIECE / seconds)))
+        return n
 
 
 def _rules(agent: Agent, eval_mean: bool) -> dict[str, Rule | None]:

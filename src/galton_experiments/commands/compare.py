@@ -10,11 +10,10 @@ from typing import Annotated
 import tyro
 
 from galton.agents import written
-from galton.cli._console import plain_console
 from galton.cli._modules import Imports
 from galton.cli._options import AlgorithmName, EnvName, Training, command_line, folder_name
 from galton.cli._parsing import COMMON, TrainingOptions, parse
-from galton.cli._progress import live_progress
+from galton.cli._progress import live_progress, plain_console
 from galton.cli._words import Fills
 from galton.devices import use_all_cores
 from galton.envs.base import Environment
@@ -27,7 +26,7 @@ from galton.saving import files
 from galton.saving.result_folder import CURVES, FIGURE, SUMMARY, check_free, claimed, replacing, told, write_settings
 from galton.tasks import task_of
 from galton.training.size import check_size
-from galton.training.train import Result
+from galton.training.train import Result, train
 from galton_experiments.analysis.comparison import Row, curves, label_of, learning_curves, named, summarise, verdicts
 from galton_experiments.analysis.plots import save
 from galton_experiments.commands._compare_view import table
@@ -96,7 +95,15 @@ def main(arguments: Sequence[str]) -> None:
             with live_progress(console) as follow:
                 for name, setting in settings.items():
                     show = follow(name if name not in LOSSES else label_of(name), training.steps, len(seeds))
-                    results[name] = training.run(env, setting.agent, seeds, show)
+                    results[name] = train(
+                        env,
+                        setting.agent,
+                        seeds,
+                        training.steps,
+                        n_logs=training.logs,
+                        n_eval_episodes=training.eval_episodes,
+                        meanwhile=show,
+                    )
             rows = summarise(results, known, options.at_rest)
             with told(out):
                 _keep(folder, options, settings, results, rows, known)

@@ -7,10 +7,10 @@ from typing import Annotated
 
 import tyro
 
-from galton.cli._console import plain_console
 from galton.cli._modules import import_typed
+from galton.cli._progress import plain_console
 from galton.errors import UsageError
-from galton.foreign import import_all
+from galton.extras import import_all
 from galton_experiments.commands._sweep_view import winners
 from galton_experiments.sweep import results
 from galton_experiments.sweep.plan import Plan
