@@ -5,13 +5,13 @@ import hashlib
 import re
 import shlex
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Annotated
 
 import tyro
 
 from galton.agents import in_two, written
-from galton.algorithms import ALGORITHMS, Agent, find_algorithm
+from galton.algorithms import ALGORITHMS, find_algorithm
 from galton.cli._modules import search_here
 from galton.cli._words import Fills, Settings
 from galton.envs.find import find
@@ -23,7 +23,7 @@ from galton.models.settings import all_words
 from galton.presets import PAPER, PRESETS, Preset
 from galton.records import Fields
 from galton.tasks import task_of
-from galton.training.train import Result, check_arguments, train
+from galton.training.train import check_arguments
 from galton.words import values_of, vocabulary
 
 EnvName = Annotated[
@@ -87,28 +87,10 @@ class Training:
         return own | {"env_kwargs": read_constants(self.env_kwargs)} | in_two(words)
 
     def check(self, seeds: Sequence[int]) -> None:
-        """Raise UsageError for what `run` can't take, before anything is begun."""
+        """Raise UsageError for what `train` can't take, before anything is begun."""
         values_of(self.words)
         check_arguments(seeds, self.steps, self.logs, self.eval_episodes)
         require(self.steps < 2**31, f"total_timesteps is {self.steps}; one run counts up to 2³¹ − 1 steps")
-
-    def run(
-        self,
-        env: Task,
-        agent: Agent,
-        seeds: Sequence[int],
-        meanwhile: Callable[[int], None],
-    ) -> Result:
-        """Train a run of this agent, one of the losses', for each seed."""
-        return train(
-            env,
-            agent,
-            seeds,
-            self.steps,
-            n_logs=self.logs,
-            n_eval_episodes=self.eval_episodes,
-            meanwhile=meanwhile,
-        )
 
     def find(self, name: str) -> Task:
         """The environment of a name that was typed, made with these keyword arguments."""

@@ -19,8 +19,8 @@ ABOUT = r"(?= (?:is|are|has|holds|names|goes|needs)\b)"
 class Fills:
     """In the annotation of an option: what the functions that it is for call it, where that is another name."""
 
-    def __init__(self, *arguments: str) -> None:
-        self.arguments = arguments
+    def __init__(self, argument: str) -> None:
+        self.argument = argument
 
 
 class Without:
@@ -57,7 +57,7 @@ def options_of(record: type) -> dict[str, str]:
             inner |= {word: "--" + word.replace("_", "-") for word in vocabulary().usual}
             continue
         typed = _placed(name, marks) if any(mark in placed for mark in marks) else "--" + name.replace("_", "-")
-        arguments = [argument for mark in marks if isinstance(mark, Fills) for argument in mark.arguments]
+        arguments = [mark.argument for mark in marks if isinstance(mark, Fills)]
         known |= dict.fromkeys([name, *arguments], typed)
     return inner | known
 

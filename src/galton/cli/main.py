@@ -37,9 +37,6 @@ MOVED = ("reproduce", "report")
 RESUMABLE = ("sweep", "benchmark")
 """The commands whose work is kept as it is done."""
 
-EXIT_CODES = {BrokenEnvironmentError: 1, CheckpointError: 2, UsageError: 2}
-"""What the command ends with, by whose fault it was: an environment's, or that of an argument or a file."""
-
 SIZES = (
     "net-arch",
     "n-bins",
@@ -112,9 +109,9 @@ def _run(name: str, arguments: list[str]) -> int:
         keep_programs()
         package = "galton_experiments.commands" if name in EXPERIMENTS else "galton.cli"
         run_command(f"{package}.{name}", arguments)
-    except tuple(EXIT_CODES) as error:
+    except (BrokenEnvironmentError, CheckpointError, UsageError) as error:
         print(f"galton: {error}", file=sys.stderr)
-        return next(code for kind, code in EXIT_CODES.items() if isinstance(error, kind))
+        return 1 if isinstance(error, BrokenEnvironmentError) else 2
     except KeyboardInterrupt as interrupt:
         left = "the same command goes on with the rest" if name in RESUMABLE else "nothing was written"
         done = f"{interrupt}, and " if interrupt.args else ""
