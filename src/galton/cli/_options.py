@@ -12,7 +12,7 @@ import tyro
 
 from galton.agents import in_two, written
 from galton.algorithms import ALGORITHMS, find_algorithm
-from galton.cli._modules import search_here
+from galton.cli._reading import search_here
 from galton.cli._words import Fills, Settings
 from galton.envs.find import find
 from galton.envs.registry import ENVS, find_task, is_known, read_constants

@@ -10,9 +10,8 @@ import tyro
 from tyro.constructors import ConstructorRegistry, StructConstructorSpec, StructFieldSpec, StructTypeInfo
 
 from galton.algorithms import Rollout
-from galton.cli._modules import import_typed
 from galton.cli._options import Training
-from galton.cli._reading import read_options
+from galton.cli._reading import import_typed, read_options
 from galton.cli._registry import REGISTRY
 from galton.cli._words import Without
 from galton.errors import UsageError
@@ -76,7 +75,6 @@ def parse(
 
 
 def _imports(arguments: Sequence[str]) -> list[str]:
-    """The modules that a command line names."""
     parser = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
     parser.add_argument("--imports", nargs="*", default=[])
     return list(parser.parse_known_args(arguments)[0].imports)
@@ -144,6 +142,5 @@ def _help_of(field: StructFieldSpec) -> str | None:
 
 
 def _filled(default: Training, training: Any, **parts: Any) -> Training:
-    """The training with what the groups hold."""
     words = {name: value for part in parts.values() for name, value in vars(part).items()}
     return dataclasses.replace(default, **vars(training), words=without_idle(default.words | words, default.words))

@@ -76,7 +76,6 @@ def _one_number(info: PrimitiveTypeInfo) -> PrimitiveConstructorSpec[float | str
 
 
 def _number(text: str) -> float | str:
-    """A number, or the words of a schedule, which `agents.read` checks."""
     return text if "(" in text else float(text)
 
 

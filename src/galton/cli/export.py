@@ -8,10 +8,8 @@ from typing import Annotated
 
 import tyro
 
-from galton.cli._metrics import points
-from galton.cli._modules import Imports, import_typed
-from galton.cli._reading import read_options
-from galton.cli._runs import model_of
+from galton.cli._reading import Imports, import_typed, read_options
+from galton.cli._runs import model_of, points
 from galton.deploy import card, export
 from galton.errors import require, unknown
 from galton.models import Model

@@ -12,8 +12,6 @@ from galton import callbacks
 from galton.agents import read, words_of
 from galton.algorithms import Agent
 from galton.cli._kept_model import KeptModel
-from galton.cli._metrics import forget_after, known
-from galton.cli._modules import Imports
 from galton.cli._options import (
     AlgorithmName,
     EnvName,
@@ -27,6 +25,8 @@ from galton.cli._options import (
 )
 from galton.cli._parsing import COMMON, TrainingOptions, parse
 from galton.cli._progress import Show, live_progress, plain_console
+from galton.cli._reading import Imports
+from galton.cli._runs import forget_after, known
 from galton.devices import use_all_cores
 from galton.envs.find import find
 from galton.envs.jax_task import JaxTask

@@ -13,8 +13,7 @@ import numpy as np
 import tyro
 
 from galton.cli import _film as film
-from galton.cli._modules import Imports, import_typed
-from galton.cli._reading import read_options
+from galton.cli._reading import Imports, import_typed, read_options
 from galton.cli._runs import environment_of, model_of
 from galton.envs.host.answers import FAULTS, blame, one_flag, one_number, parts
 from galton.envs.host.gymnasium import GymnasiumTask

@@ -95,7 +95,6 @@ def _comes_from(name: str, package: str) -> bool:
 
 
 def _find_mujoco(name: str, kwargs: dict[str, Any]) -> Task | None:
-    """The batched task of that id, if there is one."""
     if not _comes_from(name, "mujoco"):
         return None
     with needed(f"environment {name!r}", "mujoco", "imageio"):  # which Gymnasium imports with it

@@ -32,7 +32,6 @@ def usual(algorithm: Choice, env: object = None, preset: Preset = Preset(PAPER))
 
 
 def _usual(algorithm: Choice, env: object, preset: Preset) -> Fields:
-    """All settings of all parts."""
     plain = vocabulary().usual | dict(algorithm.defaults)
     task = plain | settings_of(env) | dict(algorithm.defaults)
     own = {name for name in plain if task[name] != plain[name]}

@@ -161,7 +161,6 @@ def _repeated(found: Repeated) -> Iterator[Finding]:
 
 
 def _limit(task: Task, layers: list[object]) -> int | None:
-    """The time limit, where one is told."""
     limits = [layer._max_episode_steps for layer in layers if isinstance(layer, TimeLimit)]
     return min(limits) if limits else getattr(getattr(task, "record", task), "max_episode_steps", None)
 

@@ -258,7 +258,6 @@ def _compile(task: JaxTask, agent: Agent, on_runs: NamedSharding) -> _Programs:
 
 @kept
 def _compile_evaluation(task: JaxTask, agent: Agent, n_episodes: int, on_runs: NamedSharding) -> Callable[..., Array]:
-    """The program that evaluates."""
 
     def program(task: JaxTask, agent: Agent, key: Array, step: Array, learner: Learner) -> Array:
         return evaluate(jax.random.fold_in(key, step), task, at(agent, step), learner, n_episodes)
@@ -276,7 +275,6 @@ def _shapes(tree: Tree, on_runs: NamedSharding | None = None) -> Tree:
 
 
 def _seeds(agent: Agent) -> jax.ShapeDtypeStruct:
-    """The shape of the seeds of as many runs."""
     return jax.ShapeDtypeStruct(jax.tree.leaves(agent)[0].shape, jnp.uint32)
 
 

@@ -10,9 +10,8 @@ from rich import box
 from rich.console import Console
 from rich.table import Table as View
 
-from galton.cli._modules import import_typed
 from galton.cli._progress import plain_console
-from galton.cli._reading import read_options
+from galton.cli._reading import import_typed, read_options
 from galton.errors import UsageError, require_integer
 from galton_experiments.benchmark import report, stages, tables
 from galton_experiments.benchmark.answer import sentences

@@ -10,10 +10,10 @@ from typing import Annotated
 import tyro
 
 from galton.agents import written
-from galton.cli._modules import Imports
 from galton.cli._options import AlgorithmName, EnvName, Training, command_line, folder_name
 from galton.cli._parsing import COMMON, TrainingOptions, parse
 from galton.cli._progress import live_progress, plain_console
+from galton.cli._reading import Imports
 from galton.cli._words import Fills
 from galton.devices import use_all_cores
 from galton.envs.base import Environment

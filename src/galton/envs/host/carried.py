@@ -16,7 +16,7 @@ import numpy as np
 from gymnasium.wrappers import TimeLimit
 from jaxtyping import Float
 
-from galton.envs.host.wrappers import is_monitor, put
+from galton.envs.host.state import is_monitor, put
 from galton.errors import UsageError, require
 from galton.extras import is_instance_of
 

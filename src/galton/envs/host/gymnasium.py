@@ -27,8 +27,7 @@ from galton.envs.host.base import Steps
 from galton.envs.host.carried import layers_of, plain_data, refuse_different
 from galton.envs.host.moves import Moves, moves_of
 from galton.envs.host.observations import Observations
-from galton.envs.host.state import Env, get_state, is_restorable, set_state
-from galton.envs.host.wrappers import is_monitor
+from galton.envs.host.state import Env, get_state, is_monitor, is_restorable, set_state
 from galton.errors import BrokenEnvironmentError, UsageError, require
 
 _NAMELESS = ("<lambda>", "partial")
@@ -220,7 +219,6 @@ class GymnasiumEnvs:
 
 
 def _close(envs: Iterable[Env]) -> None:
-    """Close environments of which nothing is wanted any more."""
     for env in envs:
         with contextlib.suppress(*FAULTS):
             env.close()

@@ -1,20 +1,52 @@
-"""The state of one Gymnasium environment as arrays: its own, its wrappers' and its generator's."""
+"""The state of one Gymnasium environment as arrays: its own, its wrappers' and its generator's.
+
+Of Gymnasium's wrappers only those that stand here are known, by their very class: any other wrapper counts as one that
+keeps a state nobody can tell.
+"""
 
 import json
+import operator
 from typing import Any, Protocol, runtime_checkable
 
 import gymnasium
 import numpy as np
+from gymnasium import wrappers
 from gymnasium.wrappers import TimeLimit
 from jaxtyping import UInt8
 
-from galton.envs.host import wrappers
 from galton.envs.host.answers import as_numbers, blame, shown
 from galton.errors import BrokenEnvironmentError
 
 Env = gymnasium.Env[Any, Any]
 """A Gymnasium environment, whatever it observes and takes."""
 State = dict[str, np.ndarray]
+
+
+_STATELESS = (
+    "ClipAction",
+    "ClipReward",
+    "DtypeObservation",
+    "FilterObservation",
+    "FlattenObservation",
+    "GrayscaleObservation",
+    "OrderEnforcing",
+    "PassiveEnvChecker",
+    "RecordEpisodeStatistics",  # what it counts is told in infos, which training does not read
+    "RecordVideo",
+    "RepeatAction",
+    "RescaleAction",
+    "RescaleObservation",
+    "ReshapeObservation",
+    "ResizeObservation",
+)
+"""Wrappers of Gymnasium's whose observations, rewards and ends do not depend on earlier steps."""
+
+_ATTRIBUTES = {
+    "NormalizeObservation": ("obs_rms.mean", "obs_rms.var", "obs_rms.count"),
+    "NormalizeReward": ("return_rms.mean", "return_rms.var", "return_rms.count", "discounted_reward"),
+    "TimeAwareObservation": ("timesteps",),
+}
+"""Wrappers of Gymnasium's with a state, and the attributes that are all of it."""
 
 
 @runtime_checkable
@@ -31,7 +63,7 @@ class Restorable(Protocol):
 def is_restorable(env: Env) -> bool:
     """Whether all of an environment can be saved: its own state and that of every wrapper around it."""
     return isinstance(env.unwrapped, Restorable) and all(
-        type(wrapper) is TimeLimit or _tells(wrapper) or wrappers.is_known(wrapper) for wrapper in _around(env)
+        type(wrapper) is TimeLimit or _tells(wrapper) or _is_known(wrapper) for wrapper in _around(env)
     )
 
 
@@ -39,7 +71,7 @@ def get_state(env: Env, where: str) -> State:
     """All of a restorable environment that decides how it goes on."""
     state = _told(env.unwrapped, "state", where)
     for prefix, wrapper in _named(env):
-        state |= _told(wrapper, prefix, where) if _tells(wrapper) else _prefixed(prefix, wrappers.get_state(wrapper))
+        state |= _told(wrapper, prefix, where) if _tells(wrapper) else _prefixed(prefix, _known_state(wrapper))
     state["elapsed_steps"] = np.array([limit._elapsed_steps or 0 for limit in _time_limits(env)], np.int64)
     with blame(f"{where}: np_random"):
         state["generator"] = generator_state(env.unwrapped.np_random)
@@ -52,7 +84,7 @@ def set_state(env: Env, state: dict[str, Any], where: str) -> None:
         own = {key.removeprefix(f"{prefix}/"): value for key, value in state.items() if key.startswith(f"{prefix}/")}
         with blame(f"{where}: set_state"):
             if isinstance(holder, gymnasium.Wrapper) and not _tells(holder):
-                wrappers.set_state(holder, own)
+                _set_known_state(holder, own)
             else:
                 holder.set_state(own)
     for limit, elapsed in zip(_time_limits(env), state["elapsed_steps"], strict=True):
@@ -106,9 +138,44 @@ def _time_limits(env: Env) -> list[Any]:
 
 
 def _around(env: Env) -> list[Any]:
-    """The wrappers around an environment, from the outside in."""
     found = []
     while env is not env.unwrapped:
         found.append(env)
         env = env.env  # type: ignore[attr-defined]
     return found
+
+
+def _is_known(wrapper: Any) -> bool:
+    """Whether all of a wrapper's state can be told, or it has none."""
+    return is_monitor(wrapper) or _name(wrapper) in (*_STATELESS, *_ATTRIBUTES)
+
+
+def is_monitor(env: object) -> bool:
+    """Whether it is SB3's Monitor, which tells of episodes in infos and changes nothing else."""
+    kind = type(env)
+    return (kind.__module__, kind.__name__) == ("stable_baselines3.common.monitor", "Monitor")
+
+
+def _known_state(wrapper: Any) -> dict[str, np.ndarray]:
+    """The state of a known wrapper, which may be empty."""
+    names = _ATTRIBUTES.get(_name(wrapper), ())
+    return {name: np.array(operator.attrgetter(name)(wrapper)) for name in names}
+
+
+def _set_known_state(wrapper: Any, state: dict[str, Any]) -> None:
+    """Put a known wrapper into what `_known_state` told."""
+    for name in _ATTRIBUTES.get(_name(wrapper), ()):
+        *path, last = name.split(".")
+        put(operator.attrgetter(*path)(wrapper) if path else wrapper, last, state[name])
+
+
+def put(holder: Any, name: str, value: Any) -> None:
+    """Set an array or a number of Python's, which stays one: numpy's would decide on the precision of products."""
+    plain = not isinstance(getattr(holder, name), np.ndarray | np.generic)
+    setattr(holder, name, np.asarray(value).item() if plain else np.array(value))
+
+
+def _name(wrapper: Any) -> str:
+    """The name under which Gymnasium offers a wrapper; empty for any other, a subclass of its own included."""
+    name = type(wrapper).__name__
+    return name if vars(wrappers).get(name) is type(wrapper) else ""

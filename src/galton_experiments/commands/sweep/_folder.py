@@ -7,8 +7,8 @@ from typing import Annotated
 
 import tyro
 
-from galton.cli._modules import import_typed
 from galton.cli._progress import plain_console
+from galton.cli._reading import import_typed
 from galton.errors import UsageError
 from galton.extras import import_all
 from galton_experiments.commands._sweep_view import winners
