@@ -1,4 +1,4 @@
-"""What can happen while `learn` trains: functions of the model and its log; False stops training.
+"""Callbacks are functions of the model and its log that `learn` calls while it trains; False stops training.
 
 - One that has an attribute `every` is called whenever a multiple of that many steps of the run has been passed.
 - Any other is called at log points: every `log_interval` updates, at the end of `learn`, and where a callback before

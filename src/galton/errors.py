@@ -1,4 +1,4 @@
-"""What goes wrong, by whose fault: an argument's, an environment's, a file's, or training's own."""
+"""Errors and warnings by whose fault they are: an argument's, an environment's, a file's, or training's own."""
 
 import difflib
 import re
@@ -65,7 +65,7 @@ def require_integer(name: str, value: object, least: int, most: int | None = Non
 
 
 def is_number(value: object) -> bool:
-    """Whether it is one number, Python's or numpy's; True and False are none."""
+    """True for one number, Python's or numpy's; True and False are none."""
     return isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
 
 
@@ -82,7 +82,7 @@ def require(condition: bool | np.bool, message: str) -> None:
 
 
 def in_a_line(error: Exception) -> str:
-    """What an error says, in one line; its type stands before what others than Galton raised."""
+    """The message of an error in one line; its type stands before what others than Galton raised."""
     said = str(error) if isinstance(error, UsageError | CheckpointError) else f"{type(error).__name__}: {error}"
     return " ".join(said.split())
 

@@ -91,7 +91,7 @@ def installing(extra: str) -> str:
 
 
 def is_instance_of(value: object, package: str, name: str) -> bool:
-    """Whether a value's class, or one that it inherits from, has that name in that package; nothing is imported."""
+    """True if a value's class, or one that it inherits from, has that name in that package; nothing is imported."""
     return any(cls.__name__ == name and cls.__module__.partition(".")[0] == package for cls in type(value).__mro__)
 
 

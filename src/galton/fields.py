@@ -1,4 +1,4 @@
-"""What a value must be is what its annotation says: the one check of every record of settings.
+"""A setting's annotation says what its value must be: the one check of every record of settings.
 
 An annotation is bool, str, a Literal of words, a class, an integer or number with its bounds in an `Annotated`, a
 tuple of any of them, or one of these or None.

@@ -48,7 +48,7 @@ class Between(Schedule):
 
     @property
     def is_endless(self) -> bool:
-        """Whether it goes over all that is trained."""
+        """True if it goes over all that is trained."""
         return bool(np.any(np.isinf(self.steps)))
 
     def over(self, begin: int, end: int) -> "Between":
@@ -111,7 +111,7 @@ class Step(Schedule):
 
     @property
     def is_endless(self) -> bool:
-        """Whether one of its schedules goes over all that is trained."""
+        """True if one of its schedules goes over all that is trained."""
         return any(each.is_endless for each in (self.before, self.after) if isinstance(each, Schedule))
 
     def over(self, begin: int, end: int) -> "Step":

@@ -217,7 +217,7 @@ def refuse_idle(words: Words) -> None:
 
 
 def _whose(name: str, words: Words) -> str:
-    """Which parts have a setting, and which are there instead."""
+    """The parts that have a setting, and those that are there instead."""
     owners: list[str] = []
     instead: list[str] = []
     found = chosen(words)

@@ -54,7 +54,7 @@ Flat = Annotated[Fields, Settings()]
 
 @dataclasses.dataclass(frozen=True)
 class Training:
-    """How long and with what to train; the defaults are the task's (App. C.2), the preset's or the algorithm's."""
+    """Length and settings of training; the defaults are the task's (App. C.2), the preset's or the algorithm's."""
 
     steps: Annotated[int, Fills("total_timesteps")] = 500_000
     """Environment steps per run."""

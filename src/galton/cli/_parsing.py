@@ -1,4 +1,4 @@
-"""How a command that trains is parsed: its defaults are the task's, and its help has groups."""
+"""Commands that train are parsed here: their defaults are the task's, and their help has groups."""
 
 import argparse
 import dataclasses
@@ -96,7 +96,7 @@ class _AnyTraining(Training):
 
 
 def _fields(kind: type, info: StructTypeInfo) -> list[StructFieldSpec]:
-    """What tyro makes of the fields of a record, but for a mapping of settings."""
+    """The fields that tyro makes of a record's, but for a mapping of settings."""
     default = info.default if kind is _AnyTraining else tyro.MISSING_NONPROP
     spec = ConstructorRegistry.get_struct_spec(dataclasses.replace(info, type=kind, default=default))
     assert isinstance(spec, StructConstructorSpec)
@@ -123,7 +123,7 @@ def _of_parts(info: StructTypeInfo) -> dict[str, type]:
 
 
 def _kind(choice: Choice) -> Any:
-    """What may be typed for a word that chooses a part."""
+    """The type of what may be typed for a word that chooses a part."""
     names = ["auto", *choice.registry] if choice.usual == "auto" else [*choice.registry]
     return bool if True in choice.registry else Annotated[str, tyro.conf.arg(metavar="{" + ",".join(names) + "}")]
 

@@ -1,4 +1,4 @@
-"""What is said where compiled programs can't be kept or read: one line of ours, instead of JAX's at each program."""
+"""One line of ours says that compiled programs can't be kept or read, instead of JAX's at each program."""
 
 import glob
 import os

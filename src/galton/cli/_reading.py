@@ -1,4 +1,4 @@
-"""How a command line becomes a record of options, or one sentence that says why it can't; and modules that it names.
+"""A command line becomes a record of options, or one sentence that says why it can't; its modules are imported.
 
 The current folder is searched for what the command line names, and for nothing else: what a file names, such as the
 plan of a sweep, may be a stranger's. Such a module must be installed, lie on PYTHONPATH, or be typed as well.
@@ -85,14 +85,14 @@ def read_options(
 
 
 def _is_known(word: str, options: type) -> bool:
-    """Whether a word is an option, or the opposite of one."""
+    """True if a word is an option, or the opposite of one."""
     typed = word.partition("=")[0].replace("_", "-")
     known = {*options_of(options).values(), "--help", "--help-all", "--"}
     return not known.isdisjoint({typed, typed.replace("--no-", "--", 1)})
 
 
 def _stray(word: str, options: type, name: str, help_: str) -> str:
-    """What to say of a word that is no option and has no place."""
+    """The message about a word that is no option and has no place."""
     if word.lower() in ("true", "false", "0", "1", "yes", "no"):
         return f"{word!r} is one argument too many; a switch stands alone, as --resume or --no-resume; {help_}"
     if not word.startswith("-"):

@@ -1,4 +1,4 @@
-"""How words become values, and how the help of a command shows them: tyro's rules, and Galton's before them."""
+"""Rules make values of words, and say how the help of a command shows them: tyro's, and Galton's before them."""
 
 import contextlib
 import dataclasses
@@ -63,7 +63,7 @@ def _integers(info: PrimitiveTypeInfo) -> PrimitiveConstructorSpec[tuple[int, ..
 
 @REGISTRY.primitive_rule
 def _one_number(info: PrimitiveTypeInfo) -> PrimitiveConstructorSpec[float | str] | None:
-    """What may be one number or an array of them is one number here."""
+    """A setting that may be one number or an array of them is one number here."""
     if {*get_args(info.type)} - {int, NoneType} != {*get_args(Number)}:
         return None
     return PrimitiveConstructorSpec(

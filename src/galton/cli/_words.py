@@ -1,4 +1,4 @@
-"""What the command line calls things: each argument by the option that fills it."""
+"""The command line calls each argument by the option that fills it."""
 
 import contextlib
 import dataclasses
@@ -63,7 +63,7 @@ def options_of(record: type) -> dict[str, str]:
 
 
 def _placed(name: str, marks: Sequence[object]) -> str:
-    """What the help calls an argument that has a place, unless it is its name in capitals or no plain word."""
+    """The word that help has for an argument with a place, unless it is its name in capitals or no plain word."""
     shown = [str(word) for mark in marks if (word := getattr(mark, "metavar", None))]
     return next((word for word in shown if word.isalpha() and word != name.upper()), name)
 

@@ -65,6 +65,6 @@ def _settings(file: Path, needed: bool) -> dict[str, object]:
 
 
 def _origin(file: Path, settings: dict[str, object]) -> dict[str, object]:
-    """Where the policy came from, as far as its model does not say it."""
+    """The origin of the policy, as far as its model does not say it."""
     model = {"model": file.name, "model_sha256": hashlib.sha256(files.read(file, files.DATA)).hexdigest()}
     return {name: value for name, value in settings.items() if name in ("env", "env_kwargs", "command")} | model

@@ -129,7 +129,7 @@ def _run(name: str, arguments: list[str]) -> int:
 
 
 def _of_the_machine(error: Exception, arguments: list[str]) -> str | None:
-    """What to say of an error that comes of this machine: its files, its disk, its memory; None for any other."""
+    """The message for an error that comes of this machine: its files, its disk, its memory; None for any other."""
     if isinstance(error, MemoryError) or "RESOURCE_EXHAUSTED" in str(error):  # what NumPy and JAX raise
         typed = [word.partition("=")[0].removeprefix("--").replace("_", "-") for word in arguments]
         options = [f"--{name}" for name in SIZES if name in typed] or [f"--{name}" for name in SIZES]

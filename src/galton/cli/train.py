@@ -239,7 +239,7 @@ class _Record:
 
     @property
     def keeps(self) -> bool:
-        """Whether there is a folder to keep the model in, or room for one: an earlier run has it until then."""
+        """True if there is a folder to keep the model in, or room for one: an earlier run has it until then."""
         return self.model.begun or not (self._options.overwrite and (self._options.folder / CONFIG).exists())
 
     def _begin(self, taken: Taken) -> None:

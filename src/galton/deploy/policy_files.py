@@ -60,7 +60,7 @@ def export(model: Model, path: str | Path, origin: Mapping[str, object] | None =
 def contract(
     model: Model, decision: Decision, file: str, content: bytes, origin: Mapping[str, object]
 ) -> dict[str, object]:
-    """What the file with these bytes takes and gives, and where it came from; `origin` is added to the latter."""
+    """The contract of the file with these bytes: its input, its output and its source, to which `origin` is added."""
     normalizes = bool(model.learner.normalizer.observation)
     return {
         "contract": VERSION,
@@ -105,7 +105,7 @@ def _source(model: Model) -> dict[str, object]:
 
 
 def _entries(space: Space, where: tuple[str | int, ...] = (), first: int = 0) -> Iterator[dict[str, object]]:
-    """Which entries of the flat observation each part of the environment's is, in order; `to` is left out."""
+    """The entries of the flat observation that each part of the environment's is, in order; `to` is left out."""
     if isinstance(space, Dict | Tuple):
         for name, part in space.spaces.items() if isinstance(space, Dict) else enumerate(space.spaces):
             yield from _entries(part, (*where, name), first)

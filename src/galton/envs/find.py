@@ -80,7 +80,7 @@ def _refuse_unversioned(name: str) -> None:
 
 
 def _why_unknown(name: str, error: gymnasium.error.UnregisteredEnv) -> str:
-    """That there is no such id, with what was probably meant: Gymnasium's guess is without the version."""
+    """A sentence that there is no such id, with what was probably meant: Gymnasium's guess is without the version."""
     known = f"Gymnasium knows no environment of that name, and Galton's own are {', '.join(registry.ENVS)}"
     own = "" if ":" in name else "; one that a module of yours registers is module:Id"
     meant = did_you_mean(name, [*registry.ENVS, *gymnasium.registry])
@@ -89,7 +89,7 @@ def _why_unknown(name: str, error: gymnasium.error.UnregisteredEnv) -> str:
 
 
 def _comes_from(name: str, package: str) -> bool:
-    """Whether Gymnasium has the environment of that id in this package of its environments."""
+    """True if Gymnasium has the environment of that id in this package of its environments."""
     spec = gymnasium.registry.get(name)
     return spec is not None and str(spec.entry_point).startswith(f"gymnasium.envs.{package}.")
 

@@ -1,4 +1,4 @@
-"""What a policy does with observations, outside training: actions, and whole episodes."""
+"""A policy acts on observations outside training, and plays whole episodes."""
 
 import functools
 

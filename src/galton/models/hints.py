@@ -1,4 +1,4 @@
-"""What somebody who comes from Stable-Baselines3 types first, and what to type here."""
+"""Somebody who comes from Stable-Baselines3 is told what to type here."""
 
 import functools
 from typing import TYPE_CHECKING, Any

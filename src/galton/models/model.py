@@ -186,7 +186,7 @@ class Model(Base):
         return returns_on(task, *about, self._run.environments)
 
     def yardsticks(self, env: object = None, env_kwargs: Mapping[str, object] | None = None) -> Yardsticks:
-        """What a policy has to be better than: the mean returns of doing nothing and of random actions.
+        """A policy has to be better than these mean returns: of doing nothing, and of random actions.
 
         Three episodes of each are played where `evaluate` plays; its arguments and errors are that method's.
         """

@@ -86,7 +86,7 @@ def check_no_way_out(name: str, folder: Path, *files: str) -> None:
 
 
 def _target(path: Path) -> Path:
-    """Where a path leads in the end; a link that leads back to itself is where it ends."""
+    """The path that a path leads to in the end; a link that leads back to itself is where it ends."""
     return Path(os.path.realpath(path))
 
 

@@ -113,7 +113,7 @@ def write_settings(folder: Path, settings: dict[str, object]) -> None:
 
 
 def read_settings(folder: Path) -> dict[str, object]:
-    """What `write_settings` wrote, nothing without a config.json; UsageError for one that can't be read or is none."""
+    """The settings that `write_settings` wrote, none without a config.json; UsageError for one that can't be read."""
     path = folder / CONFIG
     try:
         settings = json.loads(files.read(path, files.TEXT))

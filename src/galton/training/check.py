@@ -1,4 +1,4 @@
-"""What Galton makes of an environment, found out in about five seconds: will it learn here?"""
+"""`check_env` finds out in about five seconds what Galton makes of an environment: will it learn here?"""
 
 import dataclasses
 from collections.abc import Iterator, Mapping
@@ -55,7 +55,7 @@ class Check:
 
     @property
     def ok(self) -> bool:
-        """Whether the environment can be trained on."""
+        """True if the environment can be trained on."""
         return all(finding.ok for finding in self.findings)
 
     def __repr__(self) -> str:

@@ -40,7 +40,7 @@ def deterministic_action(
 
 
 def copies(task: Task, n_copies: int, n_threads: int = 1) -> HostEnvironments:
-    """That many copies of a task to evaluate on; UsageError if training has one of them."""
+    """So many copies of a task to evaluate on; UsageError if training has one of them."""
     envs = task.make(n_copies, n_threads)
     if any(moves.are_watched for moves in envs.moves):
         envs.close()

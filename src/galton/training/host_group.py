@@ -144,7 +144,7 @@ class Group:
         return batch, finished
 
     def _noise_before(self) -> tuple[PyTree[Array], np.ndarray | tuple[()]]:
-        """What correlated noise goes on from and where it begins anew; nothing where noise is not correlated."""
+        """The noise that the next goes on from and where it begins anew; nothing where noise is not correlated."""
         return self._noise, () if self._agent.rollout.noise_correlation is None else self._length == 0
 
     def _step(self, action: np.ndarray) -> Steps:
@@ -179,7 +179,7 @@ class Group:
         return learner._replace(normalizer=normalizer), np.asarray(reward), np.asarray(final)
 
     def log(self, begin_next: bool = True) -> Log:
-        """What is recorded of the updates since the last log, each number `[P]`."""
+        """The log of the updates since the last one, each number `[P]`."""
         runs, log = self._programs.log(self._numbers, self.runs, self._batch)
         if begin_next:
             self.runs = runs
@@ -198,7 +198,7 @@ class Group:
         return self._split(self.evaluator.evaluate(self.environments.layers, self._at_first, seeds, act))
 
     def yardsticks(self) -> Yardsticks:
-        """What doing nothing and random actions return, on the copies that evaluation plays on."""
+        """The returns of doing nothing and of random actions, on the copies that evaluation plays on."""
         return self.evaluator.yardsticks(self._agent.low, self._agent.high)
 
     def put(self, learner: Learner) -> None:
@@ -212,7 +212,7 @@ class Group:
         self.runs = self._place(reseeded(self.runs, seeds))
 
     def snapshot(self) -> Snapshot:
-        """What `restore` goes on from; `environments` is None where they can't tell their states."""
+        """The snapshot that `restore` goes on from; `environments` is None where they can't tell their states."""
         own: dict[str, Any] = {"observation": self._observation, "length": self._length, "return": self._return}
         if self._agent.rollout.noise_correlation is not None:
             own["noise"] = jax.tree.map(np.asarray, self._noise)

@@ -20,7 +20,7 @@ from galton.types import Learner, Rule
 
 @dataclasses.dataclass(frozen=True)
 class Result:
-    """What `train` returns: R trained runs with L log points each."""
+    """The result of `train`: R trained runs with L log points each."""
 
     agent: Agent
     """The agent of all runs; its numbers are `[R]`, one for each."""
@@ -184,7 +184,7 @@ def log_points(rollout_size: int, total_timesteps: int, n_logs: int) -> Int[np.n
 
 
 def log_plan(rollout_size: int, total_timesteps: int, n_logs: int) -> tuple[int, int]:
-    """How many log points there are, and how many environment steps lie between each two."""
+    """The number of log points, and the environment steps between each two."""
     n_updates = -(-total_timesteps // rollout_size)
     updates_per_log = -(-n_updates // min(n_logs, n_updates))
     return -(-n_updates // updates_per_log), updates_per_log * rollout_size

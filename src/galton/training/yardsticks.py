@@ -1,4 +1,4 @@
-"""What a policy has to be better than: doing nothing and acting at random, neither of which needs any learning."""
+"""A policy has to be better than doing nothing and acting at random, neither of which needs any learning."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -38,7 +38,7 @@ class Yardsticks(NamedTuple):
         return f"doing nothing returns {self.doing_nothing:,.2f}, random actions {self.random_actions:,.2f}"
 
     def not_reached_by(self, mean: float) -> str:
-        """What to say of a policy with this mean return if it is below one of the two; empty if it isn't."""
+        """The message about a policy whose mean return is below one of the two; empty if it isn't."""
         above = [(value, name.replace("_", " ")) for name, value in self._asdict().items() if mean < value]
         told = " and ".join(f"{name} ({value:,.2f})" for value, name in above)
         return f"the policy's return of {mean:,.2f} is below that of {told}" if told else ""

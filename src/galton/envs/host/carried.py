@@ -1,4 +1,4 @@
-"""What training's environments have learnt or been given, carried to the copies that evaluation plays on.
+"""Evaluation plays on copies that get what training's environments have learnt or been given.
 
 A copy that is made anew lacks it: the statistics of a `NormalizeObservation`, the stage of a curriculum, a parameter
 that somebody set since. It is found in the attributes of an environment and its wrappers, where they are plain data:
@@ -47,7 +47,7 @@ def layers_of_copies(envs: Any) -> list[Layers]:
 
 
 def has_no_limit(layers: Layers) -> bool:
-    """Whether an environment of this process has no time limit that Gymnasium knows of."""
+    """True if an environment of this process has no time limit that Gymnasium knows of."""
     known = any(isinstance(layer, TimeLimit) for layer in layers)
     return isinstance(layers[-1], gymnasium.Env) and not known
 
@@ -217,7 +217,7 @@ def _is_statistics(value: Any) -> bool:
 
 
 def _is_of_rewards(value: Any) -> bool:
-    """Whether it is running statistics of one number, the return: those of observations have an axis."""
+    """True for running statistics of one number, the return: those of observations have an axis."""
     return _is_statistics(value) and np.ndim(value.mean) == 0
 
 

@@ -69,7 +69,7 @@ class GymnasiumTask:
             weakref.finalize(self, _close, self._spare).atexit = False
 
     def make(self, n_copies: int, n_threads: int = 1) -> "GymnasiumEnvs":
-        """That many copies, in one thread; of an environment that was there, the first is itself."""
+        """So many copies, in one thread; of an environment that was there, the first is itself."""
         del n_threads
         envs: list[Env] = []
         with self._closing_at_failure(envs):

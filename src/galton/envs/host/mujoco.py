@@ -35,7 +35,7 @@ class MujocoTask:
         self.observations = Observations(name, made.observation_space)
 
     def make(self, n_copies: int, n_threads: int = 1) -> "MujocoEnvs":
-        """That many simulations, stepped on that many threads."""
+        """So many simulations, stepped on so many threads."""
         return MujocoEnvs(self, n_copies, n_threads)
 
 
@@ -98,7 +98,7 @@ class MujocoEnvs:
         return self._observe(), reward, terminated, truncated & ~terminated
 
     def get_state(self) -> dict[str, np.ndarray]:
-        """What the simulations, their clocks and their generators go on from."""
+        """The state that the simulations, their clocks and their generators go on from."""
         state = {f"field/{name}": np.array(value) for name, value in self._simulations.fields.items()}
         return state | {
             "physics": self._simulations.get_state(),

@@ -29,7 +29,7 @@ STATE = ("qpos", "qvel")
 
 
 class MujocoFunctions(NamedTuple):
-    """What N simulations of a task see and earn, and where their episodes begin and end."""
+    """The functions of a task: observations and rewards of its N simulations, beginnings and ends of episodes."""
 
     fields: tuple[str, ...]
     """The fields of MjData that the functions read."""
@@ -51,7 +51,7 @@ def control_cost(c: Constants, action: Matrix) -> Rows:
 
 
 def x_position(c: Constants, f: Fields) -> Rows:
-    """Where the root of the robot is, along the track."""
+    """The position of the robot's root along the track."""
     del c
     return f["qpos"][:, 0]
 
@@ -76,7 +76,7 @@ def root_excluded(c: Constants, f: Fields, root: int) -> Float[np.ndarray, "N q"
 
 
 def place(c: Constants, f: Fields, body: str) -> Float[np.ndarray, "N 3"]:
-    """Where a body is."""
+    """The position of a body."""
     return f["xpos"][:, c.model.body(body).id]
 
 
@@ -86,7 +86,7 @@ def length(vector: Float[np.ndarray, "N 3"]) -> Rows:
 
 
 def inside(value: np.ndarray, bounds: tuple[float, float]) -> Bool[np.ndarray, "*batch"]:
-    """Which values lie strictly between the bounds."""
+    """True for the values that lie strictly between the bounds."""
     return (bounds[0] < value) & (value < bounds[1])
 
 
@@ -158,7 +158,7 @@ def _beside_the_goal(generator: np.random.Generator) -> np.ndarray:
 
 
 def poles_observe(c: Constants, f: Fields) -> Matrix:
-    """Where the cart is, sines and cosines of the angles, velocities and the cart's constraint force, both clipped."""
+    """The cart's position, sines and cosines of angles, velocities and the cart's constraint force, both clipped."""
     del c
     angles, force = f["qpos"][:, 1:], np.clip(f["qfrc_constraint"], -10, 10)[:, :1]
     parts = [f["qpos"][:, :1], np.sin(angles), np.cos(angles), np.clip(f["qvel"], -10, 10), force]
@@ -166,7 +166,7 @@ def poles_observe(c: Constants, f: Fields) -> Matrix:
 
 
 def poles_fell(c: Constants, f: Fields) -> Bool[np.ndarray, " N"]:
-    """Where the tip of the upper pole is at the height of 1 or below."""
+    """True where the tip of the upper pole is at the height of 1 or below."""
     del c
     return f["site_xpos"][:, 0, 2] <= 1
 
@@ -207,12 +207,12 @@ def walker_reward(c: Constants, f: Fields, velocity: Rows, action: Matrix, healt
 
 
 def walker_healthy(c: Constants, f: Fields) -> Bool[np.ndarray, " N"]:
-    """Which robots stand upright."""
+    """True for the robots that stand upright."""
     return inside(f["qpos"][:, 1], c._healthy_z_range) & inside(f["qpos"][:, 2], c._healthy_angle_range)
 
 
 def hopper_healthy(c: Constants, f: Fields) -> Bool[np.ndarray, " N"]:
-    """Which robots stand upright with no number out of hand."""
+    """True for the robots that stand upright with no number out of hand."""
     state = np.concatenate([f["qpos"], f["qvel"]], axis=1)[:, 2:]
     return walker_healthy(c, f) & inside(state, c._healthy_state_range).all(1)
 
@@ -226,12 +226,12 @@ def ant_observe(c: Constants, f: Fields) -> Matrix:
 
 
 def ant_position(c: Constants, f: Fields) -> Rows:
-    """Where the torso is, along the track."""
+    """The position of the torso along the track."""
     return f["xpos"][:, c.model.body(c._main_body).id, 0]
 
 
 def ant_healthy(c: Constants, f: Fields) -> Bool[np.ndarray, " N"]:
-    """Which robots are neither on the ground nor in the air."""
+    """True for the robots that are neither on the ground nor in the air."""
     low, high = c._healthy_z_range
     finite = np.isfinite(f["qpos"]).all(1) & np.isfinite(f["qvel"]).all(1)
     return finite & (low <= f["qpos"][:, 2]) & (f["qpos"][:, 2] <= high)
@@ -260,14 +260,14 @@ def humanoid_observe(c: Constants, f: Fields) -> Matrix:
 
 
 def humanoid_position(c: Constants, f: Fields) -> Rows:
-    """Where the center of mass is, along the track; summed for each robot by itself, as the order of a sum rounds."""
+    """The center of mass along the track; summed for each robot by itself, as the order of a sum rounds."""
     mass = c.model.body_mass
     moment = [np.einsum("b,bj->j", mass, centers)[0] for centers in f["xipos"]]
     return np.array(moment) / mass.sum()
 
 
 def humanoid_healthy(c: Constants, f: Fields) -> Bool[np.ndarray, " N"]:
-    """Which robots neither lie nor fly."""
+    """True for the robots that neither lie nor fly."""
     return inside(f["qpos"][:, 2], c._healthy_z_range)
 
 

@@ -61,7 +61,7 @@ class Restorable(Protocol):
 
 
 def is_restorable(env: Env) -> bool:
-    """Whether all of an environment can be saved: its own state and that of every wrapper around it."""
+    """True if all of an environment can be saved: its own state and that of every wrapper around it."""
     return isinstance(env.unwrapped, Restorable) and all(
         type(wrapper) is TimeLimit or _tells(wrapper) or _is_known(wrapper) for wrapper in _around(env)
     )
@@ -104,7 +104,7 @@ def set_generator_state(generator: np.random.Generator, state: UInt8[np.ndarray,
 
 
 def _told(holder: Any, prefix: str, where: str) -> State:
-    """What `get_state` of an environment or a wrapper tells, checked."""
+    """The state that `get_state` of an environment or a wrapper tells, checked."""
     with blame(f"{where}: get_state"):
         told: object = holder.get_state()
     if not isinstance(told, dict):
@@ -123,7 +123,7 @@ def _prefixed(prefix: str, state: State) -> State:
 
 
 def _tells(wrapper: Any) -> bool:
-    """Whether a wrapper's class tells a state, its own and not one that it forwards."""
+    """True if a wrapper's class tells a state, its own and not one that it forwards."""
     return all(callable(getattr(type(wrapper), name, None)) for name in ("get_state", "set_state"))
 
 
@@ -146,12 +146,12 @@ def _around(env: Env) -> list[Any]:
 
 
 def _is_known(wrapper: Any) -> bool:
-    """Whether all of a wrapper's state can be told, or it has none."""
+    """True if all of a wrapper's state can be told, or it has none."""
     return is_monitor(wrapper) or _name(wrapper) in (*_STATELESS, *_ATTRIBUTES)
 
 
 def is_monitor(env: object) -> bool:
-    """Whether it is SB3's Monitor, which tells of episodes in infos and changes nothing else."""
+    """True for SB3's Monitor, which tells of episodes in infos and changes nothing else."""
     kind = type(env)
     return (kind.__module__, kind.__name__) == ("stable_baselines3.common.monitor", "Monitor")
 

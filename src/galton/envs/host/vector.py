@@ -25,7 +25,7 @@ _MANY = 5
 
 
 def is_sb3(env: object) -> bool:
-    """Whether it is an SB3 VecEnv, without importing SB3 for the question."""
+    """True for an SB3 VecEnv, without importing SB3 for the question."""
     return is_instance_of(env, "stable_baselines3", "VecEnv")
 
 
@@ -124,7 +124,7 @@ class VectorEnvs:
         """Nothing: the user made the environment and closes it."""
 
     def call(self, method: str, *arguments: object, **keywords: object) -> Any:
-        """What a method of the vector environment returns."""
+        """The answer of a method of the vector environment."""
         with blame(f"{self._where()}: {method}"):
             return getattr(self._envs, method)(*arguments, **keywords)
 
@@ -160,7 +160,7 @@ class VectorEnvs:
         last: Callable[[int], object],
         key: str,
     ) -> Float[np.ndarray, "M o"]:
-        """What the step led to: `last(i)`, from under that key of the infos, where copy i's episode ended."""
+        """The observations after the step: `last(i)`, under that key of the infos, where copy i's episode ended."""
         if not ended.any():
             return following
         final = following.copy()
