@@ -57,7 +57,7 @@ COMMAND_LINE_LIBRARIES = {
 }
 
 # Libraries of an extra, each of which one file alone imports.
-EXTRAS = {"onnx": "deploy/encoding.py"}
+EXTRAS = {"onnx": "deploy/policy_files.py"}
 
 
 def modules():

@@ -6,16 +6,7 @@ from collections.abc import Collection, Iterable
 
 import numpy as np
 
-MALFORMED = (
-    KeyError,
-    TypeError,
-    ValueError,
-    AttributeError,
-    IndexError,
-    OverflowError,
-    MemoryError,
-    RecursionError,
-)
+MALFORMED = (LookupError, TypeError, ValueError, AttributeError, OverflowError, MemoryError, RecursionError)
 """The errors that come of settings and arrays which Galton did not write."""
 
 

@@ -9,7 +9,7 @@ from galton.algorithms.base import Agent, Algorithm, Rollout, Scalars
 from galton.algorithms.credit import CREDITS
 from galton.algorithms.entropy import ENTROPIES
 from galton.algorithms.ppo import PPO
-from galton.errors import unknown
+from galton.errors import require_word
 
 ALGORITHMS: dict[str, type[Algorithm]] = {"a2c": A2C, "ppo": PPO}
 
@@ -28,6 +28,5 @@ __all__ = [
 
 def find_algorithm(name: str) -> type[Algorithm]:
     """The entry of that name; UsageError lists the names if there is none."""
-    if name not in ALGORITHMS:
-        raise unknown("algorithm", name, ALGORITHMS)
+    require_word("algorithm", name, ALGORITHMS)
     return ALGORITHMS[name]

@@ -1,10 +1,14 @@
-"""A policy's two files: the ONNX file, and the contract beside it, which says as plain JSON how to call it."""
+"""A policy's two files: the ONNX file, and the contract beside it, which says as plain JSON how to call it.
+
+ONNX is imported here and nowhere else.
+"""
 
 import hashlib
 import json
 import math
 from collections.abc import Iterator, Mapping
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 from gymnasium.spaces import Box, Dict, Discrete, MultiDiscrete, Tuple
@@ -13,13 +17,17 @@ from gymnasium.spaces.utils import flatdim
 from galton import normalization
 from galton.agents import policy_name
 from galton.deploy.decision import ACTION, OBSERVATION, Decision, decide
-from galton.deploy.encoding import BATCH, IR_VERSION, OPSET, encode
 from galton.envs.host.base import Space
-from galton.errors import require
+from galton.errors import UsageError, require
+from galton.extras import needed
 from galton.models import Model
 from galton.saving import files
 from galton.saving.provenance import version
 
+OPSET, IR_VERSION = 13, 7
+"""Of December 2020: ONNX 1.8, and ONNX Runtime from 1.6 on."""
+BATCH = "batch"
+"""What the first dimension of input and output is called, which may have any size."""
 VERSION = 1
 """Of the contract's form; a higher one may have other entries."""
 
@@ -55,6 +63,45 @@ def export(model: Model, path: str | Path, origin: Mapping[str, object] | None =
         files.write(path, content)
         files.write(path.with_suffix(".json"), text.encode(errors="backslashreplace"))  # which is how JSON writes them
     return path
+
+
+def encode(decision: Decision) -> bytes:
+    """A decision's ONNX file, always of the same bytes; UsageError without ONNX, or for steps unknown to it."""
+    onnx = _onnx()
+    helper, float32 = onnx.helper, onnx.TensorProto.FLOAT
+    graph = decision.graph
+    described = helper.make_graph(
+        [helper.make_node(node.operator, node.inputs, [node.output], **node.attributes) for node in graph.nodes],
+        "policy",
+        [helper.make_tensor_value_info(OBSERVATION, float32, [BATCH, *decision.observation_shape])],
+        [helper.make_tensor_value_info(ACTION, float32, [BATCH, *decision.action_shape])],
+        [_tensor(onnx, name, array) for name, array in graph.constants.items()],
+    )
+    opset = helper.make_operatorsetid("", OPSET)
+    model = helper.make_model(described, opset_imports=[opset], ir_version=IR_VERSION, producer_name="galton")
+    try:
+        onnx.checker.check_model(model, full_check=True)
+    except (onnx.checker.ValidationError, onnx.shape_inference.InferenceError) as error:
+        told = " ".join(str(error).split())
+        raise UsageError(f"the policy's function in galton.deploy.ACTIONS makes no graph of ONNX: {told}") from None
+    content: bytes = model.SerializeToString(deterministic=True)
+    return content
+
+
+def _tensor(onnx: ModuleType, name: str, array: np.ndarray) -> object:
+    """A constant, in little-endian bytes whatever the machine."""
+    kind = onnx.TensorProto.INT64 if array.dtype.kind == "i" else onnx.TensorProto.FLOAT
+    content = array.astype(array.dtype.newbyteorder("<")).tobytes()
+    return onnx.helper.make_tensor(name, kind, array.shape, content, raw=True)
+
+
+def _onnx() -> ModuleType:
+    with needed("the format onnx", "onnx"):
+        import onnx
+        import onnx.checker
+        import onnx.helper
+        import onnx.shape_inference
+    return onnx
 
 
 def contract(

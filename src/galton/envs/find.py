@@ -34,10 +34,7 @@ def find(env: object, **kwargs: object) -> Task:
         fits = is_number(scale) and 0 < scale < float("inf")
         require(fits, f"action_scale is {scale!r}; it must be a finite number greater than 0")
         return _find_by_name(env, kwargs)
-    require(
-        not kwargs,
-        f"env_kwargs is {kwargs}; it goes with a name or an id, not with an environment that is there",
-    )
+    require(not kwargs, f"env_kwargs is {kwargs}; it goes with a name or an id, not with an environment that is there")
     if isinstance(env, Environment | Task):
         require(not isinstance(env, type), f"env is {shown(env)}, a class; give what it makes, by calling it")
         return JaxTask(env) if isinstance(env, Environment) else env

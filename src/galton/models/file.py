@@ -104,7 +104,7 @@ def resume(path: Path, population: Population, arrays: dict[str, np.ndarray]) ->
                 snapshot["environments"] = like["environments"]
                 cause = f"the checkpoint has no state for its environments ({error})"
         population.restore(snapshot)
-    except (UsageError, *MALFORMED) as error:
+    except MALFORMED as error:  # UsageError is a ValueError
         raise saved.unusable(path, error) from None
     return cause
 

@@ -41,10 +41,7 @@ class Loaded:
     learner: Learner
     arrays: Arrays
     task: None = None
-
-    @property
-    def environments(self) -> None:
-        """None, since there are none."""
+    environments: None = None
 
 
 class Run:
