@@ -42,17 +42,11 @@ class WideGaussian(UserWarning):
     """A Gaussian's σ has outgrown the action box in training, and most of its actions are clipped."""
 
 
-def require_integer(name: str, value: object, least: int, most: int | None = None) -> None:
-    """Raise UsageError unless the value is an integer of at least `least` and, if that is given, at most `most`."""
-    fits = (
-        isinstance(value, int | np.integer)
-        and not isinstance(value, bool)
-        and value >= least
-        and (most is None or value <= most)
-    )
+def require_integer(name: str, value: object, least: int) -> None:
+    """Raise UsageError unless the value is an integer of at least `least`."""
+    fits = isinstance(value, int | np.integer) and not isinstance(value, bool) and value >= least
     shown = value if isinstance(value, int | float | np.generic) else repr(value)
-    wanted = f"an integer of at least {least}" + ("" if most is None else f" and at most {most:,}")
-    require(fits, f"{name} is {shown}; it must be {wanted}")
+    require(fits, f"{name} is {shown}; it must be an integer of at least {least}")
 
 
 def is_number(value: object) -> bool:

@@ -13,7 +13,7 @@ import tyro
 from galton.agents import in_two, written
 from galton.algorithms import ALGORITHMS, find_algorithm
 from galton.cli._reading import search_here
-from galton.cli._words import Fills, Settings
+from galton.cli._words import Fills
 from galton.envs.find import find
 from galton.envs.registry import ENVS, find_task, is_known, read_constants
 from galton.envs.task import Task
@@ -49,9 +49,6 @@ PresetName = Annotated[
 ]
 
 
-Flat = Annotated[Fields, Settings()]
-
-
 @dataclasses.dataclass(frozen=True)
 class Training:
     """Length and settings of training; the defaults are the task's (App. C.2), the preset's or the algorithm's."""
@@ -64,7 +61,7 @@ class Training:
     """Episodes of the deterministic policy at each point of the curve; 0 turns evaluation off."""
     env_kwargs: Annotated[str, tyro.conf.arg(metavar="JSON")] = "{}"
     """Keyword arguments of the environment, such as '{"noise_std": 0.5}'."""
-    words: Flat = dataclasses.field(default_factory=lambda: dict(vocabulary().usual))
+    words: Fields = dataclasses.field(default_factory=lambda: dict(vocabulary().usual))
     """The settings of the agent's parts, each an option of its own."""
 
     @classmethod

@@ -30,10 +30,6 @@ class Without:
         self.fields = fields
 
 
-class Settings:
-    """In the annotation of a mapping of settings by name: each of them is an option."""
-
-
 def options_of(record: type) -> dict[str, str]:
     """The option that fills each argument: all fields of a record of options and of the records in it, as typed.
 
@@ -51,7 +47,7 @@ def options_of(record: type) -> dict[str, str]:
             hidden = [field for mark in marks if isinstance(mark, Without) for field in mark.fields]
             inner |= {field: option for field, option in options_of(kind).items() if field not in hidden}
             continue
-        if any(isinstance(mark, Settings) for mark in marks):
+        if get_origin(kind) is dict:  # of settings by name, each of which is an option
             from galton.words import vocabulary
 
             inner |= {word: "--" + word.replace("_", "-") for word in vocabulary().usual}

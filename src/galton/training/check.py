@@ -16,7 +16,7 @@ from galton.envs.host.vector import VectorTask
 from galton.envs.jax_task import JaxTask
 from galton.envs.task import Task
 from galton.errors import BrokenEnvironmentError, UsageError
-from galton.training.evaluate import copies
+from galton.training.evaluate import opened
 from galton.training.probe import Played, Repeated, Spread, aliases, played, repeated
 from galton.training.yardsticks import SEED, at_random, nothing
 
@@ -88,12 +88,8 @@ def _findings(env: object, env_kwargs: Mapping[str, object]) -> Iterator[Finding
     yield _kind(task)
     yield _actions(task.actions)
     yield _observations(task.observations)
-    n_copies = task.given or 1
-    envs = copies(task, n_copies)
-    try:
+    with opened(task, 1) as (envs, n_copies):
         yield from _played(task, envs, n_copies)
-    finally:
-        envs.close()
 
 
 def _played(task: Task, envs: HostEnvironments, n_copies: int) -> Iterator[Finding]:

@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from galton.envs.host.base import HostEnvironments
 from galton.envs.task import Task
-from galton.training.evaluate import Kept, copies, play
+from galton.training.evaluate import opened, play
 
 N_EPISODES = 3
 """How many episodes of each are played."""
@@ -72,10 +72,5 @@ def yardsticks(name: str, envs: HostEnvironments, n_copies: int, low: Bound, hig
 
 def yardsticks_on(task: Task, low: Bound, high: Bound) -> Yardsticks:
     """Play both on copies of an environment, or on those given; UsageError for one that is being trained on."""
-    n_copies = task.given or N_EPISODES
-    envs = copies(task, n_copies)
-    try:
+    with opened(task, N_EPISODES) as (envs, n_copies):
         return yardsticks(task.name, envs, n_copies, low, high)
-    finally:
-        if not isinstance(task, Kept):
-            envs.close()

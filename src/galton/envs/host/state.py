@@ -6,7 +6,7 @@ keeps a state nobody can tell.
 
 import json
 import operator
-from typing import Any, Protocol, runtime_checkable
+from typing import Any
 
 import gymnasium
 import numpy as np
@@ -49,20 +49,9 @@ _ATTRIBUTES = {
 """Wrappers of Gymnasium's with a state, and the attributes that are all of it."""
 
 
-@runtime_checkable
-class Restorable(Protocol):
-    """An environment, or a wrapper, that tells its state and can be put back into it."""
-
-    def get_state(self) -> dict[str, Any]:
-        """Arrays or numbers by name, always of the same shapes."""
-
-    def set_state(self, state: dict[str, Any]) -> None:
-        """Go on from what `get_state` told."""
-
-
 def is_restorable(env: Env) -> bool:
     """True if all of an environment can be saved: its own state and that of every wrapper around it."""
-    return isinstance(env.unwrapped, Restorable) and all(
+    return _tells(env.unwrapped) and all(
         type(wrapper) is TimeLimit or _tells(wrapper) or _is_known(wrapper) for wrapper in _around(env)
     )
 
@@ -122,9 +111,9 @@ def _prefixed(prefix: str, state: State) -> State:
     return {f"{prefix}/{key}": value for key, value in state.items()}
 
 
-def _tells(wrapper: Any) -> bool:
-    """True if a wrapper's class tells a state, its own and not one that it forwards."""
-    return all(callable(getattr(type(wrapper), name, None)) for name in ("get_state", "set_state"))
+def _tells(env: Any) -> bool:
+    """True if the class of an environment or a wrapper tells a state, its own and not one that it forwards."""
+    return all(callable(getattr(type(env), name, None)) for name in ("get_state", "set_state"))
 
 
 def _named(env: Env) -> list[tuple[str, Any]]:
