@@ -13,7 +13,7 @@ from galton.algorithms import Rollout
 from galton.cli._options import Training
 from galton.cli._reading import import_typed, read_options
 from galton.cli._registry import REGISTRY
-from galton.cli._words import Without
+from galton.cli._words import ELSEWHERE
 from galton.errors import UsageError
 from galton.parts import Part, settings
 from galton.presets import PAPER, Preset, find_preset
@@ -21,16 +21,13 @@ from galton.words import CHOICES, Choice, vocabulary, without_idle
 
 OptionsT = TypeVar("OptionsT")
 
-ELSEWHERE = ("loss", "algorithm")
-"""The words that each command has as options of its own."""
-
 COMMON = (
     *("env", "loss", "losses", "preset", "algorithm", "seed", "seeds", "out", "overwrite", "resume", "training"),
     *("steps", "eval_episodes", "n_envs", "learning_rate", "gamma"),
 )
 """These options of a command are shown by `--help`, and the rest too by `--help-all`."""
 
-TrainingOptions = Annotated[Training, tyro.conf.arg(name=""), Without(*ELSEWHERE)]
+TrainingOptions = Annotated[Training, tyro.conf.arg(name="")]
 """Training among the options of a command, whose help names its groups."""
 
 TOLD = {"training": "The defaults are the task's (App. C.2), the preset's or the algorithm's; name ENV to see them."}

@@ -69,14 +69,10 @@ def _one_number(info: PrimitiveTypeInfo) -> PrimitiveConstructorSpec[float | str
     return PrimitiveConstructorSpec(
         nargs=1,
         metavar="FLOAT",
-        instance_from_str=lambda words: _number(words[0]),
+        instance_from_str=lambda words: words[0] if "(" in words[0] else float(words[0]),  # of a schedule
         is_instance=lambda value: isinstance(value, int | float | str),
         str_from_instance=lambda value: [str(value)],
     )
-
-
-def _number(text: str) -> float | str:
-    return text if "(" in text else float(text)
 
 
 @REGISTRY.primitive_rule

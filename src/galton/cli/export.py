@@ -11,7 +11,7 @@ import tyro
 from galton.cli._reading import Imports, import_typed, read_options
 from galton.cli._runs import model_of, points
 from galton.deploy import card, export
-from galton.errors import require, unknown
+from galton.errors import require, require_word
 from galton.models import Model
 from galton.saving import files
 from galton.saving.result_folder import CARD, CONFIG, CONTRACT, METRICS, POLICY, read_settings
@@ -37,8 +37,7 @@ def main(arguments: Sequence[str]) -> None:
     options = read_options(Options, "export", arguments)
     import_typed(options.imports)
     for name in options.format:
-        if name not in FORMATS:
-            raise unknown("format", name, FORMATS)
+        require_word("format", name, FORMATS)
     require(len(options.format) > 0, f"format is empty; choose from {', '.join(FORMATS)}")
     formats, file = options.format, model_of(options.run)
     model, settings = Model.load(file), _settings(file, "card" in formats)

@@ -13,7 +13,7 @@ from galton.cli._interrupts import ASKING
 from galton.cli._output import keep_signs
 from galton.cli._program_faults import keep_programs
 from galton.cli._words import run_command
-from galton.errors import BrokenEnvironmentError, CheckpointError, UsageError, require, unknown
+from galton.errors import BrokenEnvironmentError, CheckpointError, UsageError, require, require_word
 from galton.version import __version__
 
 COMMANDS = {
@@ -81,13 +81,9 @@ def main() -> None:
     except BrokenPipeError:  # Python would try again as it ends
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         code = code or 141
-    atexit.register(_ignore_interrupts)  # all is done; what was registered last is called first
+    for number in ASKING:  # all is done; what was registered last is called first
+        atexit.register(signal.signal, number, signal.SIG_IGN)
     sys.exit(code)
-
-
-def _ignore_interrupts() -> None:
-    for number in ASKING:
-        signal.signal(number, signal.SIG_IGN)
 
 
 def _run(name: str, arguments: list[str]) -> int:
@@ -104,8 +100,7 @@ def _run(name: str, arguments: list[str]) -> int:
             signal.signal(number, signal.default_int_handler)  # so that it cleans up as Ctrl-C does
     try:
         require(name not in MOVED, f"{name} is a command of a clone now: python -m studies.paper {name}")
-        if name not in COMMANDS:
-            raise unknown("command", name, COMMANDS)
+        require_word("command", name, COMMANDS)
         keep_programs()
         package = "galton_experiments.commands" if name in EXPERIMENTS else "galton.cli"
         run_command(f"{package}.{name}", arguments)

@@ -224,7 +224,8 @@ class _Record:
 
     def __call__(self, model: Model, log: callbacks.Log) -> None:
         """Write down what is due at a log point."""
-        self.model.begin(model)
+        if not self.model.begun:
+            self.model.save(model)
         self._calls = self._calls or list(self._due())
         for call in self._calls:
             call(model, log)

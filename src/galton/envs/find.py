@@ -10,11 +10,11 @@ from galton.envs import registry
 from galton.envs.base import Environment
 from galton.envs.host.answers import shown
 from galton.envs.host.gymnasium import GymnasiumTask
-from galton.envs.host.vector import VectorTask, is_sb3
+from galton.envs.host.vector import VectorTask
 from galton.envs.jax_task import JaxTask
 from galton.envs.task import Task
 from galton.errors import UsageError, did_you_mean, is_number, require
-from galton.extras import check_named, needed, require_libraries
+from galton.extras import check_named, is_instance_of, needed, require_libraries
 
 
 def find(env: object, **kwargs: object) -> Task:
@@ -38,7 +38,7 @@ def find(env: object, **kwargs: object) -> Task:
     if isinstance(env, Environment | Task):
         require(not isinstance(env, type), f"env is {shown(env)}, a class; give what it makes, by calling it")
         return JaxTask(env) if isinstance(env, Environment) else env
-    if isinstance(env, gymnasium.vector.VectorEnv) or is_sb3(env):
+    if isinstance(env, gymnasium.vector.VectorEnv) or is_instance_of(env, "stable_baselines3", "VecEnv"):
         return VectorTask(env)
     if isinstance(env, gymnasium.Env) or callable(env):
         return GymnasiumTask(env)

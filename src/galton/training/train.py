@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from galton.algorithms import Agent
-from galton.errors import require, require_integer, unknown
+from galton.errors import require, require_integer, require_word
 from galton.fields import checked
 from galton.training.log import MEAN_ACTION_RETURN, Log
 from galton.training.population import Population, populate
@@ -51,8 +51,7 @@ class Result:
         them does.
         """
         columns = self.log.columns()
-        if metric not in columns:
-            raise unknown("metric", metric, columns)
+        require_word("metric", metric, columns)
         return final(np.asarray(columns[metric]), self.diverged_at, fraction)
 
 

@@ -75,7 +75,7 @@ class GymnasiumTask:
         with self._closing_at_failure(envs):
             envs.extend(self._spare.pop() if self._spare else self._make_another() for _ in range(n_copies))
             moves = () if self._by_id else moves_of(envs)  # what a function returns the user may hold too
-        return GymnasiumEnvs(self.name, envs, self.actions, self.observations, self._given, moves)
+        return GymnasiumEnvs(self, envs, moves)
 
     def _make_another(self) -> Env:
         env = self._check(try_to_make(self.name, self._make))
@@ -125,21 +125,13 @@ class GymnasiumTask:
 
 
 class GymnasiumEnvs:
-    """M environments in a loop; `given` is not closed with the others, which are once nobody holds this any more."""
+    """M environments in a loop; those that Galton made are closed once nobody holds this any more."""
 
-    def __init__(
-        self,
-        name: str,
-        envs: Sequence[Env],
-        actions: ActionBox,
-        observations: Observations,
-        given: Env | None,
-        moves: Sequence[Moves],
-    ) -> None:
-        self._name, self._envs, self._actions, self._observations = name, envs, actions, observations
-        self.moves = moves
+    def __init__(self, task: GymnasiumTask, envs: Sequence[Env], moves: Sequence[Moves]) -> None:
+        self._name, self._actions, self._observations = task.name, task.actions, task.observations
+        self._envs, self.moves = envs, moves
         self._n_steps = 0
-        self._close = weakref.finalize(self, _close, [env for env in envs if env is not given])
+        self._close = weakref.finalize(self, _close, [env for env in envs if env is not task._given])
         self._close.atexit = False
 
     @property

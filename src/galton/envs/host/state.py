@@ -52,7 +52,11 @@ _ATTRIBUTES = {
 def is_restorable(env: Env) -> bool:
     """True if all of an environment can be saved: its own state and that of every wrapper around it."""
     return _tells(env.unwrapped) and all(
-        type(wrapper) is TimeLimit or _tells(wrapper) or _is_known(wrapper) for wrapper in _around(env)
+        type(wrapper) is TimeLimit
+        or _tells(wrapper)
+        or is_monitor(wrapper)
+        or _name(wrapper) in (*_STATELESS, *_ATTRIBUTES)
+        for wrapper in _around(env)
     )
 
 
@@ -132,11 +136,6 @@ def _around(env: Env) -> list[Any]:
         found.append(env)
         env = env.env  # type: ignore[attr-defined]
     return found
-
-
-def _is_known(wrapper: Any) -> bool:
-    """True if all of a wrapper's state can be told, or it has none."""
-    return is_monitor(wrapper) or _name(wrapper) in (*_STATELESS, *_ATTRIBUTES)
 
 
 def is_monitor(env: object) -> bool:

@@ -18,15 +18,9 @@ from galton.envs.host.carried import layers_of_copies
 from galton.envs.host.moves import moves_of
 from galton.envs.host.observations import Observations
 from galton.errors import AliasedObservation, BrokenEnvironmentError, UsageError, require
-from galton.extras import is_instance_of
 
 _MANY = 5
 """How many episodes must have ended alike before it is no coincidence."""
-
-
-def is_sb3(env: object) -> bool:
-    """True for an SB3 VecEnv, without importing SB3 for the question."""
-    return is_instance_of(env, "stable_baselines3", "VecEnv")
 
 
 class VectorTask:
@@ -63,30 +57,19 @@ class VectorTask:
             "to that, and evaluate on an environment of its own: evaluate(env=...) or Evaluate(env=...) takes an id or "
             "a function that makes it",
         )
-        of_gymnasium = isinstance(self.source, VectorEnv)
-        reset, step = (reset_gymnasium, step_gymnasium) if of_gymnasium else (reset_sb3, step_sb3)
-        return VectorEnvs(self.name, self.source, self.actions, self.observations, reset, step)
+        return VectorEnvs(self)
 
 
 class VectorEnvs:
-    """The M copies of a vector environment; `reset` and `step` know how one of the two libraries is spoken to.
+    """The M copies of a vector environment, spoken to as its library wants."""
 
-    `reset` takes this and the seeds and returns observations as they come; `step` takes this and the actions.
-    """
-
-    def __init__(
-        self,
-        name: str,
-        envs: Any,
-        actions: ActionBox,
-        observations: Observations,
-        reset: "Callable[[VectorEnvs, list[int]], object]",
-        step: "Callable[[VectorEnvs, np.ndarray], Steps]",
-    ) -> None:
-        self._name, self._envs, self._actions, self._observations = name, envs, actions, observations
-        self._reset, self._step = reset, step
-        copies = getattr(envs.unwrapped, "envs", ())  # those in other processes nobody else can hold
-        self.moves = moves_of([envs, *(copy for copy in copies if isinstance(copy, gymnasium.Env))])
+    def __init__(self, task: VectorTask) -> None:
+        self._name, self._envs = task.name, task.source
+        self._actions, self._observations = task.actions, task.observations
+        of_gymnasium = isinstance(self._envs, VectorEnv)
+        self._reset, self._step = (reset_gymnasium, step_gymnasium) if of_gymnasium else (reset_sb3, step_sb3)
+        copies = getattr(self._envs.unwrapped, "envs", ())  # those in other processes nobody else can hold
+        self.moves = moves_of([self._envs, *(copy for copy in copies if isinstance(copy, gymnasium.Env))])
         self._n_steps = 0
         self._observation = np.zeros((0, 0), np.float32)
         self._n_alike = 0
