@@ -47,7 +47,6 @@ from galton.saving.result_folder import (
     claimed,
     read_settings,
     replacing,
-    told,
     write_settings,
 )
 from galton.training.size import check_size
@@ -251,7 +250,7 @@ class _Record:
             taken.save(out / MODEL)
         else:
             given = {"env": options.env, "loss": options.loss, "preset": options.preset, "seed": options.seed}
-            with replacing(out, options.overwrite) as folder, told(out):
+            with replacing(out, options.overwrite) as folder, files.named("out", out):
                 write_settings(folder, given | options.training.record() | {"command": command_line()})
                 taken.save(folder / MODEL)
 

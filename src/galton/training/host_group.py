@@ -212,14 +212,15 @@ class Group:
         self.runs = self._place(reseeded(self.runs, seeds))
 
     def snapshot(self) -> Snapshot:
-        """The snapshot that `restore` goes on from; `environments` is None where they can't tell their states."""
+        """The snapshot that `restore` goes on from; without `environments` where they can't tell their states."""
         own: dict[str, Any] = {"observation": self._observation, "length": self._length, "return": self._return}
         if self._agent.rollout.noise_correlation is not None:
             own["noise"] = jax.tree.map(np.asarray, self._noise)
         state = None if self._interrupted or self._watch.others_moved() else self._state()
-        environments = None if state is None else own | {key: self._split(value) for key, value in state.items()}
-        snapshot = {"run": jax.tree.map(np.asarray, without_keys(self.runs)), "environments": environments}
-        if environments is None and (statistics := self._statistics()):
+        snapshot: Snapshot = {"run": jax.tree.map(np.asarray, without_keys(self.runs))}
+        if state is not None:
+            snapshot["environments"] = own | {key: self._split(value) for key, value in state.items()}
+        elif statistics := self._statistics():
             snapshot["statistics"] = statistics
         return snapshot
 

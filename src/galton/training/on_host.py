@@ -123,12 +123,10 @@ class HostPopulation:
         episodes.
         """
         parts = [group.snapshot() for group in self._groups]
-        if any(part["environments"] is None for part in parts):
-            for part in parts:
-                del part["environments"]
-        if any("statistics" not in part for part in parts):
-            for part in parts:
-                part.pop("statistics", None)
+        for name in ("environments", "statistics"):
+            if any(name not in part for part in parts):
+                for part in parts:
+                    part.pop(name, None)
         return self._join(parts)
 
     def restore(self, snapshot: Snapshot) -> None:

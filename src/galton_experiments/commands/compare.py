@@ -23,7 +23,7 @@ from galton.errors import require, require_integer, require_word
 from galton.losses import LOSSES
 from galton.presets import PRESETS, find_preset, present
 from galton.saving import files
-from galton.saving.result_folder import CURVES, FIGURE, SUMMARY, check_free, claimed, replacing, told, write_settings
+from galton.saving.result_folder import CURVES, FIGURE, SUMMARY, check_free, claimed, replacing, write_settings
 from galton.tasks import task_of
 from galton.training.size import check_size
 from galton.training.train import Result, train
@@ -105,7 +105,7 @@ def main(arguments: Sequence[str]) -> None:
                         meanwhile=show,
                     )
             rows = summarise(results, known, options.at_rest)
-            with told(out):
+            with files.named("out", out):
                 _keep(folder, options, settings, results, rows, known)
     finally:
         if rows:  # a disk that is full takes the files, but not the numbers
