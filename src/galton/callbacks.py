@@ -97,9 +97,8 @@ class Evaluate:
             "eval/best_mean_reward": self.best,
         }
 
-    def end(self, model: Any) -> None:
+    def end(self, _: Any) -> None:
         """Close the copies of the environment that were made to play on; warn of a policy that need not be learnt."""
-        del model
         self._let_go()
         if self.yardsticks and (told := self.yardsticks.not_reached_by(self.latest)):
             warnings.warn(f"{told}; train for longer, or see what galton.check_env says of it", stacklevel=2)
@@ -128,14 +127,12 @@ class Checkpoint:
         unknown = str(self.path).replace("{step}", "")
         require("{" not in unknown, f"path is {self.path}; {{step}} is all that can stand in braces")
 
-    def check(self, model: Any) -> None:
+    def check(self, _: Any) -> None:
         """Raise UsageError for a file that can't be written."""
-        del model
         files.check_place("path", Path(self.path))
 
-    def __call__(self, model: Any, log: Log) -> None:
+    def __call__(self, model: Any, _: Log) -> None:
         """Save the model, with its step where the path has `{step}`."""
-        del log
         model.save(str(self.path).replace("{step}", str(model.num_timesteps)))
 
 
@@ -153,15 +150,13 @@ class StopOnReward:
         require(not math.isnan(self.threshold), "threshold is nan, which no number reaches")
         self._known = False
 
-    def __call__(self, model: Any, log: Log) -> bool:
+    def __call__(self, _: Any, log: Log) -> bool:
         """Go on while the number is below the threshold or not in the log."""
-        del model
         self._known |= self.metric in log
         return not log.get(self.metric, -math.inf) >= self.threshold
 
-    def end(self, model: Any) -> None:
+    def end(self, _: Any) -> None:
         """Warn if the number was never in the log."""
-        del model
         if not self._known:
             told = f"metric is {self.metric}, which was in no log, so StopOnReward could not stop"
             warnings.warn(f"{told}; what adds it, such as Evaluate, goes before it in the list", stacklevel=2)
@@ -182,9 +177,8 @@ class StopAfter:
         """Go on while there is time."""
         return self.meanwhile(model, log["time/time_elapsed"])
 
-    def meanwhile(self, model: Any, seconds: float) -> bool:
+    def meanwhile(self, _: Any, seconds: float) -> bool:
         """Go on while there is time, after so many seconds."""
-        del model
         return bool(seconds < self.seconds)
 
 
@@ -212,9 +206,8 @@ class JSONLines:
             self.path.parent.mkdir(parents=True, exist_ok=True)
             self.path.open("a").close()
 
-    def __call__(self, model: Any, log: Log) -> None:
+    def __call__(self, _: Any, log: Log) -> None:
         """Append this log point to the file as a whole line, or raise UsageError and leave the file as it was."""
-        del model
         known = {name: value if math.isfinite(value) else None for name, value in log.items()}
         with files.named("path", self.path):
             files.append_line(self.path, json.dumps(known))

@@ -50,9 +50,8 @@ def control_cost(c: Constants, action: Matrix) -> Rows:
     return c._ctrl_cost_weight * np.square(action).sum(1)
 
 
-def x_position(c: Constants, f: Fields) -> Rows:
+def x_position(_: Constants, f: Fields) -> Rows:
     """The position of the robot's root along the track."""
-    del c
     return f["qpos"][:, 0]
 
 
@@ -107,9 +106,8 @@ def reacher_observe(c: Constants, f: Fields) -> Matrix:
     return np.concatenate([np.cos(angles), np.sin(angles), target, f["qvel"][:, :2], gap], axis=1)
 
 
-def reacher_reward(c: Constants, f: Fields, velocity: Rows, action: Matrix) -> Rows:
+def reacher_reward(c: Constants, f: Fields, _: Rows, action: Matrix) -> Rows:
     """Charge for the distance from the target, and for effort."""
-    del velocity
     near = -length(reacher_gap(c, f)) * c._reward_dist_weight
     return near + -np.square(action).sum(1) * c._reward_control_weight
 
@@ -132,9 +130,8 @@ def pusher_observe(c: Constants, f: Fields) -> Matrix:
     return np.concatenate([f["qpos"][:, :7], f["qvel"][:, :7], *bodies], axis=1)
 
 
-def pusher_reward(c: Constants, f: Fields, velocity: Rows, action: Matrix) -> Rows:
+def pusher_reward(c: Constants, f: Fields, _: Rows, action: Matrix) -> Rows:
     """Charge for the object's distance from the goal, for effort, and for the tip's distance from the object."""
-    del velocity
     thing = place(c, f, "object")
     near = -length(thing - place(c, f, "tips_arm")) * c._reward_near_weight
     far = -length(thing - place(c, f, "goal")) * c._reward_dist_weight
@@ -157,17 +154,15 @@ def _beside_the_goal(generator: np.random.Generator) -> np.ndarray:
     return np.concatenate([generator.uniform(-0.3, 0, 1), generator.uniform(-0.2, 0.2, 1)])
 
 
-def poles_observe(c: Constants, f: Fields) -> Matrix:
+def poles_observe(_: Constants, f: Fields) -> Matrix:
     """The cart's position, sines and cosines of angles, velocities and the cart's constraint force, both clipped."""
-    del c
     angles, force = f["qpos"][:, 1:], np.clip(f["qfrc_constraint"], -10, 10)[:, :1]
     parts = [f["qpos"][:, :1], np.sin(angles), np.cos(angles), np.clip(f["qvel"], -10, 10), force]
     return np.concatenate(parts, axis=1)
 
 
-def poles_fell(c: Constants, f: Fields) -> Bool[np.ndarray, " N"]:
+def poles_fell(_: Constants, f: Fields) -> Bool[np.ndarray, " N"]:
     """True where the tip of the upper pole is at the height of 1 or below."""
-    del c
     return f["site_xpos"][:, 0, 2] <= 1
 
 
@@ -190,9 +185,8 @@ def cheetah_observe(c: Constants, f: Fields, root: int = 1) -> Matrix:
     return np.concatenate([root_excluded(c, f, root), f["qvel"]], axis=1)
 
 
-def cheetah_reward(c: Constants, f: Fields, velocity: Rows, action: Matrix) -> Rows:
+def cheetah_reward(c: Constants, _: Fields, velocity: Rows, action: Matrix) -> Rows:
     """Pay for speed, and charge for effort."""
-    del f
     return c._forward_reward_weight * velocity - control_cost(c, action)
 
 
