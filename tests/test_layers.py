@@ -14,7 +14,7 @@ ROOT = Path(galton.__file__).parents[1]
 # Folders and files of both packages, the lowest first; what shares a line may not import one another.
 RANKS = """
     errors devices version
-    extras foreign
+    extras
     fields
     types
     records
@@ -57,7 +57,7 @@ COMMAND_LINE_LIBRARIES = {
 }
 
 # Libraries of an extra, each of which one file alone imports.
-EXTRAS = {"onnx": "deploy/encoding.py"}
+EXTRAS = {"onnx": "deploy/policy_files.py"}
 
 
 def modules():

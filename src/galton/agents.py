@@ -103,7 +103,6 @@ def in_two(words: Words) -> dict[str, Fields]:
 
 
 def _number(value: Any) -> float | str:
-    """A number, or the text of a schedule."""
     if isinstance(value, Schedule):
         return schedules.told(value)
     return value if isinstance(value, str) else float(value)

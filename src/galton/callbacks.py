@@ -1,4 +1,4 @@
-"""What can happen while `learn` trains: functions of the model and its log; False stops training.
+"""Callbacks are functions of the model and its log that `learn` calls while it trains; False stops training.
 
 - One that has an attribute `every` is called whenever a multiple of that many steps of the run has been passed.
 - Any other is called at log points: every `log_interval` updates, at the end of `learn`, and where a callback before
@@ -17,7 +17,7 @@ import warnings
 import weakref
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, Protocol, runtime_checkable
+from typing import Any
 
 import numpy as np
 
@@ -32,29 +32,6 @@ from galton.training.yardsticks import Yardsticks
 
 Log = dict[str, float]
 Number = int | float | np.integer[Any] | np.floating[Any]
-
-
-@runtime_checkable
-class Model(Protocol):
-    """What a callback may use of a model; it may use all the rest of it too."""
-
-    @property
-    def num_timesteps(self) -> int:
-        """Environment steps so far."""
-
-    def evaluate(self, n_episodes: int, env: object = None, env_kwargs: Any = None) -> np.ndarray:
-        """Undiscounted returns of whole episodes without exploration."""
-
-    def yardsticks(self, env: object = None, env_kwargs: Any = None) -> Yardsticks:
-        """What doing nothing and random actions return."""
-
-    def save(self, path: str | Path) -> Path:
-        """Write the model to one file and return its path."""
-
-    def take(self) -> Any:
-        """What `save` would write now."""
-
-
 Callback = Callable[[Any, Log], bool | None]
 """(model, log) → whether to go on; None is yes."""
 
@@ -103,7 +80,7 @@ class Evaluate:
             before = best_before(path, model.env_name, model.agent, model.num_timesteps)
             self.best = max(self.best, before)
 
-    def __call__(self, model: Model, log: Log) -> None:
+    def __call__(self, model: Any, log: Log) -> None:
         """Evaluate, and save the model if its mean return is the best so far."""
         returns = model.evaluate(self.n_episodes, *self._on)
         self.latest = mean = float(returns.mean())
@@ -120,9 +97,8 @@ class Evaluate:
             "eval/best_mean_reward": self.best,
         }
 
-    def end(self, model: Model) -> None:
+    def end(self, _: Any) -> None:
         """Close the copies of the environment that were made to play on; warn of a policy that need not be learnt."""
-        del model
         self._let_go()
         if self.yardsticks and (told := self.yardsticks.not_reached_by(self.latest)):
             warnings.warn(f"{told}; train for longer, or see what galton.check_env says of it", stacklevel=2)
@@ -151,14 +127,12 @@ class Checkpoint:
         unknown = str(self.path).replace("{step}", "")
         require("{" not in unknown, f"path is {self.path}; {{step}} is all that can stand in braces")
 
-    def check(self, model: Any) -> None:
+    def check(self, _: Any) -> None:
         """Raise UsageError for a file that can't be written."""
-        del model
         files.check_place("path", Path(self.path))
 
-    def __call__(self, model: Model, log: Log) -> None:
+    def __call__(self, model: Any, _: Log) -> None:
         """Save the model, with its step where the path has `{step}`."""
-        del log
         model.save(str(self.path).replace("{step}", str(model.num_timesteps)))
 
 
@@ -176,15 +150,13 @@ class StopOnReward:
         require(not math.isnan(self.threshold), "threshold is nan, which no number reaches")
         self._known = False
 
-    def __call__(self, model: Model, log: Log) -> bool:
+    def __call__(self, _: Any, log: Log) -> bool:
         """Go on while the number is below the threshold or not in the log."""
-        del model
         self._known |= self.metric in log
         return not log.get(self.metric, -math.inf) >= self.threshold
 
-    def end(self, model: Model) -> None:
+    def end(self, _: Any) -> None:
         """Warn if the number was never in the log."""
-        del model
         if not self._known:
             told = f"metric is {self.metric}, which was in no log, so StopOnReward could not stop"
             warnings.warn(f"{told}; what adds it, such as Evaluate, goes before it in the list", stacklevel=2)
@@ -201,13 +173,12 @@ class StopAfter:
         fits = is_number(self.seconds) and self.seconds > 0
         require(fits, f"seconds is {self.seconds!r}; it must be a number greater than 0")
 
-    def __call__(self, model: Model, log: Log) -> bool:
+    def __call__(self, model: Any, log: Log) -> bool:
         """Go on while there is time."""
         return self.meanwhile(model, log["time/time_elapsed"])
 
-    def meanwhile(self, model: Model, seconds: float) -> bool:
+    def meanwhile(self, _: Any, seconds: float) -> bool:
         """Go on while there is time, after so many seconds."""
-        del model
         return bool(seconds < self.seconds)
 
 
@@ -219,7 +190,7 @@ class Print:
         *("eval/random_actions", "train/entropy", "time/fps"),
     )
 
-    def __call__(self, model: Model, log: Log) -> None:
+    def __call__(self, model: Any, log: Log) -> None:
         """Print those of SHOWN that are known."""
         known = [name for name in self.SHOWN if math.isfinite(log.get(name, math.nan))]
         told = ", ".join(f"{name.split('/')[1]} {log[name]:,.6g}" for name in known)
@@ -235,9 +206,8 @@ class JSONLines:
             self.path.parent.mkdir(parents=True, exist_ok=True)
             self.path.open("a").close()
 
-    def __call__(self, model: Model, log: Log) -> None:
+    def __call__(self, _: Any, log: Log) -> None:
         """Append this log point to the file as a whole line, or raise UsageError and leave the file as it was."""
-        del model
         known = {name: value if math.isfinite(value) else None for name, value in log.items()}
         with files.named("path", self.path):
             files.append_line(self.path, json.dumps(known))
@@ -256,7 +226,7 @@ class TensorBoard:
             self._writer = EventsWriter(f"{folder}/events")
         weakref.finalize(self, _close, self._writer)
 
-    def __call__(self, model: Model, log: Log) -> None:
+    def __call__(self, model: Any, log: Log) -> None:
         """Write this log point's finite numbers as scalars of its step; UsageError where they can't be written."""
         from tensorboardX.proto.event_pb2 import Event
         from tensorboardX.summary import scalar
@@ -287,6 +257,6 @@ class WeightsAndBiases:
             import wandb
         self.run = wandb.init(**settings)
 
-    def __call__(self, model: Model, log: Log) -> None:
+    def __call__(self, model: Any, log: Log) -> None:
         """Send this log point's finite numbers to the run."""
         self.run.log({name: value for name, value in log.items() if math.isfinite(value)}, step=model.num_timesteps)

@@ -17,7 +17,7 @@ def allowed_cores() -> list[int]:
 
 
 def n_cores() -> int:
-    """How many cores this process may use."""
+    """The number of cores that this process may use."""
     return len(allowed_cores())
 
 

@@ -1,4 +1,4 @@
-"""What goes wrong, by whose fault: an argument's, an environment's, a file's, or training's own."""
+"""Errors and warnings by whose fault they are: an argument's, an environment's, a file's, or training's own."""
 
 import difflib
 import re
@@ -6,16 +6,7 @@ from collections.abc import Collection, Iterable
 
 import numpy as np
 
-MALFORMED = (
-    KeyError,
-    TypeError,
-    ValueError,
-    AttributeError,
-    IndexError,
-    OverflowError,
-    MemoryError,
-    RecursionError,
-)
+MALFORMED = (LookupError, TypeError, ValueError, AttributeError, OverflowError, MemoryError, RecursionError)
 """The errors that come of settings and arrays which Galton did not write."""
 
 
@@ -51,21 +42,15 @@ class WideGaussian(UserWarning):
     """A Gaussian's σ has outgrown the action box in training, and most of its actions are clipped."""
 
 
-def require_integer(name: str, value: object, least: int, most: int | None = None) -> None:
-    """Raise UsageError unless the value is an integer of at least `least` and, if that is given, at most `most`."""
-    fits = (
-        isinstance(value, int | np.integer)
-        and not isinstance(value, bool)
-        and value >= least
-        and (most is None or value <= most)
-    )
+def require_integer(name: str, value: object, least: int) -> None:
+    """Raise UsageError unless the value is an integer of at least `least`."""
+    fits = isinstance(value, int | np.integer) and not isinstance(value, bool) and value >= least
     shown = value if isinstance(value, int | float | np.generic) else repr(value)
-    wanted = f"an integer of at least {least}" + ("" if most is None else f" and at most {most:,}")
-    require(fits, f"{name} is {shown}; it must be {wanted}")
+    require(fits, f"{name} is {shown}; it must be an integer of at least {least}")
 
 
 def is_number(value: object) -> bool:
-    """Whether it is one number, Python's or numpy's; True and False are none."""
+    """True for one number, Python's or numpy's; True and False are none."""
     return isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
 
 
@@ -82,7 +67,7 @@ def require(condition: bool | np.bool, message: str) -> None:
 
 
 def in_a_line(error: Exception) -> str:
-    """What an error says, in one line; its type stands before what others than Galton raised."""
+    """The message of an error in one line; its type stands before what others than Galton raised."""
     said = str(error) if isinstance(error, UsageError | CheckpointError) else f"{type(error).__name__}: {error}"
     return " ".join(said.split())
 

@@ -1,6 +1,10 @@
-"""Libraries that only a part of Galton needs: which extra brings each, and the one message that names it."""
+"""Libraries that only a part of Galton needs, other libraries' classes, and modules that somebody names.
+
+An extra brings a library, and one message names both where it is missing.
+"""
 
 import contextlib
+import importlib
 import importlib.metadata
 import importlib.util
 import json
@@ -9,7 +13,7 @@ import shlex
 import sys
 import urllib.parse
 import urllib.request
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from galton.errors import UsageError
@@ -84,3 +88,17 @@ def installing(extra: str) -> str:
         return f"pip install 'galton[{extra}]'"
     editable = "-e " if told.get("dir_info", {}).get("editable") else ""
     return f"pip install {editable}{shlex.quote(f'{place}[{extra}]')}"
+
+
+def is_instance_of(value: object, package: str, name: str) -> bool:
+    """True if a value's class, or one that it inherits from, has that name in that package; nothing is imported."""
+    return any(cls.__name__ == name and cls.__module__.partition(".")[0] == package for cls in type(value).__mro__)
+
+
+def import_all(modules: Iterable[str]) -> None:
+    """Import modules that a study or a command names; UsageError for one that can't be imported."""
+    for module in modules:
+        try:
+            importlib.import_module(module)
+        except (ImportError, TypeError, ValueError) as error:
+            raise UsageError(f"imports names {module!r}, which can't be imported: {error}") from None

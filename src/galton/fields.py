@@ -1,4 +1,4 @@
-"""What a value must be is what its annotation says: the one check of every record of settings.
+"""A setting's annotation says what its value must be: the one check of every record of settings.
 
 An annotation is bool, str, a Literal of words, a class, an integer or number with its bounds in an `Annotated`, a
 tuple of any of them, or one of these or None.
@@ -60,12 +60,6 @@ def checked(name: str, value: object, annotation: Any) -> Any:
         return bool(value)
     require(isinstance(value, annotation), f"{name} is {value!r}; it must be of type {annotation.__name__}")
     return value
-
-
-def check_fields(record: Hashable) -> None:
-    """Check every field of a new frozen dataclass by its annotation, and keep what `checked` makes of it."""
-    for name, annotation in annotations(type(record)).items():
-        object.__setattr__(record, name, checked(name, getattr(record, name), annotation))
 
 
 @functools.cache

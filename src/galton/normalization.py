@@ -31,7 +31,7 @@ class Moments(NamedTuple):
 
 
 class Normalizer(NamedTuple):
-    """What normalising needs to know; an entry is () where it is off."""
+    """Normalising needs to know this; an entry is () where it is off."""
 
     observation: Moments | tuple[()]
     """Moments of the observations beyond the origin, `[o]`."""
@@ -102,7 +102,7 @@ def observation(normalizer: Normalizer, moved: Float[Array, "*batch o"]) -> Floa
 
 
 def deviation(normalizer: Normalizer) -> Float[Array, " o"]:
-    """What observations are divided by: an entry's standard deviation or, while it never moved, its size, at least 1.
+    """The divisor of observations: an entry's standard deviation or, while it never moved, its size, at least 1.
 
     So an entry that was constant in training does not carry a policy away when it first moves in use.
     """

@@ -40,7 +40,7 @@ class Optimizer(Part, abc.ABC):
     @property
     @abc.abstractmethod
     def transformation(self) -> optax.GradientTransformation:
-        """What makes a step of a clipped gradient, before the learning rate scales it and its sign turns."""
+        """The step that is made of a clipped gradient, before the learning rate scales it and its sign turns."""
 
     @property
     def _counted(self) -> optax.GradientTransformation:
@@ -55,7 +55,7 @@ class Optimizer(Part, abc.ABC):
         require(not scheduled, f"decay_steps is {self.decay_steps} beside a schedule of learning_rate; leave it at 0")
 
     def init(self, params: Params) -> State:
-        """What is remembered before the first step."""
+        """The state before the first step."""
         return self._counted.init(params)
 
     def step(self, params: Params, state: State, gradient: Params) -> tuple[Params, State, Float[Array, ""]]:
@@ -152,7 +152,7 @@ OPTIMIZERS: dict[str, type[Optimizer]] = {"adam": Adam, "adamw": AdamW, "rmsprop
 
 
 def count(state: State) -> Int[Array, ""]:
-    """How many steps an optimizer has taken, by its state: a number of its own for each minibatch of a run."""
+    """The steps that an optimizer has taken, by its state: a number of its own for each minibatch of a run."""
     taken: Int[Array, ""] = _counts(state)[0]
     return taken
 

@@ -193,7 +193,7 @@ class Schedule(Part, abc.ABC):
 
     @property
     def is_endless(self) -> bool:
-        """Whether it goes over all that is trained, which nobody knows before."""
+        """True if it goes over all that is trained, which nobody knows before."""
         return False
 
     def over(self: PartT, begin: int, end: int) -> PartT:

@@ -13,11 +13,11 @@ from typing import Any
 
 from galton.envs.host.state import Env
 from galton.errors import UsageError
-from galton.foreign import is_instance_of
+from galton.extras import is_instance_of
 
 
 def is_callback(callback: object) -> bool:
-    """Whether a callback is one of SB3's, without importing SB3 for the question."""
+    """True for one of SB3's callbacks, without importing SB3 for the question."""
     return is_instance_of(callback, "stable_baselines3", "BaseCallback")
 
 

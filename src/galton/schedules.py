@@ -15,11 +15,10 @@ from jaxtyping import Array, Float, Int
 
 from galton.errors import UsageError, require
 from galton.fields import Within
-from galton.parts import Part
 from galton.parts import Schedule as Schedule
 from galton.types import Finite, NotNegative, Number
 
-TreeT = TypeVar("TreeT", bound=Part)
+TreeT = TypeVar("TreeT")
 Number_ = Annotated[Number, Within(lambda x: ~np.isnan(x), "a number")]
 Steps = Annotated[Number, Within(lambda x: x > 0, "greater than 0, or inf for all steps that are trained")]
 
@@ -48,7 +47,7 @@ class Between(Schedule):
 
     @property
     def is_endless(self) -> bool:
-        """Whether it goes over all that is trained."""
+        """True if it goes over all that is trained."""
         return bool(np.any(np.isinf(self.steps)))
 
     def over(self, begin: int, end: int) -> "Between":
@@ -111,16 +110,12 @@ class Step(Schedule):
 
     @property
     def is_endless(self) -> bool:
-        """Whether one of its schedules goes over all that is trained."""
+        """True if one of its schedules goes over all that is trained."""
         return any(each.is_endless for each in (self.before, self.after) if isinstance(each, Schedule))
 
     def over(self, begin: int, end: int) -> "Step":
         """The same of schedules that go over all that is trained."""
-        spread = {
-            name: value.over(begin, end) if isinstance(value := getattr(self, name), Schedule) else value
-            for name in ("before", "after")
-        }
-        return self.replace(**spread)
+        return self.replace(before=over(self.before, begin, end), after=over(self.after, begin, end))
 
 
 LONGEST = 500
@@ -129,7 +124,7 @@ SCHEDULES: dict[str, type[Schedule]] = {"linear": Linear, "cosine": Cosine, "ste
 
 
 def over(tree: TreeT, begin: int, end: int) -> TreeT:
-    """A part whose schedules that go over all that is trained go from one step to another."""
+    """A part, or a number, whose schedules that go over all that is trained go from one step to another."""
 
     def spanned(leaf: Any) -> Any:
         return leaf.over(begin, end) if isinstance(leaf, Schedule) else leaf

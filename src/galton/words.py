@@ -4,6 +4,7 @@ Every name belongs to the parts that have a setting of that name. Which parts th
 `policy`, `critic`, `algorithm` and the other words of CHOICES.
 """
 
+import functools
 import math
 from collections.abc import Collection, Mapping
 from typing import Any, NamedTuple, cast
@@ -85,18 +86,13 @@ class Vocabulary(NamedTuple):
         return is_number(self.annotations.get(word))
 
 
-_VOCABULARIES: dict[tuple[type[Part], ...], Vocabulary] = {}
-
-
 def vocabulary() -> Vocabulary:
     """All words and settings that are registered by now; UsageError where parts differ in a default of one name."""
-    kinds = (*(kind for choice in CHOICES.values() for kind in choice.registry.values()), Rollout)
-    if kinds not in _VOCABULARIES:
-        _VOCABULARIES[kinds] = _vocabulary(kinds)
-    return _VOCABULARIES[kinds]
+    return _vocabulary((*(kind for choice in CHOICES.values() for kind in choice.registry.values()), Rollout))
 
 
-def _vocabulary(kinds: Collection[type[Part]]) -> Vocabulary:
+@functools.cache
+def _vocabulary(kinds: tuple[type[Part], ...]) -> Vocabulary:
     usual: Fields = {choice.word: choice.usual for choice in CHOICES.values()}
     annotations: dict[str, Any] = {}
     for kind in kinds:
@@ -221,7 +217,7 @@ def refuse_idle(words: Words) -> None:
 
 
 def _whose(name: str, words: Words) -> str:
-    """Which parts have a setting, and which are there instead."""
+    """The parts that have a setting, and those that are there instead."""
     owners: list[str] = []
     instead: list[str] = []
     found = chosen(words)

@@ -30,7 +30,7 @@ class Outer:
 
     env: tyro.conf.Positional[Annotated[str, Fills("environment")]]
     inner: Inner
-    losses: Annotated[tuple[str, ...], Fills("loss", "each_loss")] = ()
+    losses: Annotated[tuple[str, ...], Fills("loss")] = ()
     save_every: int = 1
 
 
@@ -40,7 +40,6 @@ def test_a_record_knows_which_option_fills_which_argument():
         "environment": "env",
         "losses": "--losses",
         "loss": "--losses",
-        "each_loss": "--losses",
         "save_every": "--save-every",
         "n_steps": "--n-steps",
     }

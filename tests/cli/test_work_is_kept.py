@@ -22,7 +22,7 @@ from galton_experiments.sweep.study import Study
 from .test_output import galton, unread_pipe
 
 
-def no_room(*_):
+def no_room(*_, **__):
     raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
 
@@ -52,14 +52,14 @@ def test_a_comparison_that_no_disk_takes_is_still_shown(where, broken, tmp_path,
 
 
 def test_a_comparison_is_not_begun_where_its_last_loss_cannot_be_trained(tmp_path, monkeypatch):
-    monkeypatch.setattr(Training, "run", no_room)
+    monkeypatch.setattr(compare, "train", no_room)
     training = Training(100, 2, 0, words={"weighting": "awr", "negative_target": "one-hot"})
     with pytest.raises(UsageError, match="with weighting 'awr' no weight is negative"):
         galton_compare(tmp_path / "out", training=training, losses=("gaussian", "hl-gauss"))
 
 
 def test_a_comparison_that_could_not_be_kept_or_has_too_many_seeds_is_not_begun(tmp_path, monkeypatch):
-    monkeypatch.setattr(Training, "run", no_room)
+    monkeypatch.setattr(compare, "train", no_room)
     for out in ("n" * 300, "/proc/galton", "/dev/null/x"):
         with pytest.raises(UsageError, match="can't be written"):
             galton_compare(out)

@@ -7,8 +7,8 @@ import pytest
 
 from galton.deploy.actions import ACTIONS
 from galton.deploy.decision import ACTION, OBSERVATION, Decision
-from galton.deploy.encoding import encode
 from galton.deploy.graph import Graph
+from galton.deploy.policy_files import encode
 from galton.policies import POLICIES
 
 from ..agents import agent

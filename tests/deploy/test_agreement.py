@@ -17,7 +17,7 @@ import pytest
 
 from galton import ALGORITHMS, POLICIES
 from galton.deploy.decision import decide
-from galton.deploy.encoding import encode
+from galton.deploy.policy_files import encode
 
 from .drifting import states, trained
 from .exactly import exactly

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
-from galton.cli._metrics import known, points
+from galton.cli._runs import known, points
 from galton.deploy.card import card
 from galton.envs.registry import read_constants
 from galton.errors import CheckpointError, UsageError

@@ -13,12 +13,11 @@ from galton.cli._options import plain_name
 from galton.cli.train import Options as Train
 from galton.deploy import export
 from galton.envs.registry import ENVS
-from galton.saving import files
-from galton.saving.result_folder import result_folder
 from galton_experiments.commands.compare import Options as Compare
+from galton_experiments.commands.compare import result_folder
 from galton_experiments.commands.sweep.run import Options as Sweeping
 from galton_experiments.sweep import Study, engine, expand
-from galton_experiments.sweep.store import Store
+from galton_experiments.sweep.store import Store, check_inside
 
 from ..cli.test_train_keeps import small
 
@@ -78,7 +77,7 @@ def test_a_store_writes_reads_and_removes_nothing_elsewhere(tmp_path):
 @given(NAMES)
 def test_what_a_store_takes_lies_below_it(name):
     try:
-        files.check_inside("name", name)
+        check_inside("name", name)
     except UsageError:
         return
     for root in (Path("/root"), PureWindowsPath("C:\\root")):

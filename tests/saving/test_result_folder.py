@@ -8,7 +8,8 @@ import pytest
 import galton
 from galton import UsageError
 from galton.saving import provenance
-from galton.saving.result_folder import check_free, claimed, read_settings, result_folder, write_settings
+from galton.saving.result_folder import check_free, claimed, read_settings, write_settings
+from galton_experiments.commands.compare import result_folder
 
 
 def fill(folder, text):

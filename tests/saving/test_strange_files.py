@@ -12,7 +12,7 @@ import pytest
 
 from galton import A2C, UsageError, deploy
 from galton.cli import export, watch
-from galton.cli._metrics import points
+from galton.cli._runs import points
 from galton.errors import CheckpointError
 from galton.models import Model
 from galton.saving.result_folder import claimed, read_settings

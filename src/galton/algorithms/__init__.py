@@ -4,30 +4,21 @@ A new one is a class of this kind, with the settings that it needs, and a line i
 does is in actor_critic.
 """
 
+from galton.algorithms import actor_critic as actor_critic
 from galton.algorithms.a2c import A2C
-from galton.algorithms.base import Agent, Algorithm, Rollout, Scalars
-from galton.algorithms.credit import CREDITS
-from galton.algorithms.entropy import ENTROPIES
+from galton.algorithms.base import Agent as Agent
+from galton.algorithms.base import Algorithm as Algorithm
+from galton.algorithms.base import Rollout as Rollout
+from galton.algorithms.base import Scalars as Scalars
+from galton.algorithms.credit import CREDITS as CREDITS
+from galton.algorithms.entropy import ENTROPIES as ENTROPIES
 from galton.algorithms.ppo import PPO
-from galton.errors import unknown
+from galton.errors import require_word
 
 ALGORITHMS: dict[str, type[Algorithm]] = {"a2c": A2C, "ppo": PPO}
-
-__all__ = [
-    "ALGORITHMS",
-    "CREDITS",
-    "ENTROPIES",
-    "Agent",
-    "Algorithm",
-    "Rollout",
-    "Scalars",
-    "actor_critic",
-    "find_algorithm",
-]
 
 
 def find_algorithm(name: str) -> type[Algorithm]:
     """The entry of that name; UsageError lists the names if there is none."""
-    if name not in ALGORITHMS:
-        raise unknown("algorithm", name, ALGORITHMS)
+    require_word("algorithm", name, ALGORITHMS)
     return ALGORITHMS[name]

@@ -194,7 +194,7 @@ class Agent(Part):
 
     @property
     def box(self) -> Box:
-        """Where its actions lie."""
+        """The box of its actions."""
         assert self.policy.box is not None, "an agent has no box before `on`"
         return self.policy.box
 
@@ -214,5 +214,5 @@ class Agent(Part):
 
 
 def _name(part: Part, registry: Mapping[str, type[Part]]) -> str:
-    """What a part is called in its registry, or by itself."""
+    """The name of a part in its registry, or else that of its class."""
     return next((name for name, kind in registry.items() if kind is type(part)), type(part).__name__)

@@ -1,4 +1,4 @@
-"""How an advantage becomes credit: what it weighs its action's loss by.
+"""Credits make of an advantage the weight of its action's loss.
 
 A new way is a class of this kind, with the settings that it needs, and a line in CREDITS.
 """
@@ -32,7 +32,7 @@ class Credit(Part):
     """Standardise the advantages of each batch."""
 
     def weights(self, advantage: Rows) -> Rows:
-        """What multiplies each action's loss, from the advantages of a batch."""
+        """The weight of each action's loss, from the advantages of a batch."""
         return self.of_standardised(standardise(advantage) if self.normalize_advantage else advantage)
 
     def of_standardised(self, advantage: Rows) -> Rows:

@@ -66,7 +66,7 @@ class Entropy(Part):
         return ()
 
     def at(self, step: Int[Array, ""], frozen: Bool[Array, ""]) -> "Entropy":
-        """What holds at the update at this step; a frozen run's dual variable stays."""
+        """The hold at the update at this step; a frozen run's dual variable stays."""
         del step, frozen
         return self
 
@@ -83,7 +83,7 @@ class Entropy(Part):
         return dual
 
     def told(self, policy: Policy, dual: Dual, entropy: Scalar) -> dict[str, Scalar]:
-        """What is told of a step, under the names of `scalars`."""
+        """The numbers that are told of a step, under the names of `scalars`."""
         del policy, dual, entropy
         return {}
 
@@ -124,7 +124,7 @@ class HeldEntropy(Entropy):
         return self.replace(entropy_start=target, entropy_rate=jnp.where(frozen, 0.0, self.entropy_rate))
 
     def missing(self, policy: Policy, entropy: Scalar) -> Scalar:
-        """How many nats the entropy of a dimension is short of its target; negative above it."""
+        """The nats that the entropy of a dimension is short of its target; negative above it."""
         return jnp.log(self.entropy_start) - log_share(policy, entropy)
 
     def alpha(self, policy: Policy, dual: Dual, entropy: Scalar) -> Scalar:

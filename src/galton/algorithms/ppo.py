@@ -109,7 +109,7 @@ class PPO(Algorithm):
 
 
 def permutation(key: Key[Array, ""], size: int) -> Int[Array, " {size}"]:
-    """What jax.random.permutation(key, size) draws, in a quarter of its time on a CPU.
+    """The permutation that jax.random.permutation(key, size) draws, in a quarter of its time on a CPU.
 
     That sorts by random numbers of 32 bits, as often as ties of a single sort would matter. XLA is slow to sort one
     array by another, and quick to sort whole numbers: here they hold the random number, and below it the place.

@@ -1,4 +1,4 @@
-"""What Ctrl-C and SIGTERM do.
+"""Ctrl-C and SIGTERM end a command in an orderly way.
 
 Python raises KeyboardInterrupt wherever the main thread is. Compiled code, such as that of JAX's compiler or of an
 import, crashes or swallows it, so here a thread of its own is told of interrupts.

@@ -35,11 +35,6 @@ class KeptModel:
         """Write the model as it is now."""
         self._write(model.take())
 
-    def begin(self, model: Model) -> None:
-        """Make the run's folder, if it is not there yet."""
-        if not self.begun:
-            self.save(model)
-
     def take(self, model: Model) -> None:
         """Remember what would be written now, unless that was done a moment ago."""
         start = time.monotonic()

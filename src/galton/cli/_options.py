@@ -5,15 +5,15 @@ import hashlib
 import re
 import shlex
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Annotated
 
 import tyro
 
 from galton.agents import in_two, written
-from galton.algorithms import ALGORITHMS, Agent, find_algorithm
-from galton.cli._modules import search_here
-from galton.cli._words import Fills, Settings
+from galton.algorithms import ALGORITHMS, find_algorithm
+from galton.cli._reading import search_here
+from galton.cli._words import Fills
 from galton.envs.find import find
 from galton.envs.registry import ENVS, find_task, is_known, read_constants
 from galton.envs.task import Task
@@ -23,7 +23,7 @@ from galton.models.settings import all_words
 from galton.presets import PAPER, PRESETS, Preset
 from galton.records import Fields
 from galton.tasks import task_of
-from galton.training.train import Result, check_arguments, train
+from galton.training.train import check_arguments
 from galton.words import values_of, vocabulary
 
 EnvName = Annotated[
@@ -35,16 +35,6 @@ EnvName = Annotated[
 ]
 _LOSSES, _ALGORITHMS, _PRESETS = ("{" + ",".join(known) + "}" for known in (LOSSES, ALGORITHMS, PRESETS))
 LossName = Annotated[str, tyro.conf.arg(metavar=_LOSSES, help="What is minimised: docs/paper.md has each of them.")]
-LossNames = Annotated[
-    tuple[str, ...],
-    Fills("loss"),
-    tyro.conf.arg(
-        metavar=f"{_LOSSES} ...",
-        help=f"The losses, each named once, or presets ({', '.join(PRESETS)}), each with its loss and the settings "
-        "that were tuned for it. What is both a loss and a preset is the preset if another one is, so that both are "
-        "tuned. What you set beside them goes for all.",
-    ),
-]
 AlgorithmName = Annotated[
     str, tyro.conf.arg(metavar=_ALGORITHMS, help="What learns; the defaults of its settings are its own.")
 ]
@@ -59,12 +49,9 @@ PresetName = Annotated[
 ]
 
 
-Flat = Annotated[Fields, Settings()]
-
-
 @dataclasses.dataclass(frozen=True)
 class Training:
-    """How long and with what to train; the defaults are the task's (App. C.2), the preset's or the algorithm's."""
+    """Length and settings of training; the defaults are the task's (App. C.2), the preset's or the algorithm's."""
 
     steps: Annotated[int, Fills("total_timesteps")] = 500_000
     """Environment steps per run."""
@@ -74,7 +61,7 @@ class Training:
     """Episodes of the deterministic policy at each point of the curve; 0 turns evaluation off."""
     env_kwargs: Annotated[str, tyro.conf.arg(metavar="JSON")] = "{}"
     """Keyword arguments of the environment, such as '{"noise_std": 0.5}'."""
-    words: Flat = dataclasses.field(default_factory=lambda: dict(vocabulary().usual))
+    words: Fields = dataclasses.field(default_factory=lambda: dict(vocabulary().usual))
     """The settings of the agent's parts, each an option of its own."""
 
     @classmethod
@@ -97,28 +84,10 @@ class Training:
         return own | {"env_kwargs": read_constants(self.env_kwargs)} | in_two(words)
 
     def check(self, seeds: Sequence[int]) -> None:
-        """Raise UsageError for what `run` can't take, before anything is begun."""
+        """Raise UsageError for what `train` can't take, before anything is begun."""
         values_of(self.words)
         check_arguments(seeds, self.steps, self.logs, self.eval_episodes)
         require(self.steps < 2**31, f"total_timesteps is {self.steps}; one run counts up to 2³¹ − 1 steps")
-
-    def run(
-        self,
-        env: Task,
-        agent: Agent,
-        seeds: Sequence[int],
-        meanwhile: Callable[[int], None],
-    ) -> Result:
-        """Train a run of this agent, one of the losses', for each seed."""
-        return train(
-            env,
-            agent,
-            seeds,
-            self.steps,
-            n_logs=self.logs,
-            n_eval_episodes=self.eval_episodes,
-            meanwhile=meanwhile,
-        )
 
     def find(self, name: str) -> Task:
         """The environment of a name that was typed, made with these keyword arguments."""

@@ -1,4 +1,4 @@
-"""How a command that trains is parsed: its defaults are the task's, and its help has groups."""
+"""Commands that train are parsed here: their defaults are the task's, and their help has groups."""
 
 import argparse
 import dataclasses
@@ -10,11 +10,10 @@ import tyro
 from tyro.constructors import ConstructorRegistry, StructConstructorSpec, StructFieldSpec, StructTypeInfo
 
 from galton.algorithms import Rollout
-from galton.cli._modules import import_typed
 from galton.cli._options import Training
-from galton.cli._reading import read_options
+from galton.cli._reading import import_typed, read_options
 from galton.cli._registry import REGISTRY
-from galton.cli._words import Without
+from galton.cli._words import ELSEWHERE
 from galton.errors import UsageError
 from galton.parts import Part, settings
 from galton.presets import PAPER, Preset, find_preset
@@ -22,16 +21,13 @@ from galton.words import CHOICES, Choice, vocabulary, without_idle
 
 OptionsT = TypeVar("OptionsT")
 
-ELSEWHERE = ("loss", "algorithm")
-"""The words that each command has as options of its own."""
-
 COMMON = (
     *("env", "loss", "losses", "preset", "algorithm", "seed", "seeds", "out", "overwrite", "resume", "training"),
     *("steps", "eval_episodes", "n_envs", "learning_rate", "gamma"),
 )
 """These options of a command are shown by `--help`, and the rest too by `--help-all`."""
 
-TrainingOptions = Annotated[Training, tyro.conf.arg(name=""), Without(*ELSEWHERE)]
+TrainingOptions = Annotated[Training, tyro.conf.arg(name="")]
 """Training among the options of a command, whose help names its groups."""
 
 TOLD = {"training": "The defaults are the task's (App. C.2), the preset's or the algorithm's; name ENV to see them."}
@@ -76,7 +72,6 @@ def parse(
 
 
 def _imports(arguments: Sequence[str]) -> list[str]:
-    """The modules that a command line names."""
     parser = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
     parser.add_argument("--imports", nargs="*", default=[])
     return list(parser.parse_known_args(arguments)[0].imports)
@@ -98,7 +93,7 @@ class _AnyTraining(Training):
 
 
 def _fields(kind: type, info: StructTypeInfo) -> list[StructFieldSpec]:
-    """What tyro makes of the fields of a record, but for a mapping of settings."""
+    """The fields that tyro makes of a record's, but for a mapping of settings."""
     default = info.default if kind is _AnyTraining else tyro.MISSING_NONPROP
     spec = ConstructorRegistry.get_struct_spec(dataclasses.replace(info, type=kind, default=default))
     assert isinstance(spec, StructConstructorSpec)
@@ -125,7 +120,7 @@ def _of_parts(info: StructTypeInfo) -> dict[str, type]:
 
 
 def _kind(choice: Choice) -> Any:
-    """What may be typed for a word that chooses a part."""
+    """The type of what may be typed for a word that chooses a part."""
     names = ["auto", *choice.registry] if choice.usual == "auto" else [*choice.registry]
     return bool if True in choice.registry else Annotated[str, tyro.conf.arg(metavar="{" + ",".join(names) + "}")]
 
@@ -144,6 +139,5 @@ def _help_of(field: StructFieldSpec) -> str | None:
 
 
 def _filled(default: Training, training: Any, **parts: Any) -> Training:
-    """The training with what the groups hold."""
     words = {name: value for part in parts.values() for name, value in vars(part).items()}
     return dataclasses.replace(default, **vars(training), words=without_idle(default.words | words, default.words))

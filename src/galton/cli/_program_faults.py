@@ -1,4 +1,4 @@
-"""What is said where compiled programs can't be kept or read: one line of ours, instead of JAX's at each program."""
+"""One line of ours says that compiled programs can't be kept or read, instead of JAX's at each program."""
 
 import glob
 import os
@@ -6,7 +6,7 @@ import re
 import sys
 import warnings
 from pathlib import Path
-from typing import TextIO
+from typing import Any
 
 from galton.training.programs_on_disk import PLACE, REMEDY, place
 
@@ -38,17 +38,10 @@ def tell_once(folder: Path, remedy: str) -> None:
     """
     before, told = warnings.showwarning, set[str]()
 
-    def show(
-        message: Warning | str,
-        category: type[Warning],
-        filename: str,
-        lineno: int,
-        file: TextIO | None = None,
-        line: str | None = None,
-    ) -> None:
+    def show(message: Warning | str, category: type[Warning], *where: Any, **others: Any) -> None:
         said = _SAID.match(str(message))
         if said is None:
-            before(message, category, filename, lineno, file, line)
+            before(message, category, *where, **others)
             return
         failed, program, why = said.groups()
         if failed == "reading":

@@ -1,4 +1,4 @@
-"""The progress of training on a terminal."""
+"""Tables and the progress of training on a terminal."""
 
 import contextlib
 from collections.abc import Callable, Iterator
@@ -14,6 +14,11 @@ Show = Callable[[int], None]
 
 Follow = Callable[[str, int, int], Show]
 """(title, steps per run, runs) → what `train` calls meanwhile."""
+
+
+def plain_console() -> Console:
+    """A console that prints what it is given, letter by letter: a path may hold what rich takes for markup."""
+    return Console(markup=False, emoji=False, highlight=False)
 
 
 STOPPING = "interrupted; stopping after this update (once more: at once)"

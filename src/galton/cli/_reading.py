@@ -1,19 +1,43 @@
-"""How a command line becomes a record of options, or one sentence that says why it can't."""
+"""A command line becomes a record of options, or one sentence that says why it can't; its modules are imported.
+
+The current folder is searched for what the command line names, and for nothing else: what a file names, such as the
+plan of a sweep, may be a stranger's. Such a module must be installed, lie on PYTHONPATH, or be typed as well.
+"""
 
 import contextlib
 import io
 import re
 import sys
 from collections.abc import Collection, Sequence
-from typing import TypeVar
+from typing import Annotated, TypeVar
 
 import tyro
 
 from galton.cli._registry import REGISTRY, showing
 from galton.cli._words import options_of
 from galton.errors import UsageError, did_you_mean
+from galton.extras import import_all
 
 OptionsT = TypeVar("OptionsT")
+
+Imports = Annotated[
+    tuple[str, ...],
+    tyro.conf.arg(help="Modules to import first, where losses, policies and other parts of your own are registered."),
+]
+"""The option of the commands that need what a user has registered."""
+
+
+def search_here() -> None:
+    """Have this process and its workers search the current folder, behind all that is installed."""
+    if "" not in sys.path:
+        sys.path.append("")
+
+
+def import_typed(modules: Sequence[str]) -> None:
+    """Import modules that the command line names; UsageError for one that can't be."""
+    if modules:
+        search_here()
+        import_all(modules)
 
 
 def read_options(
@@ -61,14 +85,14 @@ def read_options(
 
 
 def _is_known(word: str, options: type) -> bool:
-    """Whether a word is an option, or the opposite of one."""
+    """True if a word is an option, or the opposite of one."""
     typed = word.partition("=")[0].replace("_", "-")
     known = {*options_of(options).values(), "--help", "--help-all", "--"}
     return not known.isdisjoint({typed, typed.replace("--no-", "--", 1)})
 
 
 def _stray(word: str, options: type, name: str, help_: str) -> str:
-    """What to say of a word that is no option and has no place."""
+    """The message about a word that is no option and has no place."""
     if word.lower() in ("true", "false", "0", "1", "yes", "no"):
         return f"{word!r} is one argument too many; a switch stands alone, as --resume or --no-resume; {help_}"
     if not word.startswith("-"):

@@ -1,4 +1,4 @@
-"""How words become values, and how the help of a command shows them: tyro's rules, and Galton's before them."""
+"""Rules make values of words, and say how the help of a command shows them: tyro's, and Galton's before them."""
 
 import contextlib
 import dataclasses
@@ -63,21 +63,16 @@ def _integers(info: PrimitiveTypeInfo) -> PrimitiveConstructorSpec[tuple[int, ..
 
 @REGISTRY.primitive_rule
 def _one_number(info: PrimitiveTypeInfo) -> PrimitiveConstructorSpec[float | str] | None:
-    """What may be one number or an array of them is one number here."""
+    """A setting that may be one number or an array of them is one number here."""
     if {*get_args(info.type)} - {int, NoneType} != {*get_args(Number)}:
         return None
     return PrimitiveConstructorSpec(
         nargs=1,
         metavar="FLOAT",
-        instance_from_str=lambda words: _number(words[0]),
+        instance_from_str=lambda words: words[0] if "(" in words[0] else float(words[0]),  # of a schedule
         is_instance=lambda value: isinstance(value, int | float | str),
         str_from_instance=lambda value: [str(value)],
     )
-
-
-def _number(text: str) -> float | str:
-    """A number, or the words of a schedule, which `agents.read` checks."""
-    return text if "(" in text else float(text)
 
 
 @REGISTRY.primitive_rule

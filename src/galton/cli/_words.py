@@ -1,4 +1,4 @@
-"""What the command line calls things: each argument by the option that fills it."""
+"""The command line calls each argument by the option that fills it."""
 
 import contextlib
 import dataclasses
@@ -15,23 +15,15 @@ from galton.extras import MissingExtraError
 ABOUT = r"(?= (?:is|are|has|holds|names|goes|needs)\b)"
 """What follows the name of an argument where a message begins with it."""
 
+ELSEWHERE = ("loss", "algorithm")
+"""The words that each command has as options of its own."""
+
 
 class Fills:
     """In the annotation of an option: what the functions that it is for call it, where that is another name."""
 
-    def __init__(self, *arguments: str) -> None:
-        self.arguments = arguments
-
-
-class Without:
-    """In the annotation of a record of options: its fields that are no options, since the command has its own."""
-
-    def __init__(self, *fields: str) -> None:
-        self.fields = fields
-
-
-class Settings:
-    """In the annotation of a mapping of settings by name: each of them is an option."""
+    def __init__(self, argument: str) -> None:
+        self.argument = argument
 
 
 def options_of(record: type) -> dict[str, str]:
@@ -48,22 +40,21 @@ def options_of(record: type) -> dict[str, str]:
     for name, hint in get_type_hints(record, include_extras=True).items():
         kind, *marks = get_args(hint) if get_origin(hint) is Annotated else (hint,)
         if dataclasses.is_dataclass(kind) or hasattr(kind, "_fields"):
-            hidden = [field for mark in marks if isinstance(mark, Without) for field in mark.fields]
-            inner |= {field: option for field, option in options_of(kind).items() if field not in hidden}
+            inner |= options_of(kind)
             continue
-        if any(isinstance(mark, Settings) for mark in marks):
+        if get_origin(kind) is dict:  # of settings by name, each of which is an option
             from galton.words import vocabulary
 
-            inner |= {word: "--" + word.replace("_", "-") for word in vocabulary().usual}
+            inner |= {word: "--" + word.replace("_", "-") for word in vocabulary().usual if word not in ELSEWHERE}
             continue
         typed = _placed(name, marks) if any(mark in placed for mark in marks) else "--" + name.replace("_", "-")
-        arguments = [argument for mark in marks if isinstance(mark, Fills) for argument in mark.arguments]
+        arguments = [mark.argument for mark in marks if isinstance(mark, Fills)]
         known |= dict.fromkeys([name, *arguments], typed)
     return inner | known
 
 
 def _placed(name: str, marks: Sequence[object]) -> str:
-    """What the help calls an argument that has a place, unless it is its name in capitals or no plain word."""
+    """The word that help has for an argument with a place, unless it is its name in capitals or no plain word."""
     shown = [str(word) for mark in marks if (word := getattr(mark, "metavar", None))]
     return next((word for word in shown if word.isalpha() and word != name.upper()), name)
 

@@ -7,9 +7,8 @@ from typing import Annotated
 
 import tyro
 
-from galton.cli._modules import search_here
 from galton.cli._options import EnvName
-from galton.cli._reading import read_options
+from galton.cli._reading import read_options, search_here
 from galton.envs.registry import read_constants
 from galton.training.check import check_env
 

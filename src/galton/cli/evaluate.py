@@ -9,8 +9,7 @@ import numpy as np
 import tyro
 from scipy import stats
 
-from galton.cli._modules import Imports, import_typed
-from galton.cli._reading import read_options
+from galton.cli._reading import Imports, import_typed, read_options
 from galton.cli._runs import environment_of, model_of
 from galton.errors import require_integer
 from galton.models import Model

@@ -8,12 +8,10 @@ from typing import Annotated
 
 import tyro
 
-from galton.cli._metrics import points
-from galton.cli._modules import Imports, import_typed
-from galton.cli._reading import read_options
-from galton.cli._runs import model_of
+from galton.cli._reading import Imports, import_typed, read_options
+from galton.cli._runs import model_of, points
 from galton.deploy import card, export
-from galton.errors import require, unknown
+from galton.errors import require, require_word
 from galton.models import Model
 from galton.saving import files
 from galton.saving.result_folder import CARD, CONFIG, CONTRACT, METRICS, POLICY, read_settings
@@ -39,8 +37,7 @@ def main(arguments: Sequence[str]) -> None:
     options = read_options(Options, "export", arguments)
     import_typed(options.imports)
     for name in options.format:
-        if name not in FORMATS:
-            raise unknown("format", name, FORMATS)
+        require_word("format", name, FORMATS)
     require(len(options.format) > 0, f"format is empty; choose from {', '.join(FORMATS)}")
     formats, file = options.format, model_of(options.run)
     model, settings = Model.load(file), _settings(file, "card" in formats)
@@ -67,6 +64,6 @@ def _settings(file: Path, needed: bool) -> dict[str, object]:
 
 
 def _origin(file: Path, settings: dict[str, object]) -> dict[str, object]:
-    """Where the policy came from, as far as its model does not say it."""
+    """The origin of the policy, as far as its model does not say it."""
     model = {"model": file.name, "model_sha256": hashlib.sha256(files.read(file, files.DATA)).hexdigest()}
     return {name: value for name, value in settings.items() if name in ("env", "env_kwargs", "command")} | model

@@ -13,7 +13,7 @@ from galton.cli._interrupts import ASKING
 from galton.cli._output import keep_signs
 from galton.cli._program_faults import keep_programs
 from galton.cli._words import run_command
-from galton.errors import BrokenEnvironmentError, CheckpointError, UsageError, require, unknown
+from galton.errors import BrokenEnvironmentError, CheckpointError, UsageError, require, require_word
 from galton.version import __version__
 
 COMMANDS = {
@@ -36,9 +36,6 @@ MOVED = ("reproduce", "report")
 
 RESUMABLE = ("sweep", "benchmark")
 """The commands whose work is kept as it is done."""
-
-EXIT_CODES = {BrokenEnvironmentError: 1, CheckpointError: 2, UsageError: 2}
-"""What the command ends with, by whose fault it was: an environment's, or that of an argument or a file."""
 
 SIZES = (
     "net-arch",
@@ -84,13 +81,9 @@ def main() -> None:
     except BrokenPipeError:  # Python would try again as it ends
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         code = code or 141
-    atexit.register(_ignore_interrupts)  # all is done; what was registered last is called first
+    for number in ASKING:  # all is done; what was registered last is called first
+        atexit.register(signal.signal, number, signal.SIG_IGN)
     sys.exit(code)
-
-
-def _ignore_interrupts() -> None:
-    for number in ASKING:
-        signal.signal(number, signal.SIG_IGN)
 
 
 def _run(name: str, arguments: list[str]) -> int:
@@ -107,14 +100,13 @@ def _run(name: str, arguments: list[str]) -> int:
             signal.signal(number, signal.default_int_handler)  # so that it cleans up as Ctrl-C does
     try:
         require(name not in MOVED, f"{name} is a command of a clone now: python -m studies.paper {name}")
-        if name not in COMMANDS:
-            raise unknown("command", name, COMMANDS)
+        require_word("command", name, COMMANDS)
         keep_programs()
         package = "galton_experiments.commands" if name in EXPERIMENTS else "galton.cli"
         run_command(f"{package}.{name}", arguments)
-    except tuple(EXIT_CODES) as error:
+    except (BrokenEnvironmentError, CheckpointError, UsageError) as error:
         print(f"galton: {error}", file=sys.stderr)
-        return next(code for kind, code in EXIT_CODES.items() if isinstance(error, kind))
+        return 1 if isinstance(error, BrokenEnvironmentError) else 2
     except KeyboardInterrupt as interrupt:
         left = "the same command goes on with the rest" if name in RESUMABLE else "nothing was written"
         done = f"{interrupt}, and " if interrupt.args else ""
@@ -132,7 +124,7 @@ def _run(name: str, arguments: list[str]) -> int:
 
 
 def _of_the_machine(error: Exception, arguments: list[str]) -> str | None:
-    """What to say of an error that comes of this machine: its files, its disk, its memory; None for any other."""
+    """The message for an error that comes of this machine: its files, its disk, its memory; None for any other."""
     if isinstance(error, MemoryError) or "RESOURCE_EXHAUSTED" in str(error):  # what NumPy and JAX raise
         typed = [word.partition("=")[0].removeprefix("--").replace("_", "-") for word in arguments]
         options = [f"--{name}" for name in SIZES if name in typed] or [f"--{name}" for name in SIZES]

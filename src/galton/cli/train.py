@@ -11,10 +11,7 @@ from pathlib import Path
 from galton import callbacks
 from galton.agents import read, words_of
 from galton.algorithms import Agent
-from galton.cli._console import plain_console
 from galton.cli._kept_model import KeptModel
-from galton.cli._metrics import forget_after, known
-from galton.cli._modules import Imports
 from galton.cli._options import (
     AlgorithmName,
     EnvName,
@@ -27,7 +24,9 @@ from galton.cli._options import (
     short_name,
 )
 from galton.cli._parsing import COMMON, TrainingOptions, parse
-from galton.cli._progress import Show, live_progress
+from galton.cli._progress import Show, live_progress, plain_console
+from galton.cli._reading import Imports
+from galton.cli._runs import forget_after, known
 from galton.devices import use_all_cores
 from galton.envs.find import find
 from galton.envs.jax_task import JaxTask
@@ -48,7 +47,6 @@ from galton.saving.result_folder import (
     claimed,
     read_settings,
     replacing,
-    told,
     write_settings,
 )
 from galton.training.size import check_size
@@ -103,12 +101,13 @@ def main(arguments: Sequence[str]) -> None:
     record = _Record(options)
     with claimed(out), live_progress(plain_console(), record.model.save_taken) as follow:
         _check_folder(options)  # nobody else can change it now
-        model = _resumed(options, env) if options.resume else _new(options, env)
+        model = _resumed(options, env) if options.resume else Model.of(env, _agent(options), options.seed)
         require(
             model.num_timesteps < steps,
             f"steps is {steps}, which the run in {out} has reached; name more to go on with it",
         )
-        _learn(model, options, record, follow(f"{label} on {options.env}", steps, 1))
+        record.start, record.show = model.num_timesteps, follow(f"{label} on {options.env}", steps, 1)
+        _learn(model, options, record)
     last = known(out / METRICS) | ({} if options.training.eval_episodes else {"eval/mean_reward": math.nan})
     training_return, evaluation_return, speed = (
         f"{last[name]:,.2f}" if math.isfinite(last.get(name, math.nan)) else "not known"
@@ -133,10 +132,6 @@ def _check_folder(options: Options) -> None:
 
 def _agent(options: Options) -> Agent:
     return read(options.training.words | {"loss": options.loss})
-
-
-def _new(options: Options, env: Task) -> Model:
-    return Model.of(env, _agent(options), options.seed)
 
 
 def _resumed(options: Options, env: Task) -> Model:
@@ -177,11 +172,10 @@ def _environments(options: Options, env: Task) -> tuple[object, object]:
     return (short_name(name.rpartition(":")[2]), constants), asked
 
 
-def _learn(model: Model, options: Options, record: "_Record", show: Show) -> None:
+def _learn(model: Model, options: Options, record: "_Record") -> None:
     """Train what is missing. However it ends, what was learnt is kept, or the earlier run that it has not replaced."""
-    first, last = model.num_timesteps, options.training.steps
-    record.start = first
-    calls: list[callbacks.Callback] = [record, _Watching(record.model, show)]
+    first, last = record.start, options.training.steps
+    calls: list[callbacks.Callback] = [record]
     if last // options.save_every > first // options.save_every:
         calls.append(_Saving(record.model, options.save_every))
     try:
@@ -216,25 +210,36 @@ def _interval_asked(training: Training, model: Model) -> int:
 
 
 class _Record:
-    """What is kept of a run. Its folder is begun at the first log point: until then an earlier run stays there."""
+    """Keeps a run, shows how far training is, and raises what Ctrl-C asked for.
+
+    The run's folder is begun at the first log point: until then an earlier run stays there.
+    """
 
     def __init__(self, options: Options) -> None:
         self._options, self.start = options, 0
+        self.show: Show = lambda _: None
         self.model = KeptModel(options.folder / MODEL, self._begin, lambda: self.keeps)
         self._calls: list[callbacks.Callback] = []
 
     def __call__(self, model: Model, log: callbacks.Log) -> None:
         """Write down what is due at a log point."""
-        self.model.begin(model)
+        if not self.model.begun:
+            self.model.save(model)
         self._calls = self._calls or list(self._due())
         for call in self._calls:
             call(model, log)
         if told := logged(log):  # by the first evaluation
             print(f"{told} ({N_EPISODES} episodes of each)", flush=True)
+        self.show(model.num_timesteps)
+
+    def meanwhile(self, model: Model, _: float) -> None:
+        """Take what an interrupt would save."""
+        self.model.take(model)
+        self.show(model.num_timesteps)
 
     @property
     def keeps(self) -> bool:
-        """Whether there is a folder to keep the model in, or room for one: an earlier run has it until then."""
+        """True if there is a folder to keep the model in, or room for one: an earlier run has it until then."""
         return self.model.begun or not (self._options.overwrite and (self._options.folder / CONFIG).exists())
 
     def _begin(self, taken: Taken) -> None:
@@ -245,7 +250,7 @@ class _Record:
             taken.save(out / MODEL)
         else:
             given = {"env": options.env, "loss": options.loss, "preset": options.preset, "seed": options.seed}
-            with replacing(out, options.overwrite) as folder, told(out):
+            with replacing(out, options.overwrite) as folder, files.named("out", out):
                 write_settings(folder, given | options.training.record() | {"command": command_line()})
                 taken.save(folder / MODEL)
 
@@ -270,18 +275,3 @@ class _Saving:
 
     def __call__(self, model: Model, _: callbacks.Log) -> None:
         self.kept.save(model)
-
-
-@dataclasses.dataclass(frozen=True)
-class _Watching:
-    """Shows how far training is, takes what an interrupt would save, and raises what Ctrl-C asked for."""
-
-    kept: KeptModel
-    show: Show
-
-    def __call__(self, model: Model, _: callbacks.Log) -> None:
-        self.show(model.num_timesteps)
-
-    def meanwhile(self, model: Model, _: float) -> None:
-        self.kept.take(model)
-        self.show(model.num_timesteps)

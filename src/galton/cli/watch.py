@@ -2,7 +2,9 @@
 
 import contextlib
 import dataclasses
+import math
 import os
+import subprocess
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -12,9 +14,7 @@ import gymnasium
 import numpy as np
 import tyro
 
-from galton.cli import _film as film
-from galton.cli._modules import Imports, import_typed
-from galton.cli._reading import read_options
+from galton.cli._reading import Imports, import_typed, read_options
 from galton.cli._runs import environment_of, model_of
 from galton.envs.host.answers import FAULTS, blame, one_flag, one_number, parts
 from galton.envs.host.gymnasium import GymnasiumTask
@@ -22,10 +22,12 @@ from galton.envs.host.mujoco_log import mujoco_warns
 from galton.envs.registry import is_known
 from galton.envs.task import check_same_spaces
 from galton.errors import UsageError, require, require_integer
-from galton.extras import check_named
+from galton.extras import check_named, require_libraries
 from galton.models import Model
 from galton.saving import files
 from galton.training.train import check_seed
+
+Env = gymnasium.Env[object, object]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -63,7 +65,8 @@ def main(arguments: Sequence[str]) -> None:
     if options.out is None:
         files.check_no_way_out("out", out.parent, out.name)
     model = Model.load(file)
-    film.check_libraries("watch" if options.out is None else f"out is {out}, which", out)
+    library = "imageio_ffmpeg" if out.suffix == ".mp4" else "PIL"
+    require_libraries("watch" if options.out is None else f"out is {out}, which", library)
     name, kwargs = environment_of(file, options.env, options.env_kwargs)
     env = _make(name, kwargs)
     try:
@@ -73,12 +76,12 @@ def main(arguments: Sequence[str]) -> None:
     finally:
         with contextlib.suppress(Exception):  # a renderer that never came up can't be closed either
             env.close()
-    film.write(out, frames, fps)
+    write(out, frames, fps)
     told = ", ".join(f"{value:,.2f}" for value in returns)
     print(f"return {told} in {len(frames)} frames\nvideo: {out}")
 
 
-def _make(name: str, kwargs: dict[str, Any]) -> film.Env:
+def _make(name: str, kwargs: dict[str, Any]) -> Env:
     require(
         not is_known(name),
         f"env is {name}, one of Galton's own tasks, which have no picture; train on the Gymnasium id to watch it",
@@ -94,7 +97,7 @@ def _make(name: str, kwargs: dict[str, Any]) -> film.Env:
         raise UsageError(f"env is {name}, which can't be made for watching: {error}") from error
 
 
-def _play(env: film.Env, name: str, model: Model, options: Options) -> tuple[list[np.ndarray], list[float]]:
+def _play(env: Env, name: str, model: Model, options: Options) -> tuple[list[np.ndarray], list[float]]:
     """The frames of all episodes and the return of each; what the environment answers is checked as in training."""
     frames, returns = [], []
     for episode in range(options.episodes):
@@ -102,7 +105,7 @@ def _play(env: film.Env, name: str, model: Model, options: Options) -> tuple[lis
         with blame(f"{where}: reset"):
             begun = env.reset(seed=options.seed + episode)
         observation, _ = parts(begun, "observation, info", "reset", where)
-        frames.append(film.frame(env))
+        frames.append(picture(env))
         returns.append(0.0)
         for step in range(1, options.max_steps + 1):
             model.observations.flatten(observation, where)
@@ -112,7 +115,7 @@ def _play(env: film.Env, name: str, model: Model, options: Options) -> tuple[lis
                 answer = env.step(action)
             names = "observation, reward, terminated, truncated, info"
             observation, reward, terminated, truncated, _ = parts(answer, names, "step", where)
-            frames.append(film.frame(env))
+            frames.append(picture(env))
             returns[-1] += one_number(reward, "the reward", where)
             if one_flag(terminated, "terminated", where) or one_flag(truncated, "truncated", where):
                 break
@@ -122,3 +125,56 @@ def _play(env: film.Env, name: str, model: Model, options: Options) -> tuple[lis
         "for MuJoCo set MUJOCO_GL to egl or osmesa",
     )
     return frames, returns
+
+
+def picture(env: Env) -> np.ndarray:
+    """The environment's picture; UsageError where there is none, with what to install."""
+    try:
+        pixels = np.asarray(env.render())
+    except Exception as error:
+        check_named("the environment's picture", error)
+        raise UsageError(
+            f"the environment can't be rendered: {type(error).__name__}: {error}. For MuJoCo without a screen install "
+            "EGL or OSMesa (on Debian: libegl1 or libosmesa6) and set MUJOCO_GL to egl or osmesa"
+        ) from error
+    require(
+        pixels.ndim == 3 and pixels.shape[-1] == 3 and pixels.dtype == np.uint8,
+        f"the environment's picture is {pixels.shape} {pixels.dtype}; it must be [height, width, 3] uint8",
+    )
+    return pixels
+
+
+def write(out: Path, frames: list[np.ndarray], fps: int) -> None:
+    """Write an .mp4 or a .gif; UsageError where that can't be."""
+    try:
+        with files.replacing(out) as scratch:
+            if out.suffix == ".gif":
+                _write_gif(scratch, frames, fps)
+            else:
+                _write_mp4(scratch, frames, fps)
+    except OSError as error:
+        raise UsageError(f"out is {out}, which can't be written: {error.strerror or error}") from None
+
+
+def _write_gif(path: Path, frames: list[np.ndarray], fps: int) -> None:
+    from PIL import Image
+
+    every = math.ceil(fps / 50)  # what lasts less than 20 ms is shown for longer by browsers
+    first, *rest = [Image.fromarray(frame) for frame in frames[::every]]
+    first.save(path, save_all=True, append_images=rest, duration=round(1000 * every / fps), loop=0)
+
+
+def _write_mp4(path: Path, frames: list[np.ndarray], fps: int) -> None:
+    import imageio_ffmpeg
+
+    height, width, _ = frames[0].shape
+    raw = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}", "-r", str(fps), "-i", "-"]
+    even = ["-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2", "-pix_fmt", "yuv420p", "-y", str(path)]
+    done = subprocess.run(  # noqa: S603  no shell; the path comes last, as a word of its own
+        [imageio_ffmpeg.get_ffmpeg_exe(), "-loglevel", "error", *raw, *even],
+        input=b"".join(frame.tobytes() for frame in frames),
+        capture_output=True,
+        check=False,
+    )
+    if done.returncode:
+        raise OSError(done.stderr.decode(errors="replace").strip())

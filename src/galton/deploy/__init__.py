@@ -1,7 +1,7 @@
 """A trained policy for where there is no Galton: an ONNX file with its contract, a model card, and the Hub.
 
-A graph is put together in ONNX's words without ONNX (graph, actions, decision), then written (encoding, contract,
-policy_files). The card and the Hub need neither.
+A graph is put together in ONNX's words without ONNX (graph, actions, decision), then written
+(policy_files). The card and the Hub need neither.
 """
 
 import lazy_loader

@@ -1,4 +1,4 @@
-"""How each policy's deterministic action is computed in ONNX: a function of the network's outputs, a line in ACTIONS.
+"""ONNX computes each policy's deterministic action by a function of the network's outputs, a line in ACTIONS.
 
 Each says in a graph what the `deterministic_action` of its distribution says in JAX.
 """

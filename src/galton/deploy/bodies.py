@@ -1,4 +1,4 @@
-"""How each network's body is computed in ONNX: a function of its layers, a line in BODIES.
+"""ONNX computes each network's body by a function of its layers, a line in BODIES.
 
 Each says in a graph what `features` of the network says in JAX.
 """

@@ -77,7 +77,7 @@ def _task(model: Model, settings: Mapping[str, Any], env: object) -> Table:
 
 
 def _returns(model: Model, settings: Mapping[str, Any], points: Sequence[Point]) -> list[str]:
-    """What is known of the deterministic policy, with an interval where it played several episodes."""
+    """The returns of the deterministic policy, with an interval where it played several episodes."""
     evaluated = [point for point in points if MEAN in point]
     if not evaluated:
         return ["The run was not evaluated, so what the policy returns without exploration is not known."]

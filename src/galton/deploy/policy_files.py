@@ -1,15 +1,35 @@
-"""A policy's two files: the ONNX file, and the contract beside it."""
+"""A policy's two files: the ONNX file, and the contract beside it, which says as plain JSON how to call it.
 
+ONNX is imported here and nowhere else.
+"""
+
+import hashlib
 import json
-from collections.abc import Mapping
+import math
+from collections.abc import Iterator, Mapping
 from pathlib import Path
+from types import ModuleType
 
-from galton.deploy.contract import contract
-from galton.deploy.decision import decide
-from galton.deploy.encoding import encode
-from galton.errors import require
+import numpy as np
+from gymnasium.spaces import Box, Dict, Discrete, MultiDiscrete, Tuple
+from gymnasium.spaces.utils import flatdim
+
+from galton import normalization
+from galton.agents import policy_name
+from galton.deploy.decision import ACTION, OBSERVATION, Decision, decide
+from galton.envs.host.base import Space
+from galton.errors import UsageError, require
+from galton.extras import needed
 from galton.models import Model
 from galton.saving import files
+from galton.saving.provenance import version
+
+OPSET, IR_VERSION = 13, 7
+"""Of December 2020: ONNX 1.8, and ONNX Runtime from 1.6 on."""
+BATCH = "batch"
+"""What the first dimension of input and output is called, which may have any size."""
+VERSION = 1
+"""Of the contract's form; a higher one may have other entries."""
 
 
 def export(model: Model, path: str | Path, origin: Mapping[str, object] | None = None) -> Path:
@@ -43,3 +63,114 @@ def export(model: Model, path: str | Path, origin: Mapping[str, object] | None =
         files.write(path, content)
         files.write(path.with_suffix(".json"), text.encode(errors="backslashreplace"))  # which is how JSON writes them
     return path
+
+
+def encode(decision: Decision) -> bytes:
+    """A decision's ONNX file, always of the same bytes; UsageError without ONNX, or for steps unknown to it."""
+    onnx = _onnx()
+    helper, float32 = onnx.helper, onnx.TensorProto.FLOAT
+    graph = decision.graph
+    described = helper.make_graph(
+        [helper.make_node(node.operator, node.inputs, [node.output], **node.attributes) for node in graph.nodes],
+        "policy",
+        [helper.make_tensor_value_info(OBSERVATION, float32, [BATCH, *decision.observation_shape])],
+        [helper.make_tensor_value_info(ACTION, float32, [BATCH, *decision.action_shape])],
+        [_tensor(onnx, name, array) for name, array in graph.constants.items()],
+    )
+    opset = helper.make_operatorsetid("", OPSET)
+    model = helper.make_model(described, opset_imports=[opset], ir_version=IR_VERSION, producer_name="galton")
+    try:
+        onnx.checker.check_model(model, full_check=True)
+    except (onnx.checker.ValidationError, onnx.shape_inference.InferenceError) as error:
+        told = " ".join(str(error).split())
+        raise UsageError(f"the policy's function in galton.deploy.ACTIONS makes no graph of ONNX: {told}") from None
+    content: bytes = model.SerializeToString(deterministic=True)
+    return content
+
+
+def _tensor(onnx: ModuleType, name: str, array: np.ndarray) -> object:
+    """A constant, in little-endian bytes whatever the machine."""
+    kind = onnx.TensorProto.INT64 if array.dtype.kind == "i" else onnx.TensorProto.FLOAT
+    content = array.astype(array.dtype.newbyteorder("<")).tobytes()
+    return onnx.helper.make_tensor(name, kind, array.shape, content, raw=True)
+
+
+def _onnx() -> ModuleType:
+    with needed("the format onnx", "onnx"):
+        import onnx
+        import onnx.checker
+        import onnx.helper
+        import onnx.shape_inference
+    return onnx
+
+
+def contract(
+    model: Model, decision: Decision, file: str, content: bytes, origin: Mapping[str, object]
+) -> dict[str, object]:
+    """The contract of the file with these bytes: its input, its output and its source, to which `origin` is added."""
+    normalizes = bool(model.learner.normalizer.observation)
+    return {
+        "contract": VERSION,
+        "file": file,
+        "sha256": hashlib.sha256(content).hexdigest(),
+        "opset": OPSET,
+        "ir_version": IR_VERSION,
+        "input": {
+            "name": OBSERVATION,
+            "dtype": "float32",
+            "shape": [BATCH, *decision.observation_shape],
+            "units": "the environment's own, not normalised; every number must be finite",
+            "entries": list(_entries(model.observations.space)),
+        },
+        "observation_normalization": {"clip": normalization.CLIP} if normalizes else None,
+        "rule": decision.chosen.rule,
+        "rule_meaning": decision.chosen.meaning,
+        "output": {
+            "name": ACTION,
+            "dtype": "float32",
+            "shape": [BATCH, *decision.action_shape],
+            "units": "the environment's own",
+            "low": decision.low.tolist(),
+            "high": decision.high.tolist(),
+            "environment_dtype": str(model.action_space.dtype),
+        },
+        "source": _source(model) | dict(origin),
+    }
+
+
+def _source(model: Model) -> dict[str, object]:
+    settings = model.settings
+    return {
+        "env": model.env_name,
+        "algorithm": settings["algorithm"],
+        "loss": settings["loss"] if isinstance(settings["loss"], str) else type(settings["loss"]).__name__,
+        "policy": policy_name(model.agent),
+        "seed": int(model.seed),
+        "steps": int(model.num_timesteps),
+        "galton": version(),
+    }
+
+
+def _entries(space: Space, where: tuple[str | int, ...] = (), first: int = 0) -> Iterator[dict[str, object]]:
+    """The entries of the flat observation that each part of the environment's is, in order; `to` is left out."""
+    if isinstance(space, Dict | Tuple):
+        for name, part in space.spaces.items() if isinstance(space, Dict) else enumerate(space.spaces):
+            yield from _entries(part, (*where, name), first)
+            first += flatdim(part)
+        return
+    entry: dict[str, object] = {"part": list(where), "from": first, "to": first + flatdim(space)}
+    if isinstance(space, Box):
+        yield entry | {"encoding": "as it is", "low": _finite(space.low), "high": _finite(space.high)}
+    elif isinstance(space, Discrete):
+        yield entry | {"encoding": "one-hot", "first": int(space.start), "sizes": [int(space.n)]}
+    elif isinstance(space, MultiDiscrete):
+        sizes, starts = (np.ravel(of).tolist() for of in (space.nvec, space.start))
+        yield entry | {"encoding": "one-hot, one after the other", "first": starts, "sizes": sizes}
+    else:
+        yield entry | {"encoding": "0 or 1"}
+
+
+def _finite(bound: np.ndarray) -> list[float | None] | float | None:
+    """Bounds, row by row, or one number where all are equal; None for one that is not there: JSON knows no infinity."""
+    values = [value if math.isfinite(value) else None for value in bound.astype(np.float64).ravel().tolist()]
+    return values[0] if len(set(values)) == 1 else values

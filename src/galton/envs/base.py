@@ -1,4 +1,4 @@
-"""What an environment in pure JAX has to offer."""
+"""An environment in pure JAX has to offer this."""
 
 from typing import Protocol, runtime_checkable
 
@@ -58,7 +58,7 @@ class Environment(Protocol):
         """Programs are compiled once per record."""
 
     def observe(self, state: PyTree[Array]) -> Float[Array, " o"]:
-        """What the agent sees of a state."""
+        """The observation that the agent has of a state."""
 
 
 def box(bound: float, size: int) -> Float[np.ndarray, " size"]:

@@ -10,11 +10,11 @@ from galton.envs import registry
 from galton.envs.base import Environment
 from galton.envs.host.answers import shown
 from galton.envs.host.gymnasium import GymnasiumTask
-from galton.envs.host.vector import VectorTask, is_sb3
+from galton.envs.host.vector import VectorTask
 from galton.envs.jax_task import JaxTask
 from galton.envs.task import Task
 from galton.errors import UsageError, did_you_mean, is_number, require
-from galton.extras import check_named, needed, require_libraries
+from galton.extras import check_named, is_instance_of, needed, require_libraries
 
 
 def find(env: object, **kwargs: object) -> Task:
@@ -34,14 +34,11 @@ def find(env: object, **kwargs: object) -> Task:
         fits = is_number(scale) and 0 < scale < float("inf")
         require(fits, f"action_scale is {scale!r}; it must be a finite number greater than 0")
         return _find_by_name(env, kwargs)
-    require(
-        not kwargs,
-        f"env_kwargs is {kwargs}; it goes with a name or an id, not with an environment that is there",
-    )
+    require(not kwargs, f"env_kwargs is {kwargs}; it goes with a name or an id, not with an environment that is there")
     if isinstance(env, Environment | Task):
         require(not isinstance(env, type), f"env is {shown(env)}, a class; give what it makes, by calling it")
         return JaxTask(env) if isinstance(env, Environment) else env
-    if isinstance(env, gymnasium.vector.VectorEnv) or is_sb3(env):
+    if isinstance(env, gymnasium.vector.VectorEnv) or is_instance_of(env, "stable_baselines3", "VecEnv"):
         return VectorTask(env)
     if isinstance(env, gymnasium.Env) or callable(env):
         return GymnasiumTask(env)
@@ -80,7 +77,7 @@ def _refuse_unversioned(name: str) -> None:
 
 
 def _why_unknown(name: str, error: gymnasium.error.UnregisteredEnv) -> str:
-    """That there is no such id, with what was probably meant: Gymnasium's guess is without the version."""
+    """A sentence that there is no such id, with what was probably meant: Gymnasium's guess is without the version."""
     known = f"Gymnasium knows no environment of that name, and Galton's own are {', '.join(registry.ENVS)}"
     own = "" if ":" in name else "; one that a module of yours registers is module:Id"
     meant = did_you_mean(name, [*registry.ENVS, *gymnasium.registry])
@@ -89,17 +86,17 @@ def _why_unknown(name: str, error: gymnasium.error.UnregisteredEnv) -> str:
 
 
 def _comes_from(name: str, package: str) -> bool:
-    """Whether Gymnasium has the environment of that id in this package of its environments."""
+    """True if Gymnasium has the environment of that id in this package of its environments."""
     spec = gymnasium.registry.get(name)
     return spec is not None and str(spec.entry_point).startswith(f"gymnasium.envs.{package}.")
 
 
 def _find_mujoco(name: str, kwargs: dict[str, Any]) -> Task | None:
-    """The batched task of that id, if there is one."""
     if not _comes_from(name, "mujoco"):
         return None
     with needed(f"environment {name!r}", "mujoco", "imageio"):  # which Gymnasium imports with it
-        from galton.envs.host.mujoco import MUJOCO_FUNCTIONS, MujocoTask
+        from galton.envs.host.mujoco import MujocoTask
+        from galton.envs.host.mujoco_functions import MUJOCO_FUNCTIONS
     return MujocoTask(name, **kwargs) if name in MUJOCO_FUNCTIONS else None
 
 

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 class Entry(NamedTuple):
-    """What ENVS knows of an environment before its record is loaded."""
+    """An entry of ENVS, which is known before the environment's record is loaded."""
 
     record: str
     """module:Class of the environment's record."""
@@ -42,7 +42,7 @@ def find_task(name: str) -> tuple[str, Entry]:
 
 
 def is_known(name: str) -> bool:
-    """Whether `find_task` knows the name."""
+    """True if `find_task` knows the name."""
     return any(name in (key, task.gymnasium_id) for key, task in ENVS.items())
 
 

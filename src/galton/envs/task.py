@@ -37,7 +37,7 @@ class Task(Protocol):
         """The number of copies that the user gave ready-made, which then are all; None if `make` makes them."""
 
     def make(self, n_copies: int, n_threads: int = 1) -> HostEnvironments:
-        """That many copies to step from Python, on that many threads.
+        """So many copies to step from Python, on so many threads.
 
         Raises:
             UsageError: more than there are.

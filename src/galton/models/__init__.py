@@ -1,4 +1,4 @@
-"""What users hold: A2C and PPO, each one run on one environment, with the habits of Stable-Baselines3."""
+"""Users hold these: A2C and PPO, each one run on one environment, with the habits of Stable-Baselines3."""
 
 from typing import Any
 

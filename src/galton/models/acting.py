@@ -1,4 +1,4 @@
-"""What a policy does with observations, outside training: actions, and whole episodes."""
+"""A policy acts on observations outside training, and plays whole episodes."""
 
 import functools
 
@@ -13,7 +13,7 @@ from galton.envs.host.carried import take_statistics
 from galton.envs.jax_task import JaxTask
 from galton.envs.task import Task
 from galton.normalization import from_origin_on_host
-from galton.training.evaluate import Kept, copies, deterministic_action, evaluate, play
+from galton.training.evaluate import deterministic_action, evaluate, opened, play
 from galton.types import Learner
 
 Rows = Float[np.ndarray, "n o"]
@@ -49,17 +49,12 @@ def returns_on(
     if isinstance(task, JaxTask):
         key = jax.random.fold_in(jax.random.key(seed), step)
         return np.asarray(_evaluated(key, task, agent, learner, n_episodes))
-    n_copies = task.given or n_episodes
-    envs = copies(task, n_copies)
-    try:
+    with opened(task, n_episodes) as (envs, n_copies):
         theirs = trained_on.layers if trained_on else ()
         for i, layers in enumerate(envs.layers):
             take_statistics(task.name, layers, theirs[i % len(theirs)] if theirs else None)
         seeds = np.random.SeedSequence((seed, 1, step)).generate_state(n_copies)
         return play(task.name, envs, seeds, functools.partial(exploit, agent, learner), n_episodes)
-    finally:
-        if not isinstance(task, Kept):
-            envs.close()
 
 
 _deterministic = jax.jit(deterministic_action)

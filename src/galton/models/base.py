@@ -91,7 +91,7 @@ class Base:
 
     @property
     def learner(self) -> Learner:
-        """What was learnt: parameters, Adam's moments and the statistics that normalise."""
+        """All that was learnt: parameters, Adam's moments and the statistics that normalise."""
         return self._run.learner
 
     @property

@@ -66,7 +66,7 @@ def next_call(step: int, every: int, size: int) -> int:
 
 
 def _stops(verdict: object) -> bool:
-    """Whether a callback said to stop: False, Python's or that of a comparison of NumPy's."""
+    """True if a callback said to stop: by False, Python's or that of a comparison of NumPy's."""
     return isinstance(verdict, bool | np.bool) and not verdict
 
 

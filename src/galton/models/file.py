@@ -1,4 +1,4 @@
-"""How a model is written to one file and read from it again."""
+"""A model is written to one file and read from it again."""
 
 from pathlib import Path
 from typing import NamedTuple
@@ -24,14 +24,14 @@ class InexactResume(UserWarning):
 
 
 class Taken(NamedTuple):
-    """What a file would hold of a model at one moment; it can be written later, and by another thread."""
+    """The content of a model's file at one moment; it can be written later, and by another thread."""
 
     settings: checkpoint.Settings
     arrays: dict[str, np.ndarray]
 
     @property
     def num_timesteps(self) -> int:
-        """How many environment steps the model's run had taken."""
+        """The environment steps that the model's run had taken."""
         return int(self.settings["step"])
 
     def scored(self, mean_reward: float) -> "Taken":
@@ -67,7 +67,7 @@ def read(path: Path, opener: type) -> saved.Saved:
 
 
 def learner_of(found: saved.Saved) -> Learner:
-    """What the model had learnt; CheckpointError if the arrays are not those of its settings, or not finite."""
+    """The learner of a file's model; CheckpointError if the arrays are not those of its settings, or not finite."""
     try:
         checkpoint.check_numbers(found.arrays, "run/learner/", never_negative=("count", "nu", "variance", "n"))
         agent, size = at(found.agent, 0), found.observations.size
@@ -104,7 +104,7 @@ def resume(path: Path, population: Population, arrays: dict[str, np.ndarray]) ->
                 snapshot["environments"] = like["environments"]
                 cause = f"the checkpoint has no state for its environments ({error})"
         population.restore(snapshot)
-    except (UsageError, *MALFORMED) as error:
+    except MALFORMED as error:  # UsageError is a ValueError
         raise saved.unusable(path, error) from None
     return cause
 

@@ -1,6 +1,9 @@
-"""What somebody who comes from Stable-Baselines3 types first, and what to type here."""
+"""Somebody who comes from Stable-Baselines3 is told what to type here."""
 
-from galton.errors import require
+import functools
+from typing import TYPE_CHECKING, Any
+
+from galton.errors import UsageError, require
 
 POLICIES = ("MlpPolicy", "CnnPolicy", "MultiInputPolicy", "MlpLstmPolicy")
 """The names that SB3's models take before the environment."""
@@ -40,3 +43,21 @@ def unexpected(function: str, name: str, known: str = "") -> TypeError:
     """The error for a keyword argument that a function does not take."""
     hint = HINTS.get(name) or known
     return TypeError(f"{function}() got an unexpected keyword argument {name!r}{hint and f'; {hint}'}")
+
+
+if TYPE_CHECKING:
+    of_class = classmethod
+else:
+
+    class of_class(classmethod):  # noqa: N801
+        """A classmethod that makes an instance. Called on one it would leave that as it is, and so it refuses."""
+
+        def __get__(self, instance, owner=None):
+            """The method of the class; UsageError at a call of an instance's, with what to write."""
+            method = super().__get__(instance, owner)
+            return method if instance is None else functools.partial(_refuse_instance, instance, method)
+
+
+def _refuse_instance(instance: object, method: Any, *_: object, **__: object) -> None:
+    name = f"{type(instance).__name__}.{method.__name__}"
+    raise UsageError(f"{name} makes a new model and leaves this one as it is; write model = {name}(path)")

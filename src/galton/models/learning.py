@@ -20,9 +20,9 @@ from galton.models.calls import Calls, next_call
 from galton.optimizers import Optimizer
 from galton.parts import Schedule, at
 from galton.training.log import Log
-from galton.training.pieces import Pieces
 from galton.training.remedy import outgrown
 from galton.training.run import over_all
+from galton.training.train import Pieces
 
 
 def updates_for(total_timesteps: object, rollout: Rollout, step: int) -> int:

@@ -18,9 +18,8 @@ from galton.losses import Loss
 from galton.models import file
 from galton.models.acting import exploit, explore, returns_on
 from galton.models.base import Base
-from galton.models.hints import refuse_policy, unexpected
+from galton.models.hints import of_class, refuse_policy, unexpected
 from galton.models.learning import learn, updates_for
-from galton.models.of_class import of_class
 from galton.models.settings import all_words
 from galton.models.state import Arrays, Loaded, Run
 from galton.presets import find_preset
@@ -180,25 +179,28 @@ class Model(Base):
         """
         check_process()
         require_integer("n_episodes", n_episodes, 1)
-        if env is None:
-            _refuse_alone(env_kwargs)
+        task = self._other(env, env_kwargs)
+        if task is None:
             return self.population.evaluate(n_episodes)[0]
-        task = find(env, **(env_kwargs or {}))
-        check_same_spaces(task, self.actions, self.observations)
         about = (self._now, self.learner, n_episodes, self.seed, self.num_timesteps)
         return returns_on(task, *about, self._run.environments)
 
     def yardsticks(self, env: object = None, env_kwargs: Mapping[str, object] | None = None) -> Yardsticks:
-        """What a policy has to be better than: the mean returns of doing nothing and of random actions.
+        """A policy has to be better than these mean returns: of doing nothing, and of random actions.
 
         Three episodes of each are played where `evaluate` plays; its arguments and errors are that method's.
         """
+        task = self._other(env, env_kwargs)
+        return self.population.yardsticks() if task is None else yardsticks_on(task, *self.actions.box)
+
+    def _other(self, env: object, env_kwargs: Mapping[str, object] | None) -> Task | None:
+        """Another environment to play on, of the model's spaces; None where none is named."""
         if env is None:
             _refuse_alone(env_kwargs)
-            return self.population.yardsticks()
+            return None
         task = find(env, **(env_kwargs or {}))
         check_same_spaces(task, self.actions, self.observations)
-        return yardsticks_on(task, self.actions.low, self.actions.high)
+        return task
 
     def save(self, path: str | Path) -> Path:
         """Write the model to one file and return its path; `.safetensors` is added to a name without a suffix.

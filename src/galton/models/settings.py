@@ -1,4 +1,4 @@
-"""What a model's constructor can be told: the settings of an agent's parts as keyword arguments."""
+"""A model's constructor takes the settings of an agent's parts as keyword arguments."""
 
 import inspect
 import math
@@ -32,7 +32,6 @@ def usual(algorithm: Choice, env: object = None, preset: Preset = Preset(PAPER))
 
 
 def _usual(algorithm: Choice, env: object, preset: Preset) -> Fields:
-    """All settings of all parts."""
     plain = vocabulary().usual | dict(algorithm.defaults)
     task = plain | settings_of(env) | dict(algorithm.defaults)
     own = {name for name in plain if task[name] != plain[name]}
@@ -72,7 +71,7 @@ def all_words(
 
 
 def _as_long(rollout: int, n_envs: Any, batch_size: Any) -> int:
-    """How many steps of each environment make a rollout of that length or a little more, in whole minibatches."""
+    """The steps of each environment that make a rollout of that length or a little more, in whole minibatches."""
     require_integer("n_envs", n_envs, 1)
     require_integer("batch_size", batch_size, 1)
     unit = batch_size // math.gcd(n_envs, batch_size)
@@ -86,7 +85,7 @@ def unusual(agent: Agent) -> Fields:
 
 
 def signature(algorithm: type[Algorithm]) -> inspect.Signature:
-    """What help() and editors show of a model's constructor: every setting with its default."""
+    """The signature that help() and editors show of a model's constructor: every setting with its default."""
     parameter, keyword = inspect.Parameter, inspect.Parameter.KEYWORD_ONLY
     return inspect.Signature(
         [

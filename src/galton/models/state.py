@@ -1,4 +1,4 @@
-"""Where a model stands: in a run that can go on, or where the file left it that it was loaded from."""
+"""A model stands in a run that can go on, or where the file left it that it was loaded from."""
 
 import dataclasses
 import warnings
@@ -34,17 +34,14 @@ def parameters_of(learner: Learner) -> Params:
 
 @dataclasses.dataclass(frozen=True)
 class Loaded:
-    """Where a model stands that was loaded without an environment: it predicts, and is what its file was."""
+    """A model that was loaded without an environment: it predicts, and is what its file was."""
 
     env_name: str
     step: int
     learner: Learner
     arrays: Arrays
     task: None = None
-
-    @property
-    def environments(self) -> None:
-        """None, since there are none."""
+    environments: None = None
 
 
 class Run:
@@ -57,24 +54,24 @@ class Run:
 
     @property
     def env_name(self) -> str:
-        """What messages and files call the environment."""
+        """The name that messages and files have for the environment."""
         return self.task.name
 
     @property
     def step(self) -> int:
-        """How many environment steps the run has taken, all copies together."""
+        """The environment steps that the run has taken, all copies together."""
         return self.population.step
 
     @property
     def learner(self) -> Learner:
-        """What was learnt, without the axis of runs."""
+        """All that was learnt, without the axis of runs."""
         if self._learner is None:
             self._learner = jax.tree.map(lambda x: jnp.asarray(x[0]), self.population.learner)
         return self._learner
 
     @property
     def environments(self) -> HostEnvironments | None:
-        """What the model is trained on; None in JAX."""
+        """The environments that the model is trained on; None in JAX."""
         return self.population.environments
 
     @property

@@ -7,7 +7,7 @@ import re
 import secrets
 import stat
 from collections.abc import Iterator
-from pathlib import Path, PureWindowsPath
+from pathlib import Path
 
 from galton.errors import UsageError, require
 
@@ -71,16 +71,6 @@ def replacing(path: Path) -> Iterator[Path]:
             scratch.unlink(missing_ok=True)
 
 
-def check_inside(name: str, value: str) -> None:
-    """Raise UsageError, which calls the value by this name, unless it is the path of a file inside a folder.
-
-    What stands in a registry may become one. It is the same on every system.
-    """
-    parts = re.split(r"[/\\]", value)
-    inside = "\0" not in value and not {"", ".", ".."} & {*parts} and not PureWindowsPath(value).drive
-    require(inside, f"{name} is {value!r}, which is no name of a file in a folder; leave out '..' and what leads away")
-
-
 def check_no_way_out(name: str, folder: Path, *files: str) -> None:
     """Raise UsageError, which calls the folder by this name, where a link leads one of its files elsewhere.
 
@@ -96,7 +86,7 @@ def check_no_way_out(name: str, folder: Path, *files: str) -> None:
 
 
 def _target(path: Path) -> Path:
-    """Where a path leads in the end; a link that leads back to itself is where it ends."""
+    """The path that a path leads to in the end; a link that leads back to itself is where it ends."""
     return Path(os.path.realpath(path))
 
 

@@ -42,7 +42,7 @@ SCORE = "evaluation/mean_reward"
 
 
 class Saved(NamedTuple):
-    """What a model's file holds, and what its settings describe."""
+    """The content of a model's file, and what its settings describe."""
 
     path: Path
     settings: Settings
@@ -88,7 +88,7 @@ def unusable(path: Path, error: Exception) -> CheckpointError:
 
 
 def opened(path: Path) -> Saved:
-    """What a file holds, once its settings are what `save` writes beside its arrays; errors name the file.
+    """The content of a file, once its settings are what `save` writes beside its arrays; errors name the file.
 
     NewerVersionError where a newer version of Galton wrote it, CheckpointError where it is not what `save` wrote.
     """
@@ -139,5 +139,5 @@ def _described(path: Path, settings: Settings, arrays: dict[str, np.ndarray]) ->
 
 
 def _n_units(value: object) -> int:
-    """How many units or blocks a setting of a network says that it has."""
+    """The number of units or blocks that a setting of a network says that it has."""
     return sum(size for size in (value if isinstance(value, tuple) else [value]) if isinstance(size, int))

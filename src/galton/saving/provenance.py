@@ -1,4 +1,4 @@
-"""What made a file: the versions, the machine and the commit."""
+"""A file was made by these: the versions, the machine and the commit."""
 
 import functools
 import importlib.metadata

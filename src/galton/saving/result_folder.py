@@ -36,25 +36,11 @@ FILES = (
 """What commands write into folders of results. One that holds anything else is somebody's, and is not replaced."""
 
 
-@contextlib.contextmanager
-def result_folder(path: Path, overwrite: bool) -> Iterator[Path]:
-    """A hidden folder beside `path` to write into; it becomes `path` at the end, or vanishes if that is never reached.
-
-    Raises:
-        UsageError: at once, if path holds something and may not be overwritten, or another process is about to fill it.
-    """
-    check_free(path, overwrite)
-    with claimed(path):
-        check_free(path, overwrite)  # nobody else can fill it now
-        with replacing(path, overwrite) as fresh:
-            yield fresh
-
-
 def check_free(path: Path, overwrite: bool, instead: str = "--overwrite") -> None:
     """Raise UsageError, with the options to give `instead`, if path holds something that may not be replaced."""
     files.check_text("out", path)
     path = path.resolve()
-    with told(path):
+    with files.named("out", path):
         require(path.is_dir() or not path.exists(), f"out is {path}, which is a file; name a folder")
         require(not path.is_mount(), f"out is {path}, where a disk is mounted; name a folder in it")
         require(
@@ -66,7 +52,7 @@ def check_free(path: Path, overwrite: bool, instead: str = "--overwrite") -> Non
     require(overwrite, f"out is {path}, which is in use; name another folder or give {instead}")
     ours = isinstance(read_settings(path).get("versions"), dict)
     require(ours, f"out is {path}, which is not a folder of results and is not overwritten; name another")
-    with told(path):
+    with files.named("out", path):
         others = sorted(file.name for file in path.iterdir() if file.name not in FILES and file.name[0] != ".")
     require(not others, f"out is {path}, which also holds {', '.join(others[:5])}; move that away, or name another")
 
@@ -76,7 +62,7 @@ def claimed(path: Path) -> Iterator[None]:
     """A time in which no other process claims the folder, without what killed ones left; UsageError if one has it."""
     path = path.resolve()
     lock = filelock.FileLock(path.parent / f".{path.name}.lock", blocking=False)
-    with told(path):
+    with files.named("out", path):
         path.parent.mkdir(parents=True, exist_ok=True)
         files.check_no_way_out("out", path.parent, Path(lock.lock_file).name)  # it would be emptied
         try:
@@ -100,7 +86,7 @@ def claimed(path: Path) -> Iterator[None]:
 def replacing(path: Path, overwrite: bool) -> Iterator[Path]:
     """A folder to write into that takes the place of a claimed `path` at the end; UsageError if that can't be."""
     path = path.resolve()
-    with told(path):
+    with files.named("out", path):
         scratch = Path(tempfile.mkdtemp(prefix=f".{path.name}.galton-", dir=path.parent))
     try:
         fresh = scratch / "new"
@@ -127,7 +113,7 @@ def write_settings(folder: Path, settings: dict[str, object]) -> None:
 
 
 def read_settings(folder: Path) -> dict[str, object]:
-    """What `write_settings` wrote, nothing without a config.json; UsageError for one that can't be read or is none."""
+    """The settings that `write_settings` wrote, none without a config.json; UsageError for one that can't be read."""
     path = folder / CONFIG
     try:
         settings = json.loads(files.read(path, files.TEXT))
@@ -137,11 +123,6 @@ def read_settings(folder: Path) -> dict[str, object]:
         raise UsageError(f"{path} can't be read: {error}") from None
     require(isinstance(settings, dict), f"{path} holds no settings, which are a JSON object")
     return settings
-
-
-def told(path: Path) -> contextlib.AbstractContextManager[None]:
-    """Turn the error of what can't be written in a folder of results into a UsageError that names the folder."""
-    return files.named("out", path)
 
 
 def _discard(scratch: Path, path: Path) -> None:

@@ -1,4 +1,4 @@
-"""What Galton makes of an environment, found out in about five seconds: will it learn here?"""
+"""`check_env` finds out in about five seconds what Galton makes of an environment: will it learn here?"""
 
 import dataclasses
 from collections.abc import Iterator, Mapping
@@ -16,7 +16,7 @@ from galton.envs.host.vector import VectorTask
 from galton.envs.jax_task import JaxTask
 from galton.envs.task import Task
 from galton.errors import BrokenEnvironmentError, UsageError
-from galton.training.evaluate import copies
+from galton.training.evaluate import opened
 from galton.training.probe import Played, Repeated, Spread, aliases, played, repeated
 from galton.training.yardsticks import SEED, at_random, nothing
 
@@ -55,7 +55,7 @@ class Check:
 
     @property
     def ok(self) -> bool:
-        """Whether the environment can be trained on."""
+        """True if the environment can be trained on."""
         return all(finding.ok for finding in self.findings)
 
     def __repr__(self) -> str:
@@ -88,12 +88,8 @@ def _findings(env: object, env_kwargs: Mapping[str, object]) -> Iterator[Finding
     yield _kind(task)
     yield _actions(task.actions)
     yield _observations(task.observations)
-    n_copies = task.given or 1
-    envs = copies(task, n_copies)
-    try:
+    with opened(task, 1) as (envs, n_copies):
         yield from _played(task, envs, n_copies)
-    finally:
-        envs.close()
 
 
 def _played(task: Task, envs: HostEnvironments, n_copies: int) -> Iterator[Finding]:
@@ -161,7 +157,6 @@ def _repeated(found: Repeated) -> Iterator[Finding]:
 
 
 def _limit(task: Task, layers: list[object]) -> int | None:
-    """The time limit, where one is told."""
     limits = [layer._max_episode_steps for layer in layers if isinstance(layer, TimeLimit)]
     return min(limits) if limits else getattr(getattr(task, "record", task), "max_episode_steps", None)
 

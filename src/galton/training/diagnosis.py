@@ -1,4 +1,4 @@
-"""What the log says of a policy in training, computed on one rollout at each log point."""
+"""A diagnosis of the policy in training is computed on one rollout at each log point."""
 
 import functools
 
@@ -17,7 +17,7 @@ _MOST = 256
 
 
 def diagnose(agent: Agent, learner: Learner, batch: Transition) -> Scalars:
-    """What the log says of the learner's parameters, on the rollout `[T, N]` that they were just trained on.
+    """The log's diagnosis of the learner's parameters, on the rollout `[T, N]` that they were just trained on.
 
     - actor_grad_norm: of the policy loss mean(w · loss), where w is the advantage or the positive weight made of it, in
       the parameters θ of Propositions 1 and 2, all of the actor's but its last bias; and grad_bound, the mean of the

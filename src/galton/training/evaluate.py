@@ -1,7 +1,8 @@
 """Evaluation: whole episodes of the policy that does not explore, and what they return."""
 
+import contextlib
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import jax
 import jax.numpy as jnp
@@ -40,7 +41,7 @@ def deterministic_action(
 
 
 def copies(task: Task, n_copies: int, n_threads: int = 1) -> HostEnvironments:
-    """That many copies of a task to evaluate on; UsageError if training has one of them."""
+    """So many copies of a task to evaluate on; UsageError if training has one of them."""
     envs = task.make(n_copies, n_threads)
     if any(moves.are_watched for moves in envs.moves):
         envs.close()
@@ -73,6 +74,18 @@ class Kept:
     def close(self) -> None:
         """Close the copies that Galton made."""
         self._envs.close()
+
+
+@contextlib.contextmanager
+def opened(task: Task, n_episodes: int) -> Iterator[tuple[HostEnvironments, int]]:
+    """The copies of a task for so many episodes and their number, closed at the end unless they are kept for more."""
+    n_copies = task.given or n_episodes
+    envs = copies(task, n_copies)
+    try:
+        yield envs, n_copies
+    finally:
+        if not isinstance(task, Kept):
+            envs.close()
 
 
 def kept(task: Task, n_episodes: int) -> Task:

@@ -48,7 +48,7 @@ class Evaluator:
         return play(self._task.name, envs, seeds, act, len(seeds))
 
     def yardsticks(self, low: Bound, high: Bound) -> Yardsticks:
-        """What doing nothing and random actions return on these copies."""
+        """The returns of doing nothing and of random actions on these copies."""
         envs = self.make(self._n_episodes or N_EPISODES)
         return yardsticks(self._task.name, envs, self._n_runs * self._n_episodes, low, high)
 

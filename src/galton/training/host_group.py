@@ -18,13 +18,15 @@ from galton.normalization import from_origin_on_host
 from galton.parts import at
 from galton.policies.correlation import nothing_before
 from galton.training.evaluate import LIMIT_IT, LONG
-from galton.training.host_arrays import empty_batch, empty_finished, environment_seeds
 from galton.training.host_evaluation import Evaluator
 from galton.training.host_programs import host_programs
 from galton.training.log import Finished, Log
 from galton.training.run import RunState, Snapshot, Tree, over_all, reseeded, with_keys, without_keys
 from galton.training.yardsticks import Yardsticks
 from galton.types import Learner, Params, Rule, Transition
+
+Shape = tuple[int, int, int]
+"""P runs, T steps, N copies."""
 
 
 class Group:
@@ -46,7 +48,7 @@ class Group:
         self._observation = np.zeros((*self._shape, self._sizes[0]), np.float32)
         self._length = np.zeros(self._shape, np.int32)
         self._numbers = self._place(jax.tree.leaves(agent))
-        self._batch = empty_batch(self._whole, *self._sizes)
+        self._batch = _empty_batch(self._whole, *self._sizes)
         self.environments = task.make(len(seeds) * agent.rollout.n_envs, n_threads)
         self._watch = Watch(self.environments.moves)
 
@@ -62,7 +64,7 @@ class Group:
 
     def reset(self) -> None:
         """Begin the first episodes of training, whose observations the statistics count."""
-        self._start(self.environments.reset(environment_seeds(self._seeds, self._shape[1], 0)))
+        self._start(self.environments.reset(_environment_seeds(self._seeds, self._shape[1], 0)))
         self._at_first = [plain_data(layers) for layers in self.environments.layers]
         if self._agent.rollout.normalize_observation:
             origin = self._place(self._observation[:, 0].astype(np.float32))
@@ -90,7 +92,7 @@ class Group:
         self._acting.act(self._now, params, runs.learner.normalizer, zeros, noise, self._times[0], *before)
         reward = np.zeros(self._shape, np.float32)
         self._receive(runs.learner, Steps(zeros, zeros, reward, reward > 0, reward > 0), reward > 0)
-        runs = self._programs.learn(self._numbers, runs, self._batch, empty_finished(self._whole))
+        runs = self._programs.learn(self._numbers, runs, self._batch, _empty_finished(self._whole))
         jax.block_until_ready(self._programs.log(self._numbers, runs, self._batch))
 
     def advance(self, n_updates: int) -> None:
@@ -120,7 +122,7 @@ class Group:
 
     def _rollout(self) -> tuple[Transition, Finished]:
         """T steps of the P · N environments; numpy arrays `[P, T, N, ...]`."""
-        batch, finished = empty_batch(self._whole, *self._sizes), empty_finished(self._whole)
+        batch, finished = _empty_batch(self._whole, *self._sizes), _empty_finished(self._whole)
         noise, learner = self._programs.prepare(self._numbers, self.runs), self.runs.learner
         now = self._now
         params = _acting(learner.params)
@@ -142,7 +144,7 @@ class Group:
         return batch, finished
 
     def _noise_before(self) -> tuple[PyTree[Array], np.ndarray | tuple[()]]:
-        """What correlated noise goes on from and where it begins anew; nothing where noise is not correlated."""
+        """The noise that the next goes on from and where it begins anew; nothing where noise is not correlated."""
         return self._noise, () if self._agent.rollout.noise_correlation is None else self._length == 0
 
     def _step(self, action: np.ndarray) -> Steps:
@@ -177,7 +179,7 @@ class Group:
         return learner._replace(normalizer=normalizer), np.asarray(reward), np.asarray(final)
 
     def log(self, begin_next: bool = True) -> Log:
-        """What is recorded of the updates since the last log, each number `[P]`."""
+        """The log of the updates since the last one, each number `[P]`."""
         runs, log = self._programs.log(self._numbers, self.runs, self._batch)
         if begin_next:
             self.runs = runs
@@ -192,11 +194,11 @@ class Group:
             action = np.asarray(exploit(now, learner, self._from_origin(self._split(observation))))
             return action.reshape(len(observation), -1)
 
-        seeds = environment_seeds(self._seeds, n_episodes, 1, int(self.runs.step[0]))
+        seeds = _environment_seeds(self._seeds, n_episodes, 1, int(self.runs.step[0]))
         return self._split(self.evaluator.evaluate(self.environments.layers, self._at_first, seeds, act))
 
     def yardsticks(self) -> Yardsticks:
-        """What doing nothing and random actions return, on the copies that evaluation plays on."""
+        """The returns of doing nothing and of random actions, on the copies that evaluation plays on."""
         return self.evaluator.yardsticks(self._agent.low, self._agent.high)
 
     def put(self, learner: Learner) -> None:
@@ -210,14 +212,15 @@ class Group:
         self.runs = self._place(reseeded(self.runs, seeds))
 
     def snapshot(self) -> Snapshot:
-        """What `restore` goes on from; `environments` is None where they can't tell their states."""
+        """The snapshot that `restore` goes on from; without `environments` where they can't tell their states."""
         own: dict[str, Any] = {"observation": self._observation, "length": self._length, "return": self._return}
         if self._agent.rollout.noise_correlation is not None:
             own["noise"] = jax.tree.map(np.asarray, self._noise)
         state = None if self._interrupted or self._watch.others_moved() else self._state()
-        environments = None if state is None else own | {key: self._split(value) for key, value in state.items()}
-        snapshot = {"run": jax.tree.map(np.asarray, without_keys(self.runs)), "environments": environments}
-        if environments is None and (statistics := self._statistics()):
+        snapshot: Snapshot = {"run": jax.tree.map(np.asarray, without_keys(self.runs))}
+        if state is not None:
+            snapshot["environments"] = own | {key: self._split(value) for key, value in state.items()}
+        elif statistics := self._statistics():
             snapshot["statistics"] = statistics
         return snapshot
 
@@ -269,7 +272,7 @@ class Group:
 
     def _start_anew(self) -> None:
         """Begin new episodes in the middle of a run, with seeds that its step decides."""
-        self._start(self.environments.reset(environment_seeds(self._seeds, self._shape[1], 2, int(self.runs.step[0]))))
+        self._start(self.environments.reset(_environment_seeds(self._seeds, self._shape[1], 2, int(self.runs.step[0]))))
         self._interrupted = False
 
     def _start(self, observation: np.ndarray) -> None:
@@ -290,3 +293,20 @@ class Group:
 def _acting(params: Params) -> Params:
     """The parameters that acting needs: each array given to a program costs time, and the critic is not asked."""
     return {name: value for name, value in params.items() if name != "critic"}
+
+
+def _empty_batch(shape: Shape, o: int, d: int) -> Transition:
+    """Room for the transitions of a rollout, each array `[P, T, N, ...]`."""
+    numbers = (np.zeros((*shape, *entries), np.float32) for entries in ((o,), (d,), (), (o,)))
+    return Transition._make([*numbers, np.zeros(shape, bool), np.zeros(shape, bool)])
+
+
+def _empty_finished(shape: Shape) -> Finished:
+    """Room for what a rollout tells of its episodes, each array `[P, T, N]`."""
+    return Finished._make([np.zeros(shape, dtype) for dtype in (bool, np.float32, np.int32)])
+
+
+def _environment_seeds(seeds: UInt[np.ndarray, " P"], n: int, *purpose: int) -> UInt[np.ndarray, " M"]:
+    """Seeds for n copies of each run: for training (0), evaluation at a step (1, step) or new episodes (2, step)."""
+    sequences: list[Any] = [np.random.SeedSequence((int(seed), *purpose)) for seed in seeds]
+    return np.concatenate([sequence.generate_state(n) for sequence in sequences])

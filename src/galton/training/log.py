@@ -1,4 +1,4 @@
-"""What is recorded of a run: sums while it trains, a log at each log point."""
+"""A run is recorded in sums while it trains, and in a log at each log point."""
 
 import collections
 from collections.abc import Mapping
@@ -36,7 +36,7 @@ class Tally(NamedTuple):
 
 
 class Log(NamedTuple):
-    """What is recorded at each log point; NaN once the run has diverged. With axes `[R, L]` in a Result."""
+    """The numbers of each log point; NaN once the run has diverged. With axes `[R, L]` in a Result."""
 
     training_return: Float[Array, "*batch"]
     """Mean undiscounted return of the episodes that ended since the last log point; NaN where none did."""

@@ -125,12 +125,12 @@ class DevicePopulation:
 
     @property
     def step(self) -> int:
-        """How many environment steps each run has taken."""
+        """The environment steps that each run has taken."""
         return int(self._state.run.step[0])
 
     @property
     def learner(self) -> Learner:
-        """What the runs have learnt, each leaf `[R, ...]`."""
+        """All that the runs have learnt, each leaf `[R, ...]`."""
         return self._fetch(self._state.run.learner)
 
     @property
@@ -161,7 +161,7 @@ class DevicePopulation:
         jax.block_until_ready(self._state.run.step)
 
     def log(self, begin_next: bool = True) -> Log:
-        """What is recorded of the updates since the last log, each number `[R]`, without evaluation.
+        """The log of the updates since the last one, each number `[R]`, without evaluation.
 
         With begin_next=False this one only looks: the next log has the same updates again.
         """
@@ -186,7 +186,7 @@ class DevicePopulation:
         """Nothing to check: there are as many copies of the environment as one wants."""
 
     def yardsticks(self) -> Yardsticks:
-        """What doing nothing and random actions return."""
+        """The returns of doing nothing and of random actions."""
         return yardsticks_on(self._task, self._agent.low, self._agent.high)
 
     def put(self, learner: Learner) -> None:
@@ -258,7 +258,6 @@ def _compile(task: JaxTask, agent: Agent, on_runs: NamedSharding) -> _Programs:
 
 @kept
 def _compile_evaluation(task: JaxTask, agent: Agent, n_episodes: int, on_runs: NamedSharding) -> Callable[..., Array]:
-    """The program that evaluates."""
 
     def program(task: JaxTask, agent: Agent, key: Array, step: Array, learner: Learner) -> Array:
         return evaluate(jax.random.fold_in(key, step), task, at(agent, step), learner, n_episodes)
@@ -276,7 +275,6 @@ def _shapes(tree: Tree, on_runs: NamedSharding | None = None) -> Tree:
 
 
 def _seeds(agent: Agent) -> jax.ShapeDtypeStruct:
-    """The shape of the seeds of as many runs."""
     return jax.ShapeDtypeStruct(jax.tree.leaves(agent)[0].shape, jnp.uint32)
 
 

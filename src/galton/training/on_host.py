@@ -53,12 +53,12 @@ class HostPopulation:
 
     @property
     def step(self) -> int:
-        """How many environment steps each run has taken."""
+        """The environment steps that each run has taken."""
         return int(self._groups[0].runs.step[0])
 
     @property
     def learner(self) -> Learner:
-        """What the runs have learnt, each leaf `[R, ...]`."""
+        """All that the runs have learnt, each leaf `[R, ...]`."""
         return self._join([group.runs.learner for group in self._groups])
 
     @property
@@ -68,7 +68,7 @@ class HostPopulation:
 
     @property
     def environments(self) -> HostEnvironments:
-        """What the first of the runs is trained on, which of a single run are all."""
+        """The environments of the first group of runs, which of a single run are all."""
         return self._groups[0].environments
 
     def decay_over(self, begin: int, end: int) -> None:
@@ -89,7 +89,7 @@ class HostPopulation:
         self._each(Group.advance, n_updates)
 
     def log(self, begin_next: bool = True) -> Log:
-        """What is recorded of the updates since the last log, each number `[R]`, without evaluation."""
+        """The log of the updates since the last one, each number `[R]`, without evaluation."""
         return self._join(self._each(Group.log, begin_next))
 
     def evaluate(self, n_episodes: int, rule: Rule | None = None) -> Float[np.ndarray, "R n_episodes"]:
@@ -103,7 +103,7 @@ class HostPopulation:
             group.evaluator.make(n_episodes)
 
     def yardsticks(self) -> Yardsticks:
-        """What doing nothing and random actions return, on the copies that evaluation plays on."""
+        """The returns of doing nothing and of random actions, on the copies that evaluation plays on."""
         return self._groups[0].yardsticks()
 
     def put(self, learner: Learner) -> None:
@@ -123,12 +123,10 @@ class HostPopulation:
         episodes.
         """
         parts = [group.snapshot() for group in self._groups]
-        if any(part["environments"] is None for part in parts):
-            for part in parts:
-                del part["environments"]
-        if any("statistics" not in part for part in parts):
-            for part in parts:
-                part.pop("statistics", None)
+        for name in ("environments", "statistics"):
+            if any(name not in part for part in parts):
+                for part in parts:
+                    part.pop(name, None)
         return self._join(parts)
 
     def restore(self, snapshot: Snapshot) -> None:

@@ -46,7 +46,7 @@ class Spread:
 
 @dataclasses.dataclass
 class Played:
-    """What came of playing in M copies; rewards are those that the environment gives."""
+    """The outcome of playing in M copies; rewards are those that the environment gives."""
 
     n_steps: int = 0
     """Steps of each copy."""
@@ -89,7 +89,7 @@ def played(
 
 
 class Repeated(NamedTuple):
-    """Whether the same seeds give the same episodes, and whether another action makes them others."""
+    """The answers to whether the same seeds give the same episodes, and whether another action makes them others."""
 
     n_steps: int
     """How many steps were compared."""
@@ -127,7 +127,7 @@ def repeated(
 
 
 def aliases(layers: list[Any]) -> bool:
-    """Whether the observation of a step lies in the memory of the one before it, which it then overwrites.
+    """True if the observation of a step lies in the memory of the one before it, which it then overwrites.
 
     Of what does not live in this process, or takes no Box below its wrappers, it is not known, and False.
     """

@@ -73,7 +73,7 @@ def tidy(folder: Path) -> None:
 
 
 def _stat(path: Path) -> os.stat_result | None:
-    """What the system says of a file; None for what is none, or that another process has removed meanwhile."""
+    """The system's record of a file; None for what is none, or that another process has removed meanwhile."""
     try:
         return path.stat() if path.is_file() else None
     except FileNotFoundError:
@@ -81,7 +81,7 @@ def _stat(path: Path) -> os.stat_result | None:
 
 
 def _is_whole(path: Path) -> bool:
-    """Whether all of a packed program is there, or it is gone altogether."""
+    """True if all of a packed program is there, or it is gone altogether."""
     try:
         data = path.read_bytes()
     except FileNotFoundError:

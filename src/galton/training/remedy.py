@@ -1,4 +1,4 @@
-"""What to do about a gradient that was not finite, or a σ that grows, by what can be seen of the cause."""
+"""Remedies for a gradient that was not finite, or a σ that grows, by what can be seen of the cause."""
 
 import jax.numpy as jnp
 import numpy as np
@@ -38,7 +38,7 @@ def remedy(agent: Agent, learner: Learner) -> str:
 
 
 def outgrown(agent: Agent, learner: Learner) -> str:
-    """What to say of one run whose Gaussian's σ has more than doubled and outgrown the box; empty where it has not."""
+    """The warning of a run whose Gaussian's σ has more than doubled and outgrown the box; empty where it has not."""
     means = jnp.zeros(agent.policy.n_outputs)
     first, now = (agent.policy.distribution(means, params) for params in (agent.policy.init()[1], learner.params))
     if not (isinstance(first, Gaussian) and isinstance(now, Gaussian)):
@@ -55,5 +55,5 @@ def outgrown(agent: Agent, learner: Learner) -> str:
 
 
 def _overflowed(moments: Moments | tuple[()]) -> bool:
-    """Whether running statistics, where they are kept, hold something that is not finite."""
+    """True if running statistics, where they are kept, hold something that is not finite."""
     return bool(moments) and not all(np.isfinite(part).all() for part in moments)

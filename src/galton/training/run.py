@@ -1,4 +1,4 @@
-"""What one run is between two updates, apart from its environments, and how an update changes it.
+"""The state of one run between two updates, apart from its environments, and the update that changes it.
 
 Unbatched: the populations, on the device and on the host, map these functions over runs. The training loop is theirs
 too, and it is: act for n_steps steps (a rollout), then `learn` from them, again and again.

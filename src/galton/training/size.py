@@ -1,4 +1,4 @@
-"""How much memory runs need at least, by arithmetic: what can't fit is refused before anything of its size is made."""
+"""Arithmetic says how much memory runs need at least: what can't fit is refused before it is made."""
 
 import math
 

@@ -11,17 +11,16 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from galton.algorithms import Agent
-from galton.errors import require, require_integer, unknown
+from galton.errors import require, require_integer, require_word
 from galton.fields import checked
 from galton.training.log import MEAN_ACTION_RETURN, Log
-from galton.training.pieces import Pieces
 from galton.training.population import Population, populate
 from galton.types import Learner, Rule
 
 
 @dataclasses.dataclass(frozen=True)
 class Result:
-    """What `train` returns: R trained runs with L log points each."""
+    """The result of `train`: R trained runs with L log points each."""
 
     agent: Agent
     """The agent of all runs; its numbers are `[R]`, one for each."""
@@ -52,8 +51,7 @@ class Result:
         them does.
         """
         columns = self.log.columns()
-        if metric not in columns:
-            raise unknown("metric", metric, columns)
+        require_word("metric", metric, columns)
         return final(np.asarray(columns[metric]), self.diverged_at, fraction)
 
 
@@ -115,6 +113,26 @@ def train(
     return Result(agent, np.asarray(seeds), steps, *trained)
 
 
+PIECE = 0.5
+"""Seconds that a piece of training takes, about, unless a single update takes longer."""
+
+
+class Pieces:
+    """Cuts training by `advance` into pieces of half a second. How long an update takes is learnt on the way."""
+
+    def __init__(self, advance: Callable[[int], None]) -> None:
+        self._advance, self._n = advance, 1
+
+    def train(self, at_most: int) -> int:
+        """Train for a piece of at most so many updates, and return how many they were."""
+        n, start = min(self._n, at_most), time.perf_counter()
+        self._advance(n)
+        seconds = max(time.perf_counter() - start, 1e-9)
+        if n == self._n or seconds > PIECE:
+            self._n = max(1, min(2 * n, int(n * PIECE / seconds)))
+        return n
+
+
 def _rules(agent: Agent, eval_mean: bool) -> dict[str, Rule | None]:
     """The columns of the log that evaluation fills, and by which action; None is the configuration's own."""
     rules: dict[str, Rule | None] = {"evaluation_return": None}
@@ -165,7 +183,7 @@ def log_points(rollout_size: int, total_timesteps: int, n_logs: int) -> Int[np.n
 
 
 def log_plan(rollout_size: int, total_timesteps: int, n_logs: int) -> tuple[int, int]:
-    """How many log points there are, and how many environment steps lie between each two."""
+    """The number of log points, and the environment steps between each two."""
     n_updates = -(-total_timesteps // rollout_size)
     updates_per_log = -(-n_updates // min(n_logs, n_updates))
     return -(-n_updates // updates_per_log), updates_per_log * rollout_size

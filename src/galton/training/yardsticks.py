@@ -1,4 +1,4 @@
-"""What a policy has to be better than: doing nothing and acting at random, neither of which needs any learning."""
+"""A policy has to be better than doing nothing and acting at random, neither of which needs any learning."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from galton.envs.host.base import HostEnvironments
 from galton.envs.task import Task
-from galton.training.evaluate import Kept, copies, play
+from galton.training.evaluate import opened, play
 
 N_EPISODES = 3
 """How many episodes of each are played."""
@@ -38,7 +38,7 @@ class Yardsticks(NamedTuple):
         return f"doing nothing returns {self.doing_nothing:,.2f}, random actions {self.random_actions:,.2f}"
 
     def not_reached_by(self, mean: float) -> str:
-        """What to say of a policy with this mean return if it is below one of the two; empty if it isn't."""
+        """The message about a policy whose mean return is below one of the two; empty if it isn't."""
         above = [(value, name.replace("_", " ")) for name, value in self._asdict().items() if mean < value]
         told = " and ".join(f"{name} ({value:,.2f})" for value, name in above)
         return f"the policy's return of {mean:,.2f} is below that of {told}" if told else ""
@@ -72,10 +72,5 @@ def yardsticks(name: str, envs: HostEnvironments, n_copies: int, low: Bound, hig
 
 def yardsticks_on(task: Task, low: Bound, high: Bound) -> Yardsticks:
     """Play both on copies of an environment, or on those given; UsageError for one that is being trained on."""
-    n_copies = task.given or N_EPISODES
-    envs = copies(task, n_copies)
-    try:
+    with opened(task, N_EPISODES) as (envs, n_copies):
         return yardsticks(task.name, envs, n_copies, low, high)
-    finally:
-        if not isinstance(task, Kept):
-            envs.close()

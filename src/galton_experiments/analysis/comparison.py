@@ -11,8 +11,8 @@ from matplotlib.figure import Figure
 from galton.agents import words_of
 from galton.envs.base import Environment
 from galton.losses import LOSSES
-from galton.records import plain
 from galton.training.train import Result
+from galton_experiments.analysis.plain import plain
 from galton_experiments.analysis.plots import draw_level, draw_series, finish, fit, look_of, over_steps, panels
 from galton_experiments.analysis.statistics import Comparison, Interval, compare, fill_until, mean_interval
 from galton_experiments.analysis.verdicts import WORDS, decide

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from galton.errors import UsageError, require
-from galton.records import plain
+from galton_experiments.analysis.plain import plain
 from galton_experiments.benchmark.draws import Draws, draws
 from galton_experiments.benchmark.found import Found
 from galton_experiments.benchmark.protocol import Protocol

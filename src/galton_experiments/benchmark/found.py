@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from galton.records import plain
+from galton_experiments.analysis.plain import plain
 from galton_experiments.benchmark.draws import Draws
 from galton_experiments.benchmark.protocol import Protocol
 from galton_experiments.benchmark.runs import Runs

@@ -10,9 +10,8 @@ from rich import box
 from rich.console import Console
 from rich.table import Table as View
 
-from galton.cli._console import plain_console
-from galton.cli._modules import import_of_file, import_typed
-from galton.cli._reading import read_options
+from galton.cli._progress import plain_console
+from galton.cli._reading import import_typed, read_options
 from galton.errors import UsageError, require_integer
 from galton_experiments.benchmark import report, stages, tables
 from galton_experiments.benchmark.answer import sentences
@@ -21,6 +20,7 @@ from galton_experiments.benchmark.folder import made, train
 from galton_experiments.benchmark.found import Found
 from galton_experiments.benchmark.protocol import Protocol
 from galton_experiments.benchmark.reading import read
+from galton_experiments.commands.sweep._folder import import_of_file
 from galton_experiments.commands.sweep._workers import Workers
 from galton_experiments.page.page import Table
 from galton_experiments.sweep.engine import CarryOut

@@ -1,16 +1,20 @@
 """galton compare: does classification beat regression on this task?"""
 
+import contextlib
 import dataclasses
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import Annotated
+
+import tyro
 
 from galton.agents import written
-from galton.cli._console import plain_console
-from galton.cli._modules import Imports
-from galton.cli._options import AlgorithmName, EnvName, LossNames, Training, command_line, folder_name
+from galton.cli._options import AlgorithmName, EnvName, Training, command_line, folder_name
 from galton.cli._parsing import COMMON, TrainingOptions, parse
-from galton.cli._progress import live_progress
+from galton.cli._progress import live_progress, plain_console
+from galton.cli._reading import Imports
+from galton.cli._words import Fills
 from galton.devices import use_all_cores
 from galton.envs.base import Environment
 from galton.envs.jax_task import JaxTask
@@ -19,15 +23,26 @@ from galton.errors import require, require_integer, require_word
 from galton.losses import LOSSES
 from galton.presets import PRESETS, find_preset, present
 from galton.saving import files
-from galton.saving.result_folder import CURVES, FIGURE, SUMMARY, result_folder, told, write_settings
+from galton.saving.result_folder import CURVES, FIGURE, SUMMARY, check_free, claimed, replacing, write_settings
 from galton.tasks import task_of
 from galton.training.size import check_size
-from galton.training.train import Result
+from galton.training.train import Result, train
 from galton_experiments.analysis.comparison import Row, curves, label_of, learning_curves, named, summarise, verdicts
 from galton_experiments.analysis.plots import save
 from galton_experiments.commands._compare_view import table
 from galton_experiments.sweep.grid import bases
 from galton_experiments.sweep.study import Setting
+
+LossNames = Annotated[
+    tuple[str, ...],
+    Fills("loss"),
+    tyro.conf.arg(
+        metavar="{" + ",".join(LOSSES) + "} ...",
+        help=f"The losses, each named once, or presets ({', '.join(PRESETS)}), each with its loss and the settings "
+        "that were tuned for it. What is both a loss and a preset is the preset if another one is, so that both are "
+        "tuned. What you set beside them goes for all.",
+    ),
+]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -80,15 +95,37 @@ def main(arguments: Sequence[str]) -> None:
             with live_progress(console) as follow:
                 for name, setting in settings.items():
                     show = follow(name if name not in LOSSES else label_of(name), training.steps, len(seeds))
-                    results[name] = training.run(env, setting.agent, seeds, show)
+                    results[name] = train(
+                        env,
+                        setting.agent,
+                        seeds,
+                        training.steps,
+                        n_logs=training.logs,
+                        n_eval_episodes=training.eval_episodes,
+                        meanwhile=show,
+                    )
             rows = summarise(results, known, options.at_rest)
-            with told(out):
+            with files.named("out", out):
                 _keep(folder, options, settings, results, rows, known)
     finally:
         if rows:  # a disk that is full takes the files, but not the numbers
             console.print(table(rows, known, options.at_rest))
             print(*verdicts(results), sep="\n")
     print(f"figure and numbers: {out}")
+
+
+@contextlib.contextmanager
+def result_folder(path: Path, overwrite: bool) -> Iterator[Path]:
+    """A hidden folder beside `path` to write into; it becomes `path` at the end, or vanishes if that is never reached.
+
+    Raises:
+        UsageError: at once, if path holds something and may not be overwritten, or another process is about to fill it.
+    """
+    check_free(path, overwrite)
+    with claimed(path):
+        check_free(path, overwrite)  # nobody else can fill it now
+        with replacing(path, overwrite) as fresh:
+            yield fresh
 
 
 def _compared(options: Options, arguments: Sequence[str]) -> Iterator[tuple[str, tuple[str, Training]]]:

@@ -8,8 +8,8 @@ from typing import Annotated
 import numpy as np
 import tyro
 
-from galton.cli._metrics import STEP, points
 from galton.cli._reading import read_options
+from galton.cli._runs import STEP, points
 from galton.errors import require
 from galton.saving import files
 from galton.saving.result_folder import METRICS

@@ -95,7 +95,8 @@ def random_grid(base: Mapping[str, Any], n: int = 16, seed: int = 0) -> tuple[Se
     Log-uniform: the learning rate within a factor of 10 of the base's, η from 0.1 to 4; n_bins is 50, 100 or 200. A
     longer draw begins with a shorter one.
     """
-    require_integer("n_settings", n, 1, MOST_SETTINGS)
+    require_integer("n_settings", n, 1)
+    require(n <= MOST_SETTINGS, f"n_settings is {n}; it must be at most {MOST_SETTINGS:,}")
     found: list[dict[str, object]] = []
     for name, loss in LOSSES.items():
         draw = np.random.default_rng((seed, *name.encode()))

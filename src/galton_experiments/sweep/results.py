@@ -9,13 +9,12 @@ import pyarrow as pa
 from jaxtyping import Float
 
 from galton.errors import UsageError, require
-from galton.records import filled
 from galton.words import vocabulary
 from galton_experiments.sweep.parquet import to_bytes
 from galton_experiments.sweep.plan import Plan
 from galton_experiments.sweep.shard import finished, read
 from galton_experiments.sweep.store import Store
-from galton_experiments.sweep.study import Setting, Study
+from galton_experiments.sweep.study import Setting, Study, filled
 
 FILE = "results.parquet"
 

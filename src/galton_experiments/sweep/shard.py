@@ -15,7 +15,7 @@ from galton.devices import use_all_cores
 from galton.envs.find import find
 from galton.envs.registry import read_constants
 from galton.errors import require
-from galton.foreign import import_all
+from galton.extras import import_all
 from galton.saving.provenance import machine, versions
 from galton.training.log import Log
 from galton.training.train import Result, log_points, train

@@ -4,14 +4,15 @@ import contextlib
 import errno
 import hashlib
 import os
+import re
 from collections.abc import Iterator
-from pathlib import Path
+from pathlib import Path, PureWindowsPath
 
 import filelock
 import fsspec
 from fsspec.implementations.local import LocalFileSystem
 
-from galton.errors import UsageError
+from galton.errors import UsageError, require
 from galton.saving import files
 
 _LOCK = ".lock"
@@ -106,7 +107,7 @@ class Store:
 
     def _at(self, name: str) -> str:
         """The address of a file; UsageError for a name that leads out of the folder."""
-        files.check_inside("name", name)
+        check_inside("name", name)
         return f"{self._root}/{name}"
 
     def _own(self, name: str) -> str:
@@ -156,3 +157,13 @@ class Store:
 def checksum(data: bytes) -> str:
     """The checksum of some bytes: 32 hexadecimal digits."""
     return hashlib.sha256(data).hexdigest()[:32]
+
+
+def check_inside(name: str, value: str) -> None:
+    """Raise UsageError, which calls the value by this name, unless it is the path of a file inside a folder.
+
+    What stands in a registry may become one. It is the same on every system.
+    """
+    parts = re.split(r"[/\\]", value)
+    inside = "\0" not in value and not {"", ".", ".."} & {*parts} and not PureWindowsPath(value).drive
+    require(inside, f"{name} is {value!r}, which is no name of a file in a folder; leave out '..' and what leads away")

@@ -4,7 +4,7 @@ import dataclasses
 import functools
 import hashlib
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from typing import Annotated, Any
 
 import numpy as np
@@ -13,11 +13,11 @@ from galton import schedules
 from galton.agents import parts_of, read, written
 from galton.algorithms import Agent
 from galton.errors import require
-from galton.fields import AtLeast, as_numbers, check_fields, checked
+from galton.fields import AtLeast, annotations, as_numbers, checked
 from galton.losses import find_loss
 from galton.parts import Schedule, settings
 from galton.policies import POLICIES
-from galton.records import FIRST_FIELDS, Fields, filled, refuse_unknown
+from galton.records import FIRST_FIELDS, Fields, refuse_unknown
 from galton.training.train import log_plan
 from galton.types import Count
 from galton.words import values_of, vocabulary
@@ -165,7 +165,8 @@ class Study:
     """Whether evaluation plays once more by the mean of the policy's distribution (see `train`)."""
 
     def __post_init__(self) -> None:
-        check_fields(self)
+        for name, annotation in annotations(Study).items():
+            object.__setattr__(self, name, checked(name, getattr(self, name), annotation))
         require(len(self.settings) > 0, "settings is empty; give at least one")
         require(len(set(self.settings)) == len(self.settings), "settings holds the same setting twice; give each once")
         n = len(self.settings) * self.trials
@@ -233,6 +234,14 @@ _FIRST_FIELDS = frozenset(
 def canonical(record: object) -> str:
     """JSON that is the same for equal records."""
     return json.dumps(record, sort_keys=True, separators=(",", ":"))
+
+
+def filled(rows: Collection[Mapping[str, object]], default: Mapping[str, object]) -> list[dict[str, object]]:
+    """The same rows with the same fields each, in one order: what a row leaves out has its default."""
+    names = dict.fromkeys(name for row in rows for name in row)
+    for name in names:
+        require(name in default or all(name in row for row in rows), f"{name} is missing and has no default")
+    return [{name: row[name] if name in row else default[name] for name in names} for row in rows]
 
 
 def _by_field(records: list[Fields]) -> dict[str, dict[str, object]]:

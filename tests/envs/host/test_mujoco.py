@@ -10,9 +10,10 @@ import pytest
 
 from galton import BrokenEnvironmentError, UsageError
 from galton.envs import find
-from galton.envs.host import clock
-from galton.envs.host.clock import unprofiled
-from galton.envs.host.mujoco import MUJOCO_FUNCTIONS, MujocoEnvs
+from galton.envs.host import simulation
+from galton.envs.host.mujoco import MujocoEnvs
+from galton.envs.host.mujoco_functions import MUJOCO_FUNCTIONS
+from galton.envs.host.simulation import unprofiled
 
 COPIES = 4
 
@@ -201,6 +202,6 @@ def test_a_clock_of_the_users_own_is_put_back():
 
 def test_without_the_library_in_its_package_nothing_is_changed(tmp_path, monkeypatch):
     monkeypatch.setattr(mujoco, "__file__", str(tmp_path / "__init__.py"))
-    monkeypatch.setattr(clock, "_CLOCK", clock._clock())
+    monkeypatch.setattr(simulation, "_CLOCK", simulation._clock())
     with unprofiled():
         assert seconds_of_a_step() > 0

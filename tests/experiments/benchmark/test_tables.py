@@ -5,7 +5,7 @@ import dataclasses
 import pyarrow as pa
 import pytest
 
-from galton.records import plain
+from galton_experiments.analysis.plain import plain
 from galton_experiments.benchmark import figures, tables
 from galton_experiments.benchmark.answer import sentences
 from galton_experiments.benchmark.draws import draws

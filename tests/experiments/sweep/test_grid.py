@@ -74,10 +74,8 @@ def test_a_longer_random_draw_begins_with_a_shorter_one_and_covers_all_losses():
     assert len(short) == 3 * len(LOSSES)
     assert set(short) < set(long)
     assert random_grid(task_defaults("lqr"), 3, seed=1) != short
-    for n in (0, 100_001):
-        with pytest.raises(
-            UsageError, match=f"n_settings is {n}; it must be an integer of at least 1 and at most 100,000"
-        ):
+    for n, wanted in ((0, "an integer of at least 1"), (100_001, "at most 100,000")):
+        with pytest.raises(UsageError, match=f"n_settings is {n}; it must be {wanted}"):
             random_grid(task_defaults("lqr"), n)
     for setting in long:
         assert 7e-5 <= setting["learning_rate"] <= 7e-3

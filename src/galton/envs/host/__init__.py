@@ -1,1 +1,1 @@
-"""What is outside JAX: Gymnasium's environments, vector environments that the user made, and batched MuJoCo tasks."""
+"""Environments outside JAX: Gymnasium's, vector environments that the user made, and batched MuJoCo tasks."""

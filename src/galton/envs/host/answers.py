@@ -1,4 +1,4 @@
-"""What an environment answered, checked: a BrokenEnvironmentError says where, and what came back.
+"""The answers of environments are checked here: a BrokenEnvironmentError says where, and what came back.
 
 `where` begins each message: the environment, the copy and the step.
 """
@@ -31,7 +31,7 @@ def blame(where: str) -> Iterator[None]:
 
 
 def try_to_make(name: str, make: Callable[[], Made]) -> Made:
-    """What `make` makes of an environment of that name; a UsageError says why it can't."""
+    """The environment of that name that `make` makes; a UsageError says why it can't."""
     try:
         with mujoco_warns(), warnings.catch_warnings():
             # Box2D warns of itself while it is imported, and ends the process where warnings are errors.
@@ -84,7 +84,7 @@ def one_flag(value: object, what: str, where: str) -> bool:
 
 
 def as_numbers(raw: object) -> Shaped[np.ndarray, "..."] | None:
-    """What an environment returned as an array; None if it isn't one of real numbers."""
+    """The array of what an environment returned; None if it isn't one of real numbers."""
     try:
         values = np.asarray(raw)
     except Exception:  # anything may come, even with an __array__ that fails

@@ -1,4 +1,4 @@
-"""What training's environments have learnt or been given, carried to the copies that evaluation plays on.
+"""Evaluation plays on copies that get what training's environments have learnt or been given.
 
 A copy that is made anew lacks it: the statistics of a `NormalizeObservation`, the stage of a curriculum, a parameter
 that somebody set since. It is found in the attributes of an environment and its wrappers, where they are plain data:
@@ -16,9 +16,9 @@ import numpy as np
 from gymnasium.wrappers import TimeLimit
 from jaxtyping import Float
 
-from galton.envs.host.wrappers import is_monitor, put
+from galton.envs.host.state import is_monitor, put
 from galton.errors import UsageError, require
-from galton.foreign import is_instance_of
+from galton.extras import is_instance_of
 
 Layers = list[Any]
 """An environment's wrappers from the outside in, and the environment; of one in a vector environment, that's first."""
@@ -47,7 +47,7 @@ def layers_of_copies(envs: Any) -> list[Layers]:
 
 
 def has_no_limit(layers: Layers) -> bool:
-    """Whether an environment of this process has no time limit that Gymnasium knows of."""
+    """True if an environment of this process has no time limit that Gymnasium knows of."""
     known = any(isinstance(layer, TimeLimit) for layer in layers)
     return isinstance(layers[-1], gymnasium.Env) and not known
 
@@ -217,13 +217,12 @@ def _is_statistics(value: Any) -> bool:
 
 
 def _is_of_rewards(value: Any) -> bool:
-    """Whether it is running statistics of one number, the return: those of observations have an axis."""
+    """True for running statistics of one number, the return: those of observations have an axis."""
     return _is_statistics(value) and np.ndim(value.mean) == 0
 
 
 def _of_observations(layers: Layers) -> dict[str, Any]:
-    used = [layer if getattr(layer, "norm_obs", True) else None for layer in layers]  # SB3's VecNormalize may not
-    found = statistics_of([layer for layer in used if layer is not None])
+    found = statistics_of([layer for layer in layers if getattr(layer, "norm_obs", True)])  # SB3's VecNormalize may not
     return {place: one for place, one in found.items() if not _is_of_rewards(one)}
 
 

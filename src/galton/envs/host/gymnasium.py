@@ -27,8 +27,7 @@ from galton.envs.host.base import Steps
 from galton.envs.host.carried import layers_of, plain_data, refuse_different
 from galton.envs.host.moves import Moves, moves_of
 from galton.envs.host.observations import Observations
-from galton.envs.host.state import Env, get_state, is_restorable, set_state
-from galton.envs.host.wrappers import is_monitor
+from galton.envs.host.state import Env, get_state, is_monitor, is_restorable, set_state
 from galton.errors import BrokenEnvironmentError, UsageError, require
 
 _NAMELESS = ("<lambda>", "partial")
@@ -70,13 +69,13 @@ class GymnasiumTask:
             weakref.finalize(self, _close, self._spare).atexit = False
 
     def make(self, n_copies: int, n_threads: int = 1) -> "GymnasiumEnvs":
-        """That many copies, in one thread; of an environment that was there, the first is itself."""
+        """So many copies, in one thread; of an environment that was there, the first is itself."""
         del n_threads
         envs: list[Env] = []
         with self._closing_at_failure(envs):
             envs.extend(self._spare.pop() if self._spare else self._make_another() for _ in range(n_copies))
             moves = () if self._by_id else moves_of(envs)  # what a function returns the user may hold too
-        return GymnasiumEnvs(self.name, envs, self.actions, self.observations, self._given, moves)
+        return GymnasiumEnvs(self, envs, moves)
 
     def _make_another(self) -> Env:
         env = self._check(try_to_make(self.name, self._make))
@@ -126,21 +125,13 @@ class GymnasiumTask:
 
 
 class GymnasiumEnvs:
-    """M environments in a loop; `given` is not closed with the others, which are once nobody holds this any more."""
+    """M environments in a loop; those that Galton made are closed once nobody holds this any more."""
 
-    def __init__(
-        self,
-        name: str,
-        envs: Sequence[Env],
-        actions: ActionBox,
-        observations: Observations,
-        given: Env | None,
-        moves: Sequence[Moves],
-    ) -> None:
-        self._name, self._envs, self._actions, self._observations = name, envs, actions, observations
-        self.moves = moves
+    def __init__(self, task: GymnasiumTask, envs: Sequence[Env], moves: Sequence[Moves]) -> None:
+        self._name, self._actions, self._observations = task.name, task.actions, task.observations
+        self._envs, self.moves = envs, moves
         self._n_steps = 0
-        self._close = weakref.finalize(self, _close, [env for env in envs if env is not given])
+        self._close = weakref.finalize(self, _close, [env for env in envs if env is not task._given])
         self._close.atexit = False
 
     @property
@@ -220,7 +211,6 @@ class GymnasiumEnvs:
 
 
 def _close(envs: Iterable[Env]) -> None:
-    """Close environments of which nothing is wanted any more."""
     for env in envs:
         with contextlib.suppress(*FAULTS):
             env.close()

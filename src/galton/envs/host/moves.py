@@ -16,7 +16,7 @@ _FORWARDING = ("call", "call_async", "env_method")
 
 
 class Moves:
-    """How often one environment was reset or stepped, and who trains on it.
+    """The count of the resets and steps of one environment, and who trains on it.
 
     A copy of the environment, pickled or deep, begins with a count of its own.
     """
@@ -30,12 +30,12 @@ class Moves:
 
     @property
     def are_watched(self) -> bool:
-        """Whether somebody who is still there trains on the environment."""
+        """True if somebody who is still there trains on the environment."""
         return self.watch is not None and self.watch() is not None
 
 
 class Watch:
-    """What training keeps of the environments that it owns: whether somebody else moved them."""
+    """Training's own count of its environments' moves, by which it knows whether somebody else moved them."""
 
     def __init__(self, moves: Sequence[Moves]) -> None:
         self._moves, self._seen = moves, 0
@@ -57,7 +57,7 @@ class Watch:
         self._seen = self._count()
 
     def others_moved(self) -> bool:
-        """Whether they were reset or stepped since they were taken as they were."""
+        """True if they were reset or stepped since they were taken as they were."""
         return self._count() != self._seen
 
     def _count(self) -> int:

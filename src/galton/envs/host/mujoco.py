@@ -12,16 +12,11 @@ from galton.envs.host.action_box import ActionBox
 from galton.envs.host.answers import as_float32, try_to_make
 from galton.envs.host.base import Steps
 from galton.envs.host.moves import Moves
-from galton.envs.host.mujoco_arms import ARMS
-from galton.envs.host.mujoco_parts import Constants, Matrix, Rows
-from galton.envs.host.mujoco_robots import ROBOTS
+from galton.envs.host.mujoco_functions import MUJOCO_FUNCTIONS, Constants, Matrix, Rows
 from galton.envs.host.observations import Observations
 from galton.envs.host.simulation import Batched, Looped, Simulations
 from galton.envs.host.state import generator_state, set_generator_state
 from galton.errors import BrokenEnvironmentError
-
-MUJOCO_FUNCTIONS = ARMS | ROBOTS
-"""The tasks that run in batches, by Gymnasium's ids."""
 
 
 class MujocoTask:
@@ -40,7 +35,7 @@ class MujocoTask:
         self.observations = Observations(name, made.observation_space)
 
     def make(self, n_copies: int, n_threads: int = 1) -> "MujocoEnvs":
-        """That many simulations, stepped on that many threads."""
+        """So many simulations, stepped on so many threads."""
         return MujocoEnvs(self, n_copies, n_threads)
 
 
@@ -103,7 +98,7 @@ class MujocoEnvs:
         return self._observe(), reward, terminated, truncated & ~terminated
 
     def get_state(self) -> dict[str, np.ndarray]:
-        """What the simulations, their clocks and their generators go on from."""
+        """The state that the simulations, their clocks and their generators go on from."""
         state = {f"field/{name}": np.array(value) for name, value in self._simulations.fields.items()}
         return state | {
             "physics": self._simulations.get_state(),

@@ -1,4 +1,4 @@
-"""What MuJoCo says while an environment is made: as Python's warnings, and not in a MUJOCO_LOG.TXT."""
+"""MuJoCo's messages while an environment is made come as Python's warnings, and not in a MUJOCO_LOG.TXT."""
 
 import contextlib
 import importlib

@@ -41,7 +41,7 @@ class Observations:
 
     @functools.cached_property
     def size(self) -> int:
-        """How many entries the flat vector has."""
+        """The number of entries of the flat vector."""
         return int(flatdim(self.space))
 
     @property
@@ -106,7 +106,7 @@ class Observations:
 
 
 def _check_parts(space: Space, raw: Any, name: str, where: str) -> None:
-    """What `flatten` would not notice."""
+    """Raise for what is wrong with an observation and `flatten` would not notice."""
     if isinstance(space, Dict):
         if set(raw) != set(space.spaces):
             raise KeyError(f"the keys of {name} are {list(raw)}")

@@ -1,13 +1,15 @@
 """N MuJoCo simulations of one model: in `mujoco.batch`, or in a loop where a task needs what that doesn't compute."""
 
+import contextlib
+import ctypes
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 
 import mujoco
 import numpy as np
 from jaxtyping import Float, Int
 from mujoco.batch import Batch
-
-from galton.envs.host.clock import unprofiled
 
 Fields = dict[str, Float[np.ndarray, "N ..."]]
 """Fields of MjData by name."""
@@ -15,6 +17,32 @@ Fields = dict[str, Float[np.ndarray, "N ..."]]
 STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 UNSTABLE = [int(getattr(mujoco.mjtWarning, f"mjWARN_BAD{name}")) for name in ("QPOS", "QVEL", "QACC")]
 """The warnings after which MuJoCo resets a simulation without a word."""
+
+
+def _clock() -> ctypes.c_void_p:
+    """MuJoCo's global `mjcb_time`; a variable of ours where its library does not lie in its package."""
+    inside = Path(mujoco.__file__).parent.iterdir()
+    for file in (file for file in inside if file.name.startswith(("libmujoco.", "mujoco.dll"))):
+        return ctypes.c_void_p.in_dll(ctypes.CDLL(str(file)), "mjcb_time")
+    return ctypes.c_void_p()
+
+
+_CLOCK = _clock()
+
+
+@contextlib.contextmanager
+def unprofiled() -> Iterator[None]:
+    """Simulate without filling `MjData.timer`; afterwards the clock is as it was found.
+
+    MuJoCo's Python package starts the clock, and every part of a step reads it twice. Nothing else differs.
+    `benchmarks/against_physics.py` says what it saves.
+    """
+    clock, _CLOCK.value = _CLOCK.value, None
+    try:
+        yield
+    finally:
+        if clock:  # without one, another thread has it and puts it back
+            _CLOCK.value = clock
 
 
 class Batched:

@@ -1,14 +1,19 @@
-"""The state of one Gymnasium environment as arrays: its own, its wrappers' and its generator's."""
+"""The state of one Gymnasium environment as arrays: its own, its wrappers' and its generator's.
+
+Of Gymnasium's wrappers only those that stand here are known, by their very class: any other wrapper counts as one that
+keeps a state nobody can tell.
+"""
 
 import json
-from typing import Any, Protocol, runtime_checkable
+import operator
+from typing import Any
 
 import gymnasium
 import numpy as np
+from gymnasium import wrappers
 from gymnasium.wrappers import TimeLimit
 from jaxtyping import UInt8
 
-from galton.envs.host import wrappers
 from galton.envs.host.answers import as_numbers, blame, shown
 from galton.errors import BrokenEnvironmentError
 
@@ -17,21 +22,41 @@ Env = gymnasium.Env[Any, Any]
 State = dict[str, np.ndarray]
 
 
-@runtime_checkable
-class Restorable(Protocol):
-    """An environment, or a wrapper, that tells its state and can be put back into it."""
+_STATELESS = (
+    "ClipAction",
+    "ClipReward",
+    "DtypeObservation",
+    "FilterObservation",
+    "FlattenObservation",
+    "GrayscaleObservation",
+    "OrderEnforcing",
+    "PassiveEnvChecker",
+    "RecordEpisodeStatistics",  # what it counts is told in infos, which training does not read
+    "RecordVideo",
+    "RepeatAction",
+    "RescaleAction",
+    "RescaleObservation",
+    "ReshapeObservation",
+    "ResizeObservation",
+)
+"""Wrappers of Gymnasium's whose observations, rewards and ends do not depend on earlier steps."""
 
-    def get_state(self) -> dict[str, Any]:
-        """Arrays or numbers by name, always of the same shapes."""
-
-    def set_state(self, state: dict[str, Any]) -> None:
-        """Go on from what `get_state` told."""
+_ATTRIBUTES = {
+    "NormalizeObservation": ("obs_rms.mean", "obs_rms.var", "obs_rms.count"),
+    "NormalizeReward": ("return_rms.mean", "return_rms.var", "return_rms.count", "discounted_reward"),
+    "TimeAwareObservation": ("timesteps",),
+}
+"""Wrappers of Gymnasium's with a state, and the attributes that are all of it."""
 
 
 def is_restorable(env: Env) -> bool:
-    """Whether all of an environment can be saved: its own state and that of every wrapper around it."""
-    return isinstance(env.unwrapped, Restorable) and all(
-        type(wrapper) is TimeLimit or _tells(wrapper) or wrappers.is_known(wrapper) for wrapper in _around(env)
+    """True if all of an environment can be saved: its own state and that of every wrapper around it."""
+    return _tells(env.unwrapped) and all(
+        type(wrapper) is TimeLimit
+        or _tells(wrapper)
+        or is_monitor(wrapper)
+        or _name(wrapper) in (*_STATELESS, *_ATTRIBUTES)
+        for wrapper in _around(env)
     )
 
 
@@ -39,7 +64,7 @@ def get_state(env: Env, where: str) -> State:
     """All of a restorable environment that decides how it goes on."""
     state = _told(env.unwrapped, "state", where)
     for prefix, wrapper in _named(env):
-        state |= _told(wrapper, prefix, where) if _tells(wrapper) else _prefixed(prefix, wrappers.get_state(wrapper))
+        state |= _told(wrapper, prefix, where) if _tells(wrapper) else _prefixed(prefix, _known_state(wrapper))
     state["elapsed_steps"] = np.array([limit._elapsed_steps or 0 for limit in _time_limits(env)], np.int64)
     with blame(f"{where}: np_random"):
         state["generator"] = generator_state(env.unwrapped.np_random)
@@ -52,7 +77,7 @@ def set_state(env: Env, state: dict[str, Any], where: str) -> None:
         own = {key.removeprefix(f"{prefix}/"): value for key, value in state.items() if key.startswith(f"{prefix}/")}
         with blame(f"{where}: set_state"):
             if isinstance(holder, gymnasium.Wrapper) and not _tells(holder):
-                wrappers.set_state(holder, own)
+                _set_known_state(holder, own)
             else:
                 holder.set_state(own)
     for limit, elapsed in zip(_time_limits(env), state["elapsed_steps"], strict=True):
@@ -72,7 +97,7 @@ def set_generator_state(generator: np.random.Generator, state: UInt8[np.ndarray,
 
 
 def _told(holder: Any, prefix: str, where: str) -> State:
-    """What `get_state` of an environment or a wrapper tells, checked."""
+    """The state that `get_state` of an environment or a wrapper tells, checked."""
     with blame(f"{where}: get_state"):
         told: object = holder.get_state()
     if not isinstance(told, dict):
@@ -90,9 +115,9 @@ def _prefixed(prefix: str, state: State) -> State:
     return {f"{prefix}/{key}": value for key, value in state.items()}
 
 
-def _tells(wrapper: Any) -> bool:
-    """Whether a wrapper's class tells a state, its own and not one that it forwards."""
-    return all(callable(getattr(type(wrapper), name, None)) for name in ("get_state", "set_state"))
+def _tells(env: Any) -> bool:
+    """True if the class of an environment or a wrapper tells a state, its own and not one that it forwards."""
+    return all(callable(getattr(type(env), name, None)) for name in ("get_state", "set_state"))
 
 
 def _named(env: Env) -> list[tuple[str, Any]]:
@@ -106,9 +131,39 @@ def _time_limits(env: Env) -> list[Any]:
 
 
 def _around(env: Env) -> list[Any]:
-    """The wrappers around an environment, from the outside in."""
     found = []
     while env is not env.unwrapped:
         found.append(env)
         env = env.env  # type: ignore[attr-defined]
     return found
+
+
+def is_monitor(env: object) -> bool:
+    """True for SB3's Monitor, which tells of episodes in infos and changes nothing else."""
+    kind = type(env)
+    return (kind.__module__, kind.__name__) == ("stable_baselines3.common.monitor", "Monitor")
+
+
+def _known_state(wrapper: Any) -> dict[str, np.ndarray]:
+    """The state of a known wrapper, which may be empty."""
+    names = _ATTRIBUTES.get(_name(wrapper), ())
+    return {name: np.array(operator.attrgetter(name)(wrapper)) for name in names}
+
+
+def _set_known_state(wrapper: Any, state: dict[str, Any]) -> None:
+    """Put a known wrapper into what `_known_state` told."""
+    for name in _ATTRIBUTES.get(_name(wrapper), ()):
+        *path, last = name.split(".")
+        put(operator.attrgetter(*path)(wrapper) if path else wrapper, last, state[name])
+
+
+def put(holder: Any, name: str, value: Any) -> None:
+    """Set an array or a number of Python's, which stays one: numpy's would decide on the precision of products."""
+    plain = not isinstance(getattr(holder, name), np.ndarray | np.generic)
+    setattr(holder, name, np.asarray(value).item() if plain else np.array(value))
+
+
+def _name(wrapper: Any) -> str:
+    """The name under which Gymnasium offers a wrapper; empty for any other, a subclass of its own included."""
+    name = type(wrapper).__name__
+    return name if vars(wrappers).get(name) is type(wrapper) else ""

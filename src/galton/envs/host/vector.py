@@ -1,21 +1,26 @@
-"""Vector environments that the user made: Gymnasium's and Stable-Baselines3's."""
+"""Vector environments that the user made, Gymnasium's and Stable-Baselines3's, every answer checked."""
 
+import warnings
+from collections.abc import Callable
 from typing import Any
 
+import gymnasium
 import numpy as np
+from gymnasium.spaces import Box
 from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space, iterate
+from jaxtyping import Bool, Float, Integer
 
 from galton.envs.host.action_box import ActionBox
+from galton.envs.host.answers import as_float32, as_numbers, blame, parts, shown
 from galton.envs.host.base import Steps
+from galton.envs.host.carried import layers_of_copies
+from galton.envs.host.moves import moves_of
 from galton.envs.host.observations import Observations
-from galton.envs.host.vector_envs import VectorEnvs
-from galton.errors import require
-from galton.foreign import is_instance_of
+from galton.errors import AliasedObservation, BrokenEnvironmentError, UsageError, require
 
-
-def is_sb3(env: object) -> bool:
-    """Whether it is an SB3 VecEnv, without importing SB3 for the question."""
-    return is_instance_of(env, "stable_baselines3", "VecEnv")
+_MANY = 5
+"""How many episodes must have ended alike before it is no coincidence."""
 
 
 class VectorTask:
@@ -43,7 +48,7 @@ class VectorTask:
         spaces: list[Any] = [getattr(source, f"{kind}{name}_space", None) for name in ("action", "observation")]
         self.actions, self.observations = ActionBox(self.name, spaces[0]), Observations(self.name, spaces[1])
 
-    def make(self, n_copies: int, n_threads: int = 1) -> VectorEnvs:
+    def make(self, n_copies: int, n_threads: int = 1) -> "VectorEnvs":
         """The vector environment itself, which has as many copies as it has."""
         del n_threads
         require(
@@ -52,9 +57,143 @@ class VectorTask:
             "to that, and evaluate on an environment of its own: evaluate(env=...) or Evaluate(env=...) takes an id or "
             "a function that makes it",
         )
-        of_gymnasium = isinstance(self.source, VectorEnv)
-        reset, step = (reset_gymnasium, step_gymnasium) if of_gymnasium else (reset_sb3, step_sb3)
-        return VectorEnvs(self.name, self.source, self.actions, self.observations, reset, step)
+        return VectorEnvs(self)
+
+
+class VectorEnvs:
+    """The M copies of a vector environment, spoken to as its library wants."""
+
+    def __init__(self, task: VectorTask) -> None:
+        self._name, self._envs = task.name, task.source
+        self._actions, self._observations = task.actions, task.observations
+        of_gymnasium = isinstance(self._envs, VectorEnv)
+        self._reset, self._step = (reset_gymnasium, step_gymnasium) if of_gymnasium else (reset_sb3, step_sb3)
+        copies = getattr(self._envs.unwrapped, "envs", ())  # those in other processes nobody else can hold
+        self.moves = moves_of([self._envs, *(copy for copy in copies if isinstance(copy, gymnasium.Env))])
+        self._n_steps = 0
+        self._observation = np.zeros((0, 0), np.float32)
+        self._n_alike = 0
+        """How many episodes have ended with the first observation of the next, as long as all did; −1 once one did not,
+        or after the warning."""
+
+    @property
+    def layers(self) -> list[list[Any]]:
+        """For each copy the wrappers around all of them, and its own where it lives in this process."""
+        return layers_of_copies(self._envs)
+
+    def reset(self, seeds: Integer[np.ndarray, " M"]) -> Float[np.ndarray, "M o"]:
+        """Begin an episode in every copy."""
+        self._n_steps = 0
+        self._observation = self.rows(self._reset(self, [int(seed) for seed in seeds]))
+        return self._observation
+
+    def step(self, action: Float[np.ndarray, "M d"]) -> Steps:
+        """Act; the environment resets itself."""
+        self._n_steps += 1
+        steps = self._step(self, self._actions.to_env(action))
+        self._look_for_aliases(steps)
+        self._observation = steps.observation
+        return steps
+
+    def get_state(self) -> None:
+        """None, since vector environments don't tell their states."""
+
+    def set_state(self, state: dict[str, np.ndarray]) -> None:
+        """Always a UsageError, since `get_state` tells none."""
+        del state
+        raise UsageError(f"{self._name} can't be put into a state; vector environments don't tell theirs")
+
+    def close(self) -> None:
+        """Nothing: the user made the environment and closes it."""
+
+    def call(self, method: str, *arguments: object, **keywords: object) -> Any:
+        """The answer of a method of the vector environment."""
+        with blame(f"{self._where()}: {method}"):
+            return getattr(self._envs, method)(*arguments, **keywords)
+
+    def call_for(self, names: str, method: str, *arguments: object, **keywords: object) -> tuple[Any, ...]:
+        """The parts of the tuple that a method must return."""
+        return parts(self.call(method, *arguments, **keywords), names, method, self._where())
+
+    def rows(self, batch: object) -> Float[np.ndarray, "M o"]:
+        """The observations of all copies, flat and checked."""
+        space, n = self._observations.space, self._envs.num_envs
+        if isinstance(space, Box):
+            values = as_numbers(batch)
+            if values is None or values.shape != (n, *space.shape):
+                raise BrokenEnvironmentError(
+                    f"{self._where()}: the observations are {shown(batch)}; they must be {(n, *space.shape)}"
+                )
+            copies = list(values)
+        else:
+            try:
+                copies = list(iterate(batch_space(space, n), batch))
+            except Exception as error:
+                raise BrokenEnvironmentError(
+                    f"{self._where()}: the observations are {shown(batch)}: {error!r}"
+                ) from error
+            if len(copies) != n:
+                raise BrokenEnvironmentError(f"{self._where()}: there are {len(copies)} observations for {n} copies")
+        return np.stack([self._observations.flatten(raw, self._where(i)) for i, raw in enumerate(copies)])
+
+    def last_rows(
+        self,
+        following: Float[np.ndarray, "M o"],
+        ended: Bool[np.ndarray, " M"],
+        last: Callable[[int], object],
+        key: str,
+    ) -> Float[np.ndarray, "M o"]:
+        """The observations after the step: `last(i)`, under that key of the infos, where copy i's episode ended."""
+        if not ended.any():
+            return following
+        final = following.copy()
+        for i in map(int, np.flatnonzero(ended)):
+            try:
+                raw = last(i)
+            except (KeyError, IndexError, TypeError):
+                raw = None
+            if raw is None:
+                raise BrokenEnvironmentError(f"{self._where(i)}: {key} is missing in info, where an episode ended")
+            final[i] = self._observations.flatten(raw, self._where(i))
+        return final
+
+    def _look_for_aliases(self, steps: Steps) -> None:
+        """Warn where the first episodes all end with the first observation of the next, which was not there before."""
+        ended = steps.terminated | steps.truncated
+        if self._n_alike < 0 or not ended.any():
+            return
+        new = ended & (self._observation != steps.observation).any(1)  # what never changes tells nothing
+        alike = (steps.final_observation == steps.observation).all(1)
+        self._n_alike = -1 if (new & ~alike).any() else self._n_alike + int(new.sum())
+        if self._n_alike >= _MANY:
+            self._n_alike = -1
+            warnings.warn(
+                f"{self._name}: each of the first episodes ended with the very observation that the next began with. "
+                "If the environment returns one and the same array, its reset overwrites what the episode led to, and "
+                "training takes the value of a wrong state: return a copy (observation.copy()), or give Galton a "
+                "function that makes one environment, with n_envs",
+                AliasedObservation,
+                stacklevel=2,
+            )
+
+    def numbers(self, values: object, what: str) -> Float[np.ndarray, " M"]:
+        """One finite number for each copy."""
+        array = self._array(values, what, "float")
+        return np.stack([as_float32(array[i, ...], what, self._where(i)) for i in range(len(array))])
+
+    def flags(self, values: object, what: str) -> Bool[np.ndarray, " M"]:
+        """True or False for each copy, which may come as the integers 1 and 0."""
+        return self._array(values, what, "bool").astype(bool)
+
+    def _array(self, values: object, what: str, kind: str) -> np.ndarray:
+        array, n = as_numbers(values), self._envs.num_envs
+        if array is None or array.shape != (n,) or (kind == "bool" and not _are_flags(array)):
+            raise BrokenEnvironmentError(f"{self._where()}: {what} is {shown(values)}; it must be {n} of {kind}")
+        return array
+
+    def _where(self, copy: int | None = None) -> str:
+        which = "" if copy is None else f", copy {copy}"
+        return f"{self._name}{which}, step {self._n_steps}"
 
 
 def reset_gymnasium(envs: VectorEnvs, seeds: list[int]) -> object:
@@ -90,3 +229,7 @@ def step_sb3(envs: VectorEnvs, action: np.ndarray) -> Steps:
     final = envs.last_rows(following, done, lambda i: infos[i][key], key)
     truncated = np.array([ended and bool(infos[i].get("TimeLimit.truncated")) for i, ended in enumerate(done)])
     return Steps(following, final, envs.numbers(rewards, "the reward"), done & ~truncated, truncated)
+
+
+def _are_flags(array: np.ndarray) -> bool:
+    return array.dtype == bool or (array.dtype.kind in "iu" and bool(((array == 0) | (array == 1)).all()))

@@ -1,13 +1,16 @@
 """The folder of a sweep that was planned: what it holds, and how a command ends that has trained there."""
 
 import dataclasses
+import sys
 from collections.abc import Sequence
 from typing import Annotated
 
 import tyro
 
-from galton.cli._console import plain_console
-from galton.cli._modules import import_of_file, import_typed
+from galton.cli._progress import plain_console
+from galton.cli._reading import import_typed
+from galton.errors import UsageError
+from galton.extras import import_all
 from galton_experiments.commands._sweep_view import winners
 from galton_experiments.sweep import results
 from galton_experiments.sweep.plan import Plan
@@ -22,6 +25,21 @@ class Folder:
     """Its folder, or the address that fsspec opens."""
     imports: tuple[str, ...] = dataclasses.field(default=(), kw_only=True)
     """Modules to import first. One that the sweep names and that lies in the current folder must be given."""
+
+
+def import_of_file(modules: Sequence[str]) -> None:
+    """Import modules that a file names, unless they were typed; UsageError for one that can't be, with what to do."""
+    found = [path for path in sys.path if path == ""]
+    sys.path[:] = [path for path in sys.path if path != ""]
+    try:
+        import_all(modules)
+    except UsageError as error:
+        raise UsageError(
+            f"{error}. It is named by a file, for which the current folder is not searched: if it lies there and you "
+            f"trust it, give --imports {' '.join(modules)}"
+        ) from None
+    finally:
+        sys.path += found
 
 
 def load(store: Store, imports: Sequence[str], *, to_train: bool = False) -> Plan:

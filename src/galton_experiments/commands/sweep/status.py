@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from rich.table import Table
 
-from galton.cli._console import plain_console
+from galton.cli._progress import plain_console
 from galton.cli._reading import read_options
 from galton.losses import find_loss
 from galton_experiments.commands.sweep._folder import Folder as Options

@@ -2,7 +2,7 @@ import json
 
 import pytest
 
-from galton.cli._metrics import forget_after, known
+from galton.cli._runs import forget_after, known
 
 POINTS = [{"time/total_timesteps": step, "eval/mean_reward": step / 2, "a": None} for step in (100, 200, 300)]
 LINES = [json.dumps(point).encode() for point in POINTS]
