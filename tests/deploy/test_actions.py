@@ -9,7 +9,7 @@ from galton.deploy.actions import ACTIONS
 from galton.deploy.decision import ACTION, OBSERVATION, Decision
 from galton.deploy.encoding import encode
 from galton.deploy.graph import Graph
-from galton.policies import POLICIES
+from galton.policies import POLICIES, GaussianHead
 
 from ..agents import agent
 
@@ -21,7 +21,9 @@ def ways(name):
     """The rules of a policy over bins; the units of one that has them; else nothing to choose."""
     if POLICIES[name].family == "histogram":
         return [{"deterministic_action": rule} for rule in RULES]
-    return [{"box_units": units} for units in (0.0, 1.0)] if hasattr(POLICIES[name], "box_units") else [{}]
+    if issubclass(POLICIES[name], GaussianHead):
+        return [{"box_units": 0.0}, {"box_units": 1.0}, {"box_units": 1.0, "state_dependent_std": True}]
+    return [{}]
 
 
 @pytest.mark.parametrize("name", POLICIES)

@@ -46,10 +46,16 @@ MEANINGS = {
 
 def gaussian(graph: Graph, outputs: str, policy: GaussianHead) -> Chosen:
     """The mean: the outputs, or, in units of the box, its center plus the outputs times its half-width."""
+    outputs = _means(graph, outputs, policy)
     if policy.box_units:
         scaled = graph.add("Mul", outputs, (policy.high - policy.low) / 2)
         outputs = graph.add("Add", scaled, (policy.high + policy.low) / 2)
     return Chosen(outputs, "mean", "The mean of the Gaussian, moved to the nearest point of the action box.")
+
+
+def _means(graph: Graph, outputs: str, policy: GaussianHead) -> str:
+    """The outputs without those that are log σ."""
+    return graph.add("Gather", outputs, np.arange(len(policy.low)), axis=1) if policy.state_dependent_std else outputs
 
 
 def clipped_gaussian(graph: Graph, outputs: str, policy: ClippedGaussianPolicy) -> Chosen:
@@ -66,7 +72,7 @@ def truncated_gaussian(graph: Graph, outputs: str, policy: TruncatedGaussianPoli
 
 def squashed_gaussian(graph: Graph, outputs: str, policy: SquashedGaussianPolicy) -> Chosen:
     """The median: the Gaussian's mean through tanh, in the box."""
-    scaled = graph.add("Mul", graph.add("Tanh", outputs), (policy.high - policy.low) / 2)
+    scaled = graph.add("Mul", graph.add("Tanh", _means(graph, outputs, policy)), (policy.high - policy.low) / 2)
     action = graph.add("Add", scaled, (policy.high + policy.low) / 2)
     return Chosen(action, "median", "The median: the Gaussian's mean through tanh, which maps it into the action box.")
 

@@ -22,5 +22,6 @@ class RpoPolicy(GaussianPolicy):
     """How far an update moves the mean up or down at most, in the mean's own units."""
 
     def moved(self, outputs: Float[Array, "*batch d"], key: Key[Array, ""]) -> Float[Array, "*batch d"]:
-        """The means plus a draw from U(−α, α) for each."""
-        return outputs + self.rpo_alpha * jax.random.uniform(key, outputs.shape, outputs.dtype, -1.0, 1.0)
+        """The means plus a draw from U(−α, α) for each; outputs that are log σ stay."""
+        moves = self.rpo_alpha * jax.random.uniform(key, outputs.shape, outputs.dtype, -1.0, 1.0)
+        return outputs + (moves.at[..., len(self._box.low) :].set(0.0) if self.state_dependent_std else moves)
