@@ -22,7 +22,8 @@ def ways(name):
     if POLICIES[name].family == "histogram":
         return [{"deterministic_action": rule} for rule in RULES]
     if issubclass(POLICIES[name], GaussianHead):
-        return [{"box_units": 0.0}, {"box_units": 1.0}, {"box_units": 1.0, "state_dependent_std": True}]
+        more = [{"tanh_mean": True, "state_dependent_std": True}] if name == "gaussian" else []
+        return [{"box_units": 0.0}, {"box_units": 1.0}, {"box_units": 1.0, "state_dependent_std": True}, *more]
     return [{}]
 
 

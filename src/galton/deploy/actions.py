@@ -16,6 +16,7 @@ from galton.policies import (
     ClippedGaussianPolicy,
     DiscretisedGaussianPolicy,
     GaussianHead,
+    GaussianPolicy,
     OrdinalPolicy,
     SmoothedPolicy,
     SquashedGaussianPolicy,
@@ -45,9 +46,11 @@ MEANINGS = {
 
 
 def gaussian(graph: Graph, outputs: str, policy: GaussianHead) -> Chosen:
-    """The mean: the outputs, or, in units of the box, its center plus the outputs times its half-width."""
+    """The mean: the outputs or their tanh; in units of the box, its center plus as many half-widths."""
     outputs = _means(graph, outputs, policy)
-    if policy.box_units:
+    has_tanh = isinstance(policy, GaussianPolicy) and policy.tanh_mean
+    outputs = graph.add("Tanh", outputs) if has_tanh else outputs
+    if policy.box_units or has_tanh:
         scaled = graph.add("Mul", outputs, (policy.high - policy.low) / 2)
         outputs = graph.add("Add", scaled, (policy.high + policy.low) / 2)
     return Chosen(outputs, "mean", "The mean of the Gaussian, moved to the nearest point of the action box.")

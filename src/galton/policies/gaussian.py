@@ -145,6 +145,14 @@ class GaussianPolicy(GaussianHead):
 
     label: ClassVar[str] = "Gaussian"
 
+    tanh_mean: bool = False
+    """The mean is the box's center plus its half-width times tanh of the output, so that it never leaves the box. σ and
+    its units stay as they are; the squashed Gaussian has the tanh after the noise."""
+
     def distribution(self, outputs: Float[Array, "*batch n_outputs"], params: Params) -> Gaussian:
         """The Gaussian of these outputs, as wide as they or the parameters say."""
-        return self.gaussian(outputs, params)
+        gaussian = self.gaussian(outputs, params)
+        if not self.tanh_mean:
+            return gaussian
+        share = jnp.tanh(self.mean_and_log_std(outputs, params)[0])
+        return dataclasses.replace(gaussian, mean=(self.high + self.low) / 2 + (self.high - self.low) / 2 * share)
