@@ -154,6 +154,15 @@ def test_actor_and_critic_have_widths_of_their_own(own, actor, critic):
         assert [layer["kernel"].shape for layer in found[name]] == shapes
 
 
+def test_beside_simba_a_critic_may_be_an_mlp():
+    network = SimBa(critic_arch=(8, 6))
+    layers = moved(network.init(jax.random.key(0), N_IN, OUT, 1.0, of_critic=True))
+    x = np.random.default_rng(0).normal(size=(B, N_IN)).astype(np.float32)
+    expected = torch_mlp(layers, "tanh")(torch.tensor(x).double())
+    np.testing.assert_allclose(network(layers, jnp.asarray(x)), expected.detach(), atol=1e-5)
+    assert len(network.init(jax.random.key(0), N_IN, OUT, 1.0, of_critic=False)) == 4
+
+
 def test_net_arch_of_one_network_alone_is_refused():
     with pytest.raises(UsageError, match=r"^net_arch is {'pi': \[8\]}; give one list for both networks, or a list"):
         A2C("lqr", "hl-gauss", net_arch={"pi": [8]})
@@ -163,6 +172,7 @@ NETWORKS_OF_OURS = [
     {"network": "simba", "simba_width": 8, "simba_critic_width": 12, "simba_blocks": 2},
     *({"net_arch": (8, 8), "activation": name, "kernel_init": "lecun"} for name in ACTIVATIONS),
     {"net_arch": (8,), "critic_arch": (4, 4)},
+    {"network": "simba", "simba_width": 8, "critic_arch": (4, 4)},
 ]
 
 

@@ -257,6 +257,7 @@ OTHER = {
     "box_units": 1.0,
     "log_std_min": -3.0,
     "target_kl": 0.1,
+    "clip_range_vf": 0.1,
     "decay_steps": np.inf,
     "entropy_alpha_min": 0.0,
 }

@@ -60,7 +60,8 @@ class MLP(Network):
     net_arch: tuple[Count, ...] = (64, 64)
     """Units of the hidden layers, the same for actor and critic unless critic_arch says otherwise; () is linear."""
     critic_arch: tuple[Count, ...] | None = None
-    """Units of the critic's hidden layers; by default those of net_arch."""
+    """Units of the critic's hidden layers; by default those of net_arch. With SimBa the critic is then such an MLP with
+    tanh, and by default a SimBa too."""
     activation: Literal["tanh", "relu", "elu", "silu"] = "tanh"
     """What each hidden unit makes of its sum."""
     kernel_init: Literal["orthogonal", "lecun"] = "orthogonal"
@@ -96,9 +97,13 @@ class SimBa(Network):
     """Units of the critic's residual stream."""
     simba_critic_blocks: Count = 2
     """Residual blocks of the critic."""
+    critic_arch: tuple[Count, ...] | None = None
+    """Units of the critic's hidden layers, where it is to be an MLP with tanh."""
 
     def init(self, key: Key[Array, ""], n_in: int, n_out: int, last_scale: float, of_critic: bool) -> Layers:
         """The first layer orthogonal, blocks by He et al. (2015), norms neutral."""
+        if of_critic and self.critic_arch is not None:
+            return init_mlp(key, (n_in, *self.critic_arch, n_out), last_scale)
         width = self.simba_critic_width if of_critic else self.simba_width
         n_blocks = self.simba_critic_blocks if of_critic else self.simba_blocks
         first, last, *keys = jax.random.split(key, 2 + 2 * n_blocks)
@@ -115,7 +120,9 @@ class SimBa(Network):
         return [embedding, *blocks, norm, last_layer(last, width, n_out, last_scale)]
 
     def features(self, layers: Layers, x: Float[Array, "*batch n_in"]) -> Float[Array, "*batch hidden"]:
-        """The normalised sum of all blocks."""
+        """The normalised sum of all blocks, or the last hidden units of a critic that is an MLP."""
+        if all("kernel" in layer for layer in layers):
+            return features(layers, x)
         embedding, *blocks, norm, _ = layers
         x = linear(embedding, x)
         for block in blocks:

@@ -1,4 +1,4 @@
-"""Settings under one name: what to train with where no loss is named, and what the paper trains with."""
+"""Settings under one name: what to train with where no loss is named, and what papers train with."""
 
 import math
 from collections.abc import Mapping
@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 from galton.errors import require, unknown
 
-GAUSSIAN, CLASSIFICATION, PAPER = "gaussian", "classification", "paper"
+GAUSSIAN, CLASSIFICATION, RN_D, PAPER = "gaussian", "classification", "rn-d", "paper"
 RECOMMENDED = "recommended"
 """What the preset of classification was called up to 0.2.0.dev0, in commands and files."""
 
@@ -101,6 +101,25 @@ _PPO_CLASSIFICATION = {
 }
 """The same of benchmarks/winner-mujoco.toml."""
 
+_PPO_RN_D = {
+    "n_envs": 16,
+    "n_steps": 1024,
+    "batch_size": 256,
+    "decay_steps": math.inf,
+    "vf_coef": 0.25,
+    "clip_range_vf": 0.2,
+    "normalize_observation": True,
+    "normalize_reward": True,
+    "network": "simba",
+    "simba_width": 256,
+    "simba_blocks": 2,
+    "critic_arch": (64, 64),
+    "n_bins": 41,
+    "bin_centers": "bounds",
+}
+"""RN-D (Bian et al., 2026): configs/gym.yaml and rnd.py of github.com/alwaysbyx/RND-RL, whose value loss has a factor
+of ½ before vf_coef. It takes the larger of the clipped and the plain error, as CleanRL does, not the clipped one."""
+
 PRESETS: Mapping[str, Mapping[str, Preset]] = {
     GAUSSIAN: {
         "a2c": Preset(GAUSSIAN, "gaussian", _A2C_GAUSSIAN),
@@ -110,6 +129,7 @@ PRESETS: Mapping[str, Mapping[str, Preset]] = {
         "a2c": Preset(CLASSIFICATION, "hl-gauss-centred", _A2C_CLASSIFICATION),
         "ppo": Preset(CLASSIFICATION, "hl-gauss-centred", _PPO_CLASSIFICATION),
     },
+    RN_D: {"ppo": Preset(RN_D, "hl-one-hot", _PPO_RN_D)},
     PAPER: {},
 }
 """By their names and that of the algorithm. What isn't there has the usual loss and the algorithm's defaults."""
@@ -130,12 +150,13 @@ def find_preset(name: str | None, loss: Any, algorithm: str) -> Preset:
     says nothing of another.
 
     Raises:
-        UsageError: there is none of that name, or it was tuned for another loss.
+        UsageError: there is none of that name, or it is for another loss, or RN-D's for another algorithm.
     """
     name = name or (USUAL.get(algorithm, PAPER) if loss is None else PAPER)
     name = present(name)
     if name not in PRESETS:
         raise unknown("preset", name, PRESETS)
+    require(name != RN_D or algorithm == "ppo", f"preset is {name!r}, which is for PPO, not {algorithm!r}; take PPO")
     preset = PRESETS[name].get(algorithm, Preset(name))
     require(
         loss in (None, preset.loss) or not preset.settings,

@@ -117,13 +117,12 @@ def usual_of(algorithm: Any) -> Fields:
 def from_sb3(words: Words) -> Fields:
     """The words, where some may be written as SB3 has them; UsageError for what can't be understood.
 
-    That is a linear function of what remains of training in the place of a number, target_kl=None, and
-    net_arch={"pi": [...], "vf": [...]}.
+    That is a linear function of what remains of training in the place of a number, target_kl=None,
+    clip_range_vf=None and net_arch={"pi": [...], "vf": [...]}.
     """
     known, net_arch = vocabulary(), words.get("net_arch")
     found = {name: schedules.of_remaining(name, v) if known.is_number(name) else v for name, v in words.items()}
-    if found.get("target_kl", math.inf) is None:
-        found["target_kl"] = math.inf
+    found |= {name: math.inf for name in ("target_kl", "clip_range_vf") if name in found and found[name] is None}
     if isinstance(net_arch, Mapping):
         both = set(net_arch) == {"pi", "vf"}
         require(both, f"net_arch is {net_arch!r}; give one list for both networks, or a list for each of pi and vf")

@@ -3,6 +3,7 @@
 from typing import NamedTuple
 
 import numpy as np
+from scipy.interpolate import BSpline
 from scipy.stats import norm
 
 
@@ -31,6 +32,15 @@ def exactly(model, states):
         shapes = 1 + np.logaddexp(0, outputs.reshape(len(x), -1, 2))
         size = np.maximum(size.reshape(shapes.shape).max(-1), least)
         return Exact(low + 2 * half * shapes[..., 0] / shapes.sum(-1), size, np.zeros(0), np.zeros(0))
+    if settings["policy"] == "spline":
+        cells = 64
+        x = np.linspace(0, 1, cells + 1)
+        n = settings["n_splines"]
+        knots = np.concatenate([np.zeros(3), np.linspace(0, 1, n - 2), np.ones(3)])
+        basis = BSpline(knots, np.eye(n), 3)(x)
+        logits, sizes = (of.reshape(len(outputs), -1, n) @ basis.T for of in (outputs, size))
+        centers = low[:, None] + (high - low)[:, None] * x
+        return _chosen("mode", logits, np.maximum(sizes.max(-1), least), centers)
     if settings["loss"] == "gaussian":
         in_box = settings["box_units"] == 1
         mean, size = (center + half * outputs, size) if in_box else (outputs, size / half)

@@ -9,7 +9,7 @@ from galton.deploy.actions import ACTIONS
 from galton.deploy.decision import ACTION, OBSERVATION, Decision
 from galton.deploy.graph import Graph
 from galton.deploy.policy_files import encode
-from galton.policies import POLICIES
+from galton.policies import POLICIES, GaussianHead
 
 from ..agents import agent
 
@@ -21,13 +21,18 @@ def ways(name):
     """The rules of a policy over bins; the units of one that has them; else nothing to choose."""
     if POLICIES[name].family == "histogram":
         return [{"deterministic_action": rule} for rule in RULES]
-    return [{"box_units": units} for units in (0.0, 1.0)] if hasattr(POLICIES[name], "box_units") else [{}]
+    if name == "spline":
+        return [{"deterministic_action": rule} for rule in ("mode", "mean")]
+    if issubclass(POLICIES[name], GaussianHead):
+        more = [{"tanh_mean": True, "state_dependent_std": True}] if name == "gaussian" else []
+        return [{"box_units": 0.0}, {"box_units": 1.0}, {"box_units": 1.0, "state_dependent_std": True}, *more]
+    return [{}]
 
 
 @pytest.mark.parametrize("name", POLICIES)
 def test_the_action_of_outputs_is_that_of_their_distribution(name):
     for way in ways(name):
-        size = {"n_bins": 9} if "deterministic_action" in way else {}
+        size = {"n_bins": 9} if POLICIES[name].family == "histogram" else {}
         policy = agent({"loss": "gaussian", "policy": name} | size | way, low=LOW, high=HIGH).policy
         _, params = policy.init()
         outputs = 2 * np.asarray(jax.random.normal(jax.random.key(0), (40, policy.n_outputs)))

@@ -17,7 +17,7 @@ from galton.agents import read, words_of
 from galton.cli._options import Training
 from galton.models import Model
 from galton.optimizers import Adam
-from galton.presets import CLASSIFICATION, GAUSSIAN, PAPER, PRESETS, RECOMMENDED, Preset, find_preset
+from galton.presets import CLASSIFICATION, GAUSSIAN, PAPER, PRESETS, RECOMMENDED, RN_D, Preset, find_preset
 from galton.words import vocabulary
 
 from ..envs.host.walks import Tall
@@ -49,7 +49,7 @@ def test_presets_have_an_earlier_name_too_and_an_algorithm_of_ones_own_the_usual
     for algorithm in ALGORITHMS:
         assert find_preset(RECOMMENDED, None, algorithm) == PRESETS[CLASSIFICATION][algorithm]
     assert find_preset(None, None, "reinforce") == Preset(PAPER, "hl-gauss", {})
-    with pytest.raises(UsageError, match="preset is 'best'; choose from gaussian, classification, paper"):
+    with pytest.raises(UsageError, match="preset is 'best'; choose from gaussian, classification, rn-d, paper"):
         A2C("lqr", preset="best")
 
 
@@ -97,6 +97,8 @@ def test_models_and_commands_have_the_same_presets(monkeypatch):
     monkeypatch.setattr("galton.models.model.Run", lambda *settings: None)
     every = itertools.product(PRESETS, ALGORITHMS, ("bandit", "acrobot", "Pendulum-v1"), (None, 3))
     for name, algorithm, env, n_envs in every:
+        if (name, algorithm) == (RN_D, "a2c"):
+            continue
         training = Training.of_task(env, algorithm, find_preset(name, None, algorithm), n_envs)
         model = Model(env, preset=name, algorithm=algorithm, n_envs=n_envs)
         assert words_of(read(training.words)) == model.settings
@@ -140,6 +142,27 @@ def test_what_a_page_calls_the_default_is_the_preset_but_for_the_decay(algorithm
 
 def rounded(settings):
     return {name: value if isinstance(value, str | bool) else f"{value:.3g}" for name, value in settings.items()}
+
+
+def test_rn_d_is_its_authors_settings_and_their_actor_and_critic():
+    model = PPO("lqr", preset="rn-d", n_envs=2)
+    theirs = {"n_epochs": 10, "batch_size": 16 * 1024 // 64, "learning_rate": 3e-4, "decay_steps": math.inf}
+    theirs |= {"gamma": 0.99, "gae_lambda": 0.95, "clip_range": 0.2, "clip_range_vf": 0.2, "max_grad_norm": 0.5}
+    theirs |= {"vf_coef": 0.5 * 0.5, "ent_coef": 0.0, "normalize_advantage": True, "normalize_reward": True}
+    theirs |= {"normalize_observation": True, "loss": "hl-one-hot", "n_steps": 8 * 1024}
+    assert {name: model.settings[name] for name in theirs} == theirs
+    embedding, *blocks, norm, last = model.get_parameters()["actor"]
+    width, bins = 256, model.agent.policy.bins
+    assert [block["up"]["kernel"].shape for block in blocks] == 2 * [(width, 4 * width)]
+    assert [layer["kernel"].shape for layer in (embedding, last)] == [(2, width), (width, 2 * 41)]
+    assert norm["scale"].shape == (width,)
+    np.testing.assert_allclose(last["kernel"].T @ last["kernel"], 1e-4 * np.eye(82), atol=1e-9)
+    np.testing.assert_allclose(bins.centers, np.linspace(*bins.centers[:, [0, -1]].T, 41, axis=1), rtol=1e-5)
+    np.testing.assert_array_equal(bins.centers[:, [0, -1]].T, model.agent.box)
+    critic = [layer["kernel"].shape for layer in model.get_parameters()["critic"]]
+    assert critic == [(2, 64), (64, 64), (64, 1)]
+    with pytest.raises(UsageError, match="preset is 'rn-d', which is for PPO, not 'a2c'; take PPO"):
+        A2C("lqr", preset="rn-d")
 
 
 def test_a_decay_over_all_that_is_trained_reaches_0_after_the_last_update():

@@ -67,6 +67,7 @@ def test_an_algorithm_itself_is_taken_with_its_numbers(monkeypatch):
 
 def test_an_agent_of_words_is_told_as_sb3_tells_it():
     theirs = {"net_arch": {"pi": [4], "vf": [8]}, "target_kl": None, "learning_rate": lambda left: 3e-4 * left}
+    theirs |= {"clip_range_vf": None}
     ours = {"net_arch": (4,), "critic_arch": (8,), "learning_rate": schedules.Linear(3e-4, 0.0)}
     assert make_agent(algorithm="ppo", **theirs) == make_agent(algorithm="ppo", **ours)
     with pytest.raises(UsageError, match=r"clip_range is .*; it must be a number or a schedule"):

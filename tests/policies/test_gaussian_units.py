@@ -82,6 +82,16 @@ def test_log_prob_and_entropy_follow_the_change_of_variables():
     np.testing.assert_allclose(in_box().entropy(), in_unit_box().entropy() + volume, rtol=1e-5)
 
 
+@pytest.mark.parametrize("box_units", [0.0, 1.0])
+def test_a_mean_of_tanh_stays_in_the_box_and_sigma_keeps_its_units(box_units):
+    numbers = {"box_units": box_units, "log_std_min": -0.1}
+    plain, ours = (
+        policy(tanh_mean=tanh, **numbers).distribution(OUTPUTS, {"log_std": LOG_STD}) for tanh in (False, True)
+    )
+    np.testing.assert_allclose(ours.mean, CENTER + HALF * np.tanh(OUTPUTS), rtol=1e-5, atol=1e-6)
+    np.testing.assert_array_equal(ours.std(), plain.std())
+
+
 def test_the_environments_units_do_not_depend_on_the_box():
     for other in (policy(), policy(np.full(2, -1.0), np.ones(2))):
         distribution = other.distribution(OUTPUTS, {"log_std": LOG_STD})

@@ -25,10 +25,12 @@ from jaxtyping import Array, Bool, Float, Int, Key
 from galton.algorithms import actor_critic
 from galton.algorithms.actor_critic import Objective, by_sign, flatten
 from galton.algorithms.base import CARRIED_OUT, Agent, Algorithm, Scalars
+from galton.critics import SquaredErrorCritic
 from galton.errors import require
 from galton.fields import Within
 from galton.losses import cross_entropy
 from galton.optimizers import count
+from galton.parts import unusual
 from galton.types import Count, Learner, Number, Params, Transition
 
 _OF_MOVES = 2**31 - 1
@@ -53,6 +55,8 @@ class Rows(NamedTuple):
     """The weights of a cross-entropy under that policy; None where the ratio does not need them."""
     of_negatives: Float[Array, " B"] | None = None
     """The loss under that policy of an action that is weighted negatively; None where it is the same."""
+    value: Float[Array, " B"] | None = None
+    """What the critic took each state to be worth then; None where no run of the program clips its change."""
 
 
 class PPO(Algorithm):
@@ -83,6 +87,9 @@ class PPO(Algorithm):
     a loss with a bias, plain HL-Gauss, and true for all others."""
     clip_range: Annotated[Number, Within(lambda x: x > 0, "greater than 0")] = 0.2
     """The ratio is clipped this far from 1."""
+    clip_range_vf: Annotated[Number | None, Within(lambda x: x > 0, "greater than 0, or inf for none")] = math.inf
+    """The critic's loss sees each value clipped to this far from what it was when the rollout was sampled, in the units
+    of the rewards that the critic sees. It goes with the critic 'squared-error'."""
     target_kl: Annotated[Number, Within(lambda x: x > 0, "greater than 0, or inf for none")] = math.inf
     """A rollout is left off once its approximate KL divergence from the sampling policy exceeds 1.5 of this."""
 
@@ -104,6 +111,12 @@ class PPO(Algorithm):
         require(
             not agent.credit.normalize_advantage or self.batch_size > 1,
             "normalize_advantage needs more than one step in a minibatch: raise batch_size",
+        )
+        clips = unusual(self.clip_range_vf, math.inf)
+        require(
+            not clips or isinstance(agent.critic, SquaredErrorCritic),
+            f"clip_range_vf is {clips}, but critic {agent.critic.label!r} has no one value to clip; leave it at inf "
+            "or take critic='squared-error'",
         )
         agent.entropy.check(self.batch_size, "batch_size")
 
@@ -136,7 +149,8 @@ def prepare(agent: Agent, learner: Learner, batch: Transition) -> Rows:
     target = agent.loss.target(distribution, action) if _is_smoothed(agent) else None
     loss, of_negatives = _loss(agent, distribution, action, target), agent.loss.of_negatives(distribution, action)
     log_prob = distribution.log_prob(action)
-    return Rows(observation, action, advantage, advantage + values, log_prob, loss, target, of_negatives)
+    kept = None if _of(agent).clip_range_vf is None else values
+    return Rows(observation, action, advantage, advantage + values, log_prob, loss, target, of_negatives, kept)
 
 
 def _is_smoothed(agent: Agent) -> bool:
@@ -192,6 +206,9 @@ def _minibatch(
         log_ratio = jax.lax.stop_gradient(distribution.log_prob(rows.action) - rows.log_prob)
         ratio = jnp.exp(jax.lax.stop_gradient(sampled_loss - loss) if _is_smoothed(agent) else log_ratio)
         weight = advantage * gated(ratio, advantage, algorithm.clip_range)
+        if rows.value is not None and (most := algorithm.clip_range_vf) is not None:
+            within = jnp.clip(estimates[:, 0] - rows.value, -most, most)
+            estimates = (rows.value + within)[:, None]
         critic_loss = agent.critic.loss(estimates, rows.returns)
         parts = actor_critic.objective(agent, learner, distribution, loss, weight, critic_loss, credit=advantage)
         return parts.total, (parts, ratio, log_ratio)

@@ -16,12 +16,15 @@ from galton.policies import (
     ClippedGaussianPolicy,
     DiscretisedGaussianPolicy,
     GaussianHead,
+    GaussianPolicy,
     OrdinalPolicy,
     SmoothedPolicy,
+    SplinePolicy,
     SquashedGaussianPolicy,
     TruncatedGaussianPolicy,
 )
 from galton.policies.gaussian import units_of
+from galton.policies.spline import CELLS, LOG_WEIGHT, MEANS, basis, nodes
 
 
 class Chosen(NamedTuple):
@@ -45,11 +48,19 @@ MEANINGS = {
 
 
 def gaussian(graph: Graph, outputs: str, policy: GaussianHead) -> Chosen:
-    """The mean: the outputs, or, in units of the box, its center plus the outputs times its half-width."""
-    if policy.box_units:
+    """The mean: the outputs or their tanh; in units of the box, its center plus as many half-widths."""
+    outputs = _means(graph, outputs, policy)
+    has_tanh = isinstance(policy, GaussianPolicy) and policy.tanh_mean
+    outputs = graph.add("Tanh", outputs) if has_tanh else outputs
+    if policy.box_units or has_tanh:
         scaled = graph.add("Mul", outputs, (policy.high - policy.low) / 2)
         outputs = graph.add("Add", scaled, (policy.high + policy.low) / 2)
     return Chosen(outputs, "mean", "The mean of the Gaussian, moved to the nearest point of the action box.")
+
+
+def _means(graph: Graph, outputs: str, policy: GaussianHead) -> str:
+    """The outputs without those that are log σ."""
+    return graph.add("Gather", outputs, np.arange(len(policy.low)), axis=1) if policy.state_dependent_std else outputs
 
 
 def clipped_gaussian(graph: Graph, outputs: str, policy: ClippedGaussianPolicy) -> Chosen:
@@ -66,7 +77,7 @@ def truncated_gaussian(graph: Graph, outputs: str, policy: TruncatedGaussianPoli
 
 def squashed_gaussian(graph: Graph, outputs: str, policy: SquashedGaussianPolicy) -> Chosen:
     """The median: the Gaussian's mean through tanh, in the box."""
-    scaled = graph.add("Mul", graph.add("Tanh", outputs), (policy.high - policy.low) / 2)
+    scaled = graph.add("Mul", graph.add("Tanh", _means(graph, outputs, policy)), (policy.high - policy.low) / 2)
     action = graph.add("Add", scaled, (policy.high + policy.low) / 2)
     return Chosen(action, "median", "The median: the Gaussian's mean through tanh, which maps it into the action box.")
 
@@ -137,6 +148,22 @@ def smoothed(graph: Graph, outputs: str, policy: SmoothedPolicy) -> Chosen:
     return histogram(graph, graph.add("Add", logits, first), policy)
 
 
+def spline(graph: Graph, outputs: str, policy: SplinePolicy) -> Chosen:
+    """The node where the density is largest, or the mean, from the log-density at each node."""
+    d, cell = len(policy.low), (policy.high - policy.low)[:, None] / CELLS
+    coefficients = graph.add("Reshape", outputs, np.array([0, d, policy.n_splines]))
+    logits = graph.add("MatMul", coefficients, basis(policy.n_splines).T)
+    if policy.deterministic_action == "mean":
+        shares = graph.add("Softmax", graph.add("Add", logits, LOG_WEIGHT), axis=-1)
+        weighted = graph.add("Mul", shares, policy.low[:, None] + cell * MEANS)
+        action = graph.add("ReduceSum", weighted, np.array([-1]), keepdims=0)
+        return Chosen(action, "mean", "The mean of the density.")
+    largest = graph.add("ArgMax", logits, axis=-1, keepdims=0)
+    index = graph.add("Add", largest, np.arange(d) * (CELLS + 1))
+    action = graph.add("Gather", nodes(policy.low, policy.high).ravel(), index)
+    return Chosen(action, "mode", "The point of a grid of 65 in each action dimension where the density is largest.")
+
+
 def _median(graph: Graph, logits: str) -> str:
     """The bin of each dimension where the cumulative distribution passes one half, `[batch, d]`."""
     largest = graph.add("ReduceMax", logits, axes=[-1], keepdims=1)
@@ -158,6 +185,7 @@ ACTIONS: dict[str, Callable[[Graph, str, Any], Chosen]] = {
     "squashed-gaussian": squashed_gaussian,
     "beta": beta,
     "rpo": gaussian,
+    "spline": spline,
 }
 """By the names in POLICIES: (graph, the outputs' name in it `[batch, n_outputs]`, policy). Where the policy learns
 log σ, its `log_std_init` is what was learnt."""

@@ -12,6 +12,7 @@ from galton.policies.histogram import BinnedPolicy, Histogram, HistogramPolicy
 from galton.policies.ordinal import OrdinalPolicy
 from galton.policies.rpo import RpoPolicy
 from galton.policies.smoothed import SmoothedPolicy
+from galton.policies.spline import Spline, SplinePolicy
 from galton.policies.squashed_gaussian import SquashedGaussian, SquashedGaussianPolicy
 from galton.policies.truncated_gaussian import TruncatedGaussian, TruncatedGaussianPolicy
 
@@ -27,6 +28,7 @@ POLICIES: dict[str, type[Policy]] = {
     "squashed-gaussian": SquashedGaussianPolicy,
     "beta": BetaPolicy,
     "rpo": RpoPolicy,
+    "spline": SplinePolicy,
 }
 
 __all__ = [
@@ -51,6 +53,8 @@ __all__ = [
     "Policy",
     "RpoPolicy",
     "SmoothedPolicy",
+    "Spline",
+    "SplinePolicy",
     "SquashedGaussian",
     "SquashedGaussianPolicy",
     "TruncatedGaussian",

@@ -96,6 +96,6 @@ class ClippedGaussianPolicy(GaussianHead):
 
     label: ClassVar[str] = "clipped Gaussian"
 
-    def distribution(self, outputs: Float[Array, "*batch d"], params: Params) -> ClippedGaussian:
+    def distribution(self, outputs: Float[Array, "*batch n_outputs"], params: Params) -> ClippedGaussian:
         """The Gaussian of these outputs, clipped into the box."""
         return ClippedGaussian(self.gaussian(outputs, params))

@@ -33,20 +33,20 @@ class Gaussian:
     """N(mean, diag σ²), unbounded: the environment clips what leaves the box [low, high]."""
 
     mean: Float[Array, "*batch d"]
-    log_std: Float[Array, " d"]
-    """log σ in units of `unit`."""
+    log_std: Float[Array, "*states d"]
+    """log σ in units of `unit`; without further axes it is the same in every state."""
     low: Float[np.ndarray, " d"]
     high: Float[np.ndarray, " d"]
     unit: Float[Array, " d"] | float = 1.0
     """What σ is a multiple of. It is no part of log_std, so that a box twice as large changes no bit but exponents."""
 
     @property
-    def sigma(self) -> Float[Array, " d"]:
+    def sigma(self) -> Float[Array, "*states d"]:
         """σ in the environment's units."""
         return jnp.exp(self.log_std) * self.unit
 
     @property
-    def log_sigma(self) -> Float[Array, " d"]:
+    def log_sigma(self) -> Float[Array, "*states d"]:
         """The logarithm of σ in the environment's units."""
         return self.log_std + jnp.log(self.unit)
 
@@ -69,7 +69,7 @@ class Gaussian:
         return jnp.broadcast_to(entropy, self.mean.shape[:-1])
 
     def std(self) -> Float[Array, "*batch d"]:
-        """The same σ in every state."""
+        """σ in each state."""
         return jnp.broadcast_to(self.sigma, self.mean.shape)
 
     def at_edge(self, action: Float[Array, "*batch d"]) -> Bool[Array, "*batch d"]:
@@ -84,7 +84,8 @@ class Gaussian:
 class GaussianHead(Policy):
     """What policies have in common that a Gaussian is behind, before each makes its own distribution of it.
 
-    The network gives the mean; log σ is a parameter of its own, the same in every state. Mean and σ are in the
+    The network gives the mean; log σ is a parameter of its own, the same in every state, or with state_dependent_std
+    another d of the network's outputs, after the means. Mean and σ are in the
     environment's units, or, where box_units is 1, in half-widths of the action box around its center: what the same
     numbers then mean does not depend on the scale of the box.
     """
@@ -95,15 +96,20 @@ class GaussianHead(Policy):
     """A floor under log σ; −inf is none."""
     box_units: Units = 0.0
     """1: mean and σ are in half-widths of the action box around its center; 0: in the environment's own units."""
+    state_dependent_std: bool = False
+    """The network gives log σ too, which then depends on the state as the mean does. It starts near log_std_init, and
+    has the floor log_std_min and no upper bound."""
 
     @property
     def n_outputs(self) -> int:
-        """One mean per action dimension."""
-        return len(self._box.low)
+        """One mean per action dimension, and one log σ where it depends on the state."""
+        return len(self._box.low) * (1 + self.state_dependent_std)
 
-    def init(self) -> tuple[Float[Array, " d"], Params]:
+    def init(self) -> tuple[Float[Array, " n_outputs"], Params]:
         """Mean 0 and σ = exp(log_std_init), in the policy's units."""
-        zeros = jnp.zeros(self.n_outputs)
+        zeros = jnp.zeros(len(self._box.low))
+        if self.state_dependent_std:
+            return jnp.concatenate([zeros, zeros + self.log_std_init]), {}
         return zeros, {"log_std": zeros + self.log_std_init}
 
     @property
@@ -113,14 +119,21 @@ class GaussianHead(Policy):
 
     def noise(self, key: Key[Array, ""], shape: tuple[int, ...]) -> Float[Array, "*batch d"]:
         """Standard normal numbers, one per action dimension."""
-        return jax.random.normal(key, (*shape, self.n_outputs))
+        return jax.random.normal(key, (*shape, len(self._box.low)))
 
-    def gaussian(self, outputs: Float[Array, "*batch d"], params: Params) -> Gaussian:
-        """N(c + h · outputs, diag (h σ)²) with log σ = max(log_std, log_std_min).
+    def mean_and_log_std(
+        self, outputs: Float[Array, "*batch n_outputs"], params: Params
+    ) -> tuple[Float[Array, "*batch d"], Float[Array, "*states d"]]:
+        """The outputs that are means, and log σ = max(log_std, log_std_min)."""
+        mean, log_std = jnp.split(outputs, 2, -1) if self.state_dependent_std else (outputs, params["log_std"])
+        return mean, jnp.maximum(log_std, self.log_std_min)
+
+    def gaussian(self, outputs: Float[Array, "*batch n_outputs"], params: Params) -> Gaussian:
+        """N(c + h · outputs, diag (h σ)²), where the outputs are those of the means.
 
         c and h are 0 and 1 in the environment's units, the box's center and half-width in the box's.
         """
-        log_std = jnp.maximum(params["log_std"], self.log_std_min)
+        outputs, log_std = self.mean_and_log_std(outputs, params)
         shift, scale = units_of(self, self.box_units)
         if isinstance(scale, float):
             return Gaussian(outputs, log_std, self.low, self.high)
@@ -132,6 +145,14 @@ class GaussianPolicy(GaussianHead):
 
     label: ClassVar[str] = "Gaussian"
 
-    def distribution(self, outputs: Float[Array, "*batch d"], params: Params) -> Gaussian:
-        """The Gaussian of these outputs, as wide as the parameters say."""
-        return self.gaussian(outputs, params)
+    tanh_mean: bool = False
+    """The mean is the box's center plus its half-width times tanh of the output, so that it never leaves the box. σ and
+    its units stay as they are; the squashed Gaussian has the tanh after the noise."""
+
+    def distribution(self, outputs: Float[Array, "*batch n_outputs"], params: Params) -> Gaussian:
+        """The Gaussian of these outputs, as wide as they or the parameters say."""
+        gaussian = self.gaussian(outputs, params)
+        if not self.tanh_mean:
+            return gaussian
+        share = jnp.tanh(self.mean_and_log_std(outputs, params)[0])
+        return dataclasses.replace(gaussian, mean=(self.high + self.low) / 2 + (self.high - self.low) / 2 * share)

@@ -5,11 +5,11 @@ from typing import ClassVar
 import jax
 from jaxtyping import Array, Float, Key
 
-from galton.policies.gaussian import GaussianPolicy
-from galton.types import NotNegative
+from galton.policies.gaussian import Gaussian, GaussianHead
+from galton.types import NotNegative, Params
 
 
-class RpoPolicy(GaussianPolicy):
+class RpoPolicy(GaussianHead):
     """The Gaussian policy, but that each look of an update adds U(−α, α) to every mean, with α = rpo_alpha.
 
     The draws are new for each action, dimension, minibatch and epoch. They are in the mean's own units: the
@@ -21,6 +21,11 @@ class RpoPolicy(GaussianPolicy):
     rpo_alpha: NotNegative = 0.5
     """How far an update moves the mean up or down at most, in the mean's own units."""
 
+    def distribution(self, outputs: Float[Array, "*batch n_outputs"], params: Params) -> Gaussian:
+        """The Gaussian policy's distribution."""
+        return self.gaussian(outputs, params)
+
     def moved(self, outputs: Float[Array, "*batch d"], key: Key[Array, ""]) -> Float[Array, "*batch d"]:
-        """The means plus a draw from U(−α, α) for each."""
-        return outputs + self.rpo_alpha * jax.random.uniform(key, outputs.shape, outputs.dtype, -1.0, 1.0)
+        """The means plus a draw from U(−α, α) for each; outputs that are log σ stay."""
+        moves = self.rpo_alpha * jax.random.uniform(key, outputs.shape, outputs.dtype, -1.0, 1.0)
+        return outputs + (moves.at[..., len(self._box.low) :].set(0.0) if self.state_dependent_std else moves)

@@ -29,7 +29,7 @@ class SquashedGaussian:
 
     mean: Float[Array, "*batch d"]
     """The mean of u, before the tanh."""
-    log_std: Float[Array, " d"]
+    log_std: Float[Array, "*states d"]
     """The logarithm of u's standard deviation."""
     low: Float[np.ndarray, " d"]
     high: Float[np.ndarray, " d"]
@@ -80,7 +80,7 @@ class SquashedGaussian:
         return jnp.clip(self._center() + self._half() * jnp.tanh(u), self.low, self.high)
 
     def _nodes(self) -> Float[Array, "*batch d n"]:
-        return self.mean[..., None] + jnp.exp(self.log_std)[:, None] * _Z.astype(self.mean.dtype)
+        return self.mean[..., None] + jnp.exp(self.log_std)[..., None] * _Z.astype(self.mean.dtype)
 
     def _center(self) -> Float[np.ndarray, " d"]:
         return (self.high + self.low) / 2
@@ -107,6 +107,6 @@ class SquashedGaussianPolicy(GaussianHead):
 
     label: ClassVar[str] = "squashed Gaussian"
 
-    def distribution(self, outputs: Float[Array, "*batch d"], params: Params) -> SquashedGaussian:
+    def distribution(self, outputs: Float[Array, "*batch n_outputs"], params: Params) -> SquashedGaussian:
         """The tanh of N(outputs, diag σ²) with log σ = max(log_std, log_std_min)."""
-        return SquashedGaussian(outputs, jnp.maximum(params["log_std"], self.log_std_min), self.low, self.high)
+        return SquashedGaussian(*self.mean_and_log_std(outputs, params), self.low, self.high)

@@ -67,7 +67,7 @@ class TruncatedGaussian:
         """The mode: the Gaussian's mean, or the bound that is nearest to it."""
         return self.gaussian.deterministic_action()
 
-    def _parts(self) -> tuple[Gaussian, Float[Array, " d"], Inside]:
+    def _parts(self) -> tuple[Gaussian, Float[Array, "*states d"], Inside]:
         gaussian, std = self.gaussian, self.gaussian.sigma
         return gaussian, std, inside(gaussian.mean, std, gaussian.low, gaussian.high)
 
@@ -84,8 +84,8 @@ class TruncatedGaussianPolicy(GaussianHead):
 
     def noise(self, key: Key[Array, ""], shape: tuple[int, ...]) -> Float[Array, "*batch d"]:
         """Uniform numbers, one per action dimension."""
-        return jax.random.uniform(key, (*shape, self.n_outputs))
+        return jax.random.uniform(key, (*shape, len(self._box.low)))
 
-    def distribution(self, outputs: Float[Array, "*batch d"], params: Params) -> TruncatedGaussian:
+    def distribution(self, outputs: Float[Array, "*batch n_outputs"], params: Params) -> TruncatedGaussian:
         """The Gaussian, cut off."""
         return TruncatedGaussian(self.gaussian(outputs, params))
