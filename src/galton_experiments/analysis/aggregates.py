@@ -88,6 +88,11 @@ def best_of(chosen_by: Float[np.ndarray, " N"], worth: Float[np.ndarray, " N"]) 
             flatters; given other runs' scores of the same draws it doesn't.
     """
     n = len(chosen_by)
-    order = np.lexsort((-np.arange(n), chosen_by))  # the last is chosen wherever it is in the subset
-    chances = [[math.comb(rank, size - 1) / math.comb(n, size) for rank in range(n)] for size in range(1, n + 1)]
-    return np.asarray(np.array(chances) @ worth[order])
+    order = np.lexsort((-np.arange(n), chosen_by))[::-1]  # the first is chosen wherever it is in the subset
+    return np.asarray(chances_of_best(n) @ worth[order])
+
+
+def chances_of_best(n: int) -> Float[np.ndarray, "N N"]:
+    """The chance that each of N draws, in order from the best, is the best of a subset of n = 1 … N of them."""
+    chances = [[math.comb(n - 1 - rank, size - 1) for rank in range(n)] for size in range(1, n + 1)]
+    return np.array([[chance / sum(row) for chance in row] for row in chances])

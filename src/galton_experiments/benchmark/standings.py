@@ -79,7 +79,7 @@ def standings(protocol: Protocol, runs: Sequence[Runs]) -> Standings:
     roles: tuple[Role, ...] = ("shared",) if runs[0].stage == "held-out" else ("shared", "per-task")
     finals = {curve: _finals(runs, methods, roles, curve) for curve in CURVES}
     judged, training = (normalised(finals[curve]) for curve in CURVES)
-    filled = {curve: {task: _filled(of_task) for task, of_task in finals[curve].items()} for curve in CURVES}
+    filled = {curve: {task: filled(of_task) for task, of_task in finals[curve].items()} for curve in CURVES}
     return Standings(
         tasks=tuple(judged),
         scores={m: {role: _score(judged, training, m, i) for i, role in enumerate(roles)} for m in methods},
@@ -124,7 +124,7 @@ def _finals(
     }
 
 
-def _filled(of_method: Mapping[str, Float[np.ndarray, "roles trials"]]) -> dict[str, Float[np.ndarray, "roles trials"]]:
+def filled(of_method: Mapping[str, Float[np.ndarray, "roles trials"]]) -> dict[str, Float[np.ndarray, "roles trials"]]:
     """The returns on one task, those of diverged runs as the worst that any run had."""
     known = np.concatenate([runs[~np.isnan(runs)] for runs in of_method.values()])
     worst = known.min() if known.size else np.nan
