@@ -11,7 +11,7 @@ from galton_experiments.analysis.statistics import Interval
 from galton_experiments.benchmark import figures, tables
 from galton_experiments.benchmark.found import Found
 from galton_experiments.benchmark.protocol import Method
-from galton_experiments.benchmark.standings import filled
+from galton_experiments.benchmark.standings import with_worst
 from galton_experiments.page.page import Section, Table
 
 _FEWEST = 5
@@ -202,4 +202,4 @@ def _at(interval: Interval, *place: int) -> Interval:
 def _returns(found: Found, task: int) -> dict[str, np.ndarray]:
     """The mean return of each draw on a task, by method."""
     finals = {method.name: found.tuning[task].finals(method.name, "draw") for method in found.protocol.methods}
-    return {name: runs.mean(1) for name, runs in filled(finals).items()}
+    return {name: runs.mean(1) for name, runs in with_worst(finals).items()}

@@ -184,7 +184,6 @@ def check(protocol: Protocol) -> None:
         )
         free = any(field not in method.fixed for method in protocol.methods)
         require(free, f"prior.{field} is drawn for no method, since all of them fix it; take it out")
-    _check_anchors(protocol)
     if protocol.design == "factorial":
         _check_factorial(protocol)
     for method in protocol.methods:
@@ -211,6 +210,7 @@ def check(protocol: Protocol) -> None:
             raise UsageError(f"{where}.search has {field}, which its loss and policy have no use for; take it out")
         some = bool(protocol.searched(method)) or protocol.budget.settings == 1
         require(some, f"{where} searches nothing, so its draws would all be alike; add to prior, or to {where}.search")
+    _check_anchors(protocol)
 
 
 def _check_anchors(protocol: Protocol) -> None:
@@ -271,9 +271,11 @@ def _check_task(protocol: Protocol, task: Task) -> None:
         require(n <= MOST_STEPS, f"{where} has {n:,} steps; a run may have {MOST_STEPS:,} at most")
     for field in sorted({*task.scale} - {*protocol.prior}):
         raise UsageError(f"{where}.scale has {field}, which prior does not draw; draw it there, or take it out")
-    anchored = {field for fields in protocol.anchors.values() for field in fields}
-    for field in sorted({"algorithm", "loss", "policy", *protocol.prior, *anchored} & {*task.fixed}):
-        raise UsageError(f"{where}.fixed has {field}, which is the methods', the prior's or an anchor's; take it out")
+    for field in sorted({"algorithm", "loss", "policy", *protocol.prior} & {*task.fixed}):
+        raise UsageError(f"{where}.fixed has {field}, which is the methods' or the prior's; take it out")
+    for anchor, fields in protocol.anchors.items():
+        for field in sorted({*fields} & {*task.fixed}):
+            raise UsageError(f"{where}.fixed has {field}, and so has anchors.{anchor}; leave it in one of them")
     for method in protocol.methods:
         for field in sorted({*task.fixed} & {*method.fixed, *method.search}):
             raise UsageError(f"{where}.fixed has {field}, and so has methods.{method.name}; leave it in one of them")
