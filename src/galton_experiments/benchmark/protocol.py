@@ -218,6 +218,9 @@ def _check_anchors(protocol: Protocol) -> None:
     n, most = len(protocol.anchors), protocol.budget.settings
     require(n < most or not n, f"budget.settings is {most}, and anchors are {n} of them; draw one or more beside them")
     for method in protocol.methods:
+        for name, fields in (*protocol.anchors.items(), *method.anchors.items()):
+            for field in sorted({"algorithm", "loss", "policy"} & {*fields}):
+                raise UsageError(f"anchors.{name} has {field}, which is the methods'; take it out")
         where, searched = f"methods.{method.name}", protocol.searched(method)
         for name, own in method.anchors.items():
             require(name in protocol.anchors, f"{where}.anchors has {name}, which is no table of anchors; add it there")

@@ -122,6 +122,7 @@ WRONG += [
         {"anchors": {"usual": {"n_envs": 3}}},
         "tasks.noisy.fixed has n_envs, and so has anchors.usual",
     ),
+    ({"anchors": {"usual": {"loss": "gaussian"}}}, "anchors.usual has loss, which is the methods'"),
     ({"methods__bins__time": 1.5}, 'methods.bins has time, which goes with design = "factorial"'),
     ({"methods__bins__time": -1}, "methods.bins.time is -1; it must be a finite number above 0"),
     (FACTORIAL | {"methods__gaussian__time": 1.5}, "methods.gaussian has time, but is the baseline"),
