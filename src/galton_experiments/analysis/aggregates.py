@@ -71,7 +71,7 @@ def improvement(
     total = np.zeros(n_resamples)
     again = _drawn_again(tuple(pairs.shape for pairs in above), n_resamples, seed, paired)
     for pairs, (rows, columns) in zip(above, again, strict=True):
-        total += ((rows @ pairs) * columns).sum(1) / pairs.size
+        total += ((pairs.T @ rows) * columns).sum(0) / pairs.size
         if paired:  # of a run that is drawn twice each copy meets the other's pair, which moves the mean by as much
             total -= (np.diagonal(pairs).mean() - pairs.mean()) / len(pairs)
     low, high = np.quantile(np.clip(total / len(above), 0, 1), (0.025, 0.975))
@@ -105,12 +105,12 @@ class ByTask(Interval):
 @functools.lru_cache(maxsize=2)  # each two methods of a stage have the same
 def _drawn_again(
     shapes: tuple[tuple[int, ...], ...], n_resamples: int, seed: int, paired: bool
-) -> list[tuple[Float[np.ndarray, "B n"], Float[np.ndarray, "B m"]]]:
+) -> list[tuple[Float[np.ndarray, "n B"], Float[np.ndarray, "m B"]]]:
     """How often each run of both sides is drawn again, task by task."""
     rng, found = np.random.default_rng(seed), []
     for n, m in shapes:
-        rows = times_drawn(rng, n, n_resamples).astype(float)
-        found.append((rows, rows if paired else times_drawn(rng, m, n_resamples).astype(float)))
+        rows = times_drawn(rng, n, n_resamples).T.astype(float, order="C")
+        found.append((rows, rows if paired else times_drawn(rng, m, n_resamples).T.astype(float, order="C")))
     return found
 
 
