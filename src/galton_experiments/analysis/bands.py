@@ -7,6 +7,9 @@ from jaxtyping import Float, Int, Real, Shaped
 
 from galton_experiments.analysis.statistics import Interval
 
+RESAMPLES = 20_000
+"""How often runs are drawn again for a number that is printed."""
+
 
 def mean_band(strata: Sequence[Shaped[np.ndarray, "_ *rest"]], n_resamples: int = 500, seed: int = 0) -> Interval:
     """The mean of the strata's means, and the percentiles of that mean when runs are drawn again within each stratum.

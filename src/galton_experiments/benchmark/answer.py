@@ -7,6 +7,7 @@ from scipy import stats
 
 from galton_experiments.analysis.statistics import ALPHA, least_p
 from galton_experiments.analysis.verdicts import mark
+from galton_experiments.benchmark import factorial_page
 from galton_experiments.benchmark.found import Found
 from galton_experiments.benchmark.stages import Stage
 from galton_experiments.benchmark.tables import STAGES
@@ -22,6 +23,8 @@ def sentences(found: Found) -> list[str]:
     ones. Those compare it with the baseline, for seeds that have chosen it flatter it; they do so where none are held
     out, and then it is said.
     """
+    if found.protocol.design == "factorial":
+        return factorial_page.sentences(found)
     base = found.protocol.baseline
     labels = {method.name: method.label for method in found.protocol.methods}
     if not found.standings:

@@ -26,17 +26,18 @@ Draws = dict[str, list[Fields]]
 def draws(protocol: Protocol) -> Draws:
     """What every method draws: the same quantiles of the common fields for all, and as many draws for each.
 
+    The first draws are the file's anchors. What an anchor does not name is fixed, or has its usual value.
     The order of fields and methods in the file has no part in it, and no method in another's draws. Methods whose own
     fields have the same names have the same quantiles of these too.
     """
-    n, common = protocol.budget.settings, _common(protocol)
+    n, common = _n_random(protocol), _common(protocol)
     found: Draws = {}
     for method in protocol.methods:
         quantiles = common | _own(protocol, method, common)
         searched = protocol.searched(method)
         found[method.name] = [
-            {name: searched[name].at(float(quantiles[name][i])) for name in sorted(searched)} for i in range(n)
-        ]
+            {name: fields[name].values[0] for name in sorted(fields)} for fields in protocol.anchored(method)
+        ] + [{name: searched[name].at(float(quantiles[name][i])) for name in sorted(searched)} for i in range(n)]
     return found
 
 
@@ -61,13 +62,18 @@ def setting(protocol: Protocol, method: Method, drawn: Fields, task: Task, fresh
         raise UsageError(f"methods.{method.name} on tasks.{task.name}: {error}") from None
 
 
+def _n_random(protocol: Protocol) -> int:
+    """How many draws of each method are no anchors."""
+    return protocol.budget.settings - len(protocol.anchors)
+
+
 def _common(protocol: Protocol) -> Quantiles:
     """Those of the common fields, from one hypercube."""
     columns = sorted(protocol.prior)
     if not columns:
         return {}
     return dict(
-        zip(columns, _spread(_seed(protocol, "prior", columns), len(columns), protocol.budget.settings), strict=True)
+        zip(columns, _spread(_seed(protocol, "prior", columns), len(columns), _n_random(protocol)), strict=True)
     )
 
 
@@ -88,8 +94,9 @@ def _own(protocol: Protocol, method: Method, common: Quantiles) -> Quantiles:
         return {}
     rng = np.random.default_rng(_seed(protocol, "search", columns))
     cube = qmc.LatinHypercube(len(columns), seed=rng)
-    beside = np.array([*common.values()]).reshape(len(common), protocol.budget.settings)
-    candidates = [np.asarray(cube.random(protocol.budget.settings).T) for _ in range(CANDIDATES)]
+    n = _n_random(protocol)
+    beside = np.array([*common.values()]).reshape(len(common), n)
+    candidates = [np.asarray(cube.random(n).T) for _ in range(CANDIDATES)]
     found = candidates[int(np.argmin([_correlation(own, beside) for own in candidates]))]
     return dict(zip(columns, found, strict=True))
 
@@ -108,4 +115,5 @@ def _seed(protocol: Protocol, table: str, columns: Collection[str]) -> tuple[int
 
 def _times(priors: Priors, values: Fields, steps: int) -> Fields:
     """The values, those that count in lengths of a run in environment steps."""
-    return {name: value * steps if priors[name].in_steps else value for name, value in values.items()}
+    counted = {name for name, prior in priors.items() if prior.in_steps}
+    return {name: value * steps if name in counted else value for name, value in values.items()}

@@ -54,7 +54,7 @@ def best_of(found: Found) -> Figure:
     kinds = kinds if found.protocol.budget.settings > 1 else {}
     figure, axes = panels(len(kinds), height=3.1, width=3.9)
     for panel, (kind, title) in zip(axes, kinds.items(), strict=True):
-        for method, shade in zip(leading(found), _colors(found), strict=True):
+        for method, shade in zip(leading(found), colors(found), strict=True):
             got = getattr(found.best_of[method.name], kind)
             draw_series(panel, np.arange(1, len(got) + 1), Interval(got, got, got), method.label, shade, "-", "o")
         panel.set_title(title, fontsize=10)
@@ -71,7 +71,7 @@ def curves(found: Found) -> Figure:
     figure, axes = panels(len(stages), columns=3)
     for panel, runs in zip(axes, stages, strict=True):
         drawn, last = [], 0.0
-        for method, shade in zip(leading(found), _colors(found), strict=True):
+        for method, shade in zip(leading(found), colors(found), strict=True):
             steps, of_runs = runs.curves(method.name, "shared")
             last = max(last, float(steps[-1]))
             drawn.append(mean_interval(of_runs))
@@ -85,7 +85,7 @@ def curves(found: Found) -> Figure:
     return figure
 
 
-def _colors(found: Found) -> list[str]:
+def colors(found: Found) -> list[str]:
     """The colours of the leading methods."""
     fixed = [{**found.protocol.fixed, **method.fixed}.get("loss") for method in leading(found)]
     return colors_of([str(CHOICES["loss"].usual if loss is None else loss.values[0]) for loss in fixed])

@@ -116,7 +116,9 @@ def train(
     runs = stage(tuning(protocol, drawn))
     if runs is None:
         return False
-    found, told = Found(protocol, drawn, runs), None
+    known = made(store)
+    speeds = {each.task: known[each.part.name]["steps_per_second"] for each in runs if each.part.name in known}
+    found, told = Found(protocol, drawn, runs, speeds=speeds), None
     parts: dict[Stage, list[Part]] = {}
     for part in afterwards(protocol, drawn, found.selected):
         parts.setdefault(part.stage, []).append(part)

@@ -9,6 +9,7 @@ import numpy as np
 
 from galton_experiments.analysis.plain import plain
 from galton_experiments.benchmark.draws import Draws
+from galton_experiments.benchmark.factorial import Answers, answers
 from galton_experiments.benchmark.protocol import Protocol
 from galton_experiments.benchmark.runs import Runs
 from galton_experiments.benchmark.selection import BestOf, Selected, best_of_draws, normalised, select
@@ -26,6 +27,8 @@ class Found:
     """The runs of the first stage, one for each task."""
     later: Mapping[Stage, Sequence[Runs]] = dataclasses.field(default_factory=dict)
     """Those of the later stages that are done, by stage."""
+    speeds: Mapping[str, Mapping[str, float]] = dataclasses.field(default_factory=dict)
+    """Steps a second of the first stage, by task and method, as far as the folder knows them."""
 
     @property
     def runs(self) -> dict[Stage, Sequence[Runs]]:
@@ -53,16 +56,25 @@ class Found:
         """What the later stages found."""
         return {stage: standings(self.protocol, runs) for stage, runs in self.later.items()}
 
+    @functools.cached_property
+    def factorial(self) -> Answers:
+        """What the runs of a factorial design say."""
+        return answers(self.protocol, self.tuning, self.scores, self.speeds)
+
     def record(self) -> dict[str, Any]:
         """All numbers, for JSON; what is not known is null."""
         methods = self.protocol.methods
+        by_design: dict[str, Any] = (
+            {"factorial": self.factorial}
+            if self.protocol.design == "factorial"
+            else {"selected": self.selected, "best_of": self.best_of}
+        )
         parts = {
             "benchmark": self.protocol.digest,
             "title": self.protocol.title,
             "file": self.protocol.record,
             "draws": self.draws,
-            "selected": self.selected,
-            "best_of": self.best_of,
+            **by_design,
             "scores_of_draws": {
                 task: {method: runs.mean(1) for method, runs in of_method.items()}
                 for task, of_method in self.scores.items()

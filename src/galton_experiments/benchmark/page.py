@@ -6,7 +6,7 @@ from matplotlib.figure import Figure
 
 from galton_experiments.analysis.plots import settle
 from galton_experiments.analysis.scales import AXES
-from galton_experiments.benchmark import tables
+from galton_experiments.benchmark import factorial_page, tables
 from galton_experiments.benchmark.answer import sentences
 from galton_experiments.benchmark.figures import FIGURES, few
 from galton_experiments.benchmark.found import Found
@@ -40,7 +40,8 @@ _BEST_OF = (
 
 def figures(found: Found) -> dict[str, Figure]:
     """Every figure for which enough was trained."""
-    drawn = {name: draw(found) for name, draw in FIGURES.items()}
+    known = factorial_page.FIGURES if found.protocol.design == "factorial" else FIGURES
+    drawn = {name: draw(found) for name, draw in known.items()}
     drawn = {name: figure for name, figure in drawn.items() if figure.axes}
     for figure in drawn.values():
         settle(figure)
@@ -49,6 +50,17 @@ def figures(found: Found) -> dict[str, Figure]:
 
 def page(found: Found, drawn: Mapping[str, Figure]) -> str:
     """The whole page as HTML, the same for the same runs."""
+    in_stages = found.protocol.design == "stages"
+    sections = (_of_stages if in_stages else factorial_page.sections)(found, drawn)
+    sections += [
+        Section("budget", "What each method was given", "", None, tables.budget(found)),
+        Section("prior", "What was searched", "", None, tables.prior(found), (_file(found),)),
+    ]
+    return render(found.protocol.title, (), (), sections, Answer(sentences(found)))
+
+
+def _of_stages(found: Found, drawn: Mapping[str, Figure]) -> list[Section]:
+    """The sections of what the stages found."""
     sections: list[Section] = []
     for stage, title in tables.STAGES.items():
         if stage in found.standings:
@@ -81,12 +93,7 @@ def page(found: Found, drawn: Mapping[str, Figure]) -> str:
     if "best-of-n" in drawn:
         caption = _BEST_OF + few(found)
         sections.append(Section("best-of-n", "What tuning brings", caption, drawn["best-of-n"], tables.best_of(found)))
-    sections += [
-        Section("selected", "What was selected", "", None, tables.settings(found)),
-        Section("budget", "What each method was given", "", None, tables.budget(found)),
-        Section("prior", "What was searched", "", None, tables.prior(found), (_file(found),)),
-    ]
-    return render(found.protocol.title, (), (), sections, Answer(sentences(found)))
+    return [*sections, Section("selected", "What was selected", "", None, tables.settings(found))]
 
 
 def _file(found: Found) -> str:

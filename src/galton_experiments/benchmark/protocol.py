@@ -65,6 +65,10 @@ class Method:
     """Fields with the same value in all of its draws."""
     search: Priors
     """Fields that it alone draws, beside those that all methods draw."""
+    anchors: Mapping[str, Priors]
+    """What it has of its own in an anchor, by the anchor's name."""
+    time: float | None
+    """How long one of its steps takes in times of the baseline's; None is as long as its runs took."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -100,6 +104,8 @@ class Protocol:
     title: str
     seed: int
     """Of the draws and of all runs: fresh seeds are drawn from it too, and are others."""
+    design: Literal["stages", "factorial"]
+    """Whether what was selected is trained again, or judged by other seeds and tasks of the same runs."""
     baseline: Method
     """The method that all others are compared with."""
     imports: tuple[str, ...]
@@ -110,6 +116,8 @@ class Protocol:
     """Fields with the same value for all methods, unless a method or a task says otherwise."""
     prior: Priors
     """What all methods draw, and draw alike."""
+    anchors: Mapping[str, Priors]
+    """Settings that all methods have as their first draws, by name."""
     methods: tuple[Method, ...]
     tasks: tuple[Task, ...]
 
@@ -140,6 +148,15 @@ class Protocol:
         others = {*method.fixed, *self.idle(method), *idle({"algorithm": self.algorithm(method)}, ["algorithm"])}
         return {name: prior for name, prior in self.prior.items() if name not in others} | dict(method.search)
 
+    def anchored(self, method: Method) -> list[dict[str, Prior]]:
+        """What a method's first draws are: of each anchor what it has a use for and doesn't fix, and its own."""
+        others = {*method.fixed, *self.idle(method), *idle({"algorithm": self.algorithm(method)}, ["algorithm"])}
+        return [
+            {field: prior for field, prior in common.items() if field not in others}
+            | dict(method.anchors.get(name, {}))
+            for name, common in self.anchors.items()
+        ]
+
     def idle(self, method: Method) -> Collection[str]:
         """The fields that a method's loss and policy have no use for; none where it draws one of the two."""
         if {"loss", "policy"} & {*self.prior, *method.search}:
@@ -167,6 +184,11 @@ def check(protocol: Protocol) -> None:
         )
         free = any(field not in method.fixed for method in protocol.methods)
         require(free, f"prior.{field} is drawn for no method, since all of them fix it; take it out")
+    if protocol.design == "factorial":
+        _check_factorial(protocol)
+    for method in protocol.methods:
+        timed = method.time is not None and protocol.design == "stages"
+        require(not timed, f'methods.{method.name} has time, which goes with design = "factorial"; take it out')
     for task in protocol.tasks:
         _check_task(protocol, task)
         for other in protocol.tuning if task.held_out else ():
@@ -188,6 +210,51 @@ def check(protocol: Protocol) -> None:
             raise UsageError(f"{where}.search has {field}, which its loss and policy have no use for; take it out")
         some = bool(protocol.searched(method)) or protocol.budget.settings == 1
         require(some, f"{where} searches nothing, so its draws would all be alike; add to prior, or to {where}.search")
+    _check_anchors(protocol)
+
+
+def _check_anchors(protocol: Protocol) -> None:
+    """Raise UsageError for anchors that no method can have as a draw."""
+    n, most = len(protocol.anchors), protocol.budget.settings
+    require(n < most or not n, f"budget.settings is {most}, and anchors are {n} of them; draw one or more beside them")
+    for method in protocol.methods:
+        for name, fields in (*protocol.anchors.items(), *method.anchors.items()):
+            for field in sorted({"algorithm", "loss", "policy"} & {*fields}):
+                raise UsageError(f"anchors.{name} has {field}, which is the methods'; take it out")
+        where, searched = f"methods.{method.name}", protocol.searched(method)
+        for name, own in method.anchors.items():
+            require(name in protocol.anchors, f"{where}.anchors has {name}, which is no table of anchors; add it there")
+            for field in sorted({*own} & {*method.fixed}):
+                raise UsageError(
+                    f"{where}.anchors.{name} has {field}, and so has {where}.fixed; leave it in one of them"
+                )
+        for name, given in zip(protocol.anchors, protocol.anchored(method), strict=True):
+            for field, value in given.items():
+                in_steps = field in searched and searched[field].in_steps
+                as_drawn = 'as it is drawn, with times = "steps"' if in_steps else "without times"
+                right = value.in_steps == in_steps
+                require(right, f"anchors.{name}.{field} is not counted as the prior's values are; write it {as_drawn}")
+
+
+def _check_factorial(protocol: Protocol) -> None:
+    """Raise UsageError for what a factorial design can't do."""
+    told = "a factorial design selects and judges by the same runs"
+    for task in protocol.held_out:
+        raise UsageError(
+            f"tasks.{task.name} is held out, but {told}, and leaves each task out once; take held_out away"
+        )
+    for name in ("fresh_seeds", "fresh_steps"):
+        for where, table in (("budget", "budget"), *((f"tasks.{task.name}", task.name) for task in protocol.tasks)):
+            record = protocol.record.get("budget", {}) if table == "budget" else protocol.record["tasks"][table]
+            require(name not in record, f"{where} has {name}, but {told}; take it out")
+    require(len(protocol.tasks) > 1, f"tasks has one, but {told}, and leaves each task out once; add another")
+    n = protocol.budget.seeds
+    require(
+        n > 1, f"budget.seeds is {n}, but {told}: one half of the seeds judges what the other selects; give 2 or more"
+    )
+    require(
+        protocol.baseline.time is None, f"methods.{protocol.baseline.name} has time, but is the baseline; take it out"
+    )
 
 
 def _asks(task: Task) -> tuple[object, ...]:
@@ -209,6 +276,9 @@ def _check_task(protocol: Protocol, task: Task) -> None:
         raise UsageError(f"{where}.scale has {field}, which prior does not draw; draw it there, or take it out")
     for field in sorted({"algorithm", "loss", "policy", *protocol.prior} & {*task.fixed}):
         raise UsageError(f"{where}.fixed has {field}, which is the methods' or the prior's; take it out")
+    for anchor, fields in protocol.anchors.items():
+        for field in sorted({*fields} & {*task.fixed}):
+            raise UsageError(f"{where}.fixed has {field}, and so has anchors.{anchor}; leave it in one of them")
     for method in protocol.methods:
         for field in sorted({*task.fixed} & {*method.fixed, *method.search}):
             raise UsageError(f"{where}.fixed has {field}, and so has methods.{method.name}; leave it in one of them")

@@ -7,18 +7,18 @@ import re
 import tomllib
 from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Literal, TypeVar
 
 from galton.errors import UsageError, require, require_integer, unknown
 from galton.fields import annotations, checked
 from galton.saving import files
 from galton.words import vocabulary
-from galton_experiments.benchmark.priors import Record, check_names, read_table
+from galton_experiments.benchmark.priors import Priors, Record, check_names, read_table
 from galton_experiments.benchmark.protocol import Budget, Method, Protocol, Selection, Task, check
 
-TABLES = ("budget", "selection", "fixed", "prior", "methods", "tasks")
+TABLES = ("budget", "selection", "fixed", "prior", "anchors", "methods", "tasks")
 """The tables of a file."""
-WORDS = ("title", "seed", "baseline", "imports", "extends")
+WORDS = ("title", "seed", "design", "baseline", "imports", "extends")
 """What stands above them."""
 _OF_TASK = ("steps", "fresh_steps", "logs", "eval_episodes")
 """What a task may have of a budget of its own."""
@@ -90,12 +90,14 @@ def of_record(record: Record, title: str = "benchmark", importing: Importing = _
         record,
         title,
         seed,
+        _design(record.get("design", "stages")),
         methods[baseline],
         imports,
         budget,
         _record("selection", record.get("selection", {}), Selection()),
         read_table("fixed", record.get("fixed", {}), drawn=False),
         read_table("prior", record.get("prior", {}), drawn=True),
+        _anchors("anchors", record.get("anchors", {})),
         tuple(methods.values()),
         tuple(_task(name, given, budget) for name, given in _tables(record, "tasks").items()),
     )
@@ -139,10 +141,35 @@ def _record(where: str, given: object, default: _RecordT) -> _RecordT:
 
 def _method(name: str, given: object) -> Method:
     where = f"methods.{name}"
-    table = check_names(where, given, ("label", "fixed", "search"))
+    table = check_names(where, given, ("label", "fixed", "search", "anchors", "time"))
     fixed = read_table(f"{where}.fixed", table.get("fixed", {}), drawn=False)
     search = read_table(f"{where}.search", table.get("search", {}), drawn=True)
-    return Method(name, _label(where, name, table), fixed, search)
+    anchors = _anchors(f"{where}.anchors", table.get("anchors", {}))
+    return Method(name, _label(where, name, table), fixed, search, anchors, _time(f"{where}.time", table.get("time")))
+
+
+def _design(given: object) -> Literal["stages", "factorial"]:
+    if given == "stages" or given == "factorial":
+        return given
+    raise unknown("design", given, ("stages", "factorial"))
+
+
+def _anchors(where: str, given: object) -> dict[str, Priors]:
+    """The fields of each anchor, by its name."""
+    if not isinstance(given, dict):
+        raise UsageError(f"{where} is {given!r}; add a [{where}.NAME] table for each")
+    return {name: read_table(f"{where}.{name}", fields, drawn=False) for name, fields in given.items()}
+
+
+def _time(where: str, given: object) -> float | None:
+    """How long a step takes in times of the baseline's, where the file says it."""
+    return None if given is None else _positive(where, given)
+
+
+def _positive(where: str, given: object) -> float:
+    if isinstance(given, int | float) and not isinstance(given, bool) and math.isfinite(given) and given > 0:
+        return float(given)
+    raise UsageError(f"{where} is {given!r}; it must be a finite number above 0")
 
 
 def _task(name: str, given: object, budget: Budget) -> Task:
@@ -164,10 +191,7 @@ def _scale(where: str, given: object) -> dict[str, float]:
     """What numbers are multiplied by, by field."""
     known = vocabulary()
     table = check_names(where, given, [name for name in known.usual if known.is_number(name)])
-    for name, value in table.items():
-        number = isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
-        require(number and value > 0, f"{where}.{name} is {value!r}; it must be a finite number above 0")
-    return {name: float(value) for name, value in table.items()}
+    return {name: _positive(f"{where}.{name}", value) for name, value in table.items()}
 
 
 def _label(where: str, name: str, table: Record) -> str:

@@ -50,6 +50,20 @@ class Runs:
         """The final mean of one of CURVES, a row for each draw of this role; NaN for a diverged run."""
         return finals(self._of(method, role), curve).reshape(-1, self.part.trials)
 
+    def finals_at(self, method: str, share: float, last: float) -> Float[np.ndarray, "draws trials"]:
+        """What runs of a method's draws are judged by where they are read after a share of their steps.
+
+        It is the mean of the last part of the curve up to there; NaN for a run that has diverged by then.
+        """
+        if share == 1:
+            return self.finals(method, "draw")
+        found = []
+        for row in self._of(method, "draw").select(["steps", "judged", "diverged_at"]).to_pylist():
+            n = max(1, sum(step <= share * row["steps"][-1] for step in row["steps"]))
+            gone = 0 <= row["diverged_at"] <= row["steps"][n - 1]
+            found.append(_final(row["judged"][:n], row["diverged_at"] if gone else -1, last))
+        return np.array(found).reshape(-1, self.part.trials)
+
     def diverged(self, method: str, role: Role) -> int:
         """How many runs diverged."""
         return int((self._of(method, role)["diverged_at"].to_numpy() >= 0).sum())

@@ -62,7 +62,12 @@ def tuning(protocol: Protocol, drawn: Draws) -> list[Part]:
 
 
 def afterwards(protocol: Protocol, drawn: Draws, selected: Selected) -> list[Part]:
-    """The second and the third stage: what was selected, on fresh seeds of the tuning tasks and on those held out."""
+    """The second and the third stage: what was selected, on fresh seeds of the tuning tasks and on those held out.
+
+    A factorial design has neither.
+    """
+    if protocol.design == "factorial":
+        return []
     parts = []
     for task in (*protocol.tuning, *protocol.held_out):
         entries = []

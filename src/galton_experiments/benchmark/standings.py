@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from galton_experiments.analysis.aggregates import improvement, interquartile_mean
-from galton_experiments.analysis.bands import mean_band
+from galton_experiments.analysis.bands import RESAMPLES, mean_band
 from galton_experiments.analysis.statistics import Interval, compare, mean_interval
 from galton_experiments.analysis.verdicts import decide
 from galton_experiments.benchmark.protocol import Protocol
@@ -79,7 +79,7 @@ def standings(protocol: Protocol, runs: Sequence[Runs]) -> Standings:
     roles: tuple[Role, ...] = ("shared",) if runs[0].stage == "held-out" else ("shared", "per-task")
     finals = {curve: _finals(runs, methods, roles, curve) for curve in CURVES}
     judged, training = (normalised(finals[curve]) for curve in CURVES)
-    filled = {curve: {task: _filled(of_task) for task, of_task in finals[curve].items()} for curve in CURVES}
+    filled = {curve: {task: with_worst(of_task) for task, of_task in finals[curve].items()} for curve in CURVES}
     return Standings(
         tasks=tuple(judged),
         scores={m: {role: _score(judged, training, m, i) for i, role in enumerate(roles)} for m in methods},
@@ -95,7 +95,7 @@ def standings(protocol: Protocol, runs: Sequence[Runs]) -> Standings:
 def _score(judged: Judged, training: Judged, method: str, row: int) -> Score:
     """The scores of a method in one role."""
     found, trained = _of(judged, method, row), _of(training, method, row)
-    return Score(mean_band(found, 2000), interquartile_mean(found), mean_band(trained, 2000))
+    return Score(mean_band(found, RESAMPLES), interquartile_mean(found), mean_band(trained, RESAMPLES))
 
 
 def _improvement(scores: Judged, method: str, other: str, row: int = 0) -> Interval:
@@ -124,7 +124,9 @@ def _finals(
     }
 
 
-def _filled(of_method: Mapping[str, Float[np.ndarray, "roles trials"]]) -> dict[str, Float[np.ndarray, "roles trials"]]:
+def with_worst(
+    of_method: Mapping[str, Float[np.ndarray, "roles trials"]],
+) -> dict[str, Float[np.ndarray, "roles trials"]]:
     """The returns on one task, those of diverged runs as the worst that any run had."""
     known = np.concatenate([runs[~np.isnan(runs)] for runs in of_method.values()])
     worst = known.min() if known.size else np.nan
@@ -150,4 +152,4 @@ def _versus(finals: Judged, filled: Judged, method: str, base: str) -> dict[str,
 
 def _sensitivity(scores: Judged, method: str) -> Interval:
     """Runs of one seed are drawn again together, and where both settings are one the difference is 0."""
-    return mean_band([of_method[method][1] - of_method[method][0] for of_method in scores.values()], 2000)
+    return mean_band([of_method[method][1] - of_method[method][0] for of_method in scores.values()], RESAMPLES)

@@ -37,8 +37,11 @@ def metric(found: Found) -> str:
 
 def budget(found: Found) -> Table:
     """What each method got: draws, and in each stage environment steps, every run counted as if it stood alone."""
-    headings = ["method", "draws", "different settings", *(f"steps, {_SHORT[stage]}" for stage in found.runs)]
-    headings.append("diverged, tuning")
+    headings = ["method", "draws", "different settings"]
+    if found.protocol.design == "factorial":
+        headings += ["steps", "diverged"]
+    else:
+        headings += [*(f"steps, {_SHORT[stage]}" for stage in found.runs), "diverged, tuning"]
     rows = []
     for method in found.protocol.methods:
         draws = found.draws[method.name]
@@ -165,7 +168,7 @@ def _returns(found: Found, stage: Stage, task: str, method: Method, role: Role) 
     standings = found.standings[stage]
     form = _form_of(standings, task)
     result = standings.results[task][method.name][role]
-    row = [returns_of(standings, task, method, role), f"{result.training:{form}}", _number(result.worst, form)]
+    row = [returns_of(standings, task, method, role), f"{result.training:{form}}", number(result.worst, form)]
     return [*row, f"{result.diverged}", *_versus(standings, method.name, task, role, form)]
 
 
@@ -176,23 +179,24 @@ def returns_of(standings: Standings, task: str, method: Method, role: Role) -> s
 
 def _form_of(standings: Standings, task: str) -> str:
     of_method = standings.results[task].values()
-    return _form([result.judged.mean for of_role in of_method for result in of_role.values()])
+    return form([result.judged.mean for of_role in of_method for result in of_role.values()])
 
 
 def _versus(standings: Standings, method: str, task: str, role: Role, form: str) -> list[str]:
     if role != "shared" or method not in standings.versus:
         return ["—"] * 3
     versus = standings.versus[method][task]
-    return [f"{versus.difference:+{form}}", _number(versus.above, ".2f"), _p(versus)]
+    return [f"{versus.difference:+{form}}", number(versus.above, ".2f"), _p(versus)]
 
 
-def _form(returns: Sequence[Numbers]) -> str:
+def form(returns: Sequence[Numbers | float]) -> str:
     """How returns of a task are written, all with as many decimals: four digits of the largest."""
     size = max((abs(float(value)) for value in returns if np.isfinite(value)), default=0.0)
     return f",.{max(0, 3 - math.floor(math.log10(size))) if size else 3}f"
 
 
-def _number(value: float, form: str) -> str:
+def number(value: float, form: str) -> str:
+    """A number that may be unknown, as a table has it."""
     return "—" if math.isnan(value) else f"{value:{form}}".replace("-", "−")
 
 

@@ -13,7 +13,7 @@ from rich.table import Table as View
 from galton.cli._progress import plain_console
 from galton.cli._reading import import_typed, read_options
 from galton.errors import UsageError, require_integer
-from galton_experiments.benchmark import report, stages, tables
+from galton_experiments.benchmark import factorial_page, report, stages, tables
 from galton_experiments.benchmark.answer import sentences
 from galton_experiments.benchmark.draws import draws
 from galton_experiments.benchmark.folder import made, train
@@ -107,11 +107,15 @@ def _show(protocol: Protocol, latest: list[Found], store: Store, done: bool) -> 
     console, base = plain_console(), protocol.baseline.label
     for found in latest:
         _print(console, "what each method was given", tables.budget(found))
+        if protocol.design == "factorial":
+            _print(console, f"P(above {base}) by {tables.metric(found)}", factorial_page.above(found))
+            _print(console, f"P(above {base}) on each task", factorial_page.above_by_task(found))
         for stage in found.standings:
             title, metric = tables.STAGES[stage], tables.metric(found)
             _print(console, f"scores by {metric}: {title}, baseline {base}", tables.scores(found, stage))
             _print(console, f"{metric}: {title}, compared with {base}", tables.returns_in_brief(found, stage))
-        _print(console, "score of the best of n draws: tuning tasks", tables.best_of(found))
+        best_of = factorial_page.best_of if protocol.design == "factorial" else tables.best_of
+        _print(console, "score of the best of n draws", best_of(found))
         _print(console, "environment steps a second of a worker, tuning", tables.speeds(found, made(store)))
         console.print("\n".join(sentences(found)))
         print(f"report: {store.url}/{report.PAGE}")

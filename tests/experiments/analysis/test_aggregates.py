@@ -126,3 +126,14 @@ def test_other_tasks_and_no_runs_are_refused():
         percentiles(np.ones(2), np.ones(0))
     with pytest.raises(UsageError, match="scores lacks a task's runs"):
         interquartile_mean([np.ones(3), np.ones(0)])
+
+
+def test_an_interval_that_is_a_point_although_tasks_differ_is_written_by_task():
+    """Every pair of a task says the same, so drawing runs again changes nothing."""
+    high, low = np.array([3.0, 4.0, 5.0]), np.array([0.0, 1.0, 2.0])
+    found = improvement([low, high, low], [high, low, high], paired=True)
+    assert f"{found:.2f}" == "0, 1, 0 by task"
+    assert found.mean == pytest.approx(1 / 3)
+    assert np.isnan(found.low)
+    alike = improvement([high, high], [low, low], paired=True)
+    assert f"{alike:.2f}" == "1.00 ± 0.00"

@@ -73,3 +73,12 @@ def changed(**places):
 
 def protocol(**places):
     return of_record(changed(**places))
+
+
+FACTORIAL = {
+    "design": "factorial",
+    "budget__fresh_seeds": None,
+    "tasks__noisy__fresh_steps": None,
+    "tasks__four__held_out": None,
+}
+"""What makes it a factorial benchmark."""

@@ -152,3 +152,25 @@ def test_a_common_field_that_a_method_has_no_use_for_is_not_drawn_for_it():
             methods__bins__search=None,
             methods__ppo__search=None,
         )
+
+
+def test_anchors_are_the_first_draws_of_every_method():
+    """With what a method has a use for and does not fix, and with its own; the random draws are as without them."""
+    anchors = {"usual": {"learning_rate": 0.1, "gamma": 0.99, "clip_range": 0.2, "vf_coef": 0.7}, "none": {}}
+    known = protocol(budget__settings=N + 2, anchors=anchors, methods__bins__anchors={"usual": {"eta": 2.0}})
+    drawn = draws(known)
+    assert drawn["gaussian"][0] == {"learning_rate": 0.1, "gamma": 0.99, "vf_coef": 0.7}
+    assert drawn["bins"][0] == {"learning_rate": 0.1, "gamma": 0.99, "vf_coef": 0.7, "eta": 2.0}
+    assert drawn["ppo"][0] == {"learning_rate": 0.1, "clip_range": 0.2, "vf_coef": 0.7}
+    assert [of[1] for of in drawn.values()] == [{}, {}, {}]
+    assert {method: of[2:] for method, of in drawn.items()} == DRAWN
+    of = setting(known, known.methods[1], drawn["bins"][0], known.tasks[0], False)
+    assert (of["eta"], of["vf_coef"], of["gamma"], of["decay_steps"]) == (2.0, 0.7, 0.99, 0)
+
+
+def test_an_anchor_counts_in_lengths_of_a_run_as_the_prior_does():
+    anchors = {"decays": {"decay_steps": {"value": 1, "times": "steps"}}}
+    known = protocol(anchors=anchors)
+    for task in known.tasks[:2]:
+        of = setting(known, known.methods[0], draws(known)["gaussian"][0], task, False)
+        assert of["decay_steps"] == task.steps(False)

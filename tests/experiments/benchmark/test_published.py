@@ -151,7 +151,7 @@ def test_as_many_are_behind_the_gaussian_under_a2c_as_told():
     above = found["above_per_task"]
     assert sum(interval["high"] < 0.5 for interval in above.values()) == 20
     assert not any(interval["low"] > 0.5 for interval in above.values())
-    assert [round(above["width-edges"][of], 3) for of in ("mean", "low", "high")] == [0.417, 0.338, 0.495]
+    assert [round(above["width-edges"][of], 3) for of in ("mean", "low", "high")] == [0.417, 0.338, 0.498]
 
 
 def finals(benchmark, part, method, role="shared"):
@@ -163,7 +163,7 @@ def finals(benchmark, part, method, role="shared"):
 def test_what_is_told_of_held_out_tasks_under_a2c_beside_the_bandit():
     parts = [f"held-out-{task}" for task in ("lqr-unstable", "mountain-car", "pendulum")]
     theirs = [finals("winner-a2c", part, "gaussian") for part in parts]
-    for name, told in (("ordinal", (0.65, 0.53, 0.75)), ("gaussian-critic", (0.61, 0.47, 0.75))):
+    for name, told in (("ordinal", (0.65, 0.53, 0.76)), ("gaussian-critic", (0.61, 0.47, 0.75))):
         found = improvement([finals("winner-a2c", part, name) for part in parts], theirs, paired=True)
         assert [round(float(number), 2) for number in found] == [*told]
 

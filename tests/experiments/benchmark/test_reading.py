@@ -8,7 +8,7 @@ from galton_experiments.benchmark import stages
 from galton_experiments.benchmark.draws import draws
 from galton_experiments.benchmark.reading import of_record, read
 
-from .files import RECORD, TEXT, changed, protocol
+from .files import FACTORIAL, RECORD, TEXT, changed, protocol
 
 WRONG = [
     ({"budgets": {}}, "the file has 'budgets', which it can't have; it takes title, .*; did you mean budget"),
@@ -104,6 +104,36 @@ def begin(places):
     stages.check(known, draws(known))
 
 
+WRONG += [
+    ({"design": "nested"}, "design is 'nested'"),
+    ({"anchors": 3}, r"anchors is 3; add a \[anchors.NAME\] table"),
+    ({"anchors": {"usual": {"gama": 0.9}}}, "anchors.usual has 'gama', which is no setting"),
+    ({"anchors": {str(i): {} for i in range(3)}}, "budget.settings is 3, and anchors are 3 of them"),
+    (
+        {"methods__bins__anchors": {"usual": {"eta": 1.0}}},
+        "methods.bins.anchors has usual, which is no table of anchors",
+    ),
+    (
+        {"anchors": {"usual": {}}, "methods__bins__anchors": {"usual": {"n_bins": 9}}},
+        "methods.bins.anchors.usual has n_bins, and so has methods.bins.fixed",
+    ),
+    ({"anchors": {"usual": {"decay_steps": 1000}}}, 'anchors.usual.decay_steps is not counted .* with times = "steps"'),
+    (
+        {"anchors": {"usual": {"n_envs": 3}}},
+        "tasks.noisy.fixed has n_envs, and so has anchors.usual",
+    ),
+    ({"anchors": {"usual": {"loss": "gaussian"}}}, "anchors.usual has loss, which is the methods'"),
+    ({"methods__bins__time": 1.5}, 'methods.bins has time, which goes with design = "factorial"'),
+    ({"methods__bins__time": -1}, "methods.bins.time is -1; it must be a finite number above 0"),
+    (FACTORIAL | {"methods__gaussian__time": 1.5}, "methods.gaussian has time, but is the baseline"),
+    (FACTORIAL | {"tasks__four__held_out": True}, "tasks.four is held out, but a factorial design"),
+    (FACTORIAL | {"budget__fresh_seeds": 3}, "budget has fresh_seeds, but a factorial design"),
+    (FACTORIAL | {"tasks__noisy__fresh_steps": 3}, "tasks.noisy has fresh_steps, but a factorial design"),
+    (FACTORIAL | {"tasks__noisy": None, "tasks__four": None}, "tasks has one, but a factorial design"),
+    (FACTORIAL | {"budget__seeds": 1}, "budget.seeds is 1, but a factorial design"),
+]
+
+
 @pytest.mark.parametrize(("places", "words"), WRONG, ids=[str(places) for places, _ in WRONG])
 def test_a_wrong_file_is_refused_by_the_place_with_a_remedy(places, words):
     with pytest.raises(UsageError, match=words):
@@ -115,6 +145,12 @@ def test_a_method_that_searches_nothing_is_refused():
     with pytest.raises(UsageError, match=r"methods.gaussian searches nothing, so its draws would all be alike"):
         protocol(**places)
     assert protocol(**places, budget__settings=1).budget.settings == 1
+
+
+def test_a_factorial_file_has_one_stage():
+    known = protocol(**FACTORIAL, methods__bins__time=2)
+    assert (known.design, known.methods[1].time, known.held_out) == ("factorial", 2.0, ())
+    assert protocol().design == "stages"
 
 
 def test_the_file_is_named(tmp_path):
