@@ -17,7 +17,7 @@ from galton import MissingExtraError, UsageError, extras
 
 ROOT = Path(galton.__file__).parent
 PYPROJECT = Path(__file__).parents[1] / "pyproject.toml"
-DISTRIBUTIONS = {"PIL": "pillow", "Box2D": "box2d"}
+DISTRIBUTIONS = {"PIL": "pillow", "Box2D": "box2d", "pygame": "pygame-ce"}
 """The name of a library on the package index, where it is another."""
 
 # Runs commands and lines of Python in one process, as one in which these libraries were not installed.
