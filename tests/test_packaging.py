@@ -87,6 +87,18 @@ def test_the_newest_versions_were_tried_under_each_of_these_pythons():
     assert all(one["installed"].keys() >= core for one in found("newest").values())
 
 
+def test_the_page_says_which_newest_versions_were_used_under_which_python():
+    rows: dict[str, list[str]] = {}
+    for python, one in found("newest").items():
+        named = {"jax": "JAX", "mujoco": "MuJoCo", "gymnasium": "Gymnasium", "numpy": "NumPy"}
+        told = ", ".join(f"{name} {one['installed'][library]}" for library, name in named.items())
+        rows.setdefault(told, []).append(python)
+    page = (ROOT / "docs" / "install.md").read_text()
+    for told, pythons in rows.items():
+        assert f"{told} | {', '.join(pythons)} | `make newest` |" in page
+    assert f"| {', '.join(found('matrix'))} | `make matrix` |" in page
+
+
 def test_the_table_of_extras_says_what_was_measured():
     sizes = {name: one["megabytes"] for name, one in found("package")["environments"].items()}
     page = (ROOT / "docs" / "install.md").read_text()
