@@ -42,6 +42,8 @@ CENTRED = {"loss": "hl-gauss-centred", "eta": 2.0, "target_tails": "reflected"}
 HEADS = {
     "gaussian": {"loss": "gaussian"},
     "gaussian, mean × 4": {"loss": "gaussian", "head_scale": 4.0},
+    "gaussian, σ of the state": {"loss": "gaussian", "state_dependent_std": True},
+    "spline": {"loss": "gaussian", "policy": "spline", "initial_policy": "gaussian", "deterministic_action": "mean"},
     "discretised gaussian": {"loss": "hl-one-hot", "policy": "discretised-gaussian"} | BINS,
     "anchored, S = 0.1": {"loss": "hl-one-hot", "policy": "anchored", "residual_scale": 0.1} | BINS,
     "anchored, S = 1": {"loss": "hl-one-hot", "policy": "anchored", "residual_scale": 1.0} | BINS,
