@@ -108,6 +108,8 @@ def named(name: str, path: str | Path) -> Iterator[None]:
     """Turn the error of a path that can't be written into a UsageError that calls it by this name."""
     check_text(name, path)
     try:
+        with contextlib.suppress(FileNotFoundError, NotADirectoryError):
+            os.lstat(path)  # an error for a name that is too long, which Path.exists keeps back from Python 3.14 on
         yield
     except OSError as error:
         raise UsageError(f"{name} is {path}, which can't be written: {error.strerror or error}; name another") from None
@@ -118,7 +120,6 @@ def check_place(name: str, path: Path) -> None:
     check_name(name, path)
     with named(name, path):
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.exists()  # an error for a name that is too long
         writable = os.access(path.parent, os.W_OK)
     require(writable, f"{name} is {path}, which can't be written: its folder is read-only; name another")
 
