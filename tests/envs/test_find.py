@@ -77,7 +77,10 @@ ODD_SOURCES = {
     "an unknown id": ("Wolk-v0", "environment is 'Wolk-v0'; Gymnasium knows no environment of that name"),
     "an id without its version": ("halfcheeta", r"environment is 'halfcheeta'; .*; did you mean HalfCheetah-v\d\?$"),
     "a name of ours, nearly": ("mountaincar", r"environment is 'mountaincar'; .*; did you mean mountain-car\?$"),
-    "an id of one's own": ("My-v0", r".*; one that a module of yours registers is module:Id\. [^;]*$"),
+    "an id of one's own": (
+        "My-v0",
+        r".*; one of a module of yours is module:Class, or module:Id if it is registered\. [^;]*$",
+    ),
     "an unknown module": ("nomodule:Walk-v0", "environment is 'nomodule:Walk-v0', .*: ModuleNotFoundError"),
     "an unknown version": ("Pendulum-v99", "environment is 'Pendulum-v99'; .* provides versioned environments: .*v1"),
     "a number": (3, "env is 3; give a Gymnasium id, an environment, a function that makes one, or a name"),
@@ -143,3 +146,33 @@ def test_a_name_with_the_constants_of_a_toml_file_is_the_record_with_them():
     assert longer == JaxTask(LQR(max_episode_steps=200, noise_std=0.0), 2.0)
     assert hash(lqr) == hash(LQR(R=0.01 * np.eye(2)))
     assert lqr.rest_return - lqr.random_return < 0.4 * (lqr.optimal_return - lqr.random_return)
+
+
+DOCK = """
+import gymnasium, numpy
+
+class Dock(gymnasium.Env):
+    observation_space = action_space = gymnasium.spaces.Box(-1, 1, (2,))
+
+    def __init__(self, wind=0.0):
+        self.wind = wind
+
+    def reset(self, seed=None, options=None):
+        super().reset(seed=seed)
+        return numpy.zeros(2, numpy.float32), {}
+
+    def step(self, action):
+        return numpy.zeros(2, numpy.float32), self.wind, False, False, {}
+"""
+
+
+def test_a_class_in_a_module_is_an_environment_by_its_name(tmp_path, monkeypatch):
+    (tmp_path / "dock.py").write_text(DOCK)
+    monkeypatch.syspath_prepend(tmp_path)
+    task = find("dock:Dock", wind=2.0)
+    assert task.name == "dock:Dock"
+    made = task.make(2)
+    assert [envs[-1].wind for envs in made.layers] == [2.0, 2.0]
+    with pytest.raises(UsageError, match="environment is 'dock:Duck'; Gymnasium knows no environment of that name"):
+        find("dock:Duck")
+    monkeypatch.delitem(sys.modules, "dock")

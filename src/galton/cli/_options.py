@@ -30,7 +30,8 @@ EnvName = Annotated[
     str,
     tyro.conf.Positional,
     tyro.conf.arg(
-        metavar="ENV", help=f"one of {', '.join(ENVS)}, or a Gymnasium id (module:Id imports the module first)"
+        metavar="ENV",
+        help=f"one of {', '.join(ENVS)}, or a Gymnasium id (module:Id imports the module first), or module:Class",
     ),
 ]
 _LOSSES, _ALGORITHMS, _PRESETS = ("{" + ",".join(known) + "}" for known in (LOSSES, ALGORITHMS, PRESETS))

@@ -21,8 +21,9 @@ def find(env: object, **kwargs: object) -> Task:
     """The task of whatever a user gives: a name, an id, an environment, a function that makes one.
 
     Args:
-        env: a name in ENVS, a Gymnasium id (also `module:Id`), a function that makes a Gymnasium environment,
-            a Gymnasium environment or vector environment, an SB3 VecEnv, a record in pure JAX, or what this made.
+        env: a name in ENVS, a Gymnasium id (also `module:Id`), `module:Class`, a function that makes a Gymnasium
+            environment, a Gymnasium environment or vector environment, an SB3 VecEnv, a record in pure JAX, or what
+            this made.
         kwargs: the constants of a name or an id; of any, `action_scale` makes the box that policies see so many times
             as large, and what is done there the action over it.
 
@@ -79,7 +80,7 @@ def _refuse_unversioned(name: str) -> None:
 def _why_unknown(name: str, error: gymnasium.error.UnregisteredEnv) -> str:
     """A sentence that there is no such id, with what was probably meant: Gymnasium's guess is without the version."""
     known = f"Gymnasium knows no environment of that name, and Galton's own are {', '.join(registry.ENVS)}"
-    own = "" if ":" in name else "; one that a module of yours registers is module:Id"
+    own = "" if ":" in name else "; one of a module of yours is module:Class, or module:Id if it is registered"
     meant = did_you_mean(name, [*registry.ENVS, *gymnasium.registry])
     told = str(error).partition(" Did you mean")[0] if meant else str(error)
     return f"{known}{own}. {told.rstrip('.')}{meant}"

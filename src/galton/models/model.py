@@ -34,8 +34,9 @@ class Model(Base):
     """An actor-critic on one environment; A2C and PPO are this class with their algorithm.
 
     Args:
-        env: a Gymnasium id (`module:Id` imports the module first), a Gymnasium `Env` or `VectorEnv`, an SB3 `VecEnv`,
-            a function that makes an environment, a name in `galton.envs.ENVS`, or a record of your own in pure JAX.
+        env: a Gymnasium id (`module:Id` imports the module first), `module:Class`, a Gymnasium `Env` or `VectorEnv`,
+            an SB3 `VecEnv`, a function that makes an environment, a name in `galton.envs.ENVS`, or a record of your
+            own in pure JAX.
         loss: a key of LOSSES, or a loss itself such as `HLGauss(eta=2.0)`; None for the preset's.
         preset: a key of PRESETS, what the other settings begin with. None is "paper" where a loss is named, and else
             the algorithm's usual one: "gaussian" for PPO, and "classification" for A2C (docs/which_policy.md).

@@ -11,6 +11,7 @@ from galton.envs.find import find
 from galton.envs.host.action_box import ActionBox
 from galton.envs.host.base import HostEnvironments
 from galton.envs.host.carried import statistics_of
+from galton.envs.host.gymnasium import GymnasiumTask
 from galton.envs.host.observations import IMAGE_REMEDY, Observations
 from galton.envs.host.vector import VectorTask
 from galton.envs.jax_task import JaxTask
@@ -127,7 +128,9 @@ def _kind(task: Task) -> Finding:
             "evaluate on another: evaluate(env=...) or Evaluate(env=...) takes an id or a function that makes it",
         )
     there = ", which is there already: n_envs is 1" if task.given else ", made anew for each copy"
-    return Finding("environment", f"{task.name}{there}")
+    alone = isinstance(task, GymnasiumTask) and task.is_alone
+    remedy = "give its class, or a function that makes it: a model evaluates on another copy" if alone else ""
+    return Finding("environment", f"{task.name}{there}", remedy)
 
 
 def _actions(actions: ActionBox) -> Finding:

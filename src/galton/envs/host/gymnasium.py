@@ -2,6 +2,7 @@
 
 import contextlib
 import functools
+import sys
 import weakref
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any
@@ -50,7 +51,7 @@ class GymnasiumTask:
         self._spare: list[Env] = []
         if isinstance(source, str):
             self.name: str = source
-            self._make: Callable[[], object] = functools.partial(gymnasium.make, source, **kwargs)
+            self._make: Callable[[], object] = functools.partial(_make_named, source, **kwargs)
         else:
             require(not kwargs, f"env_kwargs is {kwargs}; it goes with an id, not with an environment that is there")
             self._make = source if callable(source) else functools.partial(_make_again, source)
@@ -67,6 +68,11 @@ class GymnasiumTask:
         self._spare.append(first)
         if self._given is None:  # one that nobody came to need
             weakref.finalize(self, _close, self._spare).atexit = False
+
+    @property
+    def is_alone(self) -> bool:
+        """True if it was given and is of no id, so that no other copy of it can be made."""
+        return self._given is not None and self._given.spec is None
 
     def make(self, n_copies: int, n_threads: int = 1) -> "GymnasiumEnvs":
         """So many copies, in one thread; of an environment that was there, the first is itself."""
@@ -214,6 +220,18 @@ def _close(envs: Iterable[Env]) -> None:
     for env in envs:
         with contextlib.suppress(*FAULTS):
             env.close()
+
+
+def _make_named(name: str, **kwargs: Any) -> object:
+    """An environment of a Gymnasium id, or of module:Class."""
+    try:
+        return gymnasium.make(name, **kwargs)
+    except gymnasium.error.UnregisteredEnv:
+        module, _, maker = name.partition(":")
+        made = getattr(sys.modules.get(module), maker, None) if maker else None
+        if not callable(made):
+            raise
+        return made(**kwargs)
 
 
 def _make_again(env: Env) -> Env:
