@@ -66,7 +66,7 @@ class Entropy(Part):
         return ()
 
     def at(self, step: Int[Array, ""], frozen: Bool[Array, ""]) -> "Entropy":
-        """The hold at the update at this step; a frozen run's dual variable stays."""
+        """The entropy to hold at the update at this step; a frozen run's dual variable stays."""
         del step, frozen
         return self
 

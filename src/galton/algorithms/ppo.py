@@ -56,7 +56,7 @@ class Rows(NamedTuple):
     of_negatives: Float[Array, " B"] | None = None
     """The loss under that policy of an action that is weighted negatively; None where it is the same."""
     value: Float[Array, " B"] | None = None
-    """What the critic took each state to be worth then; None where no run of the program clips its change."""
+    """The critic's value of each state then; None where no run of the program clips its change."""
 
 
 class PPO(Algorithm):

@@ -27,7 +27,7 @@ from galton.saving.provenance import version
 OPSET, IR_VERSION = 13, 7
 """Of December 2020: ONNX 1.8, and ONNX Runtime from 1.6 on."""
 BATCH = "batch"
-"""What the first dimension of input and output is called, which may have any size."""
+"""The name of the first dimension of input and output, which may have any size."""
 VERSION = 1
 """Of the contract's form; a higher one may have other entries."""
 

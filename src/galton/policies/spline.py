@@ -78,7 +78,7 @@ class Spline:
         return jnp.sqrt((shares * (apart**2 + _VARIANCES)).sum(-1)) * (self.high - self.low) / CELLS
 
     def at_edge(self, action: Float[Array, "*batch d"]) -> Bool[Array, "*batch d"]:
-        """What lies in the first or last hundredth of the box."""
+        """True in the first and the last hundredth of the box."""
         return near_edge(action, self.low, self.high)
 
     def deterministic_action(self) -> Float[Array, "*batch d"]:
@@ -111,11 +111,11 @@ class SplinePolicy(Policy):
     n_splines: Annotated[int, AtLeast(4)] = 10
     """B-splines for each action dimension, on uniform knots from bound to bound."""
     initial_policy: Literal["uniform", "gaussian"] = "uniform"
-    """How it starts: uniform, or as the Gaussian of log_std_init that is cut off at the box."""
+    """It starts uniform, or as the Gaussian of log_std_init that is cut off at the box."""
     log_std_init: Finite = 0.0
     """log σ of the Gaussian that it may start like."""
     box_units: Units = 0.0
-    """Whether that Gaussian is in units of the box (1), or of the environment (0)."""
+    """1: that Gaussian is in units of the box; 0: in the environment's own."""
     deterministic_action: Literal["mode", "mean"] = "mode"
     """The action without exploration."""
 
@@ -136,7 +136,7 @@ class SplinePolicy(Policy):
 
     @property
     def noise_marginals(self) -> Marginal:
-        """How the noise is distributed: uniform."""
+        """The noise is uniform."""
         return "uniform"
 
     def noise(self, key: Key[Array, ""], shape: tuple[int, ...]) -> Float[Array, "*batch 2d"]:

@@ -20,7 +20,7 @@ from galton.envs.host.observations import Observations
 from galton.errors import AliasedObservation, BrokenEnvironmentError, UsageError, require
 
 _MANY = 5
-"""How many episodes must have ended alike before it is no coincidence."""
+"""So many episodes must have ended alike before it is no coincidence."""
 
 
 class VectorTask:
@@ -73,8 +73,8 @@ class VectorEnvs:
         self._n_steps = 0
         self._observation = np.zeros((0, 0), np.float32)
         self._n_alike = 0
-        """How many episodes have ended with the first observation of the next, as long as all did; −1 once one did not,
-        or after the warning."""
+        """The number of episodes that ended with the first observation of the next, as long as all did; −1 once one did
+        not, or after the warning."""
 
     @property
     def layers(self) -> list[list[Any]]:
