@@ -15,14 +15,14 @@ from galton.cli._program_faults import keep_programs
 from galton.training import programs_on_disk
 
 SMALL = """
-import errno, os, pathlib, resource, sys
-def failing(name, number):
-    own = getattr(pathlib.Path, name)
+import builtins, errno, io, os, pathlib, resource, sys
+def failing(where, name, number, mode=""):
+    own = getattr(where, name)
     def call(path, *arguments, **keywords):
-        if path.parent.name.startswith("jax-"):
+        if mode in str(arguments) and pathlib.Path(str(path)).parent.name.startswith("jax-"):
             raise OSError(number, os.strerror(number), str(path))
         return own(path, *arguments, **keywords)
-    setattr(pathlib.Path, name, call)
+    setattr(where, name, call)
 {before}
 from galton.cli._program_faults import keep_programs
 keep_programs()
@@ -32,8 +32,12 @@ print(jax.jit(lambda x: x * 2 + 1)(3.0))
 """
 """A process that keeps programs as a command does, and compiles one."""
 PLACES = {
-    "read-only": ("failing('touch', errno.EROFS)", "", "Read-only file system"),
-    "full at the start": ("failing('write_bytes', errno.ENOSPC)", "", "No space left on device"),
+    "read-only": ("failing(pathlib.Path, 'touch', errno.EROFS)", "", "Read-only file system"),
+    "full at the start": (
+        "for where in (builtins, io): failing(where, 'open', errno.ENOSPC, 'wb')",  # with etils JAX takes the first
+        "",
+        "No space left on device",
+    ),
     "full later": ("", "resource.setrlimit(resource.RLIMIT_FSIZE, (100, 100))", "File too large"),
 }
 

@@ -3,7 +3,6 @@
 import json
 import os
 import platform
-import shutil
 import signal
 import subprocess
 import sys
@@ -12,7 +11,6 @@ from pathlib import Path
 import pytest
 
 HERE = Path(__file__).parent
-GOLDEN = HERE.parent / "golden" / "v1"
 A2C = ["--algorithm", "a2c"]
 SMALL = ["--steps", "100", "--logs", "2", "--eval-episodes", "1"]
 GRID = '[[grid]]\nloss = "gaussian"\nlearning_rate = [0.05, 0.1]\n'
@@ -66,7 +64,6 @@ def test_workers_are_sent_their_calls_through_a_pipe_and_nothing_else(tmp_path):
 @pytest.mark.slow
 def test_no_local_command_does(tmp_path, trust):
     pytest.importorskip("onnx")
-    shutil.copytree(GOLDEN / "results", tmp_path / "paper")
     (tmp_path / "grid.toml").write_text(GRID)
     commands = [
         ["train", "bandit", *A2C, *SMALL, "--out", "run", "--tensorboard"],
@@ -80,7 +77,6 @@ def test_no_local_command_does(tmp_path, trust):
         ["sweep", "rerun", "out", "--to", "again", "--trials", "1", "--seed", "1", "--workers", "1"],
         ["watch", "pendulum", "--out", "film.gif", "--max-steps", "20"],
         ["export", "run", "--format", "onnx", "card"],
-        ["report", "paper"],
     ]
     for words in commands:
         unpickled = check(tmp_path, "-m", "galton", *words)

@@ -1,6 +1,6 @@
 """Python imports this first of all where the folder is on PYTHONPATH, in every process that a command starts.
 
-The kernel then ends a process that binds a socket to an address or listens on one, whatever library asks for it. What
+The kernel then ends a process that binds a socket to a port or listens on one, whatever library asks for it. What
 Python unpickles, starts and connects to is written down, a line each, in the file that GALTON_SEALED names.
 """
 
@@ -17,17 +17,21 @@ STARTED = ("subprocess.Popen", "os.system", "os.exec", "os.spawn", "os.posix_spa
 NOTED = ("pickle.find_class", "socket.connect", *STARTED)
 LOAD, JUMP_IF_EQUAL, RETURN = 0x20, 0x15, 0x06
 KILL, ALLOW = 0x80000000, 0x7FFF0000
+NETLINK = 12
+"""The bytes of an address of the kernel's own messages, by which SDL hears of joysticks; a port's has 16 or 28."""
 
 
 def forbid_listening() -> None:
-    """Have the kernel end this process and all that it starts if they call bind or listen."""
+    """Have the kernel end this process and all that it starts if they listen, or bind to what is no netlink address."""
     architecture, bind, listen = CALLS[platform.machine()]
     steps = [
         (LOAD, 0, 0, 4),  # the architecture of the call
-        (JUMP_IF_EQUAL, 0, 3, architecture),
+        (JUMP_IF_EQUAL, 0, 5, architecture),
         (LOAD, 0, 0, 0),  # its number
-        (JUMP_IF_EQUAL, 2, 0, bind),
-        (JUMP_IF_EQUAL, 1, 0, listen),
+        (JUMP_IF_EQUAL, 4, 0, listen),
+        (JUMP_IF_EQUAL, 0, 2, bind),
+        (LOAD, 0, 0, 32),  # the bytes of its address
+        (JUMP_IF_EQUAL, 0, 1, NETLINK),
         (RETURN, 0, 0, ALLOW),
         (RETURN, 0, 0, KILL),
     ]
