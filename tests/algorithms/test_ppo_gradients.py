@@ -11,7 +11,7 @@ from galton import LOSSES, POLICIES, Bins
 from galton.algorithms import actor_critic, ppo
 from galton.losses import HLGauss, cross_entropy
 from galton.networks import mlp
-from galton.policies import TruncatedGaussianPolicy
+from galton.policies import DiscretisedGaussianPolicy, TruncatedGaussianPolicy
 
 from .minibatches import (
     HIGH,
@@ -57,12 +57,13 @@ def double():
 def deep(policy, loss, **words):
     """An agent, who sampled a rollout, the parameters after three epochs, where some ratios are clipped, and rows.
 
-    The truncated Gaussian, whose ratios leave 1 more slowly, gets five.
+    The truncated and the discretised Gaussian, whose ratios leave 1 more slowly, get five.
     """
     agent = agent_of(policy, loss, **words)
     learner = moved(agent)
     rows = prepare(agent, learner, rollout_of(agent, learner))
-    n_epochs = 5 if isinstance(agent.policy, TruncatedGaussianPolicy) else 3
+    is_slow = isinstance(agent.policy, TruncatedGaussianPolicy) or type(agent.policy) is DiscretisedGaussianPolicy
+    n_epochs = 5 if is_slow else 3
     after, told = fit(agent, learner, rows, orders_of(n_epochs))
     assert 0.1 < told["clip_fraction"] < 0.9
     return agent, learner, after.params, rows
