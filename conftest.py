@@ -62,3 +62,11 @@ def few_programs():
     """Forget what was compiled for a module of tests where there is much of it: tests compile much of their own."""
     yield
     make_room(0.25)
+
+
+@pytest.fixture(autouse=True)
+def room_for_programs(request):
+    """The same after a slow test: those of one module can compile more than a process may map, which ends it."""
+    yield
+    if request.node.get_closest_marker("slow") or request.node.get_closest_marker("optimised"):
+        make_room(0.5)
