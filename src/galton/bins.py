@@ -43,15 +43,15 @@ class Bins:
     n_bins: int
     """The number of bins in each dimension, k."""
     edges: Float[np.ndarray, "d k+1"]
-    """Where the bins begin and end."""
+    """The bins' k + 1 edges, from the box's lower bound to its upper bound."""
     edges_rest: Float[np.ndarray, "d k+1"]
-    """What rounding took from the edges: edges + edges_rest is exact to twice the precision."""
+    """The part of the edges that rounding took: edges + edges_rest is exact to twice the precision."""
     centers: Float[np.ndarray, "d k"]
     """The action that each bin stands for: its middle, or the bound itself where a bin at an end stands for that."""
     width: Float[np.ndarray, " d"]
     """The distance between two centers, which is the width of all bins but of those that end at a bound's center."""
     bin_centers: Literal["inside", "bounds"]
-    """Where the centers of the first and last bin lie: inside the box, or on its bounds."""
+    """The place of the centers of the first and last bin: inside the box, or on its bounds."""
 
     def __init__(
         self, low: Bound, high: Bound, n_bins: int, bin_centers: Literal["inside", "bounds"] = "inside"

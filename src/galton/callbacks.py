@@ -48,11 +48,11 @@ class Evaluate:
     every: int = 10_000
     """Environment steps between evaluations, each rounded up to a whole update."""
     n_episodes: int = 10
-    """How many episodes each evaluation plays."""
+    """The number of episodes that each evaluation plays."""
     env: object = None
-    """What to play on; None for copies of the environment that the model is trained on."""
+    """The environment to play on; None for copies of the one that the model is trained on."""
     best_model: str | Path | None = None
-    """Where to save the model each time that its mean return is the highest so far. A run that is gone on with after
+    """The file to save the model in whenever its mean return is the highest so far. A run that is gone on with after
     `load` knows the best model that it kept there; a new run begins anew."""
     env_kwargs: Mapping[str, object] | None = None
     """Keyword arguments for an id or a name."""
@@ -167,7 +167,7 @@ class StopAfter:
     """Stop after some time, counted from the beginning of `learn`, at the next whole update."""
 
     seconds: Number
-    """How many seconds `learn` may take."""
+    """The time that `learn` may take, in seconds."""
 
     def __post_init__(self) -> None:
         fits = is_number(self.seconds) and self.seconds > 0

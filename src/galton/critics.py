@@ -21,7 +21,7 @@ from galton.types import Finite, Positive
 
 
 class Critic(Part, abc.ABC):
-    """How the critic network's outputs become values. An entry of CRITICS is a class of this kind."""
+    """A critic turns network outputs into values. An entry of CRITICS is a class of this kind."""
 
     init_scale: ClassVar[float] = 1.0
     """The scale of the orthogonal kernel that the network's last layer starts with."""
@@ -37,13 +37,13 @@ class Critic(Part, abc.ABC):
 
     @abc.abstractmethod
     def value(self, outputs: Float[Array, "*batch n_outputs"]) -> Float[Array, "*batch"]:
-        """What each state is taken to be worth, v(s)."""
+        """Return the value of each state, v(s)."""
 
     @abc.abstractmethod
     def loss(
         self, outputs: Float[Array, "*batch n_outputs"], returns: Float[Array, "*batch"]
     ) -> Float[Array, "*batch"]:
-        """What is minimised on each sample, times vf_coef."""
+        """Return each sample's loss, which is minimised with the weight vf_coef."""
 
 
 class SquaredErrorCritic(Critic):

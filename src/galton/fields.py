@@ -27,7 +27,7 @@ class Within(NamedTuple):
 
     holds: Callable[[Float[np.ndarray, "*runs"]], Bool[np.ndarray, "*runs"] | np.bool]
     wanted: str
-    """What is wanted, in words."""
+    """The bounds in words."""
 
 
 def checked(name: str, value: object, annotation: Any) -> Any:

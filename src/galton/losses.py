@@ -39,17 +39,17 @@ def cross_entropy(distribution: Histogram, weights: Weights) -> Losses:
 
 
 class Loss(Part, abc.ABC):
-    """What is weighted by the advantage. An entry of LOSSES is a class of this kind."""
+    """A loss gives each action the number that the advantage weights. An entry of LOSSES is a class of this kind."""
 
     family: ClassVar[Family] = "density"
     """Of the policies that it fits: "density" is any, "histogram" those whose distributions are histograms."""
     policy: ClassVar[str] = "gaussian"
     """The key in POLICIES of the policy that it usually trains."""
     in_paper: ClassVar[bool] = False
-    """Whether it is one of the paper's; figures and claims set the others apart."""
+    """True for a loss of the paper's; figures and claims set the others apart."""
 
     is_biased: ClassVar[bool] = False
-    """Whether an error of the baseline adds something to the mean logit gradient: `bias`."""
+    """True if an error of the baseline adds something to the mean logit gradient: `bias`."""
 
     @abc.abstractmethod
     def __call__(self, distribution: Any, action: Float[Array, "*batch d"]) -> Losses:
@@ -59,7 +59,7 @@ class Loss(Part, abc.ABC):
         """The weights of a cross-entropy, which PPO takes from the policy that sampled; None for other losses."""
 
     def bias(self, distribution: Any) -> Weights | float:
-        """What an error of the baseline adds to the mean logit gradient, for each unit that it is off."""
+        """Return what an error of the baseline adds to the mean logit gradient, for each unit that it is off."""
         del distribution
         return 0.0
 
@@ -114,7 +114,7 @@ class HLGauss(Loss):
     """The width η = σ / bin width (§4.2). Where it follows the policy (eta_rule) this is the factor of the policy's
     standard deviation."""
     target_tails: Literal["rescaled", "edges", "reflected"] = "rescaled"
-    """What becomes of a target's mass beyond the box: the rest is rescaled to sum to 1 (eq. 6), or the first and last
+    """Target mass beyond the box: the rest is rescaled to sum to 1 (eq. 6), it is folded back, or the first and last
     bin get it."""
     eta_rule: Literal["fixed", "policy"] = "fixed"
     """The width: η = eta everywhere, or as the policy narrows, per state and dimension:

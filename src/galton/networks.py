@@ -63,9 +63,9 @@ class MLP(Network):
     """Units of the critic's hidden layers; by default those of net_arch. With SimBa the critic is then such an MLP with
     tanh, and by default a SimBa too."""
     activation: Literal["tanh", "relu", "elu", "silu"] = "tanh"
-    """What each hidden unit makes of its sum."""
+    """The activation function of the hidden units."""
     kernel_init: Literal["orthogonal", "lecun"] = "orthogonal"
-    """How the kernels of hidden layers start: orthogonal of scale √2, or LeCun's normal ones."""
+    """The initialisation of the kernels of hidden layers: orthogonal of scale √2, or LeCun's normal one."""
 
     def init(self, key: Key[Array, ""], n_in: int, n_out: int, last_scale: float, of_critic: bool) -> Layers:
         """New layers (see `init_mlp`)."""

@@ -16,7 +16,7 @@ from galton.types import Number
 CLIP = 10.0
 EPSILON = 1e-8
 PRIOR = 1e-4
-"""How many samples the mean 0 and the variance 1 count for that statistics begin with."""
+"""The number of samples that the initial mean 0 and variance 1 count for."""
 ROUNDING = 1e-7
 """Of a number in float32."""
 
@@ -27,7 +27,7 @@ class Moments(NamedTuple):
     mean: Float[Array, "*rest"]
     variance: Float[Array, "*rest"]
     n: Float[Array, ""]
-    """How many samples were seen."""
+    """The number of samples seen, PRIOR included."""
 
 
 class Normalizer(NamedTuple):
@@ -40,7 +40,7 @@ class Normalizer(NamedTuple):
     running_return: Any
     """The discounted return of the episode so far, `[N]`."""
     origin: Any = ()
-    """What is taken away from observations first, `[o]`; 0 in files of before it."""
+    """The origin, subtracted from observations first, `[o]`; 0 in files from before it existed."""
 
 
 def init(observation_size: int, n_envs: int, observations: bool, rewards: bool) -> Normalizer:

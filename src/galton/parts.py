@@ -29,7 +29,7 @@ from galton.fields import Within, annotations, checked
 
 PartT = TypeVar("PartT", bound="Part")
 _COMPUTED = jax.Array | jax.ShapeDtypeStruct
-"""What programs compute with, of which nothing can be said."""
+"""The types of the arrays that programs compute with, whose values can't be checked."""
 
 
 class Box(NamedTuple):

@@ -8,11 +8,11 @@ from galton.errors import require, unknown
 
 GAUSSIAN, CLASSIFICATION, RN_D, PAPER = "gaussian", "classification", "rn-d", "paper"
 RECOMMENDED = "recommended"
-"""What the preset of classification was called up to 0.2.0.dev0, in commands and files."""
+"""The name of the preset of classification up to 0.2.0.dev0, in commands and files."""
 
 
 class Preset(NamedTuple):
-    """What a preset changes of an algorithm's defaults."""
+    """A preset changes some of an algorithm's defaults."""
 
     name: str
     """Its key in PRESETS."""
@@ -39,7 +39,7 @@ _A2C_GAUSSIAN = {
     "log_std_init": -0.89,
     "log_std_min": -3.0,
 }
-"""What benchmarks/winner-a2c.toml selected for the Gaussian."""
+"""benchmarks/winner-a2c.toml selected these settings for the Gaussian."""
 
 _PPO_GAUSSIAN = {
     "n_envs": 8,
@@ -74,7 +74,7 @@ _A2C_CLASSIFICATION = {
     "log_std_init": -0.616,
     "deterministic_action": "mean",
 }
-"""What benchmarks/winner-a2c.toml selected for its best head over bins, but for the decay of the learning rate, which
+"""benchmarks/winner-a2c.toml selected these for its best head over bins, but for the decay of the learning rate, which
 changes little here (docs/winner.md)."""
 
 _PPO_CLASSIFICATION = {
@@ -139,7 +139,7 @@ USUAL = {"a2c": CLASSIFICATION, "ppo": GAUSSIAN}
 
 
 def present(name: str) -> str:
-    """What a preset of that name is called by now."""
+    """Return the present name of the preset of that name, which may be its former one."""
     return CLASSIFICATION if name == RECOMMENDED else name
 
 

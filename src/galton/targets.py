@@ -171,7 +171,7 @@ def _masses(n_bins: int, eta: Eta) -> tuple[Float[Array, "*entries m"], Float[Ar
 def _ends(
     n_bins: int, index: Int[Array, "*batch"], eta: Any, tails: Tails, centers: Centers
 ) -> tuple[Float[Array, "*entries"], Float[Array, "*entries"]]:
-    """Where the target of each center ends, below and above, as erf has it; −1 and 1 where it keeps its tails."""
+    """Return erf at the ends of each center's target, below and above; −1 and 1 where the target keeps its tails."""
     if tails == "edges":
         whole = jnp.ones(jnp.broadcast_shapes(jnp.shape(index), jnp.shape(eta)))
         return -whole, whole

@@ -16,9 +16,9 @@ class Task(NamedTuple):
     d: int = 0
     """Action dimensions; 0 where they are not known."""
     in_jax: bool = True
-    """Whether the environment is one of ours, in pure JAX."""
+    """True if the environment is one of ours, in pure JAX."""
     total_timesteps: int = 500_000
-    """How many environment steps the paper trains for."""
+    """The number of environment steps that the paper trains for."""
     learning_rate: float = 7e-4
     """The learning rate that is taken where it is not tuned."""
     learning_rates: tuple[float, ...] = (1e-4, 3e-4, 7e-4, 1e-3)
@@ -28,9 +28,9 @@ class Task(NamedTuple):
     config: Mapping[str, object] = {}
     """The other settings that differ from their usual values."""
     n_logs: int = 100
-    """How many points a learning curve has, each with an evaluation."""
+    """The number of points on a learning curve, each with an evaluation."""
     n_eval_episodes: int = 10
-    """How many episodes each evaluation has."""
+    """The number of episodes in each evaluation."""
     at_rest: float | None = None
     """The mean return of the action 0 from the first step to the last, where a figure shows it."""
     solved: float | None = None

@@ -10,9 +10,9 @@ from galton.fields import AtLeast, Within
 Params = dict[str, Any]
 """A nested dictionary of arrays."""
 Count = Annotated[int, AtLeast(1)]
-"""How many of something that there must be."""
+"""A number of things of which there must be at least one."""
 Rule = Literal["mode", "mean", "median"]
-"""How a softmax policy that does not explore chooses its action."""
+"""The rule by which a softmax policy that does not explore chooses its action."""
 
 
 Number = float | Float[Array, "*runs"]
@@ -33,7 +33,7 @@ class Transition(NamedTuple):
     reward: Float[Array, "*batch"]
     """As the critic learns it, scaled where that is asked for."""
     next_observation: Float[Array, "*batch o"]
-    """What the step led to, before any reset."""
+    """The observation that the step led to, before any reset."""
     terminated: Bool[Array, "*batch"]
     """The task ended: the next state has no value."""
     truncated: Bool[Array, "*batch"]
@@ -50,7 +50,7 @@ class Learner(NamedTuple):
     normalizer: Any
     """Statistics of observations and rewards, a Normalizer."""
     memory: dict[str, PyTree[Array]]
-    """What parts remember between two updates beside that, by the agent's field: `algorithm` and `entropy`."""
+    """The memory that parts keep between updates beside these, by the agent's field: `algorithm` and `entropy`."""
 
     def remembering(self, **memory: PyTree[Array]) -> "Learner":
         """The same learner whose parts remember this."""

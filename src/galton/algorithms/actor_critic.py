@@ -1,4 +1,4 @@
-"""What every actor-critic does: networks that act and value, advantages, and the clipped step.
+"""Actor-critics have these in common: networks that act and value, advantages, and the clipped step.
 
 Separate networks for actor and critic, and the gradient's global norm clipped, as in Stable-Baselines3.
 """
@@ -47,7 +47,7 @@ def act(
 
 
 def value(agent: Agent, params: Params, observation: Float[Array, "*batch o"]) -> Float[Array, "*batch"]:
-    """What the critic takes each state to be worth, v(s)."""
+    """Return the critic's value of each state, v(s)."""
     return agent.critic.value(agent.network(params["critic"], observation))
 
 
@@ -98,7 +98,7 @@ def by_sign(
 
 
 class Objective(NamedTuple):
-    """What an update minimises on a batch, and the parts that it is the sum of."""
+    """An update minimises `total` on a batch, a weighted sum of the other parts and the loss's own regularizer."""
 
     total: Float[Array, ""]
     policy_loss: Float[Array, ""]

@@ -22,7 +22,7 @@ from galton.types import Count, Learner, NotNegative, Number, Params, Rule, Shar
 
 AgentT = TypeVar("AgentT", bound="Agent")
 Scalars = dict[str, Float[Array, ""]]
-"""What an update tells of itself, by name."""
+"""The scalars that an update reports, by name."""
 Correlation = Annotated[Number | None, Within(lambda x: (x >= 0) & (x < 1), "0 or more, and less than 1")]
 
 
@@ -44,7 +44,7 @@ class Rollout(Part):
     reset_pool: Count = 64
     """States that are drawn for each rollout where episodes begin in one of a pool (resets)."""
     noise_correlation: Correlation = 0.0
-    """How the noise of an action is correlated with that of the step before, ρ, while an episode lasts; 0: not at all.
+    """The correlation of an action's noise with that of the step before, ρ, while an episode lasts; 0: none.
     The noise of each step by itself is distributed as without it."""
 
     def check_own(self) -> None:
@@ -71,7 +71,7 @@ class Algorithm(Part, abc.ABC):
     log_interval: ClassVar[int] = 100
     """Updates between two log points of `learn`, unless the caller says otherwise."""
     side_by_side: ClassVar[bool] = True
-    """Whether a processor core updates many runs at once. Where a single update has large matrix products of its own,
+    """True if a processor core updates many runs at once. Where a single update has large matrix products of its own,
     one run after the other is faster. Other devices always take all at once."""
     choices: ClassVar[tuple[str, ...]] = ()
     """The choices of CARRIED_OUT that it carries out."""

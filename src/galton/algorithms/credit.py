@@ -26,7 +26,7 @@ class Credit(Part):
 
     label: ClassVar[str] = "advantage"
     is_signed: ClassVar[bool] = True
-    """Whether a weight may be negative."""
+    """True if a weight may be negative."""
 
     normalize_advantage: bool = False
     """Standardise the advantages of each batch."""

@@ -38,7 +38,7 @@ SCALE, GAIN = 0.2, 10.0
 MOST = 100.0
 """The greatest α, however far the entropy is below its target."""
 REACH = float(np.arcsinh(MOST / SCALE))
-"""How far the dual variable may go either way, as far as α itself would."""
+"""The bound of the dual variable either way: the value at which it alone makes α equal MOST."""
 
 Scalar = Float[Array, ""]
 Dual = Any

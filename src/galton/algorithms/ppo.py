@@ -36,7 +36,7 @@ from galton.types import Count, Learner, Number, Params, Transition
 _OF_MOVES = 2**31 - 1
 """Folded into an update's key it gives that of what its minibatches draw; the epochs' orders have 0 … n_epochs − 1."""
 Told = dict[str, Float[Array, "*minibatches"]]
-"""What minibatches tell of themselves, by name."""
+"""The scalars that minibatches report, by name."""
 
 
 class Rows(NamedTuple):
@@ -46,7 +46,7 @@ class Rows(NamedTuple):
     action: Float[Array, "B d"]
     advantage: Float[Array, " B"]
     returns: Float[Array, " B"]
-    """What the critic is trained towards."""
+    """The returns that the critic is trained towards."""
     log_prob: Float[Array, " B"]
     """Each action's log-probability under the policy that sampled it."""
     loss: Float[Array, " B"]
@@ -79,11 +79,11 @@ class PPO(Algorithm):
     choices: ClassVar[tuple[str, ...]] = CARRIED_OUT
 
     n_epochs: Count = 10
-    """How often it goes through a rollout."""
+    """The number of passes over each rollout."""
     batch_size: Count = 64
     """Steps in each minibatch; it divides n_steps · n_envs."""
     ratio: Literal["auto", "smoothed", "true"] = "auto"
-    """What is clipped: the ratio of what the loss measures, or the actions' own likelihood ratio; auto is smoothed for
+    """The ratio that is clipped: of what the loss measures, or the actions' own likelihood ratio; auto is smoothed for
     a loss with a bias, plain HL-Gauss, and true for all others."""
     clip_range: Annotated[Number, Within(lambda x: x > 0, "greater than 0")] = 0.2
     """The ratio is clipped this far from 1."""

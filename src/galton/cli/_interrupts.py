@@ -16,7 +16,7 @@ ASKING = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if h
 """The signals that ask a process to end: Ctrl-C, a batch system's, a terminal's that is closed."""
 
 EXIT_CODE = 130
-"""What a shell shows for a command that Ctrl-C ended."""
+"""The exit code that a shell shows for a command that Ctrl-C ended."""
 
 
 @contextlib.contextmanager

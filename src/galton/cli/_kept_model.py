@@ -11,7 +11,7 @@ from galton.models import Model
 from galton.models.file import Taken
 
 SECONDS = 2.0
-"""How long training may take to stop by itself after an interrupt, before what was taken last is saved; and how long
+"""The seconds that training has to stop by itself after an interrupt, before what was taken last is saved; and how long
 at least lies between two takings."""
 SHARE = 0.01
 """The share of the time that taking may cost."""

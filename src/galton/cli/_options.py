@@ -37,7 +37,7 @@ EnvName = Annotated[
 _LOSSES, _ALGORITHMS, _PRESETS = ("{" + ",".join(known) + "}" for known in (LOSSES, ALGORITHMS, PRESETS))
 LossName = Annotated[str, tyro.conf.arg(metavar=_LOSSES, help="What is minimised: docs/paper.md has each of them.")]
 AlgorithmName = Annotated[
-    str, tyro.conf.arg(metavar=_ALGORITHMS, help="What learns; the defaults of its settings are its own.")
+    str, tyro.conf.arg(metavar=_ALGORITHMS, help="The algorithm that learns; the defaults of its settings are its own.")
 ]
 PresetName = Annotated[
     str,
@@ -102,7 +102,7 @@ LONGEST, SHORTER = 100, 40
 
 
 DEVICES = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(?=\.|$)", re.IGNORECASE)
-"""How names begin that Windows keeps for devices."""
+"""The beginning of a name that Windows keeps for devices."""
 
 
 def short_name(env: str) -> str:

@@ -31,7 +31,7 @@ TrainingOptions = Annotated[Training, tyro.conf.arg(name="")]
 """Training among the options of a command, whose help names its groups."""
 
 TOLD = {"training": "The defaults are the task's (App. C.2), the preset's or the algorithm's; name ENV to see them."}
-"""What help says of a group of options."""
+"""The help text of a group of options, by the group's name."""
 
 _UNTOLD = 2**31 - 1
 """A number of environments that nobody types."""

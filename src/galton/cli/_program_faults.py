@@ -11,7 +11,7 @@ from typing import Any
 from galton.training.programs_on_disk import PLACE, REMEDY, place
 
 _SAID = re.compile(r"Error (reading|writing) persistent compilation cache entry for '([^']*)': (.*)", re.DOTALL)
-"""How JAX says that it can't use the folder: what failed, the program's name, and why."""
+"""JAX's warning that it can't use the folder, as a pattern: what failed, the program's name, and why."""
 
 
 def keep_programs() -> None:

@@ -10,7 +10,7 @@ from rich.text import Text
 from galton.cli._interrupts import deferred
 
 Show = Callable[[int], None]
-"""What is called with the steps so far, about twice a second."""
+"""The function that is called with the steps so far, about twice a second."""
 
 Follow = Callable[[str, int, int], Show]
 """(title, steps per run, runs) → what `train` calls meanwhile."""

@@ -21,7 +21,7 @@ from tyro.constructors import (
 from galton.types import Number
 
 REGISTRY = ConstructorRegistry()
-"""How types are read from words and shown in the help of a command."""
+"""The rules by which types are read from words and shown in the help of a command."""
 
 
 def integer(text: str) -> int:

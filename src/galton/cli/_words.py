@@ -13,7 +13,7 @@ from galton.errors import UsageError
 from galton.extras import MissingExtraError
 
 ABOUT = r"(?= (?:is|are|has|holds|names|goes|needs)\b)"
-"""What follows the name of an argument where a message begins with it."""
+"""The verb that follows the name of an argument where a message begins with it."""
 
 ELSEWHERE = ("loss", "algorithm")
 """The words that each command has as options of its own."""

@@ -27,7 +27,7 @@ class Options:
     """Keyword arguments of the environment; by default the run's."""
     imports: Imports = ()
     episodes: int = 100
-    """How many to play, side by side. The model's seed and its steps decide on them."""
+    """The number of episodes to play, side by side. The model's seed and its steps decide on them."""
 
 
 def main(arguments: Sequence[str]) -> None:

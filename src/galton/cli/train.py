@@ -62,7 +62,7 @@ class Options:
     loss: LossName = ""
     preset: PresetName = ""
     algorithm: AlgorithmName = "ppo"
-    """What learns; the defaults of its settings are its own."""
+    """The algorithm that learns; the defaults of its settings are its own."""
     seed: int = 0
     """Of everything random; the same seed gives the same run."""
     out: Path | None = None

@@ -42,7 +42,7 @@ class Options:
     """Keyword arguments of the environment; by default the run's."""
     imports: Imports = ()
     episodes: int = 1
-    """How many to play, one after the other."""
+    """The number of episodes to play, one after the other."""
     max_steps: int = 1_000
     """Steps of an episode after which it is cut."""
     seed: int = 0

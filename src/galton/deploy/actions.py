@@ -33,7 +33,7 @@ class Chosen(NamedTuple):
     action: str
     """The name of its step in the graph, `[batch, d]` in the environment's units; the bounds are put on afterwards."""
     rule: str
-    """Which action of its distribution that is, in one word."""
+    """The rule that chooses this action from its distribution, in one word."""
     meaning: str
     """The same in a sentence, for the contract."""
 
@@ -44,7 +44,7 @@ MEANINGS = {
     "median": "The center of the first bin of each action dimension below whose upper edge more than half of the "
     "probability lies.",
 }
-"""What a softmax policy's rules mean."""
+"""The meaning of each rule by which a softmax policy chooses its action."""
 
 
 def gaussian(graph: Graph, outputs: str, policy: GaussianHead) -> Chosen:

@@ -19,7 +19,7 @@ class Bandit:
     """
 
     d: int = 2
-    """How many dimensions an action has."""
+    """The number of dimensions of an action."""
     noise_std: float = 1.0
     """The standard deviation of the reward's noise, ε."""
 

@@ -118,7 +118,7 @@ class _Rest:
     """The dataclass whose fields these are; None where the structure makes the record."""
     structure: Any
     leaves: tuple[Hashable, ...]
-    """What is no array; ... where one was."""
+    """The leaves that are not arrays; `...` stands where one was."""
 
     def filled(self, arrays: Sequence[Any]) -> Any:
         """The record with these arrays."""

@@ -28,13 +28,13 @@ class LQR:
     """
 
     A: Matrix = ((_C, -_S), (_S, _C))
-    """How the state moves by itself, `[n, n]`."""
+    """The state-transition matrix, `[n, n]`."""
     B: Matrix = ((0.1, 0.0), (0.0, 0.1))
-    """What the action adds to it, `[n, m]`."""
+    """The input matrix, by which the action moves the state, `[n, m]`."""
     Q: Matrix = ((1.0, 0.0), (0.0, 1.0))
-    """What the state costs, `[n, n]`."""
+    """The matrix of the state's quadratic cost, `[n, n]`."""
     R: Matrix = ((1.0, 0.0), (0.0, 1.0))
-    """What the action costs, `[m, m]`."""
+    """The matrix of the action's quadratic cost, `[m, m]`."""
     noise_std: float = 0.05
     """The standard deviation of each entry of the noise in a step."""
     max_episode_steps: int = 100

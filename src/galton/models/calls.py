@@ -1,4 +1,4 @@
-"""When the callbacks of one call of `learn` are called, as `galton.callbacks` says."""
+"""The callbacks of one call of `learn` are called as `galton.callbacks` says."""
 
 import inspect
 from collections.abc import Callable, Sequence

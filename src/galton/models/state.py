@@ -20,7 +20,7 @@ from galton.training.programs import check_process
 from galton.types import Learner, Params
 
 Arrays = dict[str, np.ndarray]
-"""What a file holds beside its settings, by path."""
+"""The arrays that a file holds beside its settings, by path."""
 
 
 def parameters_of(learner: Learner) -> Params:

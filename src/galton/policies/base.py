@@ -1,4 +1,4 @@
-"""What a policy has to offer. Distributions live inside a traced function; policies are static."""
+"""Policies offer these interfaces. Distributions live inside a traced function; policies are static."""
 
 import abc
 from typing import Annotated, ClassVar, Literal, Protocol, TypeVar, runtime_checkable
@@ -20,15 +20,15 @@ EDGE = 0.01
 def near_edge(
     action: Float[Array, "*batch d"], low: Float[np.ndarray, " d"], high: Float[np.ndarray, " d"]
 ) -> Bool[Array, "*batch d"]:
-    """Which entries lie in the first or last hundredth of the box, or beyond: the first and last of 100 bins."""
+    """Return True for entries in the first or last hundredth of the box, or beyond: the first and last of 100 bins."""
     margin = EDGE * (high - low)
     return (action < low + margin) | (action > high - margin)
 
 
 Family = Literal["density", "histogram"]
-"""What a loss needs of a distribution: a log-probability, or probabilities of bins besides."""
+"""The kind of distribution that a loss needs: one with a log-probability, or one with probabilities of bins besides."""
 Marginal = Literal["normal", "uniform"]
-"""How one number of a policy's noise is distributed: standard normal, or uniform in [0, 1)."""
+"""The distribution of one number of a policy's noise: standard normal, or uniform in [0, 1)."""
 
 
 @runtime_checkable
@@ -51,18 +51,18 @@ class Distribution(Protocol):
         """The standard deviation of the action."""
 
     def at_edge(self, action: Float[Array, "*batch d"]) -> Bool[Array, "*batch d"]:
-        """Which entries of an action are as far out as the policy's box lets them be."""
+        """Return True for entries of an action that are as far out as the policy's box lets them be."""
 
 
 class Policy(Part, abc.ABC):
-    """How network outputs become a distribution over actions in a box. An entry of POLICIES is such a class."""
+    """A policy turns network outputs into a distribution of actions in a box. An entry of POLICIES is such a class."""
 
     family: ClassVar[Family] = "density"
     """A "histogram" policy's distributions are of the class Histogram, which every loss can train; to a "density"
     policy only losses of that family fit."""
 
     box: Box | None = None
-    """Where actions lie; a task sets it (`on`)."""
+    """The box that actions lie in; a task sets it (`on`)."""
     head_scale: Scale = 1.0
     """The network's outputs are multiplied with this number. Under Adam the policy then moves that many times as far in
     a step as with 1, while the critic and the hidden layers keep their rate."""
@@ -121,7 +121,7 @@ class Policy(Part, abc.ABC):
 
     @abc.abstractmethod
     def noise(self, key: Key[Array, ""], shape: tuple[int, ...]) -> PyTree[Array]:
-        """What `Distribution.sample` needs for a batch of this shape, drawn ahead of the rollout.
+        """Draw the noise that `Distribution.sample` needs for a batch of this shape, ahead of the rollout.
 
         Each leaf begins with the axes of the shape.
         """

@@ -63,7 +63,7 @@ class Beta:
         return (self.high - self.low) * jnp.sqrt(self.alpha / total * (self.beta / total) / (total + 1))
 
     def at_edge(self, action: Float[Array, "*batch d"]) -> Bool[Array, "*batch d"]:
-        """What lies in the first or last hundredth of the box."""
+        """Return True for entries in the first or last hundredth of the box."""
         return near_edge(action, self.low, self.high)
 
     def deterministic_action(self) -> Float[Array, "*batch d"]:

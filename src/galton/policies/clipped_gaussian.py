@@ -68,7 +68,7 @@ class ClippedGaussian:
         return jnp.sqrt(jnp.maximum(second - first**2, LEAST))
 
     def at_edge(self, action: Float[Array, "*batch d"]) -> Bool[Array, "*batch d"]:
-        """What lies on a bound, or beyond."""
+        """Return True for entries on a bound, or beyond."""
         return (action <= self.gaussian.low) | (action >= self.gaussian.high)
 
     def deterministic_action(self) -> Float[Array, "*batch d"]:

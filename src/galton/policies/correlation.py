@@ -35,7 +35,7 @@ def check_correlation(policy: Policy, correlation: Number | Float[np.ndarray, " 
 def nothing_before(
     policy: Policy, shape: tuple[int, ...], correlation: Number | Float[np.ndarray, " R"] | None
 ) -> PyTree[Array]:
-    """What `continued` takes before a first step, in the place of z: zeros of this shape; () without correlation.
+    """Return the z that `continued` takes before a first step: zeros of this shape, or () where correlation is None.
 
     It is None where no run of the program has any.
     """

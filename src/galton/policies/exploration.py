@@ -1,4 +1,4 @@
-"""How a softmax policy can explore and start as a Gaussian does; two of these are the controls of §5.2.3."""
+"""A softmax policy can explore and start as a Gaussian does in these ways, two of which are the controls of §5.2.3."""
 
 import jax.numpy as jnp
 from jaxtyping import Array, Float

@@ -18,7 +18,7 @@ Units = Annotated[Number | None, Within(lambda x: (x == 0) | (x == 1), "0 or 1")
 
 
 def units_of(policy: Policy, box_units: Number | None) -> tuple[Float[Array, " d"] | float, Float[Array, " d"] | float]:
-    """Where 0 and what 1 is in the policy's units: 0 and 1 in the environment's, the box's center and half-width else.
+    """Return the origin and scale of the policy's units: 0 and 1, or the box's center and half-width in box units.
 
     They are plain numbers where no run of the program uses the box's (None).
     """
@@ -38,7 +38,7 @@ class Gaussian:
     low: Float[np.ndarray, " d"]
     high: Float[np.ndarray, " d"]
     unit: Float[Array, " d"] | float = 1.0
-    """What σ is a multiple of. It is no part of log_std, so that a box twice as large changes no bit but exponents."""
+    """The unit of σ. It is no part of log_std, so that a box twice as large changes no bit but exponents."""
 
     @property
     def sigma(self) -> Float[Array, "*states d"]:
@@ -51,7 +51,7 @@ class Gaussian:
         return self.log_std + jnp.log(self.unit)
 
     def in_sigmas(self, distance: Float[Array, "*batch d"]) -> Float[Array, "*batch d"]:
-        """How many σ a distance is."""
+        """Return a distance in multiples of σ."""
         return distance / self.unit * jnp.exp(-self.log_std)
 
     def sample(self, noise: Float[Array, "*batch d"]) -> Float[Array, "*batch d"]:
@@ -73,7 +73,7 @@ class Gaussian:
         return jnp.broadcast_to(self.sigma, self.mean.shape)
 
     def at_edge(self, action: Float[Array, "*batch d"]) -> Bool[Array, "*batch d"]:
-        """Which entries the environment clips."""
+        """Return True for entries that the environment clips."""
         return (action < self.low) | (action > self.high)
 
     def deterministic_action(self) -> Float[Array, "*batch d"]:
@@ -82,7 +82,7 @@ class Gaussian:
 
 
 class GaussianHead(Policy):
-    """What policies have in common that a Gaussian is behind, before each makes its own distribution of it.
+    """Policies that are built on a Gaussian share this head, before each makes its own distribution of it.
 
     The network gives the mean; log σ is a parameter of its own, the same in every state, or with state_dependent_std
     another d of the network's outputs, after the means. Mean and σ are in the
@@ -114,7 +114,7 @@ class GaussianHead(Policy):
 
     @property
     def noise_marginals(self) -> Marginal:
-        """How the noise is distributed: standard normal."""
+        """The noise is standard normal."""
         return "normal"
 
     def noise(self, key: Key[Array, ""], shape: tuple[int, ...]) -> Float[Array, "*batch d"]:

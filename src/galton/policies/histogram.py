@@ -24,7 +24,7 @@ BinSample = Literal["center", "uniform"]
 
 
 class Choices(NamedTuple):
-    """What a histogram leaves open; the settings of HistogramPolicy with the same names."""
+    """A histogram leaves these choices open; they are the settings of HistogramPolicy with the same names."""
 
     exploration: Exploration = "softmax"
     bin_sample: BinSample = "center"
@@ -49,7 +49,7 @@ class Histogram:
 
     @property
     def samples_centers(self) -> bool:
-        """Whether every sampled action is the center of a bin."""
+        """True if every sampled action is the center of a bin."""
         return self.choices.exploration == "softmax" and self.choices.bin_sample == "center"
 
     def sample(self, noise: Float[Array, "*batch n"]) -> Float[Array, "*batch d"]:
@@ -92,7 +92,7 @@ class Histogram:
         return jnp.sqrt((self.probs * (self.bins.centers - self.mean()[..., None]) ** 2).sum(-1))
 
     def at_edge(self, action: Float[Array, "*batch d"]) -> Bool[Array, "*batch d"]:
-        """What lies in the first or last bin of a dimension, or beyond."""
+        """Return True for entries in the first or last bin of a dimension, or beyond."""
         return (action < self.bins.edges[:, 1]) | (action >= self.bins.edges[:, -2])
 
     def deterministic_action(self) -> Float[Array, "*batch d"]:
@@ -136,12 +136,12 @@ class BinnedPolicy(Policy):
     n_bins: Annotated[int, AtLeast(2)] = 100
     """Bins per action dimension, k (§4.1)."""
     bin_centers: Literal["inside", "bounds"] = "inside"
-    """Whether all bins are of one width, so that their centers lie inside the box (§4.1), or the first and last center
+    """The bins are all of one width, so that their centers lie inside the box (§4.1), or the first and last center
     are the box's bounds, so that the bins at the ends are half as wide."""
     exploration: Exploration = "softmax"
-    """What it samples from: itself, or the Gaussian with its moments (§5.2.3)."""
+    """The distribution to sample from: the policy's own, or the Gaussian with its moments (§5.2.3)."""
     bin_sample: BinSample = "center"
-    """Which action of a sampled bin is taken: its center (§4.1) or any (footnote 3)."""
+    """The action taken for a sampled bin: its center (§4.1), or any in it, drawn uniformly (footnote 3)."""
     deterministic_action: Rule = "mode"
     """The action without exploration."""
     log_std_init: Finite = 0.0
@@ -149,7 +149,7 @@ class BinnedPolicy(Policy):
     log_std_min: Floor = -math.inf
     """A floor under it."""
     box_units: Units = 0.0
-    """Whether that Gaussian is in units of the box (1), or of the environment (0)."""
+    """1: the policy's Gaussian is in units of the box; 0: in the environment's own."""
 
     def on(self: PolicyT, box: Box) -> PolicyT:
         """The policy for actions in this box.
@@ -168,7 +168,7 @@ class BinnedPolicy(Policy):
 
     @property
     def choices(self) -> Choices:
-        """What its distributions leave open."""
+        """Return the choices that its distributions leave open."""
         return Choices(self.exploration, self.bin_sample, self.deterministic_action)
 
     @property
@@ -199,7 +199,7 @@ class HistogramPolicy(BinnedPolicy):
     label: ClassVar[str] = "softmax"
 
     initial_policy: Literal["uniform", "gaussian", "clipped-gaussian"] = "uniform"
-    """How it starts: uniform, like the Gaussian policy inside its box ("Init Gaussian", §5.2.3), or like the actions
+    """The policy starts uniform, like the Gaussian policy inside its box ("Init Gaussian", §5.2.3), or like the actions
     that the environment makes of the Gaussian policy's: clipped, with the tails in the first and last bin."""
 
     @property

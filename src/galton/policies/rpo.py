@@ -19,7 +19,7 @@ class RpoPolicy(GaussianHead):
     label: ClassVar[str] = "RPO"
 
     rpo_alpha: NotNegative = 0.5
-    """How far an update moves the mean up or down at most, in the mean's own units."""
+    """The most that an update moves the mean up or down, in the mean's own units."""
 
     def distribution(self, outputs: Float[Array, "*batch n_outputs"], params: Params) -> Gaussian:
         """The Gaussian policy's distribution."""

@@ -24,7 +24,7 @@ class SmoothedPolicy(HistogramPolicy):
     eta: Positive = 0.25
     """The width of the moving average, in bins."""
     target_tails: Literal["rescaled", "edges", "reflected"] = "rescaled"
-    """What becomes of a row's mass beyond the box: the rest is rescaled to sum to 1, or the bin at that end gets it."""
+    """Mass beyond the box: the rest is rescaled to sum to 1, it is folded back, or the bin at that end gets it."""
 
     def init(self) -> tuple[Float[Array, " dk"], Params]:
         """Outputs 0, which leave every bin its first logit."""

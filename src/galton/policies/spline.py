@@ -78,7 +78,7 @@ class Spline:
         return jnp.sqrt((shares * (apart**2 + _VARIANCES)).sum(-1)) * (self.high - self.low) / CELLS
 
     def at_edge(self, action: Float[Array, "*batch d"]) -> Bool[Array, "*batch d"]:
-        """True in the first and the last hundredth of the box."""
+        """Return True for entries in the first or last hundredth of the box."""
         return near_edge(action, self.low, self.high)
 
     def deterministic_action(self) -> Float[Array, "*batch d"]:

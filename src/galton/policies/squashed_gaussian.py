@@ -69,7 +69,7 @@ class SquashedGaussian:
         return jnp.sqrt(jnp.maximum(((x - mean) ** 2 * p).sum(-1), LEAST)) * self._half()
 
     def at_edge(self, action: Float[Array, "*batch d"]) -> Bool[Array, "*batch d"]:
-        """What lies in the first or last hundredth of the box."""
+        """Return True for entries in the first or last hundredth of the box."""
         return near_edge(action, self.low, self.high)
 
     def deterministic_action(self) -> Float[Array, "*batch d"]:

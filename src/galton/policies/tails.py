@@ -19,7 +19,7 @@ LOG_SQRT_2PI = 0.5 * math.log(2 * math.pi)
 FAR = 1e9
 """Further than so many σ nothing is told apart: powers of it are finite in float32."""
 LEAST = 1e-36
-"""What a variance is at least, so that its root has a slope."""
+"""The floor under a variance, so that the gradient of its root is finite."""
 _DROP = 20.0
 _NODES, _WEIGHTS = (np.asarray(x) for x in np.polynomial.legendre.leggauss(16))
 
@@ -52,12 +52,12 @@ def log_tail(x: Float[Array, "*batch"]) -> Float[Array, "*batch"]:
 
 
 class Inside(NamedTuple):
-    """What of N(mean, std²) lies in an interval, seen from the point of the interval that is nearest to the mean."""
+    """The part of N(mean, std²) in an interval, seen from the point of the interval that is nearest to the mean."""
 
     edge: Float[Array, "*batch"]
     """That point: the mean itself where it is inside."""
     zeta: Float[Array, "*batch"]
-    """How far it is from the mean, in σ."""
+    """The distance of that point from the mean, in σ."""
     below: Piece
     """From the point down to the interval's lower end."""
     above: Piece
@@ -84,7 +84,7 @@ def inside(
 def quantile(
     zeta: Float[Array, "*batch"], width: Float[Array, "*batch"], share: Float[Array, "*batch"]
 ) -> Float[Array, "*batch"]:
-    """How far beyond the edge, in σ, that share in [0, 1] of a piece's mass is reached.
+    """Return the distance beyond the edge, in σ, at which that share in [0, 1] of a piece's mass is reached.
 
     Newton's method on the logarithm of what is left beyond t, which is concave: from the right it never overshoots.
     Near the edge, where that rounds, it is followed by a step on the mass itself. What rounds to all of a tail without

@@ -18,7 +18,7 @@ class TruncatedGaussian:
     """N(mean, diag σ²) given that the action is inside the box [low, high]."""
 
     gaussian: Gaussian
-    """What is cut off. Its mean may lie outside: the density is then largest at that bound and falls from there."""
+    """The Gaussian to truncate. If its mean lies outside, the density is largest at that bound and falls from there."""
 
     def sample(self, noise: Float[Array, "*batch d"]) -> Float[Array, "*batch d"]:
         """The action below which the share `noise` of the probability lies: inverse-CDF sampling."""
@@ -60,7 +60,7 @@ class TruncatedGaussian:
         return std * jnp.sqrt(jnp.maximum(square - mean**2, LEAST))
 
     def at_edge(self, action: Float[Array, "*batch d"]) -> Bool[Array, "*batch d"]:
-        """What lies in the first or last hundredth of the box."""
+        """Return True for entries in the first or last hundredth of the box."""
         return near_edge(action, self.gaussian.low, self.gaussian.high)
 
     def deterministic_action(self) -> Float[Array, "*batch d"]:
@@ -79,7 +79,7 @@ class TruncatedGaussianPolicy(GaussianHead):
 
     @property
     def noise_marginals(self) -> Marginal:
-        """How the noise is distributed: uniform, for the inverse of the distribution function."""
+        """The noise is uniform, for the inverse of the distribution function."""
         return "uniform"
 
     def noise(self, key: Key[Array, ""], shape: tuple[int, ...]) -> Float[Array, "*batch d"]:

@@ -25,7 +25,7 @@ MAX_HEADER = 1 << 23
 MAX_FILE = files.DATA
 
 Settings = dict[str, Any]
-"""What JSON can hold, by name."""
+"""Values that JSON can hold, by name."""
 
 
 def write(path: Path, settings: Settings, arrays: dict[str, np.ndarray]) -> None:

@@ -12,7 +12,7 @@ from pathlib import Path
 from galton.errors import UsageError, require
 
 SCRATCH = ".writing-"
-"""How the names of files begin that are not whole yet; machine and process follow."""
+"""The beginning of the names of files that are not whole yet; machine and process follow."""
 TEXT = 1 << 24
 """The most bytes of a file of settings, which people write or read: over 100 times the longest of ours."""
 DATA = 1 << 30

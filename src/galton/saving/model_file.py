@@ -35,7 +35,7 @@ EXAMPLE: Settings = {
     "action_space": {},
     "observation_space": {},
 }
-"""What a model's file holds; config and hypers are the words of its agent, but for later ones at their usual values."""
+"""The settings in a model's file; config and hypers are its agent's words, but for later ones at their usual values."""
 
 SCORE = "evaluation/mean_reward"
 """The array of a best model's file that holds its mean return."""

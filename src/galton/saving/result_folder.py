@@ -17,23 +17,23 @@ from galton.saving import files
 from galton.saving.provenance import machine, versions
 
 CONFIG = "config.json"
-"""What the results were made with; the file by which a folder of results is known."""
+"""The file that says what the results were made with; a folder of results is known by it."""
 
 METRICS, MODEL, BEST = "metrics.jsonl", "model.safetensors", "best_model.safetensors"
-"""What a run is, beside its settings: its log points, the model, and the model of its best evaluation."""
+"""The files of a run, beside its settings: its log points, the model, and the model of its best evaluation."""
 
 POLICY, CONTRACT, CARD = "policy.onnx", "policy.json", "model_card.md"
-"""What a run is exported to."""
+"""The files that a run is exported to."""
 
 SUMMARY, CURVES, FIGURE = "summary.json", "curves.parquet", "learning_curves"
-"""What a comparison is, beside its settings; the figure has a suffix for each of its forms."""
+"""The files of a comparison, beside its settings; the figure has a suffix for each of its forms."""
 
 FILES = (
     *(CONFIG, METRICS, MODEL, BEST, "tensorboard", "video.mp4", "video.gif"),
     *(POLICY, CONTRACT, CARD),
     *(SUMMARY, CURVES, f"{FIGURE}.png", f"{FIGURE}.svg"),
 )
-"""What commands write into folders of results. One that holds anything else is somebody's, and is not replaced."""
+"""The files that commands write into folders of results. A folder with any other is somebody's, and is not replaced."""
 
 
 def check_free(path: Path, overwrite: bool, instead: str = "--overwrite") -> None:

@@ -22,7 +22,7 @@ from galton.training.probe import Played, Repeated, Spread, aliases, played, rep
 from galton.training.yardsticks import SEED, at_random, nothing
 
 SECONDS, N_EPISODES = 2.0, 10
-"""How long doing nothing and random actions are played each, at most, and for how many episodes."""
+"""The most seconds, and the number of episodes, for which doing nothing and random actions are each played."""
 LARGE, SMALL = 10.0, 0.01
 """Beyond these the entries of observations, and rewards, are what networks learn badly from."""
 SLOW = 500.0
@@ -34,13 +34,13 @@ class Finding:
     """One thing that was found out about an environment."""
 
     name: str
-    """What was looked at."""
+    """The aspect of the environment that was looked at."""
     value: str
     """The finding in words, with its numbers."""
     remedy: str = ""
-    """What to do about it; empty where all is well."""
+    """The advice on what to do about it; empty where all is well."""
     ok: bool = True
-    """Whether the environment can be trained on all the same."""
+    """True if the environment can be trained on despite the finding."""
 
     def __str__(self) -> str:
         mark = "" if not self.remedy and self.ok else "note: " if self.ok else "stop: "

@@ -29,7 +29,7 @@ MAX_STEPS = 100_000
 """An episode outside JAX that is longer is taken for one that never ends."""
 
 Carry = tuple[PyTree[Array], Array, Array, Array]
-"""What evaluation carries from step to step: states, returns so far, which episodes still run, and the step."""
+"""The values that evaluation carries between steps: states, returns so far, which episodes still run, and the step."""
 
 
 def deterministic_action(

@@ -44,7 +44,7 @@ class Group:
         self._is_scheduled = self._acting is not self._programs
         self.evaluator = Evaluator(task, len(seeds), n_threads)
         self._interrupted = False
-        """Whether an exception left the environments in the middle of a rollout."""
+        """True if an exception left the environments in the middle of a rollout."""
         self._observation = np.zeros((*self._shape, self._sizes[0]), np.float32)
         self._length = np.zeros(self._shape, np.int32)
         self._numbers = self._place(jax.tree.leaves(agent))

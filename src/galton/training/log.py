@@ -11,7 +11,7 @@ from jaxtyping import Array, Bool, Float, Int
 from galton.algorithms import Scalars
 
 MEAN_ACTION_RETURN = "mean_action_return"
-"""What `train` calls the evaluation by the mean of the policy's distribution, where it is asked for."""
+"""The column of `train`'s log for evaluation by the mean of the policy's distribution, where it is asked for."""
 
 
 class Finished(NamedTuple):
@@ -32,7 +32,7 @@ class Tally(NamedTuple):
     undiscounted_return: Float[Array, ""]
     length: Float[Array, ""]
     diagnostics: Scalars
-    """What the updates told of themselves, summed over them, by name."""
+    """The scalars that the updates reported, summed over them, by name."""
 
 
 class Log(NamedTuple):
@@ -43,11 +43,11 @@ class Log(NamedTuple):
     episode_length: Float[Array, "*batch"]
     """Mean length, in steps, of the episodes that ended since the last log point."""
     n_episodes: Float[Array, "*batch"]
-    """How many episodes ended since the last log point."""
+    """The number of episodes that ended since the last log point."""
     evaluation_return: Float[Array, "*batch"]
     """Mean undiscounted return of the deterministic policy; NaN where evaluation is off."""
     scalars: Mapping[str, Float[Array, "*batch"]]
-    """What the algorithm told of its updates since the last log point, means by name, and a diagnosis of the last
+    """The algorithm's scalars of its updates since the last log point, means by name, and a diagnosis of the last
     rollout."""
 
     def having(self, name: str, values: Float[np.ndarray, "*batch"]) -> "Log":

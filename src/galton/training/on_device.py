@@ -85,7 +85,7 @@ def iterate(
 
 
 _STEPS_DRAWN = 2048
-"""How many environment steps a block has noise for: 16 rollouts, or fewer where they are long."""
+"""The most environment steps of noise that a block draws: up to 16 rollouts, or a single one that is longer."""
 
 
 def begin_on_device(task: JaxTask, agent: Agent, seed: UInt[Array, ""]) -> DeviceState:

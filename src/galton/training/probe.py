@@ -51,7 +51,7 @@ class Played:
     n_steps: int = 0
     """Steps of each copy."""
     seconds: float = 0.0
-    """What they took in the environment."""
+    """The seconds that they took in the environment."""
     n_terminated: int = 0
     returns: list[float] = dataclasses.field(default_factory=list)
     """Undiscounted, of each episode that ended."""
@@ -92,7 +92,7 @@ class Repeated(NamedTuple):
     """The answers to whether the same seeds give the same episodes, and whether another action makes them others."""
 
     n_steps: int
-    """How many steps were compared."""
+    """The number of steps that were compared."""
     same_start: bool
     same_steps: bool
     actions_matter: bool

@@ -19,7 +19,7 @@ P = ParamSpec("P")
 
 _MAPS, _MOST = Path("/proc/self/maps"), Path("/proc/sys/vm/max_map_count")
 _KEPT: list[Callable[[], None]] = []
-"""What empties each cache of programs."""
+"""The functions that empty the caches of programs, one for each cache."""
 
 
 def kept(make: Callable[P, T]) -> Callable[P, T]:

@@ -21,7 +21,7 @@ MOST = 10**9
 """Bytes that they may take; those that were not used for longest go first."""
 
 REMEDY = f"{PLACE} names another folder, or is off"
-"""What a user can do about a folder that can't be used."""
+"""The remedy for a folder that can't be used."""
 
 
 def place() -> Path | None:

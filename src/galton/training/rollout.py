@@ -26,9 +26,9 @@ class EpisodeState(NamedTuple):
     undiscounted_return: Float[Array, " N"]
     """Reward collected so far in this episode."""
     noise: PyTree[Array] = ()
-    """What the noise of the next actions goes on from, each leaf `[N, ...]`; () where noise is not correlated."""
+    """The z that the noise of the next actions goes on from, each leaf `[N, ...]`; () where noise is not correlated."""
     first: PyTree[Array] = ()
-    """Where each copy's first episode began, each leaf `[N, ...]`; () where its later ones begin elsewhere."""
+    """The first state of each copy's first episode, each leaf `[N, ...]`; () where its later ones begin elsewhere."""
 
 
 def start_episodes(key: Key[Array, ""], task: JaxTask, n_envs: int) -> EpisodeState:
@@ -41,11 +41,11 @@ class Noise(NamedTuple):
     """All that is random in a rollout, drawn before it: inside the scan that would cost more than the networks."""
 
     action: PyTree[Array]
-    """What the policy samples with, each leaf `[T, N, ...]`."""
+    """The noise that the policy samples with, each leaf `[T, N, ...]`."""
     step: PyTree[Array]
-    """What the environments' steps need, each leaf `[T, N, ...]`."""
+    """The noise that the environments' steps need, each leaf `[T, N, ...]`."""
     fresh_states: PyTree[Array]
-    """Where the next episode starts should one end here, each leaf `[T, N, ...]`; of a pool, each leaf `[P, ...]`; ()
+    """The next episode's first state should one end here, each leaf `[T, N, ...]`; of a pool, each leaf `[P, ...]`; ()
     where each copy begins again as it first did."""
 
 
@@ -85,7 +85,7 @@ def _begun_anew(done: Bool[Array, " N"], fresh: PyTree[Array], states: PyTree[Ar
 
 
 Carry = tuple[EpisodeState, normalization.Normalizer]
-"""What a rollout carries from step to step."""
+"""The state that a rollout carries from step to step."""
 
 
 def rollout(

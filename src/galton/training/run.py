@@ -38,7 +38,7 @@ class RunState(NamedTuple):
     evaluation_key: Key[Array, ""]
     """The key of the evaluations, which are drawn apart so that they never touch training."""
     step: Int[Array, ""]
-    """How many environment steps the run has taken."""
+    """The number of environment steps that the run has taken."""
     diverged_at: Int[Array, ""]
     """The step of the first update whose gradient was not finite, −1 while there is none. From there on nothing
     is learnt: the parameters stay what they were before it."""

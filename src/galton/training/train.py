@@ -29,15 +29,15 @@ class Result:
     steps: Int[np.ndarray, " L"]
     """Environment steps taken at each log point."""
     log: Log
-    """What was recorded at each log point, numpy arrays `[R, L]`."""
+    """The record of each log point, numpy arrays `[R, L]`."""
     diverged_at: Int[np.ndarray, " R"]
     """The step at which a run diverged, −1 for a run that did not."""
     learner: Learner
-    """What each run has learnt, each leaf a numpy array `[R, ...]`."""
+    """The learner of each run, each leaf a numpy array `[R, ...]`."""
     compile_seconds: float
-    """How many seconds it took to compile the programs."""
+    """The time that it took to compile the programs, in seconds."""
     train_seconds: float
-    """What training took beside that, evaluation included."""
+    """The time that training took besides compiling, in seconds, evaluation included."""
 
     @property
     def steps_per_second(self) -> float:

@@ -12,7 +12,7 @@ from galton.envs.task import Task
 from galton.training.evaluate import opened, play
 
 N_EPISODES = 3
-"""How many episodes of each are played."""
+"""The number of episodes of each that are played."""
 SEED = 0
 """Of the episodes and of the random actions: they are the same in every run."""
 

@@ -15,7 +15,7 @@ from galton.envs.host.mujoco_log import mujoco_warns
 from galton.errors import BrokenEnvironmentError, UsageError
 
 FAULTS = (Exception, SystemExit)
-"""What an environment may raise that is its own fault: one that calls sys.exit() must not end training in silence."""
+"""The exceptions that are an environment's own fault: one that calls sys.exit() must not end training in silence."""
 Made = TypeVar("Made")
 
 LARGEST = float(np.finfo(np.float32).max)

@@ -17,9 +17,9 @@ class Steps(NamedTuple):
     """One step of M copies; numpy arrays."""
 
     observation: Float[np.ndarray, "M o"]
-    """What to act on next: where an episode ended, the first observation of the next."""
+    """The observation to act on next: where an episode ended, the first of the next."""
     final_observation: Float[np.ndarray, "M o"]
-    """What the step led to, before any reset."""
+    """The observation that the step led to, before any reset."""
     reward: Float[np.ndarray, " M"]
     terminated: Bool[np.ndarray, " M"]
     truncated: Bool[np.ndarray, " M"]

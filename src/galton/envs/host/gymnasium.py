@@ -32,7 +32,7 @@ from galton.envs.host.state import Env, get_state, is_monitor, is_restorable, se
 from galton.errors import BrokenEnvironmentError, UsageError, require
 
 _NAMELESS = ("<lambda>", "partial")
-"""What functions without a name are called, until the environment that they make is known."""
+"""The names that stand for functions without one, until the environment that they make is known."""
 
 
 class GymnasiumTask:

@@ -8,7 +8,7 @@ import warnings
 from collections.abc import Callable, Iterator
 
 _OF_GYMNASIUM = "compiler attribute 'settotalmass' is deprecated"
-"""What Gymnasium's own HalfCheetah is told at each making; its users can do nothing about it."""
+"""The message that MuJoCo has for Gymnasium's own HalfCheetah at each making; its users can do nothing about it."""
 _lock = threading.RLock()
 
 

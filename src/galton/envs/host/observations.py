@@ -19,7 +19,7 @@ IMAGE_REMEDY = (
     "an image is flattened, and its numbers from 0 to 255 saturate tanh units; Galton has no convolutions: wrap the "
     "environment so that it observes features of the image, or train with normalize_observation=True"
 )
-"""What to do about an observation that is an image."""
+"""The remedy for an observation that is an image."""
 
 
 @dataclasses.dataclass(frozen=True)

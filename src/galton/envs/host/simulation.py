@@ -56,7 +56,7 @@ class Batched:
         self.fields = {name: live[name].copy() if name in self._derived else live[name] for name in fields}
         self._live, self._control = live, self._batch.bind("ctrl")
         self.was_reset = np.zeros(n, bool)
-        """Which simulations MuJoCo reset in the last step because they were unstable."""
+        """True for each simulation that MuJoCo reset in the last step because it was unstable."""
 
     def step(self, control: Float[np.ndarray, "N u"], n_substeps: int) -> None:
         """Take that many substeps under constant controls."""
