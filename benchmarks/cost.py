@@ -1,4 +1,4 @@
-"""What the whole paper costs, from rates that are measured here: rewrites its table in docs/speed.md.
+"""Estimate what the whole paper costs from rates that are measured here, and rewrite its table in docs/speed.md.
 
 Each analytic task is trained as a sweep trains it, 16 runs in each of one process per core, with an evaluation of
 ten episodes every 5,000 steps (every 20 on the bandit), for each program of App. C.2. The MuJoCo tasks' rates are

@@ -1,4 +1,4 @@
-"""What doing nothing earns on the tasks of a benchmark's file that are Gymnasium's.
+"""Measure what doing nothing earns on the tasks of a benchmark's file that are Gymnasium's.
 
 Nothing is the middle of the box at each step. The table stands in docs/winner.md.
 

@@ -1,4 +1,4 @@
-"""Whether our Gaussian A2C learns what Stable-Baselines3's learns: the same settings, five seeds each.
+"""Test whether our Gaussian A2C learns what Stable-Baselines3's learns: the same settings, five seeds each.
 
 Both sides take n_envs environments, the running normalisation of observations and rewards (SB3's VecNormalize), and
 Adam. The score of a run is the mean undiscounted return of the training episodes that ended in its last tenth. An exact

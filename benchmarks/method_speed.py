@@ -1,4 +1,4 @@
-"""What each method of the benchmarks costs: environment steps a second beside the Gaussian's, all in one run.
+"""Measure what each method of the benchmarks costs: environment steps a second beside the Gaussian's, all in one run.
 
 Every method has its file's fixed fields and its own first draw, but for k, which is 50 wherever there are bins: k
 differs from draw to draw, and what it costs has nothing to do with the method. A process per core trains 16 runs, and
@@ -49,7 +49,7 @@ class InTurn:
 
 
 def settings(protocol, env):
-    """What each method is measured with, by its label."""
+    """Return the setting that each method is measured with, by its label."""
     drawn, found = draws(protocol), {}
     task = dataclasses.replace(protocol.tuning[0], name=env, env=env, env_kwargs={}, fixed={}, scale={})
     for method in protocol.methods:

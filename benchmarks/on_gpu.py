@@ -1,4 +1,4 @@
-"""How fast Galton trains on a GPU, and how long its programs take to compile there.
+"""Measure how fast Galton trains on a GPU, and how long its programs take to compile there.
 
 Each stage runs in a process of its own, which is ended when its share of the time is over; the next one goes on. Every
 row is in the file as soon as it is measured, so the script may be cut at any time. It needs no network.
@@ -160,7 +160,7 @@ def speed(population, batch, slices):
 
 
 def stage(name, toy):
-    """What a stage's own process does."""
+    """Run one stage, in a process of its own."""
     import jax
 
     device = jax.devices()[0]

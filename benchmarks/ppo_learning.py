@@ -1,4 +1,4 @@
-"""Whether our Gaussian PPO learns what Stable-Baselines3's learns: the same settings, five seeds each.
+"""Test whether our Gaussian PPO learns what Stable-Baselines3's learns: the same settings, five seeds each.
 
 CleanRL's settings (but for its clipping of the value loss, which SB3 has in another form): one environment, 2,048
 steps, 10 epochs of minibatches of 64, a learning rate that falls from 3e-4 to 0, observations and rewards normalised

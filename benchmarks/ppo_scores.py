@@ -1,4 +1,4 @@
-"""What PPO reaches on MuJoCo with tuned settings: the deterministic policy's return after 1M steps, five seeds each.
+"""Score PPO on MuJoCo with tuned settings: the deterministic policy's return after 1M steps, five seeds each.
 
 Settings were chosen on seeds 100 and up, by hand and only for the Gaussian; TUNED says what was tried. The scores are
 of seeds 0 to 4. Each task is kept as it ends, so the command goes on where it stopped, and ends with a table:
@@ -34,7 +34,7 @@ LOSSES = {
     "hl-gauss-centred": {"eta": 2.0, "ratio": "true"},
 }
 TUNED: dict = {"Ant-v5": {"gaussian": {"log_std_init": -2.0}}}
-"""What differs from these, by task and loss.
+"""The settings that differ from these, by task and loss.
 
 Tried, with the return of each seed: on HalfCheetah log σ₀ = −0.5, 5,288 (100) and 6,879 (101); on Ant log σ₀ = −0.5,
 855 (100) and 1,410 (101), and −2, 2,543 (100); on Reacher log σ₀ = −0.5, −4.2 (100) and −4.0 (101). Nothing else was

@@ -1,4 +1,4 @@
-"""How fast PPO trains: against Stable-Baselines3's PPO with the same settings, both sides in one run.
+"""Measure how fast PPO trains: against Stable-Baselines3's PPO with the same settings, both sides in one run.
 
 Mountain Car (in JAX here, Gymnasium's there) and HalfCheetah-v5; SB3's defaults: one environment, 2,048 steps, ten
 epochs of minibatches of 64, 64×64 tanh networks. SB3's softmax policy is its MultiDiscrete over k = 41 bin centers,

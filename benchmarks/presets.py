@@ -1,4 +1,4 @@
-"""What PPO's two presets reach on six tasks: the deterministic policy's return at the end, five seeds each.
+"""Score PPO's two presets on six tasks: the deterministic policy's return at the end, five seeds each.
 
 All are trained for 500,000 steps, but for Reacher, which has a million. Each job,
 one preset on one task, is kept as it ends, so the command goes on where it stopped, and ends with a table. Times are

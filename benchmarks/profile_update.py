@@ -1,4 +1,4 @@
-"""Where the time of training goes: each part alone in a loop of its own, on one core, Mountain Car, 16 runs.
+"""Measure where the time of training goes: each part alone in a loop of its own, on one core, Mountain Car, 16 runs.
 
 The parts are those of one update of 20 steps: the noise, the rollout, and learning, which is the networks' products
 forwards and backwards, the losses between them, and Adam with the norm of the gradient. The products alone are timed

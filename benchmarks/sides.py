@@ -1,4 +1,4 @@
-"""What the benchmarks measure, each in processes of its own, and how they keep what they found."""
+"""The benchmarks measure these sides, each in processes of its own, and keep what they found."""
 
 import datetime
 import json
@@ -19,7 +19,7 @@ from galton_experiments.sweep.executors import Processes
 
 K = 100
 _made = {}
-"""What this process measures."""
+"""The side that this process measures."""
 
 
 def processor():

@@ -1,4 +1,4 @@
-"""How soon `galton compare` shows numbers: with nothing compiled before, and again.
+"""Measure how soon `galton compare` shows numbers: with nothing compiled before, and again.
 
 The command runs on a terminal of its own with a folder of its own for compiled programs; its first numbers are the
 first rate of training. A further process then tells on how many threads XLA spends what compiling costs.
@@ -61,7 +61,7 @@ def by_thread():
 
 
 def compiling():
-    """What compiling costs for each loss, in seconds of the main thread and of each other; for a process of its own."""
+    """Measure compiling for each loss, in seconds of the main thread and of each other; for a process of its own."""
     import galton
     from galton.cli._options import Training
 

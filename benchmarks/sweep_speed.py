@@ -1,4 +1,4 @@
-"""How fast a sweep trains: against Stable-Baselines3, rejax and the machine itself, all sides in one run.
+"""Measure how fast a sweep trains: against Stable-Baselines3, rejax and the machine itself, all sides in one run.
 
 Mountain Car, 20 steps per update, 64×64 tanh networks. Galton trains 16 runs in each of one process per core, as a
 sweep does, log points included. SB3: A2C on MultiDiscrete over k = 100 bin centers (HL-1-Hot) in one process per core,

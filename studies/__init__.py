@@ -1,1 +1,1 @@
-"""What is studied with Galton, in a clone beside it; of Galton it uses public names alone."""
+"""The studies are made with Galton, in a clone beside it; of Galton they use public names alone."""

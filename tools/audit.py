@@ -16,7 +16,7 @@ from pathlib import Path
 import builds
 
 EXPLAINED: dict[str, str] = {}
-"""Why a finding does not touch Galton's users, by its id; CONTRIBUTING.md has the same words."""
+"""The reason why a finding does not touch Galton's users, by its id; CONTRIBUTING.md has the same words."""
 
 
 def main() -> None:

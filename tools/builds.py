@@ -20,9 +20,9 @@ PARTS = {
     ".css": "the page of `galton benchmark`",
     ".jinja": "the page of `galton benchmark`",
 }
-"""What a wheel may hold under galton/, by the ending of the file."""
+"""The files that a wheel may hold under galton/, by their ending."""
 BESIDE = {"LICENSE", "METADATA", "RECORD", "WHEEL", "entry_points.txt"}
-"""What it may hold beside that."""
+"""The files that it may hold beside those."""
 
 
 def build(folder: Path) -> tuple[Path, Path]:
@@ -66,14 +66,14 @@ def check_metadata(*files: Path) -> None:
 
 
 def metadata(wheel: Path) -> str:
-    """What the wheel says of itself; the description follows its first empty line."""
+    """Read what the wheel says of itself; the description follows its first empty line."""
     with zipfile.ZipFile(wheel) as archive:
         (name,) = [name for name in archive.namelist() if name.endswith(".dist-info/METADATA")]
         return archive.read(name).decode()
 
 
 def contents(wheel: Path) -> dict[str, int]:
-    """How many files of each kind the wheel holds.
+    """Count the files of each kind that the wheel holds.
 
     Raises:
         SystemExit: one that a user does not need, or code that is not the repository's.
@@ -94,7 +94,7 @@ def contents(wheel: Path) -> dict[str, int]:
 
 
 def in_source(source: Path) -> list[str]:
-    """What lies at the top of the source distribution."""
+    """List what lies at the top of the source distribution."""
     with tarfile.open(source) as archive:
         return sorted({name.split("/")[1] for name in archive.getnames()})
 

@@ -18,7 +18,7 @@ for one in importlib.metadata.distributions():
 json.dump(found, sys.stdout)
 """
 OF_VENV = ("pip", "setuptools")
-"""What is in an environment before anything is installed."""
+"""The packages that are in an environment before anything is installed."""
 
 
 @dataclasses.dataclass(frozen=True)

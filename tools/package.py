@@ -54,7 +54,7 @@ def try_all(wheel: Path, extras: list[str], file: Path, record: dict, folder: Pa
 
 
 def table(found: dict[str, dict[str, object]]) -> str:
-    """What was installed and done, in rows: the size of an extra is what it adds to the core."""
+    """Tabulate what was installed and done: the size of an extra is what it adds to the core."""
     core = found["core"]
     rows = [("core", core["megabytes"], len(core["packages"]), core["calls"])]
     for extra, one in found.items():

@@ -1,4 +1,4 @@
-"""What pyproject.toml asks for."""
+"""The requirements are those of pyproject.toml."""
 
 import re
 import tomllib

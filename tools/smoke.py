@@ -1,4 +1,4 @@
-"""What is done with an installed wheel: the least that each extra is for, and the line that names a missing one."""
+"""An installed wheel is tried: the least that each extra is for, and the line that names a missing one."""
 
 import re
 import sys
@@ -92,7 +92,7 @@ MISSING = [
     Call("galton train LunarLanderContinuous-v3", r"^galton: .* needs Box2D: pip install .*\[box2d\]'$", 2),
     Call("galton export run --format onnx", r"^galton: .* needs onnx: pip install .*\[onnx\]'$", 2),
 ]
-"""What the core alone answers where an extra is asked for."""
+"""Calls that ask for an extra, with what the core alone answers."""
 
 
 def check(environment: Environment, calls: list[Call], programs: str) -> float:

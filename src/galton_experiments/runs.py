@@ -31,17 +31,17 @@ CURVES_TOO = (MEAN_ACTION_RETURN,)
 
 
 Provenance = Mapping[str, Any]
-"""How a sweep was made: budget, versions, machines, seconds of training."""
+"""The record of how a sweep was made: budget, versions, machines, seconds of training."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Summary:
-    """What is kept of a sweep: R runs of a study with L log points each."""
+    """A summary is what is kept of a sweep: R runs of a study with L log points each."""
 
     study: Study
     """The settings, trials and steps of the sweep are those of this study."""
     provenance: Provenance
-    """How it was made."""
+    """The record of how it was made."""
     table: pa.Table
     """A row for each run: its setting's place in the study, its trial, final numbers and curves."""
 
@@ -99,7 +99,7 @@ class Summary:
 
     @property
     def steps(self) -> Int[np.ndarray, " L"]:
-        """How many environment steps were taken at each log point."""
+        """Return the environment steps that were taken by each log point."""
         return steps(self.table)
 
     @functools.cached_property
@@ -108,7 +108,7 @@ class Summary:
         return np.asarray(self.table.column("setting").to_numpy())
 
     def rows(self, *settings: Setting) -> Bool[np.ndarray, " R"]:
-        """Which rows are runs of these settings."""
+        """Mark the rows that are runs of these settings."""
         wanted = np.zeros(len(self.study.settings), bool)
         wanted[[self._place[setting] for setting in settings]] = True
         return wanted[self.setting]
@@ -130,7 +130,7 @@ class Summary:
         return Summary(study, self.provenance, table)
 
     def is_paired_with(self, other: "Summary") -> bool:
-        """Whether trial t has the same seed in both."""
+        """Say whether trial t has the same seed in both."""
         both = self.study, other.study
         return all(study.common_seeds for study in both) and both[0].seed == both[1].seed
 
@@ -188,7 +188,7 @@ def finals(table: pa.Table, metric: str) -> Float[np.ndarray, " R"]:
 
 
 def steps(table: pa.Table) -> Int[np.ndarray, " L"]:
-    """How many environment steps were taken at each log point of runs that have the same ones."""
+    """Return the environment steps that were taken by each log point of runs that have the same ones."""
     return np.asarray(lists(table.slice(0, 1), "steps")[0])
 
 

@@ -37,7 +37,7 @@ def answer(trained: Trained, claims: Sequence[Claim]) -> Answer:
 
 
 def _gaps(trained: Trained, kind: str) -> dict[str, Found]:
-    """What the better classification loss gains over the Gaussian, by the task's title."""
+    """Compare the better classification loss with the Gaussian, by the task's title."""
 
     def judge(task: str, _: Scale) -> dict[str, Found]:
         judged = trained.judged[task]
@@ -60,7 +60,7 @@ def _rows(found: Mapping[str, Mapping[str, Found]], given: Mapping[str, Mapping[
 
 
 def _verdict(training: str, deterministic: str) -> Cell:
-    """What both together say of a task."""
+    """Judge a task by both marks together."""
     if training == "∅":
         return Cell("null task", VERDICTS[3])
     if training == deterministic:
@@ -98,7 +98,7 @@ def _further(trained: Trained, given: Mapping[str, str]) -> list[str]:
 
 
 def _counted(claims: Sequence[Claim]) -> str:
-    """What became of the paper's statements, in a sentence."""
+    """Count the verdicts on the paper's statements, in a sentence."""
     counts = {verdict: sum(claim.verdict == verdict for claim in claims) for verdict in VERDICTS}
     words = ("hold", "hold in part", "do not hold", "can't be decided here")
     told = ", ".join(f"{n} {word}" for n, word in zip(counts.values(), words, strict=True) if n)

@@ -1,4 +1,4 @@
-"""What the study of hypotheses changes, one thing at a time, and the sweeps that train it."""
+"""The study of hypotheses makes these changes, one thing at a time, and trains them in these sweeps."""
 
 import dataclasses
 import math
@@ -23,7 +23,7 @@ class Variant:
     """The main experiment with one thing that is not as in it, to be judged in its place."""
 
     name: str
-    """What the table calls it."""
+    """The name that the table has for it."""
     sweeps: Mapping[str, tuple[Sweep, Sweep]]
     """By task, what settings are chosen by, and what judges them."""
     winners: Callable[[str, Summary, Summary], Mapping[Setting, Setting]]
@@ -156,7 +156,7 @@ def _again(sweep: Sweep, task: str, changes: list[Change]) -> Sweep:
 
 
 SWEEPS = {key: _sweep(*key, changes) for key, changes in _GROUNDS.items()}
-"""What is trained to choose settings, by task and suffix."""
+"""The sweeps that choose settings, by task and suffix."""
 AGAIN = {key: _again(SWEEPS[key], key[0], changes) for key, changes in _GROUNDS.items()}
 """The winners under each change, on fresh seeds."""
 

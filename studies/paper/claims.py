@@ -1,4 +1,4 @@
-"""What the paper says, claim by claim in the order of the page."""
+"""The paper's claims are judged one by one, in the order of the page."""
 
 from collections.abc import Callable
 from functools import partial
@@ -53,5 +53,5 @@ A study of your own is one more entry, and stands on the page behind these.
 
 
 def of_figure(name: str) -> list[Judge]:
-    """What judges the claims that rest on a figure."""
+    """List the functions that judge the claims that rest on a figure."""
     return [judge for figure, judge in CLAIMS if figure == name]

@@ -52,7 +52,7 @@ def _pair(trained: Trained, control: Control) -> tuple[Summary, Summary] | None:
 
 
 def _gains(trained: Trained, control: Control, score: Score) -> dict[str, Comparison]:
-    """What a control adds to the winners' score, by the loss's label; nothing where it was not trained."""
+    """Return what a control adds to the winners' score, by the loss's label; nothing where it was not trained."""
     pair = _pair(trained, control)
     if pair is None:
         return {}
@@ -84,7 +84,7 @@ def _counted(equal: Mapping[str, tuple[Means, Means]], sign: int) -> str:
 
 
 def starts_as_well(trained: Trained) -> Claim:
-    """What §5.2.3 says of Figure 3c: Init Gaussian does no harm."""
+    """Judge what §5.2.3 says of Figure 3c: Init Gaussian does no harm."""
     lower = _counted(_at_equal_settings(trained, INIT_GAUSSIAN), -1)
     return claim(
         *says("starts_as_well"),
@@ -99,7 +99,7 @@ def starts_as_well(trained: Trained) -> Claim:
 
 
 def converges_faster(trained: Trained) -> Claim:
-    """What §5.2.3 says of Figure 3d: Gaussian Exploration is faster."""
+    """Judge what §5.2.3 says of Figure 3d: Gaussian Exploration is faster."""
     equal = _at_equal_settings(trained, EXPLORATION)
     counts, winners = _counted(equal, 1), _gains(trained, EXPLORATION, mean_return)
     gains = ", ".join(f"{label} {told(gain)}" for label, gain in winners.items())
@@ -112,7 +112,7 @@ def converges_faster(trained: Trained) -> Claim:
 
 
 def no_local_optimum(trained: Trained) -> Claim:
-    """What §5.2.3 says of Figure 3d: HL-1-Hot no longer stops short of the optimum."""
+    """Judge what §5.2.3 says of Figure 3d: HL-1-Hot no longer stops short of the optimum."""
     pair, best = _pair(trained, EXPLORATION), optimum("bandit")
     units, note = {}, ""
     if pair is not None and best is not None:
@@ -125,7 +125,7 @@ def no_local_optimum(trained: Trained) -> Claim:
 
 
 def exploration_is_not_the_reason(trained: Trained) -> Claim:
-    """What both controls are for, §5.2.3: whether classification is ahead without its own exploration."""
+    """Judge by both controls (§5.2.3) whether classification is ahead without its own exploration."""
     main = trained.of(AGAIN["bandit"])
     gains: dict[tuple[str, str], Comparison] = {}
     for metric in {"training_return": "", **DETERMINISTIC}:

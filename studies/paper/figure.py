@@ -21,7 +21,7 @@ class FigureStudy:
     title: str
     """Its heading on the page."""
     caption: str
-    """What the figure shows, in whole sentences below it."""
+    """The caption below the figure, which says what it shows in whole sentences."""
     draw: Callable[[Trained], Figure]
     """Draws it from what was trained, which may lack some of its sweeps but not all; without axes it is left out."""
     sweeps: tuple[Sweep, ...] = ()
@@ -36,7 +36,7 @@ class FigureStudy:
     """Raises UsageError for a table of a file that `measure` can't have made."""
 
     def is_there(self, name: str, trained: Trained) -> bool:
-        """Whether anything was trained or measured for it, or it needs nothing."""
+        """Say whether anything was trained or measured for it, or it needs nothing."""
         needs_nothing = not self.sweeps and self.measure is None
         return needs_nothing or name in trained.tables or any(sweep.name in trained.sweeps for sweep in self.sweeps)
 

@@ -28,11 +28,11 @@ READINGS = {"sigma^2": 2, "sigma": 1}
 ETAS = {"hl-gauss-centred": 2.0}
 """The η of losses that are not measured at the default one."""
 FACTORS = {"gaussian": (1.0, 0.3, 0.1, 0.03, 0.01, 0.003, 0.001), "hl-gauss": (0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0)}
-"""How trained policies are made ever sharper: what σ is multiplied by, or the logits."""
+"""The factors that make trained policies ever sharper: of σ, or of the logits."""
 
 
 class Effort(NamedTuple):
-    """How much is trained and looked at for a budget."""
+    """A budget decides how much is trained and looked at."""
 
     tasks: tuple[str, ...]
     losses: tuple[str, ...]
@@ -52,7 +52,7 @@ EFFORTS: dict[Budget, Effort] = {
 
 
 class Sample(NamedTuple):
-    """What is measured of one sampled action, or a column of it for each field."""
+    """A sample is what is measured of one sampled action, or a column of it for each field."""
 
     advantage: Float[Array, "*batch"]
     sigma: Float[Array, "*batch"]
@@ -68,7 +68,7 @@ class Sample(NamedTuple):
 
 
 def sample_loss(agent: Agent, reading: str, distribution: Distribution, action: Float[Array, " d"]) -> Float[Array, ""]:
-    """What the advantage weights; with the reading "sigma" it is the loss that §4.3 prints, (a − μ)² / 2σ."""
+    """Return the loss that the advantage weights; with the reading "sigma" it is what §4.3 prints, (a − μ)² / 2σ."""
     if reading == "sigma":
         assert isinstance(distribution, Gaussian)
         loss: Array = ((action - distribution.mean) ** 2 / (2 * distribution.std())).sum()

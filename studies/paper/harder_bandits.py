@@ -47,7 +47,7 @@ def _ends(bandits: Mapping[float, Summary]) -> dict[str, str]:
 
 
 def _costs(bandits: Mapping[float, Summary]) -> dict[str, Comparison]:
-    """How much less the last of some bandits costs each classification loss, against the first, than the Gaussian."""
+    """Compare the drops from the first of some bandits to the last: the Gaussian's with each classification loss's."""
     if len(bandits) < 2:
         return {}
     first, *_, last = bandits.values()
@@ -75,13 +75,13 @@ def _shortfalls(bandits: Mapping[float, Summary], name: str) -> str:
 
 
 def less_sensitive_to_noise(trained: Trained) -> Claim:
-    """What §5.2.2 says of Figure 3a: noise costs classification less."""
+    """Judge what §5.2.2 says of Figure 3a: noise costs classification less."""
     bandits = across(trained, NOISE)
     return claim(*says("less_sensitive_to_noise", **_ends(bandits)), _costs(bandits), _shortfalls(bandits, "σ"))
 
 
 def degrades_with_dimension(trained: Trained) -> Claim:
-    """What §5.2.2 says of Figure 3b: more dimensions cost every loss something."""
+    """Judge what §5.2.2 says of Figure 3b: more dimensions cost every loss something."""
     bandits = across(trained, DIMENSION)
     units: dict[str, Comparison] = {}
     if len(bandits) > 1:
@@ -95,7 +95,7 @@ def degrades_with_dimension(trained: Trained) -> Claim:
 
 
 def higher_in_all_dimensions(trained: Trained) -> Claim:
-    """What §5.2.2 says of Figure 3b: classification stays ahead of the Gaussian."""
+    """Judge what §5.2.2 says of Figure 3b: classification stays ahead of the Gaussian."""
     bandits = across(trained, DIMENSION)
     return claim(
         *says("higher_in_all_dimensions"),
@@ -109,13 +109,13 @@ def higher_in_all_dimensions(trained: Trained) -> Claim:
 
 
 def gap_grows_with_dimension(trained: Trained) -> Claim:
-    """What §5.2.2 and §7 make of Figure 3b: the more dimensions, the more classification is ahead."""
+    """Judge what §5.2.2 and §7 make of Figure 3b: the more dimensions, the more classification is ahead."""
     bandits = across(trained, DIMENSION)
     return claim(*says("gap_grows_with_dimension", **_ends(bandits)), _costs(bandits), _shortfalls(bandits, "d"))
 
 
 def stops_at_the_next_bin(trained: Trained) -> Claim:
-    """What §7 says of HL-1-Hot: it may end in the bin beside the optimum's, and that costs little."""
+    """Judge what §7 says of HL-1-Hot: it may end in the bin beside the optimum's, and that costs little."""
     bandits, best, way = across(trained, NOISE), optimum("bandit"), trained.scales.get("bandit")
     units: dict[str, Found] = {}
     calm = min(bandits, default=0.0)

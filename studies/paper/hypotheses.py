@@ -1,4 +1,4 @@
-"""What makes the paper's result appear? The same claims, judged where one thing is changed."""
+"""The same claims are judged where one thing is changed, to find what makes the paper's result appear."""
 
 import functools
 from collections.abc import Iterable, Iterator
@@ -53,7 +53,7 @@ def table(trained: Trained) -> Matrix:
 
 
 def _heads(names: Iterable[str]) -> dict[str, tuple[str, str]]:
-    """What each hypothesis says, above the first of its rows; an earlier study's come last."""
+    """Return each hypothesis's title and text, to stand above its first row; an earlier study's come last."""
     firsts: dict[str, str] = {}
     for name in names:
         firsts.setdefault(name[1] if name.startswith("(") else "why" if why.CHANGES.get(name) else "", name)
@@ -62,7 +62,7 @@ def _heads(names: Iterable[str]) -> dict[str, tuple[str, str]]:
 
 
 def under(trained: Trained, variant: Variant) -> Trained:
-    """What was trained, with a variant in the place of the main experiment, on the tasks where it was made.
+    """Return what was trained, with a variant in the place of the main experiment, on the tasks where it was made.
 
     The losses that it leaves alone are the main experiment's.
     """

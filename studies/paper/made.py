@@ -1,4 +1,4 @@
-"""How what is on the page was made: a row for each sweep and for each table of measurements."""
+"""A table tells how what is on the page was made: a row for each sweep and for each table of measurements."""
 
 from collections.abc import Mapping, Sequence
 
@@ -77,7 +77,7 @@ def _study(summary: Summary) -> list[str]:
 
 
 def _word(name: str) -> str:
-    """What `reproduce` calls it: a task, or the figure that needs it."""
+    """Return the word that `reproduce` has for it: a task, or the figure that needs it."""
     for task in MAIN:
         if name in (MAIN[task].name, AGAIN[task].name):
             return task

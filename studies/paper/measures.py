@@ -49,7 +49,7 @@ def steps_to(summary: Summary, loss: str, level: float, metric: str = "training_
 
 
 def drawdown(summary: Summary, loss: str, scale: Scale) -> Scores:
-    """What each trial has lost in the end of its best log point, as a share of the way from rest to the best.
+    """Measure each trial's drop in the end from its best log point, as a share of the way from rest to the best.
 
     It is read off the training return, a mean over all episodes between two log points: the best of a hundred
     evaluations of a few episodes would be mostly luck.
@@ -59,7 +59,7 @@ def drawdown(summary: Summary, loss: str, scale: Scale) -> Scores:
 
 
 def apart(summary: Summary, loss: str) -> Scores:
-    """How far each trial's final training return is from the median of all."""
+    """Measure how far each trial's final training return is from the median of all."""
     finals = final_return(summary, loss)
     return np.asarray(np.abs(finals - np.median(finals)))
 
@@ -103,7 +103,7 @@ def versus(summary: Summary, ours: str, theirs: str, score: Score) -> Comparison
 def over_regression(
     task: Judged, measure: Callable[..., Scores] = final_return, metric: str = "training_return"
 ) -> Comparison:
-    """What the better classification loss has over the Gaussian, on fresh seeds."""
+    """Compare the better classification loss with the Gaussian, on fresh seeds."""
     score = functools.partial(measure, metric=metric)
     return versus(task.again, better_by(task.chosen, measure, metric), "gaussian", score)
 
@@ -136,7 +136,7 @@ def by_value(summary: Summary, loss: str, field: str) -> dict[float, Scores]:
 
 
 def spread(summary: Summary, loss: str, field: str, scale: Scale) -> Scores | None:
-    """How much a field moves each trial's final return, as a share of the way from rest to the best.
+    """Measure how much a field moves each trial's final return, as a share of the way from rest to the best.
 
     It is the marginal mean of its best value less that of its worst. The two are chosen by one half of the trials and
     compared by the other, and the other way round: were the field without effect, the mean would be 0. None where the
@@ -154,7 +154,7 @@ def spread(summary: Summary, loss: str, field: str, scale: Scale) -> Scores | No
 
 
 def rate_spreads(grid: Summary, losses: Sequence[str], of: str, scale: Scale) -> dict[str, tuple[Scores, Scores]]:
-    """How much the learning rate moves each of some losses and another one, by label, where the grid varies both."""
+    """Measure how much the learning rate moves some losses and another one, by label, where the grid varies both."""
     theirs = spread(grid, of, "learning_rate", scale)
     found = {LOSSES[loss].label: spread(grid, loss, "learning_rate", scale) for loss in losses}
     return {name: (ours, theirs) for name, ours in found.items() if ours is not None and theirs is not None}

@@ -1,4 +1,4 @@
-"""What the samples of `gradients` say of Propositions 1 and 2, of gradients' norms and of their bounds (§4.3)."""
+"""The samples of `gradients` test Propositions 1 and 2, and show gradients' norms and their bounds (§4.3)."""
 
 import functools
 from collections.abc import Iterator, Mapping, Sequence
@@ -25,7 +25,7 @@ _WORDS: dict[str, Sequence[str]] = {"task": [*TASKS], "loss": [*LOSSES], "readin
 _COLUMNS = {"step": np.int64, "swept": np.bool_, "factor": np.float64, "seed": np.int64, "sample": np.int64}
 Rows = dict[str, np.ndarray]
 Series = tuple[str, str, str]
-"""What samples are sorted by: task, loss and reading of the Gaussian's σ."""
+"""The key by which samples are sorted: task, loss and reading of the Gaussian's σ."""
 
 
 def check(table: pa.Table) -> None:
@@ -95,7 +95,7 @@ def look_means(rows: Rows, name: str, by: str = "step") -> Float[np.ndarray, "se
 
 
 class Finding(NamedTuple):
-    """What the samples of a loss in one reading on one task say, seed by seed.
+    """A finding is what the samples of a loss in one reading on one task say, seed by seed.
 
     What is averaged over training is the mean of each look's samples, which stands for the steps around the look.
     """
@@ -117,7 +117,7 @@ class Finding(NamedTuple):
 
 
 def findings(table: pa.Table) -> dict[Series, Finding]:
-    """What the samples of each series say."""
+    """Summarise the samples of each series."""
     series = dict(parts(read(table), "task", "loss", "reading", "swept"))
     found = {}
     for (task, loss, reading, swept), rows in series.items():
@@ -168,12 +168,12 @@ LIKELIHOOD, PRINTED = READINGS
 """The readings of the Gaussian's σ: its log-likelihood's σ², which is trained with, and the σ that §4.3 prints."""
 _FOR = {LIKELIHOOD: "the likelihood, (a − μ)² / 2σ²", PRINTED: "the loss as §4.3 prints it, (a − μ)² / 2σ"}
 _OWN = {LIKELIHOOD: "|a − μ| / σ²", PRINTED: "|a − μ| / σ"}
-"""What the Gaussian's bound has where classification's has Σ|q − π|."""
+"""The factor of the Gaussian's bound in the place of classification's Σ|q − π|."""
 _SIGN = {LIKELIHOOD: "(σ²)", PRINTED: "(σ)"}
 
 
 def bounds_hold(trained: Trained) -> Claim:
-    """What §4.3 proves: no sample's gradient exceeds the bound of Proposition 1 or 2."""
+    """Judge what §4.3 proves: no sample's gradient exceeds the bound of Proposition 1 or 2."""
     rows = of_the_paper(trained.tables[NAME]) if NAME in trained.tables else None
     above = 0 if rows is None else crossings(rows)
     return Claim(
@@ -186,7 +186,7 @@ def bounds_hold(trained: Trained) -> Claim:
 
 @functools.lru_cache(maxsize=1)
 def _findings(trained: Trained) -> Mapping[Series, Finding]:
-    """What the samples say of the paper's losses; nothing where none were measured."""
+    """Summarise the samples of the paper's losses; nothing where none were measured."""
     return findings(of_the_paper(trained.tables[NAME])) if NAME in trained.tables else {}
 
 
@@ -204,7 +204,7 @@ def against_gaussian(trained: Trained, reading: str, field: str) -> dict[str, Co
 
 
 def norm_is_smaller(trained: Trained, reading: str) -> Claim:
-    """What §4.3 sets out to show: whose gradient has the smaller norm."""
+    """Judge what §4.3 sets out to show: whose gradient has the smaller norm."""
     return claim(*says("norm_is_smaller", reading=_FOR[reading]), against_gaussian(trained, reading, "norm"))
 
 

@@ -1,4 +1,4 @@
-"""What §1 says of stability between seeds and in a run, and §7 of the order of the two classification losses."""
+"""§1's claims of stability between seeds and in a run, and §7's of the order of classification losses, are judged."""
 
 import dataclasses
 from collections.abc import Iterable
@@ -19,7 +19,7 @@ _ONE_HOT = 0.1
 
 
 def order_changes(trained: Trained) -> Claim:
-    """What §7 says: often little difference, and another order on other tasks."""
+    """Judge what §7 says: often little difference, and another order on other tasks."""
     orders: dict[str, Comparison] = {}
 
     def judge(task: str, scale: Scale) -> dict[str, Found]:
@@ -53,14 +53,14 @@ def _both(*facts: bool | None) -> str:
 
 
 def _often(little: list[str]) -> bool | None:
-    """Whether half of the tasks or more differ little; None where open ones could decide it, or where there is one."""
+    """True if half of the tasks or more differ little; None where open ones could decide it, or where there is one."""
     if len(little) > 1 and 2 * little.count("✓") >= len(little):
         return True
     return False if len(little) > 1 and 2 * little.count("✗") > len(little) else None
 
 
 def _changes(ahead: Iterable[str]) -> bool | None:
-    """Whether each loss is ahead somewhere; None where it is open.
+    """True if each loss is ahead somewhere; None where it is open.
 
     Not so where one is wherever anything can be decided, on two tasks or more.
     """

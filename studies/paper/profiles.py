@@ -20,7 +20,7 @@ from studies.paper.trained import Scale, Trained
 from studies.paper.verdicts import Found, by_task, claim
 
 _HIGH = 0.9
-"""How much of the way from rest to the best setting counts as high."""
+"""The share of the way from rest to the best setting that counts as high."""
 
 
 def profile(summary: Summary, loss: str, taus: Float[np.ndarray, " T"]) -> Interval:
@@ -58,7 +58,7 @@ def _from_best(axes: Axes, finals: Float[np.ndarray, " R"]) -> None:
 
 
 def robust_to_settings(trained: Trained) -> Claim:
-    """What §5.1 says of Figure 7: how much settings matter, judged by what all losses have in common to set."""
+    """Judge what §5.1 says of Figure 7: how much settings matter, by those that all losses have in common."""
 
     def judge(task: str, scale: Scale) -> dict[str, Found]:
         pairs = rate_spreads(trained.whole_grids[task], CLASSIFICATION, "gaussian", scale)
@@ -71,7 +71,7 @@ def robust_to_settings(trained: Trained) -> Claim:
 
 
 def higher_fraction(trained: Trained) -> Claim:
-    """What App. C.4 says of Figure 7: the share of runs that reach a high return."""
+    """Judge what App. C.4 says of Figure 7: the share of runs that reach a high return."""
 
     def judge(task: str, scale: Scale) -> dict[str, Found]:
         grid = trained.whole_grids[task]

@@ -112,7 +112,7 @@ _HEADINGS = {
     "variation": "SD / mean",
     "exponent": "p in norm ∝ σᵖ",
 }
-"""What the table calls the fields of a Finding."""
+"""The table's names for the fields of a Finding."""
 
 
 def _median(values: np.ndarray) -> str:

@@ -9,7 +9,7 @@ from typing import Any
 
 @functools.cache
 def text(file: str) -> dict[str, Any]:
-    """What a file of the folder says; the lines of a paragraph are joined."""
+    """Read a file of the folder; the lines of a paragraph are joined."""
     return _joined(tomllib.loads((Path(__file__).parent / "text" / f"{file}.toml").read_text(encoding="utf-8")))
 
 
@@ -25,7 +25,7 @@ def says(claim: str, **filled: str) -> tuple[str, str, str]:
 
 
 def note(claim: str, **filled: str) -> str:
-    """What else is said of a claim."""
+    """Return what else is said of a claim."""
     return str(text("claims")[claim]["note"]).format(**filled)
 
 

@@ -59,7 +59,7 @@ def write(folder: Path, trained: Trained) -> None:
 
 
 def claims(trained: Trained) -> list[Claim]:
-    """What is said of all figures, each claim resting on the section of its figure."""
+    """Judge the claims of all figures, each of which rests on the section of its figure."""
     return [dataclasses.replace(judge(trained), section=name) for name, judge in CLAIMS]
 
 

@@ -1,4 +1,4 @@
-"""What figures need, trained: each sweep in a folder of its own, then as a summary of a megabyte or less."""
+"""The sweeps of figures are trained, each in a folder of its own, then kept as a summary of a megabyte or less."""
 
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any, get_args
@@ -17,11 +17,11 @@ from studies.paper.trained import Trained
 
 BUDGETS = get_args(Budget)
 MEASURED: dict[str, Any] = {"budget": "", "versions": [{}], "machines": [""]}
-"""What a file says of how its numbers were made, each of its type."""
+"""The fields in which a file says how its numbers were made, each with a value of its type."""
 SUMMARISED = MEASURED | {"train_seconds": 0.0, "compile_seconds": 0.0}
 COMMAND = "python -m studies.paper"
 AGAIN = f"{COMMAND} reproduce"
-"""What made a folder, for messages."""
+"""The command that made a folder, for messages."""
 DATA = "data"
 """The folder, inside that of a reproduction, of summaries and of what figures measured."""
 

@@ -26,9 +26,9 @@ from studies.paper.trained import Trained
 
 SCALE_TASKS = ("bandit", "lqr", "reacher", "half-cheetah")
 SCALES = (0.125, 0.5, 1.0, 2.0, 8.0)
-"""What the action box is multiplied by: powers of two, by which floating point changes no digit."""
+"""The factors of the action box: powers of two, by which floating point changes no digit."""
 IN_THE_BOX = "gaussian in units of the box"
-"""What the Gaussian is called whose mean and σ are in half-widths of the action box."""
+"""The name of the Gaussian whose mean and σ are in half-widths of the action box."""
 
 
 def name_of(setting: Setting) -> str:
@@ -94,7 +94,7 @@ def across(trained: Trained, task: str) -> dict[str, dict[float, At]]:
 
 
 def are_equal(by_scale: Mapping[float, At]) -> bool:
-    """Whether all that is kept of the runs is the same to the bit at every scale, but for what is in its units.
+    """Say whether all that is kept of the runs is the same to the bit at every scale, but for what is in its units.
 
     That is σ, and for a density its logarithm too, and so its entropy and loss.
     """
@@ -196,7 +196,7 @@ def in_the_box(trained: Trained) -> Trained:
 
 @functools.lru_cache(maxsize=1)  # the page and tables.md have it
 def table(trained: Trained) -> Matrix:
-    """What the paper says of Figure 3, judged in both units."""
+    """Judge what the paper says of Figure 3, in both units."""
     sides = trained, in_the_box(trained)
     if not sides[1].sweeps:
         return Matrix("the bandit", _UNITS, {})
@@ -206,7 +206,7 @@ def table(trained: Trained) -> Matrix:
 
 
 def cell(claim: Claim) -> Cell:
-    """How many decisions of a claim are clearly as the paper says, of how many, and how many the contrary."""
+    """Count a claim's decisions that are clearly as the paper says, of how many, and those that are the contrary."""
     if claim.count is None:
         return Cell("—")
     contrary = sum(line.startswith("✗") for line in claim.number.splitlines())

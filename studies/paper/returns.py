@@ -21,7 +21,7 @@ from studies.paper.trained import Judged, Scale, Trained, rest
 from studies.paper.verdicts import Found, Unit, by_task, claim, marks, summed_up, unit
 
 _A_QUARTER = 0.25
-"""How much of the way from rest to the best is called having learned something."""
+"""The share of the way from rest to the best that is called having learned something."""
 _IN_THE_APPENDIX = ("lqr", "acrobot")
 """The tasks of Figure 9, which the paper shows in its appendix."""
 
@@ -52,7 +52,7 @@ def _without_noise(trained: Trained, tasks: Iterable[str], judge: Judge) -> list
 
 
 def _gap(measure: Callable[..., measures.Scores]) -> Callable[[Judged, Scale, str], Comparison]:
-    """What the better classification loss has over the Gaussian."""
+    """Return a function that compares the better classification loss with the Gaussian."""
     return lambda task, _, metric: over_regression(task, measure, metric)
 
 
@@ -60,7 +60,7 @@ _end, _mean = _gap(final_return), _gap(mean_return)
 
 
 def _steps(task: Judged, scale: Scale, metric: str) -> Unit:
-    """How much sooner the classification loss, chosen by its mean over training, has gone a quarter of the way.
+    """Measure how much sooner the classification loss, chosen by its mean over training, goes a quarter of the way.
 
     By the order of all runs, without pairs: of one that never gets there it is not known by how much it is later.
     """

@@ -136,7 +136,7 @@ def sensitive(trained: Trained, loss: str, field: str, much: bool = True) -> Cla
 
 
 def wide_targets(trained: Trained) -> Claim:
-    """What App. C.3 says of Figure 4: the widest targets of the grid do harm."""
+    """Judge what App. C.3 says of Figure 4: the widest targets of the grid do harm."""
 
     def judge(task: str, scale: Scale) -> dict[str, Found]:
         marginals = [*by_value(trained.whole_grids[task], "hl-gauss", "eta").values()]

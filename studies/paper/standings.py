@@ -35,7 +35,7 @@ def clear(trained: Trained) -> dict[tuple[str, str], str]:
 
 
 def ahead(trained: Trained) -> set[tuple[str, str]]:
-    """What the README sets in bold: a loss clearly ahead of the Gaussian, or the Gaussian clearly ahead of all."""
+    """Find what the README sets in bold: a loss clearly ahead of the Gaussian, or the Gaussian clearly ahead of all."""
     given = clear(trained)
     found = {key for key, mark in given.items() if mark == "✓"}
     for task in trained.judged:

@@ -1,4 +1,4 @@
-"""What is trained for figures: the record of a sweep, and the grids of the paper's tasks at four budgets."""
+"""A `Sweep` records what is trained for figures; the grids are those of the paper's tasks at four budgets."""
 
 import dataclasses
 import functools
@@ -29,14 +29,14 @@ CENTRED_ETAS = [0.75, 1.0, 2.0, 4.0]
 
 @dataclasses.dataclass(frozen=True)
 class Sweep:
-    """What is trained together for figures: one folder of runs, and one file of results."""
+    """A sweep is what is trained together for figures: one folder of runs, and one file of results."""
 
     name: str
     """The name of its file, without the suffix, and of its folder."""
     study: Callable[[Budget, Done], Study]
     """Makes the study to train, from the budget and from what was trained before."""
     title: str = ""
-    """What the page calls it beside its name, where it says how it was made."""
+    """The page's words for it beside its name, where it says how it was made."""
     winners_of: "Sweep | None" = None
     """The sweep whose best settings it trains, which is done before it."""
 

@@ -1,4 +1,4 @@
-"""What was trained and measured, read once for all figures, tables and claims; and the way from rest to the best."""
+"""All runs and measurements are read once for figures, tables and claims; so is the way from rest to the best."""
 
 import dataclasses
 import functools
@@ -29,7 +29,7 @@ class Scale(NamedTuple):
     best: float
 
     def share(self, value: Number) -> Number:
-        """How far a return is on the way from rest (0) to the best (1)."""
+        """Place a return on the way from rest (0) to the best (1)."""
         return (value - self.rest) / (self.best - self.rest)
 
     def at(self, share: float) -> float:
@@ -69,13 +69,13 @@ def scale_of(task: str, grid: Summary) -> Scale | None:
 
 
 def above_rest(task: str, grid: Summary) -> tuple[int, int]:
-    """How many of a grid's runs ever log a training return above rest, and of how many."""
+    """Count the runs of a grid that ever log a training return above rest, and all of its runs."""
     low, curves = rest(task, grid.study.env_kwargs), grid.curves("training_return")
     return int((curves > (-np.inf if low is None else low)).any(1).sum()), len(curves)
 
 
 def null_because(task: str, grid: Summary) -> str:
-    """Why a task has nothing to compare, that fewer than 1% of its runs learn anything; "" where it has."""
+    """Say why a task has nothing to compare, that fewer than 1% of its runs learn anything; "" where it has."""
     learners, runs = above_rest(task, grid)
     nothing = learners < _LEARNERS * runs or scale_of(task, grid) is None
     return f"null: {learners:,} of {runs:,} runs ever earn more than rest" if nothing else ""
@@ -123,12 +123,12 @@ class Trained:
 
     @functools.cached_property
     def nulls(self) -> dict[str, str]:
-        """Why there is nothing to compare, by task, for those on which hardly any run learns anything."""
+        """Say why there is nothing to compare, by task, for those on which hardly any run learns anything."""
         reasons = {task: null_because(task, grid) for task, grid in self.grids.items()}
         return {task: why for task, why in reasons.items() if why}
 
     def title(self, task: str) -> str:
-        """What tables call a task."""
+        """Return the name of a task in tables."""
         return TASKS[task].title + (" (null)" if task in self.nulls else "")
 
     @functools.cached_property

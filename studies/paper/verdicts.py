@@ -1,4 +1,4 @@
-"""How comparisons become verdicts on the paper's claims, and words for them."""
+"""Comparisons become verdicts on the paper's claims, and get words for them."""
 
 import math
 from collections.abc import Callable, Iterable, Mapping
@@ -26,9 +26,9 @@ class Unit(NamedTuple):
     p: float
     """Of the test that there is no difference, not adjusted; NaN where nothing can be decided."""
     direction: int
-    """Which way it points: 1 as the paper says, −1 the contrary."""
+    """The direction in which it points: 1 as the paper says, −1 the contrary."""
     is_null: bool = False
-    """Whether the task is one on which nothing is learned."""
+    """True if the task is one on which nothing is learned."""
 
 
 Found = Comparison | Unit
@@ -70,7 +70,7 @@ def told(found: Comparison) -> str:
 
 
 def decided(units: Mapping[str, Found], unless_contrary: bool = False) -> dict[str, Decision]:
-    """What each unit decides, all adjusted together; ∅ of a task on which nothing is learned.
+    """Decide each unit, all adjusted together; ∅ of a task on which nothing is learned.
 
     `unless_contrary` is for what claims no more than that nothing is clearly the contrary: all else is ✓.
     """

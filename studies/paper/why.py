@@ -1,4 +1,4 @@
-"""Why the paper's effect does or does not appear: one thing changed at a time."""
+"""One thing is changed at a time, to see why the paper's effect does or does not appear."""
 
 import dataclasses
 import functools
@@ -46,7 +46,7 @@ CHANGES: dict[str, dict[str, float | bool]] = {
         "n_steps": 20,
     },
 }
-"""What the study of causes changes, one thing at a time and then together."""
+"""The changes of the study of causes, one thing at a time and then together."""
 WHY_TASKS = ("lqr", "mountain-car", "acrobot")
 WHY_RATES = [3e-4, 1e-3, 3e-3]
 """The learning rates of the study of causes; the last is beyond the paper's grid."""
@@ -105,7 +105,7 @@ METRICS = {
 
 
 class Outcome(NamedTuple):
-    """How a loss ends under a change, with the best of its learning rates and η, on fresh seeds."""
+    """An outcome is how a loss ends under a change, with the best of its learning rates and η, on fresh seeds."""
 
     setting: Setting
     finals: dict[str, Float[np.ndarray, " trials"]]
@@ -118,7 +118,7 @@ def retrained(trained: Trained) -> dict[str, Summary]:
 
 
 def outcomes(summary: Summary) -> dict[tuple[str, str], Outcome]:
-    """How each loss ends under each change: the winners on fresh seeds, by change and loss."""
+    """Return the outcome of each loss under each change: the winners on fresh seeds, by change and loss."""
     metrics = {metric: summary.final(metric) for metric in METRICS}
     return {
         (change_of(setting, summary.study.env), setting["loss"]): Outcome(
@@ -240,7 +240,7 @@ def _write(axes: Axes, words: str, at: tuple[float, float], above: int, color: C
 
 
 def causes(trained: Trained) -> Table:
-    """What the policies look like in the end, under each change."""
+    """Tabulate what the policies look like in the end, under each change."""
     rows = []
     for task, summary in retrained(trained).items():
         title = trained.title(task)

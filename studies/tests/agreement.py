@@ -1,4 +1,4 @@
-"""What a claim of the page prints, compared with what the second path found (see `recomputed`)."""
+"""The text of a claim of the page is compared with what the second path found (see `recomputed`)."""
 
 import math
 import re
@@ -38,7 +38,7 @@ def found_again(name, sweeps):
 
 
 def is_printed(text, value):
-    """Whether a number is printed as this text."""
+    """Say whether a number is printed as this text."""
     if text == "never":
         return math.isinf(value)
     plain = text.replace("−", "-").replace(",", "")

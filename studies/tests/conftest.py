@@ -1,4 +1,4 @@
-"""What is published in results/paper, read by either path once."""
+"""Either path reads once what is published in results/paper."""
 
 import pytest
 

@@ -12,7 +12,7 @@ from studies.paper.trained import Trained, rest
 from studies.paper.why import METRICS
 
 LOGGED = tuple(dict.fromkeys((*CURVES, *METRICS, "sigma")))
-"""What figures and tables show, and a metric that they don't."""
+"""The metrics that figures and tables show, and one that they don't."""
 
 PROVENANCE = {
     "budget": "smoke",

@@ -1,4 +1,4 @@
-"""What is read off samples whose factors are known."""
+"""The numbers that are read off samples are right where the samples' factors are known."""
 
 import numpy as np
 import pyarrow as pa

@@ -14,7 +14,7 @@ PAPER = Path(__file__).parents[2] / "results" / "paper"
 
 
 def told_by(trained):
-    """What a folder of `reproduce` says; what that proves of the paper is for each version to judge."""
+    """Return what a folder of `reproduce` says; what that proves of the paper is for each version to judge."""
     found = {}
     for name, summary in trained.sweeps.items():
         names = [setting.name for setting in summary.study.settings]

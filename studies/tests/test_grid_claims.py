@@ -15,7 +15,7 @@ from .test_claims import CLASSIFIED, judged
 
 
 def sensitivities(data):
-    """What is claimed of Figures 4 to 6."""
+    """Judge what is claimed of Figures 4 to 6."""
     found = [judge(data) for name in ("figure-4", "figure-5", "figure-6") for judge in of_figure(name)]
     return {claim.words: claim for claim in found}
 
@@ -51,7 +51,7 @@ def test_bins_that_matter_as_much_for_both_losses():
     words = "HL-1-Hot is similarly robust to the number of bins as HL-Gauss."
 
     def verdict_of(share):
-        """What 200 bins cost HL-1-Hot, of the way from rest to the optimum."""
+        """Judge with 200 bins that cost HL-1-Hot this share of the way from rest to the optimum."""
 
         def final_of(_, setting):
             return 16 - 16.26 * share * (setting["loss"] == "hl-one-hot" and setting["n_bins"] == 200)

@@ -1,4 +1,4 @@
-"""How everything was made, in one table: what stands there is what the files say."""
+"""One table says how everything was made: what stands there is what the files say."""
 
 import dataclasses
 

@@ -95,7 +95,7 @@ def recomputed(of, reading, task, loss):
 
 UNITS = [(task, loss) for task in ("mountain-car", "lqr") for loss in ("hl-one-hot", "hl-gauss")]
 LEVEL, OWN, NORM, DEVIATION, VARIATION = range(5)
-"""What `recomputed` has in each row."""
+"""The columns of each row of `recomputed`."""
 
 
 def numbers(reading, published, row):

@@ -1,4 +1,4 @@
-"""Which way each loss pulls, against its gradient by hand."""
+"""Each loss pulls the way that its gradient by hand says."""
 
 import numpy as np
 import pytest

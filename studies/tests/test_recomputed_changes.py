@@ -17,7 +17,7 @@ from .recomputed.runs import read_all
 
 
 def by_chance(name, setting):
-    """Where a setting's runs end: anywhere, by its name."""
+    """Return where a setting's runs end: anywhere, by its name."""
     return zlib.crc32(f"{name} {setting.name}".encode()) % 1000 / 100
 
 

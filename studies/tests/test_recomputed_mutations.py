@@ -18,7 +18,7 @@ HOLDS, FAILS, OPEN = "holds", "does not hold", "not decidable here"
 
 
 def rows_of(table, keep):
-    """Which runs are of settings that are to be changed."""
+    """Mark the runs of settings that are to be changed."""
     chosen = np.array([keep(setting) for setting in settings_of(record_of(table))])
     return chosen[table.column("setting").to_numpy()]
 
@@ -82,7 +82,7 @@ def of(losses, **fields):
 
 
 def keeper(losses, fields, settings):
-    """Whether a setting is one of those that `of` describes."""
+    """Return a function that says whether a setting is one of those that `of` describes."""
     own = [setting for setting in settings if setting["loss"] in losses]
     ends = {field: end(setting[field] for setting in own) for field, end in fields.items()} if own else {}
     return lambda setting: setting["loss"] in losses and all(setting[field] == end for field, end in ends.items())

@@ -290,7 +290,7 @@ def test_a_study_from_outside_stands_on_the_page(tmp_path):
 
 
 def test_a_sweep_from_outside_is_trained_drawn_and_judged(tmp_path, monkeypatch):
-    """What of it is trained again on fresh seeds is loaded too, though the figure does not name the grid."""
+    """The grid whose winners are trained again on fresh seeds is loaded too, though the figure does not name it."""
     study = MAIN["lqr"].study("smoke", {})
     grid = Sweep("mine", lambda budget, done: study, title="My grid")
     mine = FigureStudy("My figure", "", lambda trained: Figure(), (again(grid),))

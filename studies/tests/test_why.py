@@ -1,4 +1,4 @@
-"""What stands in the figures besides what was trained."""
+"""Figures show more than what was trained."""
 
 import gymnasium
 import jax

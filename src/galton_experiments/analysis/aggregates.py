@@ -13,7 +13,7 @@ from galton_experiments.analysis.statistics import Interval, Tasks, diverged_low
 
 
 def percentiles(values: Float[np.ndarray, "*any"], pool: Float[np.ndarray, " P"]) -> Float[np.ndarray, "*any"]:
-    """Where values stand among those of a pool: the share of it that is below, and half of what is equal.
+    """Return each value's percentile rank in a pool: the share of it that is below, and half of what is equal.
 
     It is the pool's cumulative distribution, by which tasks of any scale of reward get one scale from 0 to 1. A
     diverged run, NaN, is below all others.
@@ -106,7 +106,7 @@ class ByTask(Interval):
 def _drawn_again(
     shapes: tuple[tuple[int, ...], ...], n_resamples: int, seed: int, paired: bool
 ) -> list[tuple[Float[np.ndarray, "n B"], Float[np.ndarray, "m B"]]]:
-    """How often each run of both sides is drawn again, task by task."""
+    """Resample the runs of both sides, task by task, and count how often each is drawn."""
     rng, found = np.random.default_rng(seed), []
     for n, m in shapes:
         rows = times_drawn(rng, n, n_resamples).T.astype(float, order="C")
@@ -115,13 +115,13 @@ def _drawn_again(
 
 
 def _above(a: Float[np.ndarray, " n"], b: Float[np.ndarray, " m"]) -> Float[np.ndarray, "n m"]:
-    """Whether each of the first is above each of the second: 1, ½ for a tie, or 0."""
+    """Compare each of the first with each of the second: 1 if it is above, ½ for a tie, or 0."""
     ours, theirs = (diverged_lowest(scores) for scores in (a, b))
     return (ours[:, None] > theirs) + 0.5 * (ours[:, None] == theirs)
 
 
 def best_of(chosen_by: Float[np.ndarray, " N"], worth: Float[np.ndarray, " N"]) -> Float[np.ndarray, " N"]:
-    """What the best of n draws is worth on average, n = 1 … N: the exact mean over all subsets of n of N draws.
+    """Return the expected worth of the best of n draws, n = 1 … N: the exact mean over all subsets of n of N draws.
 
     Args:
         chosen_by: each draw's score, by which the best of a subset is chosen; of equal ones it is the first.

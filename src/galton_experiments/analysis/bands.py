@@ -8,7 +8,7 @@ from jaxtyping import Float, Int, Real, Shaped
 from galton_experiments.analysis.statistics import Interval
 
 RESAMPLES = 20_000
-"""How often runs are drawn again for a number that is printed."""
+"""The number of bootstrap resamples for a number that is printed."""
 
 
 def mean_band(strata: Sequence[Shaped[np.ndarray, "_ *rest"]], n_resamples: int = 500, seed: int = 0) -> Interval:
@@ -36,7 +36,7 @@ def mean_band(strata: Sequence[Shaped[np.ndarray, "_ *rest"]], n_resamples: int 
 
 
 def times_drawn(rng: np.random.Generator, n: int, n_resamples: int) -> Int[np.ndarray, "B n"]:
-    """How often each of n runs is drawn in n draws with replacement."""
+    """Count how often each of n runs is drawn in n draws with replacement, for each resample."""
     drawn = rng.integers(n, size=(n_resamples, n)) + n * np.arange(n_resamples)[:, None]
     return np.bincount(drawn.ravel(), minlength=n_resamples * n).reshape(n_resamples, n)
 

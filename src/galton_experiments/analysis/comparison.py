@@ -22,19 +22,19 @@ Results = Mapping[str, Result]
 
 
 def named(loss: str, preset: str = "") -> str:
-    """What a loss is called in a comparison, with the preset that its settings are of."""
+    """Name a loss in a comparison, with the preset that its settings are of."""
     return f"{loss}, preset {preset}" if preset else loss
 
 
 def label_of(name: str) -> str:
-    """What tables and figures call it; KeyError for none of LOSSES."""
+    """Return the label that tables and figures have for it; KeyError for none of LOSSES."""
     loss, comma, preset = name.partition(",")
     return LOSSES[loss].label + comma + preset
 
 
 @dataclasses.dataclass(frozen=True)
 class Row:
-    """What the table of a comparison says of one loss."""
+    """A row of a comparison's table describes the runs of one loss."""
 
     loss: str
     """As `named` calls it."""
@@ -55,7 +55,7 @@ class Row:
 
 
 def rest_of(env: Environment | None, at_rest: float | None) -> float | None:
-    """What is earned without learning: the better of doing nothing and of acting at random; None if neither is known.
+    """Return the best return without learning, of doing nothing or of acting at random; None if neither is known.
 
     Args:
         env: whose `random_return` is the latter.
@@ -93,7 +93,7 @@ def summarise(results: Results, env: Environment | None, at_rest: float | None =
 
 
 def verdicts(results: Results, baseline: str = "gaussian") -> list[str]:
-    """What the final returns say of each loss against the baseline: a sentence each, none if it was not trained.
+    """Judge each loss against the baseline by the final returns, a sentence each; none without the baseline's runs.
 
     The baseline is the first of that loss.
 

@@ -1,4 +1,4 @@
-"""What a factorial data set says of methods, whose draws, tasks and seeds are the same, and are all random.
+"""Methods are compared by a factorial data set: draws, tasks and seeds are the same for all, and all are random.
 
 Scores are percentiles among all runs of a task, [methods, draws, tasks, seeds], so that tasks count alike. One half of
 the seeds selects a draw and the other half judges it. The intervals draw tasks again, draws, which are common to all
@@ -22,7 +22,7 @@ _AT_ONCE = 500
 
 
 class Factorial(NamedTuple):
-    """How the methods do: each Interval has a number for each of them, and P is that of being above the baseline."""
+    """Each Interval of these results has a number for each method, and P is the chance of being above the baseline."""
 
     one_setting: Interval
     """P of the draw that each method selects on the other tasks, [methods], averaged over the task that is left out."""
@@ -46,7 +46,7 @@ class _Again(NamedTuple):
     """Tasks and draws, drawn again B times."""
 
     tasks: Float[np.ndarray, "B tasks"]
-    """How often each task was drawn."""
+    """The number of times that each task was drawn."""
     draws: Int[np.ndarray, "B draws"]
     """The draws that were drawn, in rising order."""
 
@@ -63,7 +63,7 @@ def halves(n_seeds: int) -> list[tuple[list[int], list[int]]]:
 
 
 def factorial(scores: Scores, baseline: int = 0, n_resamples: int = RESAMPLES, seed: int = 0) -> Factorial:
-    """What the scores say, with 95% intervals: the resamples' percentiles, moved by as much as their mean lies off.
+    """Compare methods by scores, with 95% intervals: the resamples' percentiles, moved by how far their mean lies off.
 
     Args:
         scores: percentiles, or other numbers that are comparable between tasks; none may be NaN.
@@ -164,7 +164,7 @@ def _above(
 
 
 def _pairs(ours: Float[np.ndarray, "*any s"], theirs: Float[np.ndarray, "*any t"]) -> Float[np.ndarray, "*any s t"]:
-    """Whether each of ours is above each of theirs: 1, ½ for a tie, or 0."""
+    """Compare each of ours with each of theirs: 1 if ours is above, ½ for a tie, or 0."""
     a, b = ours[..., :, None], theirs[..., None, :]
     return np.asarray((a > b) + 0.5 * (a == b))
 

@@ -31,7 +31,7 @@ LEVELS: dict[str, LineStyle] = {"optimum": "--", "solved": (0.0, (8.0, 3.0)), "d
 _DASH_DOT: LineStyle = (0.0, (5.0, 1.2, 1.2, 1.2))
 """Of what is not the paper's: gaps short enough to be followed where curves lie upon one another."""
 _HANDLE, _LETTER = 0.07, 0.0088
-"""How many inches a legend's entry takes, without its name and for each letter of it, by point of the font's size."""
+"""The inches that a legend's entry takes, without its name and for each letter of it, by point of the font's size."""
 _STYLE: Any = {
     "axes.spines.top": False,
     "axes.spines.right": False,

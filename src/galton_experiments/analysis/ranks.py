@@ -57,7 +57,7 @@ def _doubled_ranks(values: Float[np.ndarray, " n"]) -> np.ndarray:
 
 
 def _subsets(ranks: np.ndarray) -> Float[np.ndarray, "_ _"]:
-    """How many subsets of the ranks there are, by their size and their sum (Streitberg and Röhmel's recursion)."""
+    """Count the subsets of the ranks, by their size and their sum (Streitberg and Röhmel's recursion)."""
     found = np.zeros((len(ranks) + 1, int(ranks.sum()) + 1))
     found[0, 0] = 1
     for rank in ranks:
@@ -66,7 +66,7 @@ def _subsets(ranks: np.ndarray) -> Float[np.ndarray, "_ _"]:
 
 
 def _sums(numbers: np.ndarray) -> Float[np.ndarray, " _"]:
-    """How many subsets of positive integers there are, by their sum."""
+    """Count the subsets of positive integers, by their sum."""
     found = np.zeros(int(numbers.sum()) + 1)
     found[0] = 1
     for number in numbers:

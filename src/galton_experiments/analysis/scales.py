@@ -13,7 +13,7 @@ from galton_experiments.analysis.statistics import Interval
 _BETWEEN, _WIDE = {"x": 0.17, "y": 0.12}, 0.3
 """The least share of the axis between two ticks, and the gap that asks for a finer one between them."""
 _SLIVERS = {0.1: 0.4, 0.35: 0.15}
-"""Where a linear axis flattens: all but this share of the later half takes less than this share of it."""
+"""A linear axis flattens if all but one share (a key) of the later half takes less than another (its value) of it."""
 
 AXES = (
     "An axis whose numbers crowd is linear near the best return and logarithmic far from it, where early training "

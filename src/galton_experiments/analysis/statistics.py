@@ -90,7 +90,7 @@ def difference_interval(a: Float[np.ndarray, " n"], b: Float[np.ndarray, " m"]) 
 
 
 class Comparison(NamedTuple):
-    """How the runs of one sample lie to those of another, or to a number."""
+    """A comparison sets the runs of one sample against those of another, or against a number."""
 
     difference: Interval
     """The mean difference and its 95% t interval."""
@@ -151,7 +151,7 @@ def against(values: Float[np.ndarray, " n"], level: float = 0.0) -> Comparison:
 
 
 def within(a: Float[np.ndarray, " n"], b: Float[np.ndarray, " m"], margin: float, paired: bool = False) -> Comparison:
-    """Whether the means of two samples differ by less than a margin: Schuirmann's two one-sided t tests.
+    """Test whether the means of two samples differ by less than a margin: Schuirmann's two one-sided t tests.
 
     Its `difference` is what is left of the margin, negative where they differ by more; `above` is whether any is; `p`
     is that of the test at the nearer end of the margin, the weaker one. NaN where `compare` has too few runs.

@@ -26,7 +26,7 @@ class Decidable(Protocol):
 
 
 class Decision(NamedTuple):
-    """What was decided of one comparison among several."""
+    """A decision on one comparison among several is a mark and an adjusted p."""
 
     mark: str
     """The mark is a key of WORDS, which has its meaning in words."""
@@ -35,7 +35,7 @@ class Decision(NamedTuple):
 
 
 def decide(found: Mapping[_Key, Decidable]) -> dict[_Key, Decision]:
-    """What each comparison decides: their p are adjusted together, and those below ALPHA are clear."""
+    """Decide each comparison: their p are adjusted together, and those below ALPHA are clear."""
     adjusted = holm([each.p for each in found.values()]).tolist()
     return {key: Decision(mark(found[key].direction, p), p) for key, p in zip(found, adjusted, strict=True)}
 

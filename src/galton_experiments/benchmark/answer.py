@@ -17,7 +17,7 @@ _FEWEST = 8
 
 
 def sentences(found: Found) -> list[str]:
-    """What the stages that are done say; the first sentence is the answer.
+    """Put the results of the stages that are done into sentences; the first is the answer.
 
     Who is ahead is told by the scores of shared settings on fresh seeds of the tuning tasks, and never by held-out
     ones. Those compare it with the baseline, for seeds that have chosen it flatter it; they do so where none are held
@@ -45,7 +45,7 @@ def sentences(found: Found) -> list[str]:
 
 
 def _behind(found: Found, order: Sequence[str], labels: Mapping[str, str]) -> str:
-    """Which methods may be as good as the first, by P(X > Y) over the tuning tasks.
+    """Name the methods that may be as good as the first, by P(X > Y) over the tuning tasks.
 
     The first of M methods is ahead of some by chance. So each interval is widened as Tukey widens those of all pairs of
     M means, by the studentised range.
@@ -61,7 +61,7 @@ def _behind(found: Found, order: Sequence[str], labels: Mapping[str, str]) -> st
 
 
 def _against(found: Found, stage: Stage, ahead: str) -> str:
-    """How one method does against the baseline in a stage."""
+    """Compare one method with the baseline in a stage, in words."""
     standings, base = found.standings[stage], found.protocol.baseline
     label = next(method.label for method in found.protocol.methods if method.name == ahead)
     tasks = {task.name: task.label for task in found.protocol.tasks}

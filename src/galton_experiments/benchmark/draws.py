@@ -1,4 +1,4 @@
-"""What each method draws: common numbers from one Latin hypercube, its own from a second one beside it."""
+"""Every method draws common numbers from one Latin hypercube, and its own from a second one beside it."""
 
 import functools
 from collections.abc import Collection
@@ -16,7 +16,7 @@ from galton_experiments.sweep.grid import task_defaults
 from galton_experiments.sweep.study import Setting
 
 Quantiles = dict[str, Float[np.ndarray, " n"]]
-"""Where in its prior each draw of a field lies, by field; each n-th of a prior has one."""
+"""The quantile of each draw in a field's prior, by field; each n-th of a prior has one."""
 CANDIDATES = 200
 """Hypercubes of which a method's own is chosen."""
 Draws = dict[str, list[Fields]]
@@ -24,7 +24,7 @@ Draws = dict[str, list[Fields]]
 
 
 def draws(protocol: Protocol) -> Draws:
-    """What every method draws: the same quantiles of the common fields for all, and as many draws for each.
+    """Return the draws of every method: the same quantiles of the common fields for all, and as many draws for each.
 
     The first draws are the file's anchors. What an anchor does not name is fixed, or has its usual value.
     The order of fields and methods in the file has no part in it, and no method in another's draws. Methods whose own
@@ -63,7 +63,7 @@ def setting(protocol: Protocol, method: Method, drawn: Fields, task: Task, fresh
 
 
 def _n_random(protocol: Protocol) -> int:
-    """How many draws of each method are no anchors."""
+    """Count the draws of each method that are no anchors."""
     return protocol.budget.settings - len(protocol.anchors)
 
 

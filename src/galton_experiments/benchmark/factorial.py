@@ -12,11 +12,11 @@ from galton_experiments.benchmark.runs import Runs
 from galton_experiments.benchmark.selection import Judged, normalised
 
 Times = Mapping[str, Mapping[str, float]]
-"""How long a step takes in times of the baseline's, by method and task."""
+"""The time of a step as a multiple of the baseline's, by method and task."""
 
 
 class Answers(NamedTuple):
-    """What the runs say at equal steps and at equal time; methods, draws and tasks are in the file's order."""
+    """The runs are compared at equal steps and at equal time; methods, draws and tasks are in the file's order."""
 
     times: Times
     """Empty where the time of a step is neither given nor known."""
@@ -29,7 +29,7 @@ class Answers(NamedTuple):
 def answers(
     protocol: Protocol, runs: Sequence[Runs], scores: Judged, speeds: Mapping[str, Mapping[str, float]]
 ) -> Answers:
-    """What the runs of a factorial benchmark say.
+    """Compare the methods of a factorial benchmark by its runs.
 
     Args:
         protocol: its file.
@@ -56,7 +56,7 @@ def stacked(scores: Judged, names: Sequence[str]) -> Float[np.ndarray, "methods 
 
 
 def _times(protocol: Protocol, speeds: Mapping[str, Mapping[str, float]]) -> Times:
-    """How long a step takes, as the file has it or by the speed of the runs."""
+    """Return the relative time of a step, as the file has it or by the speed of the runs."""
     base, found = protocol.baseline.name, {}
     known = {task.name for task in protocol.tasks} <= {*speeds}
     for method in (method for method in protocol.methods if method.name != base):

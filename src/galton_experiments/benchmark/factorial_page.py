@@ -1,4 +1,4 @@
-"""What a factorial benchmark found, as sentences, tables, figures and sections of its page."""
+"""A factorial benchmark's results become the sentences, tables, figures and sections of its page."""
 
 from collections.abc import Callable, Mapping
 
@@ -22,7 +22,7 @@ _WAYS = {
     "top_quarter": "best quarter of draws",
     "same_draw": "same draw",
 }
-"""How methods are compared, by the field of `Factorial`."""
+"""The words for each way of comparing methods, by the field of `Factorial`."""
 _TEXT = (
     "P(above) is the chance that a run is above one of the baseline's on a task that is drawn at random; a tie counts "
     "half, and a diverged run is below all others. One setting is the draw with the highest mean percentile on all "
@@ -46,7 +46,7 @@ _DRAWS = (
 
 
 def sentences(found: Found) -> list[str]:
-    """How each method does against the baseline with one setting, the highest P first."""
+    """Say how each method does against the baseline with one setting, the highest P first."""
     base, n = found.protocol.baseline.label, len(found.protocol.tasks)
     said = []
     for method in sorted(_others(found), key=lambda method: -float(_p(found, method, "one_setting").mean)):

@@ -49,7 +49,7 @@ def scores(found: Found) -> Figure:
 
 
 def best_of(found: Found) -> Figure:
-    """What tuning with n draws gets, for one setting and for one for each task; nothing where there is but one draw."""
+    """Plot the best of n draws, for one setting and for one for each task; nothing where there is but one draw."""
     kinds = {"shared": "one setting for all tuning tasks", "per_task": "a setting for each tuning task"}
     kinds = kinds if found.protocol.budget.settings > 1 else {}
     figure, axes = panels(len(kinds), height=3.1, width=3.9)
@@ -66,7 +66,7 @@ def best_of(found: Found) -> Figure:
 
 
 def curves(found: Found) -> Figure:
-    """What runs are judged by over environment steps, of the shared settings on each task, on fresh seeds."""
+    """Plot the metric that judges runs over environment steps, of the shared settings on each task, on fresh seeds."""
     stages = [runs for of_stage in found.later.values() for runs in of_stage]
     figure, axes = panels(len(stages), columns=3)
     for panel, runs in zip(axes, stages, strict=True):
@@ -111,7 +111,7 @@ def leading(found: Found) -> list[Method]:
 
 
 def few(found: Found) -> str:
-    """What a caption says where not all methods are drawn."""
+    """Return a sentence for captions where not all methods are drawn; none where all are."""
     if len(leading(found)) == len(found.protocol.methods):
         return ""
     return f"Of all methods {MOST_CURVES} are drawn: the baseline and those with the highest scores."

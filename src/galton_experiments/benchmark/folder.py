@@ -22,11 +22,11 @@ from galton_experiments.sweep.store import Store
 from galton_experiments.sweep.study import Setting, canonical
 
 FILE = "benchmark.json"
-"""What the folder was begun with: the content of the benchmark's file, its hash, and the draws."""
+"""The file of what the folder was begun with: the content of the benchmark's file, its hash, and the draws."""
 DATA = "data"
 """The folder of the parts that are done."""
 MADE = "provenance.json"
-"""How the parts were made, and how long that took: what differs from one time to the next."""
+"""The file that tells how the parts were made, and how long that took: what differs from one time to the next."""
 
 
 def begin(store: Store, protocol: Protocol) -> Draws:
@@ -60,7 +60,7 @@ def begin(store: Store, protocol: Protocol) -> Draws:
 
 
 def differences(there: Any, here: Any, where: str = "") -> list[str]:
-    """What differs between what a folder was begun with and a file, each place in a few words."""
+    """List the differences between what a folder was begun with and a file, each place in a few words."""
     if isinstance(there, dict) and isinstance(here, dict):
         inner = where and f"{where}."
         names = [*here, *(name for name in there if name not in here)]
@@ -77,7 +77,7 @@ def differences(there: Any, here: Any, where: str = "") -> list[str]:
 
 
 def load(store: Store, protocol: Protocol) -> Found:
-    """What the folder's finished stages hold.
+    """Load the folder's finished stages.
 
     Raises:
         UsageError: it was begun with something else, its draws are not all trained, or a file there is damaged.
@@ -169,7 +169,7 @@ def _done(
 
 
 def made(store: Store) -> dict[str, Any]:
-    """How each part was made, by its name, as far as the folder knows."""
+    """Read how each part was made, by its name, as far as the folder knows."""
     try:
         return json.loads(store.read(MADE))
     except FileNotFoundError:

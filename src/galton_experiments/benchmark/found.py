@@ -19,7 +19,7 @@ from galton_experiments.benchmark.standings import Standings, standings
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Found:
-    """What there is: the stages that are done. A stage with a task missing is not."""
+    """The results of a benchmark are those of the stages that are done. A stage with a task missing is not."""
 
     protocol: Protocol
     draws: Draws
@@ -48,17 +48,17 @@ class Found:
 
     @functools.cached_property
     def best_of(self) -> dict[str, BestOf]:
-        """What tuning with fewer draws gets, by method."""
+        """Return what tuning with fewer draws gets, by method."""
         return {method.name: best_of_draws(self.scores, method.name) for method in self.protocol.methods}
 
     @functools.cached_property
     def standings(self) -> dict[Stage, Standings]:
-        """What the later stages found."""
+        """Compare the methods in each of the later stages."""
         return {stage: standings(self.protocol, runs) for stage, runs in self.later.items()}
 
     @functools.cached_property
     def factorial(self) -> Answers:
-        """What the runs of a factorial design say."""
+        """Compare the methods by the runs of a factorial design."""
         return answers(self.protocol, self.tuning, self.scores, self.speeds)
 
     def record(self) -> dict[str, Any]:

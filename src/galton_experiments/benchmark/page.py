@@ -97,7 +97,7 @@ def _of_stages(found: Found, drawn: Mapping[str, Figure]) -> list[Section]:
 
 
 def _file(found: Found) -> str:
-    """Which file all of this comes from."""
+    """Name the file that all of this comes from, by its hash."""
     return (
         f"All of this was made by one file, whose content has the hash {found.protocol.digest}. The common fields come "
         "from one Latin hypercube for all methods, a method's own fields from a second one beside it."

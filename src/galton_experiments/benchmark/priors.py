@@ -1,4 +1,4 @@
-"""What a field of a setting is drawn from: quantiles, which a Latin hypercube can stratify."""
+"""A field of a setting is drawn from a prior, by quantiles, which a Latin hypercube can stratify."""
 
 import dataclasses
 import math
@@ -15,9 +15,9 @@ CONTINUOUS = ("uniform", "log-uniform", "log-uniform-below-1")
 KINDS = (*CONTINUOUS, "choice", "value")
 """All kinds: a choice has values of equal chances, and a value is always the same."""
 STEPS = "steps"
-"""What a table's `times` may be: the number counts in lengths of the whole run."""
+"""The one word for a table's `times`: the number counts in lengths of the whole run."""
 MOST = 1e30
-"""What numbers are less than: float32, in which runs hold them, ends at 3e38."""
+"""The bound on the size of numbers: float32, in which runs hold them, ends at 3e38."""
 _FORMS = "write a table such as { log-uniform = [1e-4, 1e-2] }, { uniform = [0, 1] } or { choice = [50, 100] }"
 
 
@@ -30,7 +30,7 @@ class Prior:
     values: tuple[Any, ...]
     """The two ends, the values to choose from, or the one value."""
     in_steps: bool = False
-    """Whether a value is a multiple of how many environment steps the run has."""
+    """True if a value is a multiple of the number of environment steps that the run has."""
 
     @classmethod
     def read(cls, where: str, given: object) -> "Prior":
@@ -62,7 +62,7 @@ class Prior:
 
     @property
     def is_drawn(self) -> bool:
-        """Whether its values differ from draw to draw."""
+        """True if its values differ from draw to draw."""
         return self.kind != "value"
 
     def check(self, where: str) -> None:

@@ -18,12 +18,12 @@ from galton_experiments.sweep.grid import MOST_SETTINGS
 from galton_experiments.sweep.study import Natural
 
 MOST_STEPS = 2_000_000_000
-"""How many environment steps a run may have; it counts them in 32 bits."""
+"""The most environment steps that a run may have; it counts them in 32 bits."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Budget:
-    """How much each method gets, all of them the same."""
+    """Every method gets the same budget."""
 
     settings: Count = 16
     """Draws of each method."""
@@ -43,7 +43,7 @@ class Budget:
 
 @dataclasses.dataclass(frozen=True)
 class Selection:
-    """What a run is judged by, and how settings are selected."""
+    """Runs are judged by a metric, and settings are selected by a score."""
 
     score: Literal["mean-percentile"] = "mean-percentile"
     """A draw's score: the mean over tasks and seeds of its runs' percentiles among all runs of a task."""
@@ -66,9 +66,9 @@ class Method:
     search: Priors
     """Fields that it alone draws, beside those that all methods draw."""
     anchors: Mapping[str, Priors]
-    """What it has of its own in an anchor, by the anchor's name."""
+    """The method's own fields in an anchor, by the anchor's name."""
     time: float | None
-    """How long one of its steps takes in times of the baseline's; None is as long as its runs took."""
+    """The time of one of its steps as a multiple of the baseline's; None takes the time of its runs."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -81,11 +81,11 @@ class Task:
     """A name in ENVS or a Gymnasium id (`module:Id` imports the module first)."""
     env_kwargs: Record
     held_out: bool
-    """Whether no setting is selected by it."""
+    """True if no setting is selected by it."""
     fixed: Priors
     """Fields with the same value for every method, such as n_envs."""
     scale: Mapping[str, float]
-    """What drawn numbers are multiplied by, by field, for every method: a task with a hundredth of the updates may need
+    """The factors of drawn numbers, by field, for every method: a task with a hundredth of the updates may need
     learning rates that are a hundred times those of the others."""
     budget: Budget
     """The file's, with what the task has of its own: steps, fresh_steps, logs and eval_episodes."""
@@ -105,7 +105,7 @@ class Protocol:
     seed: int
     """Of the draws and of all runs: fresh seeds are drawn from it too, and are others."""
     design: Literal["stages", "factorial"]
-    """Whether what was selected is trained again, or judged by other seeds and tasks of the same runs."""
+    """The design: "stages" retrains what is selected; "factorial" judges it by the same runs' other seeds and tasks."""
     baseline: Method
     """The method that all others are compared with."""
     imports: tuple[str, ...]
@@ -115,7 +115,7 @@ class Protocol:
     fixed: Priors
     """Fields with the same value for all methods, unless a method or a task says otherwise."""
     prior: Priors
-    """What all methods draw, and draw alike."""
+    """The fields that all methods draw, and draw alike."""
     anchors: Mapping[str, Priors]
     """Settings that all methods have as their first draws, by name."""
     methods: tuple[Method, ...]
@@ -144,12 +144,12 @@ class Protocol:
         return name
 
     def searched(self, method: Method) -> dict[str, Prior]:
-        """What a method draws: the common fields that it has a use for and doesn't fix, and its own."""
+        """Return the priors of a method: the common fields that it has a use for and doesn't fix, and its own."""
         others = {*method.fixed, *self.idle(method), *idle({"algorithm": self.algorithm(method)}, ["algorithm"])}
         return {name: prior for name, prior in self.prior.items() if name not in others} | dict(method.search)
 
     def anchored(self, method: Method) -> list[dict[str, Prior]]:
-        """What a method's first draws are: of each anchor what it has a use for and doesn't fix, and its own."""
+        """Return a method's first draws: of each anchor what it has a use for and doesn't fix, and its own."""
         others = {*method.fixed, *self.idle(method), *idle({"algorithm": self.algorithm(method)}, ["algorithm"])}
         return [
             {field: prior for field, prior in common.items() if field not in others}

@@ -22,7 +22,7 @@ from galton_experiments.sweep.store import Store
 
 
 def tables(file: Path, folder: str) -> Callable[[str], str | None]:
-    """What gives a table by the file's name and its own: None of another file, or where its stages are not done."""
+    """Return a lookup of tables by file and name: None of another file, or where its stages are not done."""
     found, name = load(Store(folder), read(file)), file.stem
     known = {f"{name}: returns, {stage}": _returns(found, stage) for stage in found.standings}
     if "fresh" in found.standings:

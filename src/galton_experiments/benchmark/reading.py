@@ -19,12 +19,12 @@ from galton_experiments.benchmark.protocol import Budget, Method, Protocol, Sele
 TABLES = ("budget", "selection", "fixed", "prior", "anchors", "methods", "tasks")
 """The tables of a file."""
 WORDS = ("title", "seed", "design", "baseline", "imports", "extends")
-"""What stands above them."""
+"""The words that stand above them."""
 _OF_TASK = ("steps", "fresh_steps", "logs", "eval_episodes")
-"""What a task may have of a budget of its own."""
+"""The fields of a budget that a task may have of its own."""
 _RecordT = TypeVar("_RecordT", Budget, Selection)
 Importing = Callable[[Sequence[str]], None]
-"""What imports the modules of these names."""
+"""A function that imports the modules of these names."""
 
 
 def _nothing(modules: Sequence[str]) -> None:
@@ -106,7 +106,7 @@ def of_record(record: Record, title: str = "benchmark", importing: Importing = _
 
 
 def _top_level(record: Record, title: str) -> tuple[str, int, tuple[str, ...]]:
-    """What stands above the tables: title, seed and imports."""
+    """Read what stands above the tables: title, seed and imports."""
     check_names("the file", record, (*WORDS, *TABLES))
     try:
         json.dumps(record)
@@ -162,7 +162,7 @@ def _anchors(where: str, given: object) -> dict[str, Priors]:
 
 
 def _time(where: str, given: object) -> float | None:
-    """How long a step takes in times of the baseline's, where the file says it."""
+    """Read the time of a step as a multiple of the baseline's, where the file says it."""
     return None if given is None else _positive(where, given)
 
 
@@ -188,7 +188,7 @@ def _task(name: str, given: object, budget: Budget) -> Task:
 
 
 def _scale(where: str, given: object) -> dict[str, float]:
-    """What numbers are multiplied by, by field."""
+    """Read the factors of numbers, by field."""
     known = vocabulary()
     table = check_names(where, given, [name for name in known.usual if known.is_number(name)])
     return {name: _positive(f"{where}.{name}", value) for name, value in table.items()}

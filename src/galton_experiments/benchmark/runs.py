@@ -18,7 +18,7 @@ from galton_experiments.sweep.parquet import opened, to_bytes, with_record
 from galton_experiments.sweep.study import Setting, canonical
 
 CURVES = ("judged", "training")
-"""What is kept of each run: the metric that it is judged by, and the training return."""
+"""The curves that are kept of each run: the metric that it is judged by, and the training return."""
 _KEYS = ("method", "role", "draw", "setting", "trial")
 _SCHEMA = pa.schema(
     [("method", pa.string()), ("role", pa.string()), ("draw", pa.int32()), ("setting", pa.string())]
@@ -51,7 +51,7 @@ class Runs:
         return finals(self._of(method, role), curve).reshape(-1, self.part.trials)
 
     def finals_at(self, method: str, share: float, last: float) -> Float[np.ndarray, "draws trials"]:
-        """What runs of a method's draws are judged by where they are read after a share of their steps.
+        """Return the number that judges each run of a method's draws, read after a share of its steps.
 
         It is the mean of the last part of the curve up to there; NaN for a run that has diverged by then.
         """
@@ -65,7 +65,7 @@ class Runs:
         return np.array(found).reshape(-1, self.part.trials)
 
     def diverged(self, method: str, role: Role) -> int:
-        """How many runs diverged."""
+        """Count the runs that diverged."""
         return int((self._of(method, role)["diverged_at"].to_numpy() >= 0).sum())
 
     def trained(self, method: str, role: Role) -> int:
@@ -127,12 +127,12 @@ def _final(curve: Sequence[float], diverged_at: int, last: float) -> float:
 
 
 def _record(part: Part, digest: str) -> dict[str, object]:
-    """What the file says of itself."""
+    """Return what the file says of itself."""
     return {"benchmark": digest, "stage": part.stage, "task": part.task.name}
 
 
 def _keys(part: Part) -> list[tuple[str, str, int, str, int]]:
-    """What its rows are, in order: method, role, draw, setting and trial."""
+    """Return the keys of its rows, in order: method, role, draw, setting and trial."""
     return [
         (entry.method, entry.role, entry.draw, canonical(entry.setting.record()), trial)
         for entry in part.entries

@@ -1,4 +1,4 @@
-"""Which of its draws a method is judged by: one for all tuning tasks, and one for each (Patterson et al., 2024)."""
+"""A method is judged by one of its draws for all tuning tasks, and by one for each (Patterson et al., 2024)."""
 
 from collections.abc import Mapping
 from typing import NamedTuple
@@ -9,7 +9,7 @@ from jaxtyping import Float
 from galton_experiments.analysis.aggregates import best_of, percentiles
 
 Judged = Mapping[str, Mapping[str, Float[np.ndarray, "rows trials"]]]
-"""What runs are judged by, by task and method: a row for each draw, or for each role, and NaN for a diverged run."""
+"""The judged numbers of runs, by task and method: a row for each draw, or for each role, and NaN for a diverged run."""
 
 
 class Selected(NamedTuple):
@@ -53,7 +53,7 @@ def select(scores: Judged) -> Selected:
 
 
 def best_of_draws(scores: Judged, method: str) -> BestOf:
-    """What tuning with fewer draws would have got, on average over the subsets of a method's draws.
+    """Compute what tuning with fewer draws would have got, on average over the subsets of a method's draws.
 
     With several seeds each judges what the others choose, so that the best does not flatter; one alone does both.
     """

@@ -1,4 +1,4 @@
-"""What is trained in each stage of a benchmark: the settings of every method on a task, as studies of a sweep."""
+"""Each stage of a benchmark trains the settings of every method on a task, as studies of a sweep."""
 
 import dataclasses
 import json
@@ -16,7 +16,7 @@ from galton_experiments.sweep.study import Setting, Study
 
 Stage = Literal["tuning", "fresh", "held-out"]
 Role = Literal["draw", "shared", "per-task"]
-"""Why a setting is trained: as a draw that may be selected, as what was selected for all tasks, or for this one."""
+"""The role of a setting: a draw that may be selected, what was selected for all tasks, or for this one."""
 
 
 class Entry(NamedTuple):
@@ -25,7 +25,7 @@ class Entry(NamedTuple):
     method: str
     role: Role
     draw: int
-    """Which of the method's draws it is."""
+    """The place of the draw among the method's, from 0."""
     setting: Setting
 
 
@@ -126,7 +126,7 @@ def check(protocol: Protocol, drawn: Draws) -> None:
 
 
 def width(study: Study) -> int:
-    """How many runs a shard of a study has at most: shards are as few as they can be, and then as even.
+    """Return the most runs that a shard of a study has: shards are as few as they can be, and then as even.
 
     It depends on the study alone, so that the same file gives the same programs, and to the last bit the same numbers.
     """

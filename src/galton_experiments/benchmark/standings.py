@@ -1,4 +1,4 @@
-"""What fresh seeds say of the methods: normalised scores, comparisons with the baseline, and what tuning brings."""
+"""Fresh seeds judge the methods: normalised scores, comparisons with the baseline, and what tuning brings."""
 
 import dataclasses
 from collections.abc import Mapping, Sequence
@@ -18,7 +18,7 @@ from galton_experiments.benchmark.stages import Role
 
 
 class Score(NamedTuple):
-    """How a method does over all tasks of a stage, by percentiles among all methods' runs of each task."""
+    """A score says how a method does over all tasks of a stage, by percentiles among all methods' runs of each task."""
 
     judged: Interval
     """The mean over tasks of the mean over runs, by what runs are judged by."""
@@ -29,7 +29,7 @@ class Score(NamedTuple):
 
 
 class Result(NamedTuple):
-    """How a method does on one task; a diverged run counts as the worst of any method's there."""
+    """A result says how a method does on one task; a diverged run counts as the worst of any method's there."""
 
     judged: Interval
     """The mean return that runs are judged by, with Student's interval."""
@@ -40,7 +40,7 @@ class Result(NamedTuple):
 
 
 class Versus(NamedTuple):
-    """How a method does against the baseline on one task, by what runs are judged by, in pairs of one seed."""
+    """A method is compared with the baseline on one task, by what runs are judged by, in pairs of one seed."""
 
     difference: Interval
     direction: int
@@ -53,7 +53,7 @@ class Versus(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class Standings:
-    """What one stage on fresh seeds found, by method; roles are those of `stages.Role`."""
+    """Standings hold what one stage on fresh seeds found, by method; roles are those of `stages.Role`."""
 
     tasks: tuple[str, ...]
     scores: Mapping[str, Mapping[Role, Score]]
@@ -73,7 +73,7 @@ class Standings:
 
 
 def standings(protocol: Protocol, runs: Sequence[Runs]) -> Standings:
-    """What the runs of one stage say, one `Runs` for each of its tasks."""
+    """Compare the methods by the runs of one stage, one `Runs` for each of its tasks."""
     methods, base = [method.name for method in protocol.methods], protocol.baseline.name
     others = [method for method in methods if method != base]
     roles: tuple[Role, ...] = ("shared",) if runs[0].stage == "held-out" else ("shared", "per-task")
@@ -104,7 +104,7 @@ def _improvement(scores: Judged, method: str, other: str, row: int = 0) -> Inter
 
 
 def _results(runs: Runs, filled: Mapping[str, Judged], method: str, roles: Sequence[Role]) -> dict[Role, Result]:
-    """How a method does on one task, in each role."""
+    """Return the results of a method on one task, in each role."""
     judged, training = (filled[curve][runs.task][method] for curve in CURVES)
     return {
         role: Result(

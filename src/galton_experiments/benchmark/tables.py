@@ -1,4 +1,4 @@
-"""What a benchmark found as tables, for the terminal and for the page alike."""
+"""A benchmark's results are put into tables, for the terminal and for the page alike."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -23,10 +23,10 @@ METRICS = {
 }
 """The returns that runs may be judged by, in words."""
 STAGES: dict[Stage, str] = {"fresh": "tuning tasks, fresh seeds", "held-out": "held-out tasks"}
-"""What the later stages are called."""
+"""The names of the later stages."""
 _SHORT: dict[Stage, str] = {"tuning": "tuning", "fresh": "fresh seeds", "held-out": "held-out tasks"}
 _HEADINGS = ("return", "training return", "worst run", "diverged", "difference", "P(above)", "p (Holm)")
-"""What a table of returns has of each setting; the last three compare it with the baseline's."""
+"""The columns for each setting in a table of returns; the last three compare it with the baseline's."""
 _ROLES: dict[Role, str] = {"shared": "one for all tasks", "per-task": "of the task"}
 
 
@@ -36,7 +36,7 @@ def metric(found: Found) -> str:
 
 
 def budget(found: Found) -> Table:
-    """What each method got: draws, and in each stage environment steps, every run counted as if it stood alone."""
+    """Tabulate each method's budget: draws, and in each stage environment steps, every run counted as if alone."""
     headings = ["method", "draws", "different settings"]
     if found.protocol.design == "factorial":
         headings += ["steps", "diverged"]
@@ -53,13 +53,13 @@ def budget(found: Found) -> Table:
 
 
 def _steps(runs: Runs, method: Method) -> int:
-    """How many environment steps a method's runs have on a task, diverged ones in full."""
+    """Count the environment steps of a method's runs on a task, diverged ones in full."""
     roles = dict.fromkeys(entry.role for entry in runs.part.entries)
     return sum(runs.trained(method.name, role) for role in roles)
 
 
 def prior(found: Found) -> Table:
-    """What is drawn, by whom and from what."""
+    """Tabulate what is drawn, by whom and from what."""
     protocol = found.protocol
 
     def rows(who: str, priors: Priors) -> list[list[str]]:
@@ -89,7 +89,7 @@ def drawn_as_text(drawn: Fields) -> str:
 
 
 def scores(found: Found, stage: Stage) -> Table:
-    """How the shared settings do over all tasks of a stage."""
+    """Tabulate the scores of the shared settings over all tasks of a stage."""
     standings, base = found.standings[stage], found.protocol.baseline
     headings = ["method", "score", "IQM", "training score", "P(above)", "P, training"]
     headings += ["P(above), own settings", "sensitivity"] * bool(standings.sensitivity) + ["diverged"]
@@ -173,7 +173,7 @@ def _returns(found: Found, stage: Stage, task: str, method: Method, role: Role) 
 
 
 def returns_of(standings: Standings, task: str, method: Method, role: Role) -> str:
-    """What a method's setting is judged by on a task, with its interval."""
+    """Format the return that a method's setting is judged by on a task, with its interval."""
     return f"{standings.results[task][method.name][role].judged:{_form_of(standings, task)}}"
 
 
@@ -190,7 +190,7 @@ def _versus(standings: Standings, method: str, task: str, role: Role, form: str)
 
 
 def form(returns: Sequence[Numbers | float]) -> str:
-    """How returns of a task are written, all with as many decimals: four digits of the largest."""
+    """Return the number format of a task's returns, all with as many decimals: four digits of the largest."""
     size = max((abs(float(value)) for value in returns if np.isfinite(value)), default=0.0)
     return f",.{max(0, 3 - math.floor(math.log10(size))) if size else 3}f"
 
@@ -207,7 +207,7 @@ def _p(versus: Versus) -> str:
 
 
 def best_of(found: Found) -> Table:
-    """What tuning with fewer draws gets, by the normalised score of one setting for all tasks."""
+    """Tabulate what tuning with fewer draws gets, by the normalised score of one setting for all tasks."""
     n = found.protocol.budget.settings
     sizes = sorted({size for size in (1, 2, 4, 8, 16, 32, 64) if size < n} | {n})
     rows = [

@@ -33,7 +33,7 @@ def table(rows: list[Row], env: Environment | None, at_rest: float | None = None
 
 
 def _notes(rows: list[Row], env: Environment | None, at_rest: float | None) -> list[str]:
-    """What stands below the table; of the optimum only with an environment that knows it."""
+    """Return the notes below the table; one on the optimum only with an environment that knows it."""
     notes = ["final returns: mean over runs ± 95% CI, last 5% of training"]
     if any(row.diverged for row in rows):
         notes.append("diverged runs are left out of the means")

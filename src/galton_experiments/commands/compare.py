@@ -52,10 +52,10 @@ class Options:
     env: EnvName
     training: TrainingOptions
     algorithm: AlgorithmName = "a2c"
-    """What learns; the defaults of its settings are its own."""
+    """The algorithm that learns; the defaults of its settings are its own."""
     losses: LossNames = tuple(name for name, loss in LOSSES.items() if loss.in_paper)
     seeds: int = 20
-    """How many runs of each loss, each with a seed of its own."""
+    """The number of runs of each loss, each with a seed of its own."""
     out: Path | None = None
     """The folder for the figure and the numbers, by default runs/compare-ENV, or runs/compare-ENV-ALGORITHM."""
     imports: Imports = ()
@@ -64,7 +64,7 @@ class Options:
 
     @property
     def at_rest(self) -> float | None:
-        """What doing nothing earns, where it is known: with the environment's own constants."""
+        """Return what doing nothing earns, where it is known: with the environment's own constants."""
         return None if read_constants(self.training.env_kwargs) else task_of(self.env).at_rest
 
 

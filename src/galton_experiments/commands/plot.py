@@ -17,7 +17,7 @@ from galton_experiments.analysis.plots import color, draw_series, finish, fit, i
 from galton_experiments.analysis.statistics import Interval
 
 SHOWN = {"rollout/ep_rew_mean": "training return", "eval/mean_reward": "evaluation return, deterministic policy"}
-"""What is drawn of a log, and its title."""
+"""The metrics of a log that are drawn, with their titles."""
 
 
 @dataclasses.dataclass(frozen=True)

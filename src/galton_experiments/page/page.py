@@ -18,7 +18,7 @@ from galton_experiments.analysis.verdicts import WORDS
 
 VERDICTS = ("holds", "holds in part", "does not hold", "not decidable here")
 MARKS = {"✓": "as the paper says", "✗": "clearly the contrary", "≈": WORDS["≈"], "∅": "null task", "?": WORDS["?"]}
-"""What became of one unit of a claim (a task, a loss), by the mark that its line begins with."""
+"""The outcome for one unit of a claim (a task, a loss), by the mark that its line begins with."""
 _COLORS = {"✓": 0, "✗": 2}
 """The verdict whose colour a mark has; the others are grey."""
 
@@ -28,17 +28,17 @@ class Claim:
     """A sentence of the paper, and what became of it."""
 
     source: str
-    """Where the paper says it, such as "§5.2, Figure 3"."""
+    """The place where the paper says it, such as "§5.2, Figure 3"."""
     words: str
     """The sentence that is judged."""
     test: str
-    """What was compared with what."""
+    """The comparison that was made, in words."""
     number: str
-    """What was found, as text that may have several lines: one for each unit, which begins with its mark."""
+    """The finding, as text that may have several lines: one for each unit, which begins with its mark."""
     verdict: str
-    """What became of the claim: one of VERDICTS."""
+    """The verdict on the claim: one of VERDICTS."""
     why: str
-    """What the verdict rests on, as text that may have several lines."""
+    """The grounds of the verdict, as text that may have several lines."""
     section: str | None = None
     """The name of the section whose figure it rests on."""
     count: tuple[int, int] | None = None
@@ -67,7 +67,7 @@ class Table:
             )
 
     def is_numeric(self, column: int) -> bool:
-        """Whether its cells are numbers, to be set flush right; blanks and dashes are none, but allowed."""
+        """Say whether a column's cells are numbers, to be set flush right; blanks and dashes are none, but allowed."""
         return all(re.match(r"[-−+±<>≤≥~≈ ]*\.?\d|[-—–]?$", row[column]) for row in self.rows)
 
 
@@ -90,13 +90,13 @@ class Matrix:
     """A table of verdicts: each row and column has a name; a narrow screen has a card for each row, unless `narrow`."""
 
     corner: str
-    """What the rows are."""
+    """The heading of the column that names the rows."""
     columns: Sequence[str]
     """The name of each column."""
     rows: Mapping[str, Sequence[Cell]]
     """The cells of each row, by its name."""
     narrow: bool = False
-    """Whether it is a table on narrow screens too, since its cells are short."""
+    """True if it is a table on narrow screens too, since its cells are short."""
     heads: Mapping[str, tuple[str, str]] = dataclasses.field(default_factory=dict)
     """Title and text of a group of rows, by the name of its first row, above which they stand."""
 
@@ -110,7 +110,7 @@ class Matrix:
 
 @dataclasses.dataclass(frozen=True)
 class Answer:
-    """What a reader finds who has a minute: the head of the page."""
+    """The answer heads the page, for a reader who has a minute."""
 
     sentences: Sequence[str]
     """The first is the answer; the others follow in smaller type."""
@@ -141,7 +141,7 @@ class Section:
     paragraphs: Sequence[str] = ()
     """Sentences above the table."""
     is_first: bool = False
-    """Whether it stands before the claims."""
+    """True if it stands before the claims."""
 
     def __post_init__(self) -> None:
         fits = re.fullmatch("[a-z][a-z0-9-]*", self.name) is not None

@@ -17,16 +17,16 @@ from galton.errors import require, require_integer
 
 T = TypeVar("T")
 Call = tuple[Future[Any], Callable[..., object], tuple[object, ...]]
-"""What a worker is to do: the future of it, a function and its arguments."""
+"""The call that a worker is to make: the future of it, a function and its arguments."""
 Pipe: TypeAlias = "multiprocessing.connection.Connection[object, Any]"
 """One end of the pipe between this process and a worker."""
 
 ATTEMPTS = 20
-"""How often a call is made again because the process that made it died."""
+"""The most attempts at a call whose process dies each time."""
 
 
 class Place(NamedTuple):
-    """Where a worker lives: its cores, and what its environment has besides."""
+    """A worker's place is its cores, and what its environment has besides."""
 
     cores: tuple[int, ...] = ()
     """The cores that it is kept on, where the operating system can; () leaves it free."""
@@ -52,7 +52,7 @@ def one_per_gpu(n: int) -> list[Place]:
 
 
 class WorkerDiedError(RuntimeError):
-    """What a future raises if every process that made its call died."""
+    """A future raises this if every process that made its call died."""
 
 
 class Processes(Executor):

@@ -57,7 +57,7 @@ def from_bytes(data: bytes) -> pa.Table:
 
 
 def opened(data: bytes, where: str, check: Callable[[pa.Table, dict[str, Any]], T], told: str, remedy: str) -> T:
-    """What a check makes of the table and the record in a file.
+    """Return what a check makes of the table and the record in a file.
 
     Args:
         data: the file.

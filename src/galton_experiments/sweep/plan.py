@@ -24,10 +24,10 @@ from galton_experiments.sweep.study import Program, Setting, Study, canonical
 
 FILE = "plan.parquet"
 MOST_RUNS = 100_000
-"""How many runs one shard may have."""
+"""The most runs that one shard may have."""
 _COLUMNS: dict[str, type[np.generic]] = {"shard": np.int32, "setting": np.int32, "trial": np.int32, "seed": np.uint32}
 COMMON = "common"
-"""What stands for the setting in the seeds of a study whose settings share them."""
+"""The word that stands for the setting in the seeds of a study whose settings share them."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -114,17 +114,17 @@ class Plan:
 
     @property
     def n_runs(self) -> int:
-        """How many runs the plan has, R."""
+        """Count the runs of the plan, R."""
         return len(self.shard)
 
     @property
     def n_shards(self) -> int:
-        """How many shards the plan has, S."""
+        """Count the shards of the plan, S."""
         return int(self.shard[-1]) + 1 if len(self.shard) else 0
 
     @functools.cached_property
     def bounds(self) -> Int[np.ndarray, " starts"]:
-        """Where each shard's runs begin, and where the last one ends `[S + 1]`."""
+        """Return the index at which each shard's runs begin, and the one at which the last shard ends `[S + 1]`."""
         return np.searchsorted(self.shard, np.arange(self.n_shards + 1))
 
     @functools.cached_property

@@ -1,4 +1,4 @@
-"""What a sweep found: the table of all runs, the best setting of each loss, and the study that checks it."""
+"""A sweep's results are the table of all runs, the best setting of each loss, and the study that checks it."""
 
 import dataclasses
 from collections.abc import Sequence

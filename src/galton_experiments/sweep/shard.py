@@ -39,7 +39,7 @@ RECORD = {
     "versions": {},
     "machine": "",
 }
-"""What every shard's metadata say, each of its type."""
+"""The fields of every shard's metadata, each with a value of its type."""
 _prepare = functools.cache(use_all_cores)
 """Prepares a process for its shards, once."""
 _NAME = re.compile(r"(\d{7,})-([0-9a-f]{16})-([0-9a-f]{32})\.parquet")
@@ -47,7 +47,7 @@ _NAME = re.compile(r"(\d{7,})-([0-9a-f]{16})-([0-9a-f]{32})\.parquet")
 
 @dataclasses.dataclass(frozen=True)
 class Done:
-    """What is known of a finished shard without opening its file."""
+    """This much is known of a finished shard without opening its file."""
 
     index: int
     name: str
@@ -60,7 +60,7 @@ class Done:
 
 @dataclasses.dataclass(frozen=True)
 class Report:
-    """What a worker tells of the shard it finished; arrays of plain numbers, small enough to send."""
+    """A worker reports on the shard that it finished; arrays are plain numbers, small enough to send."""
 
     index: int
     setting: list[int]
@@ -68,7 +68,7 @@ class Report:
     final_training_return: list[float]
     """The final return of each run; NaN for one that diverged."""
     steps: int
-    """How many environment steps were trained, all runs together."""
+    """The environment steps that were trained, all runs together."""
     compile_seconds: float
     train_seconds: float
 
@@ -146,7 +146,7 @@ def report(index: int, table: pa.Table) -> Report:
 
 
 def provenance(store: Store, plan: Plan) -> dict[str, object]:
-    """What made a sweep that is done: versions and machines, each once, and the seconds of all workers together."""
+    """Say what made a finished sweep: versions and machines, each once, and the seconds of all workers together."""
     records = []
     for done in finished(store, plan).values():
         table = read(store, done)

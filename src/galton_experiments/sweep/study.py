@@ -88,7 +88,7 @@ class Setting(Mapping[str, Any]):
 
     @functools.cached_property
     def program(self) -> Program:
-        """What it is compiled for: all that is no number, and schedules."""
+        """Return what it is compiled for: all that is no number, and schedules."""
         known = vocabulary()
         return tuple(
             (name, value) for name, value in self._record.items() if isinstance(value, str) or not known.is_number(name)
@@ -100,7 +100,7 @@ class Setting(Mapping[str, Any]):
         return int(self["n_steps"] * self["n_envs"])
 
     def brief(self) -> str:
-        """What the grids vary of its loss, in a line."""
+        """Describe in a line what the grids vary of its loss."""
         loss, policy = find_loss(self["loss"]), POLICIES.get(self["policy"])
         parts = [f"learning rate {_shown(self['learning_rate'])}"]
         parts += [f"k {self['n_bins']}"] if loss.family == "histogram" else []
@@ -130,15 +130,15 @@ Natural = Annotated[int, AtLeast(0)]
 
 
 MOST_RUNS = 10_000_000
-"""How many runs a study may have."""
+"""The most runs that a study may have."""
 
 MOST_LOGS = 1_000_000
-"""How many points a learning curve of a study may have."""
+"""The most points that a learning curve of a study may have."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Study:
-    """What a sweep trains: settings on one environment, with several runs of each."""
+    """A study is what a sweep trains: settings on one environment, with several runs of each."""
 
     env: str
     """A name in ENVS or a Gymnasium id (`module:Id` imports the module first)."""
@@ -149,7 +149,7 @@ class Study:
     steps: Count
     """Environment steps per run."""
     logs: Count = 100
-    """How many points each learning curve has."""
+    """The number of points of each learning curve."""
     eval_episodes: Natural = 10
     """Episodes of the deterministic policy at each of them."""
     env_kwargs: str = "{}"
@@ -159,10 +159,10 @@ class Study:
     imports: tuple[str, ...] = ()
     """Modules that every worker imports first: where losses, policies and environments of your own are registered."""
     common_seeds: bool = False
-    """Whether trial t of every setting has the same seed: first episodes, the environment's noise and the critic's
+    """True if trial t of every setting has the same seed: first episodes, the environment's noise and the critic's
     start are then drawn alike, and settings are compared in pairs. Otherwise every run has a seed of its own."""
     eval_mean: bool = False
-    """Whether evaluation plays once more by the mean of the policy's distribution (see `train`)."""
+    """True if evaluation plays once more by the mean of the policy's distribution (see `train`)."""
 
     def __post_init__(self) -> None:
         for name, annotation in annotations(Study).items():
@@ -195,7 +195,7 @@ class Study:
         return (*self.imports, *of_env)
 
     def constants(self) -> dict[str, object]:
-        """What every run shares, for JSON."""
+        """Return what every run shares, for JSON."""
         record = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
         later = {field.name: field.default for field in dataclasses.fields(self) if field.name not in _FIRST_FIELDS}
         return {

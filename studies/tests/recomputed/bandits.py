@@ -23,7 +23,7 @@ def in_pairs(one, other):
 
 
 def costs(bandits):
-    """How much less the last of the bandits costs each classification loss than the Gaussian."""
+    """Compare what the last of the bandits costs the Gaussian with what it costs each classification loss."""
     if len(bandits) < 2:
         return []
     first, last = bandits[min(bandits)], bandits[max(bandits)]
@@ -161,4 +161,4 @@ BANDITS = {
     "exploration_is_not_the_reason": not_the_reason,
     "stops_at_the_next_bin": next_bin,
 }
-"""What judges the bandits, by the name of the claim."""
+"""The functions that judge the bandits, by the name of the claim."""

@@ -16,7 +16,7 @@ PLAIN = {
     "ent_coef": 0.0,
     "n_envs": 1,
 }
-"""What changes set, as it is without them."""
+"""The fields that changes set, with their values without them."""
 FLOORS = {"0.1": -2.302585, "0.2": -1.609438, "0.3": -1.203973, "0.5": -0.693147}
 ALL_BUT_WINNERS = ("gaussian", "hl-one-hot", "hl-gauss", "hl-gauss-centred")
 NORMALISED = {"normalize_observation": True, "normalize_reward": True}
@@ -57,7 +57,7 @@ BEFORE = {
 
 
 def is_under(runs, fields):
-    """Whether a setting has these fields, and none of the others changed."""
+    """Say whether a setting has these fields, and none of the others changed."""
     return all(runs.setting.get(name, plain) == fields.get(name, plain) for name, plain in PLAIN.items())
 
 
@@ -68,7 +68,7 @@ def winners(runs):
 
 
 def point(runs):
-    """What a setting is known by: what grids and changes vary."""
+    """Identify a setting by what grids and changes vary."""
     varied = {name: runs.setting[name] for name in ("loss", "learning_rate", "n_bins", "eta")}
     return tuple((varied | {name: runs.setting.get(name, plain) for name, plain in PLAIN.items()}).values())
 

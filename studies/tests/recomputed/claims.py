@@ -78,7 +78,7 @@ def without_noise(task, name):
 
 
 def sentences(tasks, judge):
-    """What is noted of each kind of deterministic policy, on the tasks that are not null."""
+    """Return what is noted of each kind of deterministic policy, on the tasks that are not null."""
     known = {name: task for name, task in tasks.items() if not null_of(task)}
     told = []
     for metric, kind in KINDS.items():
@@ -97,7 +97,7 @@ def counted(found):
 
 
 def apart(task, name):
-    """How far runs end from their median, the Gaussian's against those of the better classification loss."""
+    """Compare how far runs end from their median, the Gaussian's against those of the better classification loss."""
     (rest, best), loss = ends_of(task), better(task, final, "training_return")
     finals = [task.again.final(each) for each in ("gaussian", loss)]
     far = [abs(each - np.median(each)) for each in finals]
@@ -106,7 +106,7 @@ def apart(task, name):
 
 
 def drawdown(task, name):
-    """What is lost of the best log point in the end."""
+    """Compare what is lost of the best log point in the end."""
     (rest, best), loss = ends_of(task), better(task, final, "training_return")
     lost = [(task.again.curve(x).max(1) - task.again.final(x)) / (best - rest) for x in ("gaussian", loss)]
     known = compared(name, *lost, paired(task.again.of("gaussian"), task.again.of(loss)))
@@ -114,7 +114,7 @@ def drawdown(task, name):
 
 
 def order(tasks):
-    """Whether HL-1-Hot and HL-Gauss differ by less than a tenth; and which is clearly ahead where."""
+    """Judge whether HL-1-Hot and HL-Gauss differ by less than a tenth; and which is clearly ahead where."""
     ahead = []
 
     def judge(task, name):
@@ -148,7 +148,7 @@ TASKS = {
     "alike_between_seeds": (apart, None, None),
     "keeps_what_it_learns": (drawdown, None, None),
 }
-"""What judges a task; whether Acrobot alone is asked, all but Acrobot, or None for all; and what is noted too."""
+"""The judge of a task; whether Acrobot alone is asked, all but Acrobot, or None for all; and what is noted too."""
 
 
 def on_tasks(tasks, claim):
@@ -211,7 +211,7 @@ def similar_bins(task, name):
 
 
 def rates(losses, of, sign):
-    """How much the learning rate moves some losses, against another one."""
+    """Return a judge of how much the learning rate moves some losses, against another one."""
 
     def judge(task, name):
         theirs, ours = moved(task, of, "learning_rate"), {x: moved(task, x, "learning_rate") for x in losses}
@@ -246,7 +246,7 @@ GRIDS = {
     "Classification is more robust to hyperparameters.": rates(CLASSIFIED, "gaussian", -1),
     "Over all settings, a higher fraction of classification's runs reaches a high return.": high,
 }
-"""What judges a grid, by the paper's sentence."""
+"""The judge of a grid, by the paper's sentence."""
 
 
 def on_grids(grids, words):

@@ -95,7 +95,7 @@ def paired_rank_sum(a, b):
 
 
 def are_few(a, b):
-    """Whether no order of so many runs has a p below 0.05."""
+    """Say whether no order of so many runs has a p below 0.05."""
     return 2 / math.comb(len(a) + len(b), len(a)) >= 0.05
 
 

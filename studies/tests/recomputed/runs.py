@@ -29,7 +29,7 @@ TITLES = {
     "ant": "Ant",
 }
 STILL = {"mountain-car": 0.0, "acrobot": -500.0, "reacher": -11.69, "half-cheetah": -0.23, "ant": 994.2}
-"""What the action 0 earns, by simulation (docs/paper.md); by arithmetic on the bandit and the LQR."""
+"""The return of the action 0, by simulation (docs/paper.md); by arithmetic on the bandit and the LQR."""
 
 
 class Runs(NamedTuple):
@@ -42,7 +42,7 @@ class Runs(NamedTuple):
     """By metric, [trials, log points]; a point without an episode is the one before, NaN before the first."""
     steps: np.ndarray
     seed: int | None
-    """What seeds trial t has in common with other runs; None where each run has its own."""
+    """The seed that trial t has in common with other runs; None where each run has its own."""
 
     def only(self, n):
         """The first n trials."""
@@ -185,7 +185,7 @@ def grids_of(sweeps):
 
 
 def is_whole(name, grid):
-    """Whether a grid has 4 learning rates, 3 k and 6 η, or the bandit's 5, crossed."""
+    """Say whether a grid has 4 learning rates, 3 k and 6 η, or the bandit's 5, crossed."""
     rates = (0.01, 0.05, 0.1, 1.0) if name == "bandit" else (1e-4, 3e-4, 7e-4, 1e-3)
     etas = (0.1, 0.25, 0.5, 0.75, 1.0) if name == "bandit" else (0.01, 0.05, 0.1, 0.25, 0.5, 0.75)
     bins = (50, 100, 200)
@@ -206,7 +206,7 @@ def ends_of(task):
 
 @functools.cache
 def levels_of(name, constants):
-    """What is earned without learning, and the optimum or None."""
+    """Return what is earned without learning, and the optimum or None."""
     if name == "bandit":
         return 0.0, 25.0  # the actions 0: 25 − 5²; uniform ones: 25 − (5² + 20²/12)
     if name == "lqr":
@@ -249,7 +249,7 @@ def cost_to_go(n, rho, r):
 
 
 def null_of(task):
-    """What the page says of a task on which fewer than 1% of the runs ever earn more than rest; "" of others."""
+    """Return the page's words for a task on which fewer than 1% of the runs ever earn more than rest; "" for others."""
     rest, _ = levels_of(task.name, json.dumps(task.grid.constants))
     learners = [(runs.curves["training_return"] > rest).any(1) for runs in task.grid.runs]
     n, of = int(np.concatenate(learners).sum()), sum(map(len, learners))

@@ -28,7 +28,7 @@ class Workers:
 
     @property
     def far(self) -> bool:
-        """Whether they are anywhere else than in processes of this command."""
+        """Say whether they are anywhere else than in processes of this command."""
         return self.scheduler is not None
 
     def check(self) -> None:
@@ -42,7 +42,7 @@ class Workers:
             importlib.import_module("galton_experiments.sweep.cluster").check(self.tls)
 
     def places(self) -> list[Place]:
-        """Where the processes of this machine live."""
+        """Return the places where the processes of this machine live."""
         return one_per_gpu(self.gpus) if self.gpus else one_per_core(self.workers)
 
     @contextlib.contextmanager

@@ -27,7 +27,7 @@ class Options:
 
     env: EnvName
     algorithm: AlgorithmName = "a2c"
-    """What learns; the defaults of its settings are its own."""
+    """The algorithm that learns; the defaults of its settings are its own."""
     grid: Annotated[str, tyro.conf.arg(metavar="{" + ",".join(GRIDS) + "} or FILE.toml")] = "paper"
     """The settings: the paper's (App. C.2), random ones around them, or the [[grid]] tables of a file."""
     n_settings: int = 16
