@@ -41,6 +41,7 @@ FREE = BINS | {"initial_policy": "clipped-gaussian"}
 CENTRED = {"loss": "hl-gauss-centred", "eta": 2.0, "target_tails": "reflected"}
 HEADS = {
     "gaussian": {"loss": "gaussian"},
+    "truncated gaussian": {"loss": "gaussian", "policy": "truncated-gaussian"},
     "gaussian, mean × 4": {"loss": "gaussian", "head_scale": 4.0},
     "gaussian, σ of the state": {"loss": "gaussian", "state_dependent_std": True},
     "spline": {"loss": "gaussian", "policy": "spline", "initial_policy": "gaussian", "deterministic_action": "mean"},
@@ -59,7 +60,7 @@ HEADS = {
     | FREE,
     "today's": {"loss": "hl-gauss-centred", "eta": 4.48, "target_tails": "edges"} | FREE | {"n_bins": 50},
 }
-"""What each head adds to an anchor. The last is the head of the preset of classification, with an anchor's numbers."""
+"""The settings that each head adds to an anchor. The last is the head of the preset of classification, with an anchor's numbers."""
 
 
 def train(job):
