@@ -60,7 +60,7 @@ HEADS = {
     | FREE,
     "today's": {"loss": "hl-gauss-centred", "eta": 4.48, "target_tails": "edges"} | FREE | {"n_bins": 50},
 }
-"""The settings that each head adds to an anchor. The last is the head of the preset of classification, with an anchor's numbers."""
+"""The settings that each head adds. The last is the head of the preset of classification, with an anchor's numbers."""
 
 
 def train(job):

@@ -186,8 +186,8 @@ def paid(record, rate):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("policy", POLICIES)
-def test_every_policy_reaches_the_target(policy):
+@pytest.mark.parametrize("policy", ["gaussian", "beta", "spline", "histogram", "smoothed", "discretised-gaussian"])
+def test_policies_of_every_kind_reach_the_target(policy):
     loss = "hl-one-hot" if POLICIES[policy].family == "histogram" else "gaussian"
     target = {"learning_rate": 0.02, "entropy_start": 0.3, "entropy_end": 0.2, "entropy_steps": 20_000.0}
     found = shares("bandit", ON_THE_BANDIT | {"policy": policy, "loss": loss} | target, 60_000)
@@ -199,10 +199,7 @@ RATES = {"bandit": 1e3, "lqr": 30.0, "acrobot": 1.0, "mountain-car": 1e-3}
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("loss", "standardised"),
-    [("gaussian", True), ("hl-one-hot", True), ("hl-gauss-centred", True), ("hl-gauss-centred", False)],
-)
+@pytest.mark.parametrize(("loss", "standardised"), [("gaussian", True), ("hl-gauss-centred", False)])
 @pytest.mark.parametrize("task", RATES)
 def test_the_target_is_reached_without_retuning_where_rewards_differ_a_millionfold(task, loss, standardised, trust):
     """With raw advantages the unit of reward is in them, and α std(A) takes it out of the bonus alone."""

@@ -32,8 +32,8 @@ class Slow(gymnasium.Env):
 
 gymnasium.register("Slow-v0", Slow, max_episode_steps=10)
 """
-"""An environment of which a rollout of 1,200 steps takes more than 12 seconds."""
-LONG = ["--n-steps", "1200", "--n-bins", "8", "--steps", "1200000", "--logs", "1000"]
+"""An environment of which a rollout of 700 steps takes more than 7 seconds."""
+LONG = ["--n-steps", "700", "--n-bins", "8", "--steps", "700000", "--logs", "1000"]
 MANY = ["--steps", "100000000", "--logs", "2000"]
 RUNS = {
     "a2c in JAX": ["bandit", "--algorithm", "a2c", *MANY],

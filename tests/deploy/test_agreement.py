@@ -15,7 +15,7 @@ import numpy as np
 import onnxruntime
 import pytest
 
-from galton import ALGORITHMS, POLICIES
+from galton import POLICIES
 from galton.deploy.decision import decide
 from galton.deploy.policy_files import encode
 
@@ -34,7 +34,8 @@ def ways(policy):
 
 
 WAYS = [(policy, way) for policy in POLICIES for way in ways(policy)]
-CASES = [(*way, *rest) for way, *rest in itertools.product(WAYS, ALGORITHMS, (True, False))]
+CASES = [(*way, *rest) for way, rest in itertools.product(WAYS, [("ppo", True), ("a2c", False)])]
+"""What trained a policy is no part of its file, so that each algorithm has a half of the cases."""
 SMALL, LARGE = ((), 1), ((64, 64), 6)
 """Hidden layers and action dimensions."""
 
@@ -89,7 +90,7 @@ def test_the_file_does_what_predict_does(policy, way, algorithm, normalize, trus
     apart = check(policy, way, algorithm, normalize, *(LARGE if normalize else SMALL))
     promise = "An exported policy acts under ONNX Runtime as `predict` does, where observations are normalised."
     if normalize:
-        unit = "half-widths of the box apart, on 10,000 states for each policy, algorithm and rule"
+        unit = "half-widths of the box apart, on 10,000 states for each policy and rule"
         trust("onnx", promise, topic="deployed", figure=apart, unit=unit, at_most=1e-6)
 
 
