@@ -15,8 +15,10 @@ from galton.devices import allowed_cores
 from galton.saving.files import SCRATCH
 from galton_experiments.sweep import results
 from galton_experiments.sweep.plan import Plan
-from galton_experiments.sweep.shard import FOLDER, finished
+from galton_experiments.sweep.shard import FOLDER as SHARDS
+from galton_experiments.sweep.shard import finished
 from galton_experiments.sweep.store import Store
+from tests.trust import FOLDER
 
 GRID = """
 [[grid]]
@@ -91,8 +93,12 @@ def kill_once(out, grid, programs, seed):
     return n_done(out) if (out / "plan.parquet").exists() else 0
 
 
+KILLS = 50 if FOLDER else 6
+"""How often the promise is tried by `make trust`, and by `make test-all`."""
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 50))])
+@pytest.mark.parametrize("seed", range(KILLS))
 def test_killed_at_any_time_it_goes_on_to_the_same_bytes(tmp_path, grid, programs, reference, seed, trust):
     while kill_once(tmp_path / "out", grid, programs, seed) == 8:  # too late: the last shard was done
         shutil.rmtree(tmp_path / "out")
@@ -150,7 +156,7 @@ def is_worker(process_id):
 def test_an_interrupt_is_clean_and_says_how_to_go_on(tmp_path, grid, programs, reference, number):
     out = tmp_path / "out"
     process = start(out, grid, programs)
-    while not (out / FOLDER).exists() or n_done(out) < 1:
+    while not (out / SHARDS).exists() or n_done(out) < 1:
         time.sleep(0.05)
     workers = [child for child in children(process.pid) if is_worker(child)]
     assert len(workers) == len(allowed_cores())
@@ -193,7 +199,7 @@ def test_status_shard_results_and_rerun(tmp_path, grid, programs, reference):
     assert "1 of 8 shards, 2 of 16 runs" in galton("status", out).stdout
     assert "2 of 16 runs: " in galton("results", out).stdout
     assert "14 runs are missing; run the sweep to its end first" in galton("rerun", out, "--to", out / "again").stderr
-    (file,) = (out / FOLDER).iterdir()
+    (file,) = (out / SHARDS).iterdir()
     file.write_bytes(file.read_bytes()[:-1])
     assert "shard 3: 2 runs" in galton("shard", out, 3).stdout
     wrong = galton("shard", out, 8)
