@@ -99,6 +99,7 @@ HEADS = {
     "anchored, S = 0.1": {"loss": "hl-one-hot", "policy": "anchored", "residual_scale": 0.1} | BINS,
     "anchored, S = 1": {"loss": "hl-one-hot", "policy": "anchored", "residual_scale": 1.0} | BINS,
     "centred × 4": CENTRED | FREE | {"head_scale": 4.0},
+    "centred, rate per σ": CENTRED | FREE | {"head_rate": "per-std"},
     "centred × 4, diffusion": CENTRED | FREE | {"head_scale": 4.0, "diffusion": 0.01},
     "exact × 4": {
         "loss": "hl-one-hot",

@@ -105,6 +105,8 @@ class Objective(NamedTuple):
     value_loss: Float[Array, ""]
     entropy: Float[Array, ""]
     """Mean over the batch, in nats, summed over action dimensions."""
+    head_rates: Float[Array, " n_outputs"] | None = None
+    """The policy's `head_rates`."""
 
 
 def objective(
@@ -129,7 +131,7 @@ def objective(
     total = policy_loss + agent.algorithm.vf_coef * value_loss - ent_coef * entropy
     regularizer = agent.loss.regularizer(distribution)
     total = total if regularizer is None else total + jnp.mean(regularizer)
-    return Objective(total, policy_loss, value_loss, entropy)
+    return Objective(total, policy_loss, value_loss, entropy, agent.policy.head_rates(distribution))
 
 
 def step(
@@ -140,6 +142,11 @@ def step(
     A gradient that is not finite moves no parameter; grad_norm tells. Where `going` is False nothing changes at all.
     """
     params, optimizer, grad_norm = agent.optimizer.step(learner.params, learner.optimizer, gradient)
+    if parts.head_rates is not None:
+        *hidden, new = params["actor"]
+        old = learner.params["actor"][-1]
+        last = jax.tree.map(lambda old, new: old + parts.head_rates * (new - old), old, new)
+        params = params | {"actor": [*hidden, last]}
     if going is not True:
         old = (learner.params, learner.optimizer)
         params, optimizer = jax.tree.map(lambda new, kept: jnp.where(going, new, kept), (params, optimizer), old)

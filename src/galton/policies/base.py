@@ -1,7 +1,7 @@
 """Policies offer these interfaces. Distributions live inside a traced function; policies are static."""
 
 import abc
-from typing import Annotated, ClassVar, Literal, Protocol, TypeVar, runtime_checkable
+from typing import Annotated, Any, ClassVar, Literal, Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 from jaxtyping import Array, Bool, Float, Key, PyTree
@@ -83,6 +83,11 @@ class Policy(Part, abc.ABC):
     def scaled(self, outputs: Float[Array, "*batch n_outputs"]) -> Float[Array, "*batch n_outputs"]:
         """The network's outputs times `head_scale`, which is what `distribution` takes."""
         return outputs if self.head_scale is None else self.head_scale * outputs
+
+    def head_rates(self, distribution: Any) -> Float[Array, " n_outputs"] | None:
+        """The learning rate of the last layer is multiplied by this number for each output; None: it is the others'."""
+        del distribution
+        return None
 
     @property
     def low(self) -> Float[np.ndarray, " d"]:

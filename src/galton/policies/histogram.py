@@ -201,6 +201,9 @@ class HistogramPolicy(BinnedPolicy):
     initial_policy: Literal["uniform", "gaussian", "clipped-gaussian"] = "uniform"
     """The policy starts uniform, like the Gaussian policy inside its box ("Init Gaussian", §5.2.3), or like the actions
     that the environment makes of the Gaussian policy's: clipped, with the tails in the first and last bin."""
+    head_rate: Literal["constant", "per-std"] = "constant"
+    """The last layer's learning rate: the others', or that over 0.8 σ with the policy's own standard deviation in each
+    dimension, in half-widths of the box and a bin or more. Under Adam its mean then moves as far as a Gaussian's."""
 
     @property
     def n_outputs(self) -> int:
@@ -220,6 +223,14 @@ class HistogramPolicy(BinnedPolicy):
         """Softmax policies with these logits."""
         del params
         return Histogram(self.bins, self.by_dimension(outputs), self.choices)
+
+    def head_rates(self, distribution: Histogram) -> Float[Array, " dk"] | None:
+        """√(π/2) half-widths over σ, the mean of the batch's, for all bins of a dimension; without a gradient."""
+        if self.head_rate == "constant":
+            return None
+        std = jnp.maximum(distribution.std(), distribution.bins.width).reshape(-1, len(self.low)).mean(0)
+        rates = math.sqrt(math.pi / 2) * (self.high - self.low) / 2 / jax.lax.stop_gradient(std)
+        return jnp.repeat(rates, self.n_bins)
 
     def by_dimension(self, outputs: Float[Array, "*batch dk"]) -> Float[Array, "*batch d k"]:
         """The network's outputs with an axis for the action dimensions and one for the bins."""
