@@ -106,12 +106,13 @@ def test_a_kind_of_ones_own_is_a_part_without_a_decorator(monkeypatch):
 )
 def test_what_is_off_in_every_run_is_trimmed(given, kept):
     np.testing.assert_equal(parts.trimmed(GaussianPolicy(box_units=given)).box_units, kept)
-    whole = read({"loss": "gaussian", "n_bins": 7, "ent_coef": 0.0})
+    whole = read({"loss": "gaussian", "n_bins": 7, "ent_coef": 0.0, "vf_coef": 0.5})
     whole = whole.replace(policy=whole.policy.replace(box_units=given))
     trimmed = parts.trimmed(whole)
     np.testing.assert_equal(trimmed.policy.box_units, kept)
     assert trimmed.rollout.noise_correlation is None
-    assert trimmed.algorithm.ent_coef == 0.0  # which may not be None
+    assert trimmed.algorithm.ent_coef is None
+    assert trimmed.algorithm.vf_coef == 0.5  # which may not be None
     assert HLOneHot() == parts.trimmed(HLOneHot())
 
 
@@ -175,7 +176,7 @@ def test_what_files_may_have_without_a_use_is_let_be():
 
 def test_agents_whose_numbers_differ_have_one_structure():
     words = {"loss": "hl-gauss", "algorithm": "ppo", "n_steps": 64}
-    numbers = {"learning_rate": 0.1, "eta": 2.0, "gamma": 0.5, "ent_coef": 0.1, "clip_range": 0.5, "target_kl": 0.1}
+    numbers = {"learning_rate": 0.1, "eta": 2.0, "gamma": 0.5, "clip_range": 0.5, "target_kl": 0.1}
     one, other = agent(words), agent(words | numbers | {"decay_steps": 9})
     assert one != other
     assert jax.tree.structure(one) == jax.tree.structure(other)

@@ -5,7 +5,7 @@ A new one is a class of this kind, with the settings that it needs, and a line i
 """
 
 import abc
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
 import jax.numpy as jnp
 import numpy as np
@@ -15,17 +15,15 @@ from jaxtyping import Array, Float, Int
 
 from galton import targets
 from galton.errors import require, unknown
-from galton.fields import Within
 from galton.parts import Part, unusual
 from galton.policies.base import Distribution, Family
 from galton.policies.histogram import Histogram
 from galton.targets import Eta
-from galton.types import Number, Positive
+from galton.types import Bonus, Positive
 
 Losses = Float[Array, "*batch"]
 Weights = Float[Array, "*batch d k"]
 """Of the bins' log π."""
-Bonus = Annotated[Number | None, Within(lambda x: np.isfinite(x) & (x >= 0), "finite, and 0 or more")]
 
 
 def surrogate(advantage: Float[Array, "*batch"], loss: Losses) -> Float[Array, ""]:
@@ -94,11 +92,7 @@ class HLOneHot(Loss):
 
     def __call__(self, distribution: Histogram, action: Float[Array, "*batch d"]) -> Losses:
         """The cross-entropy with the one-hot target."""
-        return cross_entropy(distribution, self.target(distribution, action))
-
-    def target(self, distribution: Histogram, action: Float[Array, "*batch d"]) -> Weights:
-        """The target with all mass on the sampled bin."""
-        return targets.one_hot(distribution.bins, action)
+        return cross_entropy(distribution, targets.one_hot(distribution.bins, action))
 
 
 class HLGauss(Loss):

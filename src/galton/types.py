@@ -18,6 +18,8 @@ Rule = Literal["mode", "mean", "median"]
 Number = float | Float[Array, "*runs"]
 """One number, or one for each run."""
 NotNegative = Annotated[Number, Within(lambda x: np.isfinite(x) & (x >= 0), "finite, and 0 or more")]
+Bonus = Annotated[Number | None, Within(lambda x: np.isfinite(x) & (x >= 0), "finite, and 0 or more")]
+"""The weight of a term that no program has where the weight is 0 in every run."""
 Finite = Annotated[Number, Within(np.isfinite, "finite")]
 Positive = Annotated[Number, Within(lambda x: np.isfinite(x) & (x > 0), "finite, and greater than 0")]
 Share = Annotated[Number, Within(lambda x: (x >= 0) & (x <= 1), "between 0 and 1")]

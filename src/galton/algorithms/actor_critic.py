@@ -128,7 +128,8 @@ def objective(
     policy_loss = surrogate(weight, loss)
     value_loss = jnp.mean(critic_loss)
     entropy = jnp.mean(distribution.entropy())
-    total = policy_loss + agent.algorithm.vf_coef * value_loss - ent_coef * entropy
+    total = policy_loss + agent.algorithm.vf_coef * value_loss
+    total = total if ent_coef is None else total - ent_coef * entropy
     regularizer = agent.loss.regularizer(distribution)
     total = total if regularizer is None else total + jnp.mean(regularizer)
     return Objective(total, policy_loss, value_loss, entropy, agent.policy.head_rates(distribution))

@@ -18,7 +18,7 @@ from galton.optimizers import Adam, Optimizer
 from galton.parts import Box, Part, settings, trimmed
 from galton.policies import POLICIES, Policy
 from galton.policies.correlation import check_correlation
-from galton.types import Count, Learner, NotNegative, Number, Params, Rule, Share, Transition
+from galton.types import Bonus, Count, Learner, NotNegative, Number, Params, Rule, Share, Transition
 
 AgentT = TypeVar("AgentT", bound="Agent")
 Scalars = dict[str, Float[Array, ""]]
@@ -82,7 +82,7 @@ class Algorithm(Part, abc.ABC):
     """λ of GAE; 1 gives n-step returns."""
     vf_coef: NotNegative = 0.5
     """Weight of the critic's loss."""
-    ent_coef: NotNegative = 0.0
+    ent_coef: Bonus = 0.0
     """Weight of the entropy bonus."""
 
     def init(self, agent: "Agent", params: Params) -> PyTree[Array]:

@@ -71,9 +71,14 @@ class Entropy(Part):
         return self
 
     def coefficient(
-        self, ent_coef: Number, policy: Policy, dual: Dual, distribution: Distribution, weight: Float[Array, " B"]
-    ) -> Number:
-        """The weight of the entropy in a gradient step."""
+        self,
+        ent_coef: Number | None,
+        policy: Policy,
+        dual: Dual,
+        distribution: Distribution,
+        weight: Float[Array, " B"],
+    ) -> Number | None:
+        """The weight of the entropy in a gradient step; None is 0."""
         del policy, dual, distribution, weight
         return ent_coef
 
@@ -133,11 +138,17 @@ class HeldEntropy(Entropy):
         return jnp.clip(SCALE * jnp.sinh(inside), self.entropy_alpha_min, MOST)
 
     def coefficient(
-        self, ent_coef: Number, policy: Policy, dual: Dual, distribution: Distribution, weight: Float[Array, " B"]
+        self,
+        ent_coef: Number | None,
+        policy: Policy,
+        dual: Dual,
+        distribution: Distribution,
+        weight: Float[Array, " B"],
     ) -> Number:
         """The fixed weight plus α · std(weight). No gradient flows through it."""
         entropy = jax.lax.stop_gradient(distribution.entropy().mean())
-        return ent_coef + self.alpha(policy, dual, entropy) * weight.std()
+        held = self.alpha(policy, dual, entropy) * weight.std()
+        return held if ent_coef is None else ent_coef + held
 
     def follow(self, policy: Policy, dual: Dual, entropy: Scalar, going: Bool[Array, ""]) -> Dual:
         """The dual variable after a step of dual ascent on the policy's mean entropy.

@@ -46,7 +46,7 @@ def outgrown(agent: Agent, learner: Learner) -> str:
     half_widths = np.asarray(now.sigma) * 2 / (np.asarray(now.high, np.float64) - now.low)
     if not ((half_widths > OUTGROWN) & (np.asarray(now.sigma) > 2 * np.asarray(first.sigma))).any():
         return ""
-    ent_coef = float(agent.algorithm.ent_coef)
+    ent_coef = float(agent.algorithm.ent_coef or 0)
     rate = f"lower ent_coef, which is {ent_coef:g}, or " if ent_coef else ""
     return (
         f"the Gaussian's σ has grown to {half_widths.max():.1f} half-widths of the action box, and most of its actions "
