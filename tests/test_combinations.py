@@ -47,6 +47,21 @@ def marked(combinations):
 
 FITTING = [names for names in ALL if fits(*names)]
 REFUSED = [names for names in ALL if names not in FITTING]
+LOSSES_OF = {policy: [loss for loss in LOSSES if (policy, loss, "ppo") in FITTING] for policy in POLICIES}
+PAIRS = [
+    (policy, loss, algorithm)
+    for (i, (policy, losses)), (k, algorithm) in itertools.product(enumerate(LOSSES_OF.items()), enumerate(ALGORITHMS))
+    for j, loss in enumerate(losses)
+    if len(losses) == 1 or (i + j + k) % 2
+]
+"""Every policy with every loss that fits it, every policy with every algorithm and every loss with every algorithm."""
+ONE_OF_EACH = [names for names in PAIRS if names[1] == LOSSES_OF[names[0]][-1]]
+
+
+def test_the_pairs_are_all_there():
+    for i, j in itertools.combinations(range(3), 2):
+        assert {(names[i], names[j]) for names in PAIRS} == {(names[i], names[j]) for names in FITTING}
+    assert {names[0] for names in ONE_OF_EACH} == set(POLICIES)
 
 
 def test_a_density_loss_fits_every_policy_and_a_histogram_loss_every_histogram():
@@ -97,7 +112,7 @@ def check_training(env, policy, loss, algorithm):
 
 
 @pytest.mark.few
-@pytest.mark.parametrize("names", marked(FITTING), ids="-".join)
+@pytest.mark.parametrize("names", marked(list(dict.fromkeys([*QUICK, *PAIRS]))), ids="-".join)
 def test_what_fits_trains_on_the_device(names):
     check_training(Bandit(d=2), *names)
 
@@ -105,7 +120,10 @@ def test_what_fits_trains_on_the_device(names):
 @pytest.mark.few
 @pytest.mark.parametrize(
     "names",
-    [pytest.param(n, marks=[] if n in ON_THE_HOST else pytest.mark.slow) for n in FITTING],
+    [
+        pytest.param(n, marks=[] if n in ON_THE_HOST else pytest.mark.slow)
+        for n in dict.fromkeys([*ON_THE_HOST, *ONE_OF_EACH])
+    ],
     ids="-".join,
 )
 def test_what_fits_trains_on_the_host(names):
