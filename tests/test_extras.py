@@ -61,7 +61,7 @@ CORE = [
     (["export", "run", "--format", "card"], 0, ""),
     (["compare", "bandit"], 2, f"galton: compare needs pyarrow and matplotlib: {STUDIES}"),
     (["sweep", "bandit"], 2, f"galton: sweep needs pyarrow and fsspec: {STUDIES}"),
-    (["sweep", "status", "x"], 2, f"galton: sweep needs pyarrow and fsspec: {STUDIES}"),
+    (["sweep", "status", "x"], 2, f"galton: sweep status needs pyarrow and fsspec: {STUDIES}"),
     (
         ["watch", "run", "--out", "x.mp4"],
         2,

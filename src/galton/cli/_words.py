@@ -100,5 +100,6 @@ def _imported(module: str) -> ModuleType:
     try:
         return importlib.import_module(module)
     except MissingExtraError as error:
-        name, (_, rest) = module.removesuffix(".run").rpartition(".")[2], str(error).split(" needs ", 1)
+        name = " ".join(module.removesuffix(".run").split(".")[2:])
+        _, rest = str(error).split(" needs ", 1)
         raise MissingExtraError(f"{name} needs {rest}") from None
