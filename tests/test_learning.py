@@ -25,12 +25,12 @@ def test_every_loss_solves_the_bandit(loss):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("loss", "floor"), [("gaussian", -18.0), ("hl-one-hot", -32.0), ("hl-gauss", -32.0)])
+@pytest.mark.parametrize(("loss", "floor"), [("gaussian", -18.0), ("hl-one-hot", -32.0)])
 def test_lqr(loss, floor):
-    assert best_mean(LQR(), RATES, 10, 300_000, loss=loss, eta=0.25) > floor
+    assert best_mean(LQR(), RATES, 4, 300_000, loss=loss, eta=0.25) > floor
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("loss", "floor"), [("gaussian", -110.0), ("hl-one-hot", -260.0)])
 def test_acrobot(loss, floor):
-    assert best_mean(Acrobot(), RATES, 10, 500_000, loss=loss) > floor
+    assert best_mean(Acrobot(), RATES, 4, 500_000, loss=loss) > floor
