@@ -39,8 +39,9 @@ test-types: $(VENV)/installed-dev  ## The same with shapes and types checked at 
 test-studies: $(VENV)/installed-dev  ## The tests of experiments and of the paper's study that take seconds.
 	$(UNOPTIMISED) $(PYTEST) -m "not slow and not optimised" tests/experiments studies/tests
 
-test-all: test test-studies  ## Both, and then what takes minutes, learning claims too, compiled as users compile.
-	$(PYTEST) -m "slow or optimised" tests studies/tests
+test-all: test test-studies  ## Both, and then what takes minutes; learning claims compiled as users compile.
+	$(UNOPTIMISED) $(PYTEST) -m "slow and not optimised" tests studies/tests
+	$(PYTEST) -m optimised tests studies/tests
 
 SECONDS ?= 120
 TARGETS ?=

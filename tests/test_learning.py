@@ -6,6 +6,8 @@ import pytest
 from galton import LOSSES, make_agent, train
 from galton.envs import LQR, Acrobot, Bandit
 
+pytestmark = pytest.mark.optimised
+
 RATES = (1e-4, 3e-4, 7e-4, 1e-3)
 
 
@@ -17,20 +19,17 @@ def best_mean(env, rates, n_seeds, steps, **words):
     return np.max(np.nan_to_num(final.reshape(len(rates), n_seeds).mean(1), nan=-np.inf))
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("loss", LOSSES)
 def test_every_loss_solves_the_bandit(loss):
     words = {"loss": loss, "eta": 0.75, "n_steps": 5, "net_arch": ()}
     assert best_mean(Bandit(), (0.01, 0.05, 0.1, 1.0), 20, 2_000, **words) > 25 - 1.5
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("loss", "floor"), [("gaussian", -18.0), ("hl-one-hot", -32.0)])
 def test_lqr(loss, floor):
     assert best_mean(LQR(), RATES, 4, 300_000, loss=loss, eta=0.25) > floor
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("loss", "floor"), [("gaussian", -110.0), ("hl-one-hot", -260.0)])
 def test_acrobot(loss, floor):
     assert best_mean(Acrobot(), RATES, 4, 500_000, loss=loss) > floor
