@@ -12,7 +12,7 @@ ROOT = Path(__file__).parents[2]
 RESULTS = ROOT / "results" / "paper"
 
 
-@pytest.mark.slow
+@pytest.mark.optimised
 def test_page_tables_and_figures_are_made_of_the_data_to_the_byte(tmp_path):
     shutil.copytree(RESULTS / "data", tmp_path / "data")
     report.write(tmp_path, reproduce.load(str(tmp_path)))

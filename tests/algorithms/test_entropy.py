@@ -185,7 +185,7 @@ def paid(record, rate):
     return kind()
 
 
-@pytest.mark.slow
+@pytest.mark.optimised
 @pytest.mark.parametrize("policy", ["gaussian", "beta", "spline", "histogram", "smoothed", "discretised-gaussian"])
 def test_policies_of_every_kind_reach_the_target(policy):
     loss = "hl-one-hot" if POLICIES[policy].family == "histogram" else "gaussian"
@@ -198,7 +198,7 @@ RATES = {"bandit": 1e3, "lqr": 30.0, "acrobot": 1.0, "mountain-car": 1e-3}
 """What a reward of four tasks is multiplied by."""
 
 
-@pytest.mark.slow
+@pytest.mark.optimised
 @pytest.mark.parametrize(("loss", "standardised"), [("gaussian", True), ("hl-gauss-centred", False)])
 @pytest.mark.parametrize("task", RATES)
 def test_the_target_is_reached_without_retuning_where_rewards_differ_a_millionfold(task, loss, standardised, trust):
