@@ -3,8 +3,8 @@
 Every head is trained with the numbers of two anchors, five seeds on each of nine tasks, 300,000 steps. On two of the
 tasks a free shape may pay: `mountain-car`, where full force goes back and forth, and `two-peaks` of this file, which
 has two optima. The deterministic policy plays 20 episodes at the end. Nothing is selected. Each job, one head with one
-anchor on one task, is kept as it ends, so that the command goes on where it stopped; it ends with the tables of
-docs/gate.md.
+anchor on one task, is kept as it ends, so that the command goes on where it stopped; it ends with its
+tables.
 
     python benchmarks/gate.py [--tasks lqr ...] [--heads gaussian ...] [--out results/benchmarks/gate.jsonl]
 """
@@ -72,8 +72,8 @@ class TwoPeaks:
         return state
 
 
-PHYSICS = ("HalfCheetah-v5", "Hopper-v5", "Reacher-v5", "Swimmer-v5")
-TASKS = ("lqr", "acrobot", "Pendulum-v1", *PHYSICS, "mountain-car", "two-peaks")
+TASKS = ("lqr", "acrobot", "Pendulum-v1", "HalfCheetah-v5", "Hopper-v5", "Reacher-v5", "Swimmer-v5")
+TASKS += ("mountain-car", "two-peaks")
 COMMON = {
     "algorithm": "ppo",
     "n_envs": 8,

@@ -88,14 +88,16 @@ def test_the_newest_versions_were_tried_under_each_of_these_pythons():
 
 
 def test_the_page_says_which_newest_versions_were_used_under_which_python():
-    rows: dict[str, list[str]] = {}
-    for python, one in [*found("newest").items(), *found("newest-jax-0.11.2").items()]:
+    rows: dict[tuple[str, str], list[str]] = {}
+    commands = {"newest": "make newest", "newest-jax-0.11.2": "tools/matrix.py --newest jax==0.11.2"}
+    tried = [(command, *one) for name, command in commands.items() for one in found(name).items()]
+    for command, python, one in tried:
         named = {"jax": "JAX", "mujoco": "MuJoCo", "gymnasium": "Gymnasium", "numpy": "NumPy"}
         told = ", ".join(f"{name} {one['installed'][library]}" for library, name in named.items())
-        rows.setdefault(told, []).append(python)
+        rows.setdefault((told, command), []).append(python)
     page = (ROOT / "docs" / "install.md").read_text()
-    for told, pythons in rows.items():
-        assert f"{told} | {', '.join(pythons)} |" in page
+    for (told, command), pythons in rows.items():
+        assert f"{told} | {', '.join(pythons)} | `{command}` |" in page
     assert f"| {', '.join(found('matrix'))} | `make matrix` |" in page
 
 

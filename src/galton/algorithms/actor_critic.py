@@ -106,7 +106,7 @@ class Objective(NamedTuple):
     entropy: Float[Array, ""]
     """Mean over the batch, in nats, summed over action dimensions."""
     head_rates: Float[Array, " n_outputs"] | None = None
-    """The policy's `head_rates`."""
+    """The factor of the last layer's learning rate for each output, which `Policy.head_rates` gives; None: 1."""
 
 
 def objective(

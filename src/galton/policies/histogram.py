@@ -203,7 +203,8 @@ class HistogramPolicy(BinnedPolicy):
     that the environment makes of the Gaussian policy's: clipped, with the tails in the first and last bin."""
     head_rate: Literal["constant", "per-std"] = "constant"
     """The last layer's learning rate: the others', or that over 0.8 σ with the policy's own standard deviation in each
-    dimension, in half-widths of the box and a bin or more. Under Adam its mean then moves as far as a Gaussian's."""
+    dimension, in half-widths of the box and a bin or more. Under Adam and with wide targets the mean then moves about
+    as far as a Gaussian's."""
 
     @property
     def n_outputs(self) -> int:
