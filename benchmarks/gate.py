@@ -7,6 +7,9 @@ anchor on one task, is kept as it ends, so that the command goes on where it sto
 tables.
 
     python benchmarks/gate.py [--tasks lqr ...] [--heads gaussian ...] [--out results/benchmarks/gate.jsonl]
+
+With --cost each head's speed is measured instead, on HalfCheetah with the first anchor, beside the Gaussian's: a
+process per core trains 16 runs, and the heads take turns. Nothing else should be running.
 """
 
 import argparse
@@ -16,16 +19,20 @@ import json
 import math
 import multiprocessing
 import os
+import statistics
 import time
 from pathlib import Path
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from method_speed import in_turn
+from sides import write
 
 import galton
 from galton_experiments.analysis.aggregates import improvement
 from galton_experiments.analysis.statistics import Interval, mean_interval
+from galton_experiments.sweep.executors import one_per_core
 
 STEPS = 300_000
 SEEDS = tuple(range(3000, 3005))
@@ -132,6 +139,17 @@ def train(job):
         file.write(json.dumps(line) + "\n")
 
 
+def cost(out, heads):
+    """Measure each head's environment steps a second, and print the medians beside the Gaussian's."""
+    agents = {head: galton.make_agent(**COMMON | ANCHORS["sb3"] | HEADS[head]) for head in heads}
+    speeds = in_turn(agents, "HalfCheetah-v5", one_per_core(None), 5, 2048)
+    write(out, ("jax", "mujoco"), steps_per_second=speeds)
+    base = statistics.median(speeds["gaussian"])
+    print("| head | steps a second | the Gaussian's time, times |\n|---|---|---|")
+    for head, found in speeds.items():
+        print(f"| {head} | {statistics.median(found):,.0f} | {base / statistics.median(found):.2f} |")
+
+
 def read(out):
     """The jobs that are done, by task, anchor and head."""
     lines = [json.loads(line) for line in out.read_text().splitlines()] if out.exists() else []
@@ -196,7 +214,11 @@ def main():
     parser.add_argument("--anchors", nargs="+", default=list(ANCHORS))
     parser.add_argument("--processes", type=int, default=os.cpu_count())
     parser.add_argument("--out", type=Path, default=Path("results/benchmarks/gate.jsonl"))
+    parser.add_argument("--cost", action="store_true", help="the speed of each head, to gate_cost.json beside --out")
     arguments = parser.parse_args()
+    if arguments.cost:
+        cost(arguments.out.with_name("gate_cost.json"), arguments.heads)
+        return
     known = read(arguments.out)
     wanted = itertools.product(arguments.tasks, arguments.anchors, arguments.heads)
     jobs = [(arguments.out, *job) for job in wanted if job not in known]

@@ -30,14 +30,14 @@ TABLES = {
 
 
 class InTurn:
-    """Runs with each of some settings. They take turns, and each is trained for at least so many steps a turn."""
+    """Runs of each of some agents. They take turns, and each is trained for at least so many steps a turn."""
 
-    def __init__(self, task, settings, steps):
+    def __init__(self, task, agents, steps):
         self.trained = []
-        for made in settings:
-            size, population = made.rollout_size, populate(task, made.agent, range(RUNS))
+        for agent in agents:
+            size, population = agent.rollout.size, populate(task, agent, range(RUNS))
             self.trained.append((population, -(-steps // size), size * RUNS))
-        for _ in settings:
+        for _ in agents:
             self.advance()
 
     def advance(self):
@@ -48,24 +48,27 @@ class InTurn:
         return updates * size
 
 
-def settings(protocol, env):
-    """Return the setting that each method is measured with, by its label."""
+def agents(protocol, env):
+    """Return the agent that each method is measured with, by its label."""
     drawn, found = draws(protocol), {}
     task = dataclasses.replace(protocol.tuning[0], name=env, env=env, env_kwargs={}, fixed={}, scale={})
     for method in protocol.methods:
         made = setting(protocol, method, drawn[method.name][0], task, fresh=False)
-        found[method.label] = made.replace(n_bins=K)
+        found[method.label] = made.replace(n_bins=K).agent
     return found
 
 
 def measured(file, env, places, rounds, steps):
     """Each method's steps per second in each round, by its label, the baseline first."""
-    protocol = read(Path("benchmarks") / f"{file}.toml")
-    of_method = settings(protocol, env)
-    side = Side(places, InTurn, env, [*of_method.values()], steps)
-    found = [[side.steps_per_second() for _ in of_method] for _ in range(rounds)]
+    return in_turn(agents(read(Path("benchmarks") / f"{file}.toml"), env), env, places, rounds, steps)
+
+
+def in_turn(agents, env, places, rounds, steps):
+    """Each agent's steps per second in each round, by its label."""
+    side = Side(places, InTurn, env, [*agents.values()], steps)
+    found = [[side.steps_per_second() for _ in agents] for _ in range(rounds)]
     side.close()
-    return dict(zip(of_method, zip(*found, strict=True), strict=True))
+    return dict(zip(agents, zip(*found, strict=True), strict=True))
 
 
 def table(columns):

@@ -92,7 +92,7 @@ class HLOneHot(Loss):
 
     def __call__(self, distribution: Histogram, action: Float[Array, "*batch d"]) -> Losses:
         """The cross-entropy with the one-hot target."""
-        return cross_entropy(distribution, targets.one_hot(distribution.bins, action))
+        return -distribution.log_prob_of_bins(action)
 
 
 class HLGauss(Loss):

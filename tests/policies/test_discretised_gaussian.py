@@ -1,6 +1,7 @@
 """The Gaussian on bins, alone and with residuals, against its definition in float64."""
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.special import log_softmax
@@ -26,22 +27,49 @@ def by_definition(mean, std):
 def test_it_is_the_density_at_the_centers_scaled_to_sum_to_one(box_units):
     policy = policy_of("discretised-gaussian", box_units=box_units, log_std_init=-1.0)
     first, params = policy.init()
-    outputs = np.random.default_rng(0).normal(size=(6, 2)).astype(np.float32) * 2
+    outputs = jnp.asarray(np.random.default_rng(0).normal(size=(6, 2)).astype(np.float32) * 2)
     shift, scale = ((HIGH + LOW) / 2, (HIGH - LOW) / 2) if box_units else (0.0, 1.0)
-    expected, centers = by_definition(shift + scale * outputs, np.exp(-1) * scale * np.ones(2))
+    expected, centers = by_definition(shift + scale * np.asarray(outputs), np.exp(-1) * scale * np.ones(2))
     found = policy.distribution(outputs, params)
     np.testing.assert_allclose(jax.nn.log_softmax(found.logits), expected, rtol=1e-4, atol=1e-4)
     assert first.shape == outputs.shape[1:]
 
-    action = centers[:, 7].astype(np.float32)
+    action = jnp.asarray(centers[:, 7], jnp.float32)
     slope = jax.grad(lambda mean: policy.distribution(mean, params).log_prob(action))(outputs[0])
     apart = centers[:, 7] - (np.exp(expected[0]) * centers).sum(-1)
     np.testing.assert_allclose(slope, apart / scale / np.exp(-1) ** 2, rtol=1e-3)
 
 
+@pytest.mark.parametrize("far", [0.5, 3.0, 300.0])
+def test_three_sums_tell_what_the_array_of_logits_would(far):
+    rng = np.random.default_rng(2)
+    policy = policy_of("discretised-gaussian", log_std_init=-1.0, box_units=1.0, bin_centers="bounds")
+    mean = jnp.asarray(far * rng.normal(size=(9, 2)), jnp.float32)
+    index = jnp.asarray(rng.integers(K, size=(9, 2)))
+    action = policy.bins.decode(index)
+
+    def told(mean, log_std):
+        found = policy.distribution(mean, {"log_std": log_std})
+        return found.log_prob(action), found.log_prob_of_bins(action), found.entropy()
+
+    def defined(mean, log_std):
+        centers = np.linspace(-1.0, 1.0, K)
+        log_probs = jax.nn.log_softmax(-0.5 * ((centers - mean[..., None]) / jnp.exp(log_std)[:, None]) ** 2)
+        of_action = jnp.take_along_axis(log_probs, index[..., None], -1).sum((-2, -1))
+        return of_action, of_action, -(jnp.exp(log_probs) * log_probs).sum((-2, -1))
+
+    log_std = policy.init()[1]["log_std"] + jnp.array([-0.5, 1.0])
+    with jax.enable_x64(True):
+        exact = [x.astype(jnp.float64) for x in (mean, log_std)]
+        expected = defined(*exact), jax.jacobian(lambda *x: jax.tree.map(jnp.sum, defined(*x)), (0, 1))(*exact)
+    found = told(mean, log_std), jax.jacobian(lambda *x: jax.tree.map(jnp.sum, told(*x)), (0, 1))(mean, log_std)
+    for ours, theirs in zip(jax.tree.leaves(found), jax.tree.leaves(expected), strict=True):
+        np.testing.assert_allclose(ours, theirs, rtol=2e-5, atol=2e-5 * max(1.0, abs(np.asarray(theirs)).max()))
+
+
 def test_a_mean_beyond_the_box_puts_its_mass_on_the_last_bin():
     policy = policy_of("discretised-gaussian", log_std_init=-2.0)
-    found = policy.distribution(np.array([5.0, -9.0], np.float32), policy.init()[1])
+    found = policy.distribution(jnp.array([5.0, -9.0]), policy.init()[1])
     np.testing.assert_allclose([found.probs[0, -1], found.probs[1, 0]], 1, atol=1e-4)
 
 
@@ -50,9 +78,9 @@ def test_with_residuals_it_starts_there_and_may_take_any_shape():
     plain, policy = policy_of("discretised-gaussian"), policy_of("anchored", residual_scale=0.5)
     params, mean, free = plain.init()[1], rng.normal(size=(3, 2, 1)), rng.normal(size=(3, 2, K))
     np.testing.assert_array_equal(policy.init()[0], np.zeros(2 * (K + 1)))
-    outputs = np.concatenate([free, mean], -1).reshape(3, -1).astype(np.float32)
+    outputs = jnp.asarray(np.concatenate([free, mean], -1).reshape(3, -1), jnp.float32)
     found = policy.distribution(outputs, params).logits
-    gaussian = plain.distribution(mean[..., 0].astype(np.float32), params).logits
+    gaussian = plain.distribution(jnp.asarray(mean[..., 0], jnp.float32), params).logits
     np.testing.assert_allclose(found, gaussian + 0.5 * free, rtol=1e-5, atol=1e-4)
 
 

@@ -118,7 +118,8 @@ def test_the_log_density_of_gaussian_exploration_is_that_gaussians_and_finite():
     def tell(logits):
         distribution = Histogram(bins, logits, Choices(exploration="gaussian"))
         at_mean = distribution.log_prob(distribution.mean())
-        return distribution.log_prob(jnp.asarray(action)), at_mean, distribution.std(), distribution.entropy()
+        at_action = distribution.log_prob(jnp.broadcast_to(action, (3, 2)))
+        return at_action, at_mean, distribution.std(), distribution.entropy()
 
     found, at_mean, std, entropy = tell(logits)
     exact = np.exp(logits[0].astype(np.float64))

@@ -27,7 +27,7 @@ def test_logits_are_moving_averages_of_the_outputs(eta, tails):
 
     @jax.jit
     def tell(outputs):
-        kernel = targets.hl_gauss(plain.bins, plain.bins.centers.T, eta, tails)[:, 0]
+        kernel = targets.hl_gauss(plain.bins, jnp.asarray(plain.bins.centers.T), eta, tails)[:, 0]
         found, raised = (smoothed.distribution(outputs + up, {}) for up in (0.0, 3.0))
         return kernel, found.logits, found.probs, raised.probs
 

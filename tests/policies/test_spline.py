@@ -58,7 +58,7 @@ def test_log_prob_entropy_mean_and_std_are_scipys():
     found = policy_of().distribution(outputs_of(), {})
     share = RNG.random((5, 2)).astype(np.float32)
     expected = [[np.log(one.pdf(x)) for one, x in zip(*pair, strict=True)] for pair in zip(KNOWN, share, strict=True)]
-    action = LOW + (HIGH - LOW) * share
+    action = jnp.asarray(LOW + (HIGH - LOW) * share)
     np.testing.assert_allclose(found.log_prob(action), np.sum(expected, -1), rtol=1e-5, atol=1e-5)
     entropies = [sum(one.integral(lambda x, p=one.pdf: -p(x) * np.log(p(x))) for one in each) for each in KNOWN]
     np.testing.assert_allclose(found.entropy(), entropies, rtol=1e-5, atol=1e-5)
@@ -75,7 +75,7 @@ def test_the_grid_is_near_the_spline_itself():
         spline = spline_of(COEFFICIENTS[i, j])
         z, _ = integrate.quad(lambda x, f=spline: np.exp(f(x)), 0, 1, limit=200)
         expected[i, j] = spline(at[i, j]) - np.log(z * (HIGH - LOW)[j])
-    np.testing.assert_allclose(found.log_prob(LOW + (HIGH - LOW) * at), expected.sum(-1), atol=5e-2)
+    np.testing.assert_allclose(found.log_prob(jnp.asarray(LOW + (HIGH - LOW) * at)), expected.sum(-1), atol=5e-2)
 
 
 def test_gradients_are_those_of_float64_by_differences():
@@ -124,7 +124,7 @@ def test_it_may_start_as_the_truncated_gaussian(box_units):
     known = stats.truncnorm((low - mean) / std, (high - mean) / std, mean, std)
     action = low + (high - low) * np.array([5, 30, 47])[:, None] / 64
     expected = known.logpdf(action).sum(-1)
-    np.testing.assert_allclose([found.log_prob(a.astype(np.float32)) for a in action], expected, atol=2e-3)
+    np.testing.assert_allclose([found.log_prob(jnp.asarray(a, jnp.float32)) for a in action], expected, atol=2e-3)
     np.testing.assert_allclose(found.std(), known.std(), rtol=2e-3)
     uniform = policy_of()
     first = uniform.distribution(*uniform.init())

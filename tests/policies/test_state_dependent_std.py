@@ -15,7 +15,7 @@ from ..agents import agent
 NAMES = [name for name, kind in POLICIES.items() if issubclass(kind, GaussianHead)]
 LOW, HIGH = np.array([-1.0, 0.0], np.float32), np.array([1.0, 3.0], np.float32)
 RNG = np.random.default_rng(0)
-MEAN, LOG_STD = RNG.normal(size=(6, 2)).astype(np.float32), RNG.normal(-1.0, 0.7, (6, 2)).astype(np.float32)
+MEAN, LOG_STD = (jnp.asarray(RNG.normal(at, width, (6, 2)), jnp.float32) for at, width in ((0.0, 1.0), (-1.0, 0.7)))
 OUTPUTS = jnp.concatenate([MEAN, LOG_STD], -1)
 
 
@@ -50,7 +50,7 @@ def test_in_each_state_it_is_the_policy_of_that_sigma_and_so_is_its_gradient(nam
 
 def test_the_gaussian_is_scipys():
     found = policy_of("gaussian", state_dependent_std=True).distribution(OUTPUTS, {})
-    known, action = stats.norm(MEAN, np.exp(LOG_STD)), RNG.normal(size=(6, 2)).astype(np.float32)
+    known, action = stats.norm(MEAN, np.exp(LOG_STD)), jnp.asarray(RNG.normal(size=(6, 2)), jnp.float32)
     np.testing.assert_allclose(found.log_prob(action), known.logpdf(action).sum(-1), rtol=1e-5)
     np.testing.assert_allclose(found.entropy(), known.entropy().sum(-1), rtol=1e-5)
 

@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int, Key
 
+from galton import targets
 from galton.bins import Bins
 from galton.fields import AtLeast
 from galton.parts import Box
@@ -77,6 +78,10 @@ class Histogram:
             return (-0.5 * z**2 - jnp.log(std) - 0.5 * math.log(2 * math.pi)).sum(-1)
         index = self.bins.encode(action)[..., None]
         return jnp.take_along_axis(jax.nn.log_softmax(self.logits), index, -1)[..., 0].sum(-1)
+
+    def log_prob_of_bins(self, action: Float[Array, "*batch d"]) -> Float[Array, "*batch"]:
+        """Σ_l log π_l of the bin that holds the action, as the sum over all bins whose gradient is quick."""
+        return (targets.one_hot(self.bins, action) * jax.nn.log_softmax(self.logits)).sum((-2, -1))
 
     def mean(self) -> Float[Array, "*batch d"]:
         """The mean of the bin centers under π."""

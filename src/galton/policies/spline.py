@@ -35,13 +35,18 @@ class Spline:
     All that it says of itself is of this density, so that actions are drawn from what `log_prob` tells.
     """
 
-    logits: Float[Array, "*batch d nodes"]
-    """The logarithm of the density at each node, up to a constant."""
+    coefficients: Float[Array, "*batch d n"]
+    """Those of the B-splines that add up to the logarithm of the density at the nodes, up to a constant."""
     low: Float[np.ndarray, " d"]
     high: Float[np.ndarray, " d"]
     rule: Literal["mode", "mean"] = "mode"
 
-    def sample(self, noise: Float[Array, "*batch 2d"]) -> Float[Array, "*batch d"]:
+    @property
+    def logits(self) -> Float[Array, "*batch d nodes"]:
+        """The logarithm of the density at each node, up to a constant."""
+        return self.coefficients @ self._basis().T
+
+    def sample(self, noise: Float[Array, "*batch n"]) -> Float[Array, "*batch d"]:
         """A hat by the first d numbers, and a place under it by the others."""
         chosen, place = jnp.split(noise, 2, -1)
         node = sample_bin(self._shares(), chosen)
@@ -52,8 +57,10 @@ class Spline:
     def log_prob(self, action: Float[Array, "*batch d"]) -> Float[Array, "*batch"]:
         """Σ_l log Σ_i hat_i(a_l) exp(logit_i) − log Z_l; an action beyond a bound counts as the bound."""
         x = jnp.clip((action - self.low) / (self.high - self.low), 0.0, 1.0) * CELLS
-        hats = jnp.maximum(1 - jnp.abs(x[..., None] - _NODES.astype(x.dtype)), 0.0)
-        return (logsumexp(self.logits, axis=-1, b=hats) - self._log_z()).sum(-1)
+        cell = jnp.minimum(x.astype(int), CELLS - 1)
+        there = jnp.stack([(self.coefficients * self._basis()[cell + i]).sum(-1) for i in (0, 1)], -1)
+        hats = jnp.stack([cell + 1 - x, x - cell], -1)
+        return (logsumexp(there, axis=-1, b=hats) - self._log_z()).sum(-1)
 
     def entropy(self) -> Float[Array, "*batch"]:
         """−Σ_l ∫ π log π, where E log π in a cell in which π goes from (1 − x) m to (1 + x) m is log m + c(x).
@@ -61,10 +68,11 @@ class Spline:
         c(x) = Σ_k x²ᵏ / (2k − 1) 2k (2k + 1). With six terms that is float32's rounding where the density changes less
         than fourfold from node to node, and else at most 0.0015 off.
         """
-        log_p = self.logits - self._log_z()[..., None]
-        below, above = log_p[..., :-1], log_p[..., 1:]
-        log_mean, square = jnp.logaddexp(below, above) - np.log(2.0), jnp.tanh((above - below) / 2) ** 2
-        inside = jnp.exp(log_mean) * (log_mean + jnp.polyval(_SERIES.astype(square.dtype), square))
+        density = jnp.exp(self.logits - self._log_z()[..., None])
+        below, above = density[..., :-1], density[..., 1:]
+        mean = (below + above) / 2
+        safe = jnp.maximum(mean, 1e-18)  # what is less adds nothing, and the square is a number
+        inside = mean * (jnp.log(safe) + jnp.polyval(_SERIES.astype(mean.dtype), ((above - below) / (2 * safe)) ** 2))
         return -(inside.sum(-1) * (self.high - self.low) / CELLS).sum(-1)
 
     def mean(self) -> Float[Array, "*batch d"]:
@@ -90,6 +98,9 @@ class Spline:
     def _at(self, x: Float[Array, "*batch d"]) -> Float[Array, "*batch d"]:
         """The action so many cells above the lower bound."""
         return jnp.clip(self.low + (self.high - self.low) / CELLS * x, self.low, self.high)
+
+    def _basis(self) -> Float[Array, "nodes n"]:
+        return jnp.asarray(basis(self.coefficients.shape[-1]), self.coefficients.dtype)
 
     def _shares(self) -> Float[Array, "*batch d nodes"]:
         """The logarithm of each hat's probability."""
@@ -139,7 +150,7 @@ class SplinePolicy(Policy):
         """The noise is uniform."""
         return "uniform"
 
-    def noise(self, key: Key[Array, ""], shape: tuple[int, ...]) -> Float[Array, "*batch 2d"]:
+    def noise(self, key: Key[Array, ""], shape: tuple[int, ...]) -> Float[Array, "*batch n"]:
         """Uniform numbers, two per action dimension."""
         return jax.random.uniform(key, (*shape, 2 * len(self._box.low)))
 
@@ -147,8 +158,7 @@ class SplinePolicy(Policy):
         """The densities whose logarithms have these coefficients."""
         del params
         coefficients = outputs.reshape(*outputs.shape[:-1], len(self._box.low), self.n_splines)
-        logits = coefficients @ basis(self.n_splines).T.astype(outputs.dtype)
-        return Spline(logits, self.low, self.high, self.deterministic_action)
+        return Spline(coefficients, self.low, self.high, self.deterministic_action)
 
 
 def nodes(low: Float[np.ndarray, " d"], high: Float[np.ndarray, " d"]) -> Float[np.ndarray, "d nodes"]:

@@ -9,9 +9,9 @@ nodes over what reaches down to e⁻²⁰ of the first value: to float32's round
 import math
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
-from jax import lax
 from jax.scipy.special import erfc
 from jaxtyping import Array, Float
 
@@ -33,14 +33,33 @@ class Piece(NamedTuple):
     second: Float[Array, "*batch"]
 
 
-def piece(zeta: Float[Array, "*batch"], width: Float[Array, "*batch"] | float = math.inf) -> Piece:
+def piece(zeta: Float[Array, "*#batch"], width: Float[Array, "*#batch"] | float = math.inf) -> Piece:
     """The piece from an edge ζ ≥ 0 behind which the mean lies, up to `width` ≥ 0 beyond the edge; both in σ."""
-    zeta = jnp.minimum(zeta, FAR)
+    return _piece(*jnp.broadcast_arrays(jnp.minimum(zeta, FAR), jnp.asarray(width, zeta.dtype)))
+
+
+@jax.custom_jvp
+def _piece(zeta: Float[Array, "*batch"], width: Float[Array, "*batch"]) -> Piece:
+    return Piece(*_moments(zeta, width, 2)[:-1])
+
+
+@_piece.defjvp
+def _(primals: tuple[Array, Array], tangents: tuple[Array, Array]) -> tuple[Piece, Piece]:
+    """d/dζ of a moment is the next one, negated; d/dw is the integrand at the end."""
+    (zeta, width), (zeta_dot, width_dot) = primals, tangents
+    *moments, length = _moments(zeta, width, 3)
+    end = jnp.where(length < width, 0.0, jnp.exp(-zeta * length - 0.5 * length**2)) * width_dot
+    slopes = [end * length**n - moments[n + 1] * zeta_dot for n in range(3)]
+    return Piece(*moments[:3]), Piece(*slopes)
+
+
+def _moments(zeta: Float[Array, "*batch"], width: Float[Array, "*batch"], highest: int) -> list[Float[Array, "*batch"]]:
+    """The integrals for n from 0 to the highest, and how far out they go."""
     reach = 2 * _DROP / (zeta + jnp.sqrt(zeta**2 + 2 * _DROP))
-    length = jnp.minimum(width, lax.stop_gradient(reach))[..., None]
-    t = length * (0.5 + 0.5 * _NODES).astype(zeta.dtype)
-    share = length * (0.5 * _WEIGHTS).astype(zeta.dtype) * jnp.exp(-zeta[..., None] * t - 0.5 * t**2)
-    return Piece(share.sum(-1), (share * t).sum(-1), (share * t**2).sum(-1))
+    length = jnp.minimum(width, reach)
+    t = length[..., None] * (0.5 + 0.5 * _NODES).astype(zeta.dtype)
+    share = length[..., None] * (0.5 * _WEIGHTS).astype(zeta.dtype) * jnp.exp(-zeta[..., None] * t - 0.5 * t**2)
+    return [(share * t**n).sum(-1) for n in range(highest + 1)] + [length]
 
 
 def log_tail(x: Float[Array, "*batch"]) -> Float[Array, "*batch"]:
@@ -82,7 +101,7 @@ def inside(
 
 
 def quantile(
-    zeta: Float[Array, "*batch"], width: Float[Array, "*batch"], share: Float[Array, "*batch"]
+    zeta: Float[Array, "*#batch"], width: Float[Array, "*#batch"], share: Float[Array, "*#batch"]
 ) -> Float[Array, "*batch"]:
     """Return the distance beyond the edge, in σ, at which that share in [0, 1] of a piece's mass is reached.
 
