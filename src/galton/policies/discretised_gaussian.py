@@ -1,6 +1,7 @@
 """Softmax policies whose logits are a Gaussian's at the centers of the bins, alone or with free ones added."""
 
 import dataclasses
+import functools
 from typing import Any, ClassVar, NamedTuple
 
 import jax
@@ -19,6 +20,8 @@ class Bell(NamedTuple):
     """`[*batch, d]`, as the log σ of each dimension is `[d]` and its bins' centers are `[d, k]`."""
     log_std: Array
     centers: Array
+    shift: Any = 0.0
+    scale: Any = 1.0
 
     def logits(self) -> Float[Array, "*batch d k"]:
         """−(c − μ)² / 2σ² for each bin's center c."""
@@ -27,8 +30,7 @@ class Bell(NamedTuple):
     def nearest(self) -> Float[Array, "*batch d"]:
         """The center that is nearest to the mean; no gradient flows through it."""
         first, width, last = self.centers[:, 0], self.centers[:, 1] - self.centers[:, 0], self.centers.shape[1] - 1
-        place = jnp.clip(jnp.round((jax.lax.stop_gradient(self.mean) - first) / width), 0, last)
-        return self.centers[jnp.arange(len(first)), place.astype(int)]
+        return first + width * jnp.clip(jnp.round((jax.lax.stop_gradient(self.mean) - first) / width), 0, last)
 
     def excess(
         self, center: Float[Array, "..."], nearest: Float[Array, "..."]
@@ -42,45 +44,56 @@ class Bell(NamedTuple):
         s = (center - nearest) * per_std
         return s, s * (s + 2 * (nearest - self.mean) * per_std)
 
-    def sums(self) -> "Sums":
-        """Add up the bins, in one pass over them."""
-        by_bins = Bell(self.mean[..., None], self.log_std[..., None], self.centers)
-        s, excess = by_bins.excess(self.centers, self.nearest()[..., None])
-        weights = jnp.exp(-0.5 * excess)
-        total = weights.sum(-1)
-        return Sums(jnp.log(total), (weights * s).sum(-1) / total, (weights * excess).sum(-1) / total)
-
 
 class Sums(NamedTuple):
     """What the bins add up to where each has the weight exp(−e / 2), see `Bell.excess`."""
 
-    log_total: Float[Array, "*batch d"]
-    """The logarithm of the sum of all weights."""
-    s: Float[Array, "*batch d"]
-    """E s under the policy."""
-    excess: Float[Array, "*batch d"]
+    log_total: Array
+    """The logarithm of the sum of all weights, `[*batch, d]`."""
+    mean_excess: Array
     """E e under the policy."""
 
 
 @jax.custom_jvp
-def log_total(bell: Bell) -> Float[Array, "*batch d"]:
-    """The logarithm of Σ exp(−e / 2), whose gradient is told by the same sums: E s / σ in the mean, E e in log σ."""
-    return bell.sums().log_total
+def sums(bell: Bell) -> Sums:
+    """Add up the bins, in one pass over them, which tells the gradients too."""
+    return Sums(*_moments(bell, 2)[:2])
 
 
-@log_total.defjvp
-def _(primals: tuple[Bell], tangents: tuple[Any]) -> tuple[Array, Array]:
+@sums.defjvp
+def _(primals: tuple[Bell], tangents: tuple[Any]) -> tuple[Sums, Sums]:
+    """The weights move by e, that by −2 s / σ with the mean and by −2 e with log σ."""
     (bell,), (moved,) = primals, tangents
-    sums = bell.sums()
-    return sums.log_total, sums.s * jnp.exp(-bell.log_std) * moved.mean + sums.excess * moved.log_std
+    log_total, e, s, e_s, e_e = _moments(bell, 5)
+    by_mean, by_log_std = jnp.exp(-bell.log_std) * moved.mean, moved.log_std
+    of_total = s * by_mean + e * by_log_std
+    of_excess = (e_s - e * s - 2 * s) * by_mean + (e_e - e**2 - 2 * e) * by_log_std
+    return Sums(log_total, e), Sums(of_total, of_excess)
+
+
+def _moments(bell: Bell, n: int) -> list[Array]:
+    """The first n of: the logarithm of all weights' sum, and under the policy E e, E s, E e s and E e².
+
+    Bins are the first axis: over that a processor adds many entries at once.
+    """
+    bins_first = bell.centers.T.reshape(-1, *[1] * (bell.mean.ndim - 1), bell.mean.shape[-1])
+    s, e = bell.excess(bins_first, bell.nearest())
+    weights = jnp.exp(-0.5 * e)
+    total = weights.sum(0)
+    return [jnp.log(total), *((weights * x).sum(0) / total for x in (e, s, e * s, e**2)[: n - 1])]
 
 
 @dataclasses.dataclass(frozen=True)
 class DiscretisedGaussian(Histogram):
-    """Π_l softmax(logits_l) with a Gaussian's logits; three sums over the bins tell what a loss needs of them."""
+    """Π_l softmax(logits_l) with a Gaussian's logits; few sums over the bins tell what a loss needs of them."""
 
     bell: Bell = dataclasses.field(kw_only=True)
     """The Gaussian."""
+
+    @functools.cached_property
+    def sums(self) -> Sums:
+        """The bins' sums, of which a program has one copy."""
+        return sums(self.bell)
 
     def log_prob(self, action: Float[Array, "*batch d"]) -> Float[Array, "*batch"]:
         """Σ_l log π_l of the bin that holds the action; a Gaussian's log-density where a Gaussian explores."""
@@ -88,13 +101,13 @@ class DiscretisedGaussian(Histogram):
 
     def log_prob_of_bins(self, action: Float[Array, "*batch d"]) -> Float[Array, "*batch"]:
         """Σ_l log π_l of the bin that holds the action."""
-        center = self.bell.centers[jnp.arange(len(self.bell.centers)), self.bins.encode(action)]
-        return (-0.5 * self.bell.excess(center, self.bell.nearest())[1] - log_total(self.bell)).sum(-1)
+        center = action if self.samples_centers else self.bins.decode(self.bins.encode(action))
+        _, excess = self.bell.excess((center - self.bell.shift) / self.bell.scale, self.bell.nearest())
+        return (-0.5 * excess - self.sums.log_total).sum(-1)
 
     def entropy(self) -> Float[Array, "*batch"]:
         """−Σ_l Σ_i π log π, which is log Σ_i exp(−e_i / 2) + E e / 2 of each dimension."""
-        sums = self.bell.sums()
-        return (sums.log_total + 0.5 * sums.excess).sum(-1)
+        return (self.sums.log_total + 0.5 * self.sums.mean_excess).sum(-1)
 
 
 class DiscretisedGaussianPolicy(BinnedPolicy):
@@ -122,9 +135,9 @@ class DiscretisedGaussianPolicy(BinnedPolicy):
 
     def bell(self, mean: Float[Array, "*batch d"], params: Params) -> Bell:
         """The Gaussian of these means, in the policy's units (`box_units`)."""
-        shift, scale = (jnp.reshape(x, (-1, 1)) for x in units_of(self, self.box_units))
-        centers = (jnp.asarray(self.bins.centers) - shift) / scale
-        return Bell(mean, jnp.maximum(params["log_std"], self.log_std_min), centers)
+        shift, scale = units_of(self, self.box_units)
+        centers = (jnp.asarray(self.bins.centers) - jnp.reshape(shift, (-1, 1))) / jnp.reshape(scale, (-1, 1))
+        return Bell(mean, jnp.maximum(params["log_std"], self.log_std_min), centers, shift, scale)
 
 
 class AnchoredPolicy(DiscretisedGaussianPolicy):
