@@ -22,7 +22,8 @@ paper: $(VENV)/installed-dev  ## The paper's figures and page, from training on:
 # Programs that tests compile more than once, in several processes, are compiled once.
 test test-studies test-types test-all trust mutants coverage: export JAX_COMPILATION_CACHE_DIR = $(abspath $(VENV))/jax-cache
 test test-studies test-types test-all trust mutants coverage: export JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS = 0.1
-# A file stays in one process, which then makes its fixtures and compiles its programs once. The slowest are told.
+# A file stays in one process, which then makes its fixtures and compiles its programs once. The longest files go first,
+# and the slowest tests are told.
 PYTEST = $(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder --durations 15 --durations-min 1
 # What compiles for seconds to run for milliseconds is not worth optimising, but for the tests that are marked so.
 FLAGS = --xla_cpu_use_fusion_emitters=false --xla_cpu_parallel_codegen_split_count=1
@@ -40,8 +41,8 @@ test-studies: $(VENV)/installed-dev  ## The tests of experiments and of the pape
 	$(UNOPTIMISED) $(PYTEST) -m "not slow and not optimised" tests/experiments studies/tests
 
 test-all: test test-studies  ## Both, and then what takes minutes; learning claims compiled as users compile.
-	$(UNOPTIMISED) $(PYTEST) -m "slow and not optimised" tests studies/tests
-	$(PYTEST) -m optimised tests studies/tests
+	$(UNOPTIMISED) $(PYTEST) -m "slow and not optimised" studies/tests tests
+	$(PYTEST) -m optimised studies/tests tests
 
 SECONDS ?= 120
 TARGETS ?=

@@ -46,6 +46,13 @@ def test_it_is_the_gaussian_folded_at_the_ends(k, eta):
     assert np.linalg.eigvalsh(found).min() > -1e-14
 
 
+@pytest.mark.parametrize(("k", "eta"), [(2, 4.48), (7, 10.0), (41, 100.0)])
+def test_however_wide_it_is_its_rows_sum_to_one(k, eta):
+    found = kernel(k, eta)
+    np.testing.assert_allclose(found.sum(0), 1, rtol=1e-12)
+    np.testing.assert_allclose(found.sum(1), 1, rtol=1e-12)
+
+
 def test_it_is_diagonal_in_the_cosine_transform():
     k, eta = 50, 4.48
     waves = scipy.fft.dct(np.eye(k), type=2, norm="ortho", axis=0)

@@ -70,7 +70,7 @@ def test_hl_gauss_equals_scipys_normal_cdf_in_float64():
 LAYOUTS = [
     (k, *layout)
     for k in (7, 100, 200, 2)
-    for layout in itertools.product(*map(typing.get_args, (targets.Tails, targets.Centers)))
+    for layout in itertools.product(("rescaled", "edges"), typing.get_args(targets.Centers))
 ]
 FAST = [(7, "edges", "bounds"), *((k, "rescaled", "inside") for k in (2, 7, 100, 200))]
 

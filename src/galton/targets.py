@@ -152,13 +152,13 @@ def _folded(
 ) -> Float[Array, "*batch n"]:
     """Σ_m φ(step + 2km), the mass of a bin so many steps away under a Gaussian of σ = η that comes round after 2k bins.
 
-    Of the rounds three are added up. Where η is more than about a third of k the others count as well, and these three
-    are scaled to be all.
+    Of the rounds three are added up, from 3k + ½ bins below to 3k − ½ above. Where η is more than about a third of k the
+    others count as well, and these three are scaled to be all.
     """
     period, scale = 2 * n_bins, _column(eta) * _SQRT2
     step = (step + n_bins) % period - n_bins
     mass = sum(erf((step + 0.5 + m * period) / scale) - erf((step - 0.5 + m * period) / scale) for m in (-1, 0, 1))
-    return jnp.maximum(mass, 0.0) / (2 * erf(3 * n_bins / scale))
+    return jnp.maximum(mass, 0.0) / (erf((3 * n_bins + 0.5) / scale) + erf((3 * n_bins - 0.5) / scale))
 
 
 def _masses(n_bins: int, eta: Eta) -> tuple[Float[Array, "*entries m"], Float[Array, "*entries m+1"]]:
