@@ -152,7 +152,7 @@ def _folded(
 ) -> Float[Array, "*batch n"]:
     """Σ_m φ(step + 2km), the mass of a bin so many steps away under a Gaussian of σ = η that comes round after 2k bins.
 
-    Of the rounds three are added up, from 3k + ½ bins below to 3k − ½ above. Where η is more than about a third of k the
+    Of the rounds three are added up, from 3k + ½ bins below to 3k − ½ above. Where η is more than about k/3 the
     others count as well, and these three are scaled to be all.
     """
     period, scale = 2 * n_bins, _column(eta) * _SQRT2
