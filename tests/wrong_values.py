@@ -25,8 +25,9 @@ KNOWN = vocabulary()
 NUMBERS = [name for name in KNOWN.usual if KNOWN.is_number(name)]
 FLAGS = [name for name, kind in KNOWN.annotations.items() if kind is bool]
 WORDS = [name for name, kind in KNOWN.annotations.items() if typing.get_origin(kind) is typing.Literal]
+NAMES = ["ordered"]
 LISTS = ["net_arch", "critic_arch"]
-COUNTS = [name for name in KNOWN.annotations if name not in (*NUMBERS, *FLAGS, *WORDS, *LISTS)]
+COUNTS = [name for name in KNOWN.annotations if name not in (*NUMBERS, *FLAGS, *WORDS, *LISTS, *NAMES)]
 MAY_BE_NONE = ("box_units", "ent_coef", "noise_correlation", "head_scale", "diffusion", "clip_range_vf")
 """Numbers that an agent may have as None, which programs lack; a setting of a sweep may not."""
 WRONG = {
@@ -38,6 +39,7 @@ WRONG = {
     "word": (WORDS, [None, 0, True, "", "none", b"mean", ["mean"], ("auto",), {}]),
     "name": (sorted({*CHOOSING} - {"entropy_target"}), [None, 0, True, b"a2c", ["a2c"], {"a2c"}]),
     "tuple": (LISTS, [None, 8, "88", b"88", {8}, {8: 8}, [8.0], ["8"], [True], [0], [[8]], np.array(8)]),
+    "names": (NAMES, [None, 8, "gear", b"gear", {"gear"}, [None], [8.0], [b"gear"], [["gear"]]]),
     "number": (NUMBERS, ["0.5", None, True, np.True_, b"1", 1j, {}, math.nan, [[1], [1, 2]], ["0.5"]]),
 }
 LINES = [

@@ -61,7 +61,7 @@ def words_of(agent: Agent) -> Fields:
     """The words of an agent; one with a part that has no name in its registry has the part itself as the word."""
     found: Fields = {name: getattr(agent.rollout, name) for name in settings(type(agent.rollout))}
     for field, (word, registry, *_) in CHOICES.items():
-        part = getattr(agent, field)
+        part = agent.policy.head if field == "policy" else getattr(agent, field)
         names = [name for name, kind in registry.items() if kind is type(part)]
         found[word] = names[0] if names else part
         found |= {name: getattr(part, name) for name in settings(type(part))} if names else {}
@@ -75,7 +75,7 @@ def words_of(agent: Agent) -> Fields:
 
 def policy_name(agent: Agent) -> str:
     """The key in POLICIES of an agent's policy; the name of its class where it is not there."""
-    policy = type(agent.policy)
+    policy = type(agent.policy.head)
     return next((str(name) for name, kind in POLICIES.items() if kind is policy), policy.__name__)
 
 

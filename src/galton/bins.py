@@ -2,12 +2,12 @@
 
 import dataclasses
 from collections.abc import Sequence
-from typing import Literal
+from typing import Any, Literal
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from galton.errors import require, require_integer, require_word
 from galton.fields import as_numbers
@@ -108,3 +108,58 @@ class Bins:
     def clip(self, action: Float[Array, "*batch d"]) -> Float[Array, "*batch d"]:
         """The nearest action inside the box."""
         return jnp.clip(action, self.low, self.high)
+
+    def at_edge(self, action: Float[Array, "*batch d"]) -> Bool[Array, "*batch d"]:
+        """Return True for entries in the first or last bin of a dimension, or beyond."""
+        return (action < self.edges[:, 1]) | (action >= self.edges[:, -2])
+
+
+class UnevenBins(Bins):
+    """The bins of dimensions that do not look alike: numbers that are cut into bins, beside choices.
+
+    A choice among n values has a bin for each, whose center is the value: low, low + 1, …, low + n − 1. All arrays are
+    padded to k, the largest number of bins; the padding is no bin, and `valid` tells.
+
+    Args:
+        dimensions: the bins of each dimension, one dimension in each; or of a choice the first value and their number.
+        ordered: the places of those that are choices all the same: their values have an order, as bins have.
+    """
+
+    sizes: tuple[int, ...]
+    """The number of bins in each dimension."""
+    valid: Bool[np.ndarray, "d k"]
+    """False for padding."""
+    is_choice: Bool[np.ndarray, " d"]
+    """True for dimensions that are choices, whether or not their values have an order."""
+    dimensions: tuple[Bins | tuple[float, int], ...]
+    """As they were given."""
+
+    def __init__(self, dimensions: Sequence[Bins | tuple[float, int]], ordered: Sequence[int] = ()) -> None:
+        dtype = jax.dtypes.canonicalize_dtype(np.float64)
+        sizes = tuple(part.n_bins if isinstance(part, Bins) else part[1] for part in dimensions)
+        k, d = max(sizes), len(sizes)
+        low, high, width, centers, edges = np.zeros(d), np.zeros(d), np.ones(d), np.zeros((d, k)), np.zeros((d, k + 1))
+        edges[:, 1:] = np.inf  # nothing is beyond the last bin
+        for i, part in enumerate(dimensions):
+            row = part.centers[0] if isinstance(part, Bins) else part[0] + np.arange(part[1])
+            low[i], high[i] = (part.low[0], part.high[0]) if isinstance(part, Bins) else (row[0], row[-1])
+            width[i] = part.width[0] if isinstance(part, Bins) else 1.0
+            edges[i, 0] = low[i]
+            edges[i, 1 : len(row)] = part.edges[0, 1:-1] if isinstance(part, Bins) else row[1:] - 0.5
+            centers[i] = np.pad(row, (0, k - len(row)), "edge")
+        arrays = {"low": low, "high": high, "edges": edges, "centers": centers, "width": width}
+        own: dict[str, Any] = {name: value.astype(dtype) for name, value in arrays.items()}
+        own |= {"edges_rest": np.zeros_like(own["edges"]), "n_bins": k, "bin_centers": "inside", "sizes": sizes}
+        own["valid"] = np.arange(k) < np.array(sizes)[:, None]
+        own["is_choice"] = np.array([not isinstance(part, Bins) or i in ordered for i, part in enumerate(dimensions)])
+        for name, value in (own | {"dimensions": tuple(dimensions)}).items():
+            object.__setattr__(self, name, value)
+
+    def encode(self, action: Float[Array, "*batch d"]) -> Int[Array, "*batch d"]:
+        """The index of the bin that holds each entry of an action: the number of inner edges at or below it."""
+        return (action[..., None] >= jnp.asarray(self.edges[:, 1:-1])).sum(-1)
+
+    def at_edge(self, action: Float[Array, "*batch d"]) -> Bool[Array, "*batch d"]:
+        """Return True for entries in the first or last bin of a number, or beyond."""
+        last = self.edges[np.arange(len(self.sizes)), np.array(self.sizes) - 1]
+        return ((action < self.edges[:, 1]) | (action >= last)) & ~self.is_choice

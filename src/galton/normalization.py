@@ -67,23 +67,34 @@ def update_moments(moments: Moments, batch: Float[Array, "N *rest"]) -> Moments:
     return Moments(moments.mean + share * delta, moments.variance + share * (spread - moments.variance), total)
 
 
+def _apart(normalizer: Normalizer, rows: Any) -> tuple[Any, Any]:
+    """The entries that are normalised, and those behind them, which stay as they are: an action mask."""
+    n = normalizer.origin.shape[-1]
+    return rows[..., :n], rows[..., n:]
+
+
 def begin(normalizer: Normalizer, raw: Float[Array, "N o"]) -> Normalizer:
     """Count the first observations of a run of N environments, the first of which becomes the origin."""
     if not normalizer.observation:
         return normalizer
-    normalizer = normalizer._replace(origin=raw[0])
+    normalizer = normalizer._replace(origin=_apart(normalizer, raw)[0][0])
     return observe(normalizer, from_origin(normalizer, raw))
 
 
 def from_origin(normalizer: Normalizer, raw: Float[Array, "*batch o"]) -> Float[Array, "*batch o"]:
     """Observations told from the origin; as they are where normalising is off."""
-    return raw - normalizer.origin if normalizer.observation else raw
+    if not normalizer.observation:
+        return raw
+    own, mask = _apart(normalizer, raw)
+    return jnp.concatenate([own - normalizer.origin, mask], -1) if mask.size else own - normalizer.origin
 
 
 def from_origin_on_host(normalizer: Normalizer, raw: Float[np.ndarray, "*runs n o"]) -> Float[np.ndarray, "*runs n o"]:
     """The same for n observations of each run, in float32: digits are lost after the origin is taken away."""
     if normalizer.observation:
-        raw = raw - np.asarray(normalizer.origin)[..., None, :]
+        own, mask = _apart(normalizer, raw)
+        moved = own - np.asarray(normalizer.origin)[..., None, :]
+        raw = np.concatenate([moved, mask], -1) if mask.size else moved
     return raw.astype(np.float32, copy=False)
 
 
@@ -91,14 +102,16 @@ def observe(normalizer: Normalizer, moved: Float[Array, "N o"]) -> Normalizer:
     """Count the observations of one step of N environments, told from the origin."""
     if not normalizer.observation:
         return normalizer
-    return normalizer._replace(observation=update_moments(normalizer.observation, moved))
+    return normalizer._replace(observation=update_moments(normalizer.observation, _apart(normalizer, moved)[0]))
 
 
 def observation(normalizer: Normalizer, moved: Float[Array, "*batch o"]) -> Float[Array, "*batch o"]:
     """Standardised and clipped to ±10, told from the origin; as it is where normalising is off."""
     if not normalizer.observation:
         return moved
-    return jnp.clip((moved - normalizer.observation.mean) / deviation(normalizer), -CLIP, CLIP)
+    own, mask = _apart(normalizer, moved)
+    scaled = jnp.clip((own - normalizer.observation.mean) / deviation(normalizer), -CLIP, CLIP)
+    return jnp.concatenate([scaled, mask], -1) if mask.size else scaled
 
 
 def deviation(normalizer: Normalizer) -> Float[Array, " o"]:

@@ -7,6 +7,7 @@ an array `[R]`, one for each of R runs. All else is part of its structure, for w
 import abc
 import dataclasses
 import functools
+from collections.abc import Sequence
 from typing import (
     Annotated,
     Any,
@@ -32,16 +33,61 @@ _COMPUTED = jax.Array | jax.ShapeDtypeStruct
 """The types of the arrays that programs compute with, whose values can't be checked."""
 
 
+Bounds = Float[np.ndarray, " d"] | Sequence[float]
+
+
 class Box(NamedTuple):
-    """The bounds of actions, d of each."""
+    """The bounds of actions, d of each. Some of the d entries may be choices beside the numbers."""
 
     low: tuple[float, ...]
     high: tuple[float, ...]
+    n_values: tuple[int, ...] = ()
+    """The number of values of each entry that is a choice, which are low, low + 1, …; 0 for a number. () where all are
+    numbers."""
+    n_mask: int = 0
+    """The entries of the masks that come with observations, as their last ones; 0: there are none."""
+    names: tuple[str, ...] = ()
+    """The name of each entry: its keys in the space and its place there, with dots between; () where these are 0, 1, …
+    """
 
     @classmethod
-    def of(cls, low: Float[np.ndarray, " d"], high: Float[np.ndarray, " d"]) -> "Box":
+    def of(cls, low: Bounds, high: Bounds, n_values: Sequence[int] = ()) -> "Box":
         """The box with these bounds."""
-        return cls(*(tuple(map(float, bound)) for bound in (low, high)))
+        return cls(tuple(map(float, low)), tuple(map(float, high)), tuple(n_values) if any(n_values) else ())
+
+    @property
+    def choices(self) -> tuple[int, ...]:
+        """The places of the entries that are choices."""
+        return tuple(i for i, n in enumerate(self.n_values) if n)
+
+    @property
+    def numbers(self) -> tuple[int, ...]:
+        """The places of the entries that are numbers."""
+        return tuple(i for i in range(len(self.low)) if i not in self.choices)
+
+    @property
+    def mask_sizes(self) -> tuple[int, ...]:
+        """The entries of a mask for each entry of the action: one for each value of a choice.
+
+        A number has none, or one for each of its bins.
+        """
+        n_values = self.n_values or (0,) * len(self.low)
+        bins = (self.n_mask - sum(n_values)) // max(len(self.numbers), 1) if self.n_mask else 0
+        return tuple(n or bins for n in n_values)
+
+    @property
+    def told(self) -> tuple[str, ...]:
+        """The name of each entry."""
+        return self.names or tuple(map(str, range(len(self.low))))
+
+    def called(self, name: str) -> tuple[int, ...]:
+        """The places of the entries of that name, or of a part of the space that has it."""
+        return tuple(i for i, own in enumerate(self.told) if own == name or own.startswith(f"{name}."))
+
+    def only(self, places: Sequence[int]) -> "Box":
+        """The box of these entries alone."""
+        low, high = (tuple(bound[i] for i in places) for bound in self[:2])
+        return Box.of(low, high, tuple(self.n_values[i] for i in places) if self.n_values else ())
 
     def arrays(self) -> tuple[Float[np.ndarray, " d"], Float[np.ndarray, " d"]]:
         """Both bounds, in JAX's usual precision."""

@@ -123,6 +123,8 @@ def from_sb3(words: Words) -> Fields:
     known, net_arch = vocabulary(), words.get("net_arch")
     found = {name: schedules.of_remaining(name, v) if known.is_number(name) else v for name, v in words.items()}
     found |= {name: math.inf for name in ("target_kl", "clip_range_vf") if name in found and found[name] is None}
+    if isinstance(ordered := found.get("ordered"), tuple | list):  # places may be numbers
+        found["ordered"] = tuple(str(one) if isinstance(one, int) else one for one in ordered)
     if isinstance(net_arch, Mapping):
         both = set(net_arch) == {"pi", "vf"}
         require(both, f"net_arch is {net_arch!r}; give one list for both networks, or a list for each of pi and vf")

@@ -4,10 +4,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import sb3_contrib
 import stable_baselines3
+from gymnasium.spaces import Discrete, MultiDiscrete
 
 from galton import make_agent
 from galton.algorithms import ppo
+from galton.envs.host.actions import Actions
 from galton.parts import Box
 from galton.training.log import Finished, nothing
 from galton.training.run import begin, learn
@@ -41,10 +44,21 @@ TOLD = {
 class Sides:
     """SB3's PPO and ours with the same settings and weights."""
 
-    def __init__(self, monkeypatch, loss, *, normalize_advantage=True, target_kl=None, total=None, clip_range_vf=None):
+    def __init__(
+        self,
+        monkeypatch,
+        loss,
+        *,
+        normalize_advantage=True,
+        target_kl=None,
+        total=None,
+        clip_range_vf=None,
+        space=None,
+        n_mask=0,
+    ):
         self.discrete, self.total = loss == "hl-one-hot", total
-        self.envs = [Recorder(self.discrete) for _ in range(N)]
-        self.model = stable_baselines3.PPO(
+        self.envs = [Recorder(self.discrete, space, n_mask) for _ in range(N)]
+        self.model = (sb3_contrib.MaskablePPO if n_mask else stable_baselines3.PPO)(
             "MlpPolicy",
             vector_of(self.envs),
             normalize_advantage=normalize_advantage,
@@ -68,8 +82,8 @@ class Sides:
             decay_steps=total or 0,
             **SAME,
         )
-        self.agent = agent.on(Box.of(LOW, HIGH))
-        self.run, _ = begin(self.agent, 3, jnp.uint32(0))
+        self.agent = agent.on(Box.of(LOW, HIGH) if space is None else Actions("the recorder", space, n_mask=n_mask).box)
+        self.run, _ = begin(self.agent, 3 + n_mask, jnp.uint32(0))
         self.run = self.run._replace(
             learner=self.run.learner._replace(params=jax.tree.map(jnp.asarray, params_of(self.model)))
         )
@@ -137,16 +151,23 @@ def check_told(sides, told):
 
 
 @pytest.mark.parametrize(
-    ("loss", "normalize_advantage", "clip_range_vf"),
+    ("loss", "normalize_advantage", "clip_range_vf", "space", "n_mask"),
     [
-        ("gaussian", False, None),
-        pytest.param("gaussian", True, None, marks=pytest.mark.optimised),
-        pytest.param("hl-one-hot", False, None, marks=pytest.mark.slow),
-        ("hl-one-hot", True, 0.02),
+        ("gaussian", False, None, None, 0),
+        pytest.param("gaussian", True, None, None, 0, marks=pytest.mark.optimised),
+        pytest.param("hl-one-hot", False, None, None, 0, marks=pytest.mark.slow),
+        ("hl-one-hot", True, 0.02, None, 0),
+        pytest.param("hl-one-hot", False, None, Discrete(5), 0, marks=pytest.mark.slow),
+        pytest.param("gaussian", True, None, MultiDiscrete([3, 7]), 0, marks=pytest.mark.slow),
+        pytest.param("hl-one-hot", True, None, Discrete(5), 5, marks=pytest.mark.slow),
+        ("hl-one-hot", True, None, MultiDiscrete([3, 7]), 10),
     ],
 )
-def test_one_minibatch_and_ten_epochs_equal_sb3s(monkeypatch, loss, normalize_advantage, clip_range_vf, trust):
-    sides = Sides(monkeypatch, loss, normalize_advantage=normalize_advantage, clip_range_vf=clip_range_vf)
+def test_one_minibatch_and_ten_epochs_equal_sb3s(
+    monkeypatch, loss, normalize_advantage, clip_range_vf, space, n_mask, trust
+):
+    words = {"clip_range_vf": clip_range_vf, "space": space, "n_mask": n_mask}
+    sides = Sides(monkeypatch, loss, normalize_advantage=normalize_advantage, **words)
     start = params_of(sides.model)
     batch = sides.rollout()
     assert len(sides.after) == EPOCHS * T * N // SIZE

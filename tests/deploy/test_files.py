@@ -17,7 +17,7 @@ from gymnasium.spaces import Box, Dict, Discrete, MultiBinary, MultiDiscrete, Tu
 import galton
 from galton import UsageError, deploy
 from galton.deploy.decision import bounds
-from galton.envs.host.action_box import ActionBox
+from galton.envs.host.actions import Actions
 
 from ..envs.host.walks import kind
 from .drifting import HIGH, LOW, Drifting, states, trained
@@ -226,7 +226,7 @@ def test_a_path_that_can_not_be_written_and_an_extra_that_is_missing_are_named(s
 
 def test_the_bounds_are_the_spaces_own_where_they_are_float32_and_every_policy_has_an_export():
     space = Box(np.array([-1.0, 0.3], np.float32), np.array([0.1, 7.7], np.float32))
-    np.testing.assert_array_equal(bounds(ActionBox("here", space)), (space.low, space.high))
+    np.testing.assert_array_equal(bounds(Actions("here", space)), (space.low, space.high))
     assert set(deploy.ACTIONS) == set(galton.POLICIES)
 
 

@@ -8,7 +8,6 @@ import tomllib
 
 import numpy as np
 import pytest
-from gymnasium.spaces import Discrete
 
 from galton import UsageError
 from galton.envs import LQR, Bandit, Environment, MountainCar
@@ -65,13 +64,11 @@ class Failing(Walk):
 
 
 Sightless = kind("Sightless", observation_space="two numbers")
-Discretes = kind("Discretes", action_space=Discrete(2))
 ODD_SOURCES = {
     "a constructor that raises": (Fails, "environment is 'Fails', which can't be made: ZeroDivisionError: no robot"),
     "a function that returns none": (lambda: None, "is None, not a gymnasium.Env"),
     "a function that needs arguments": (lambda size: Walk(), "can't be made: TypeError: .*'size'"),
     "no observation space": (Sightless, "Sightless's observation_space is 'two numbers'; it must be a Gymnasium space"),
-    "discrete actions": (Discretes(), r"Discretes has actions Discrete\(2\); .*needs a Box"),
     "an action space that raises": (Failing, "Failing's action_space raised NotImplementedError: which actions"),
     "an id of no version": ("Pendulum", "environment is 'Pendulum', an id without its version; 'Pendulum-v1' is the"),
     "an unknown id": ("Wolk-v0", "environment is 'Wolk-v0'; Gymnasium knows no environment of that name"),

@@ -158,7 +158,7 @@ def test_rn_d_is_its_authors_settings_and_their_actor_and_critic():
     assert norm["scale"].shape == (width,)
     np.testing.assert_allclose(last["kernel"].T @ last["kernel"], 1e-4 * np.eye(82), atol=1e-9)
     np.testing.assert_allclose(bins.centers, np.linspace(*bins.centers[:, [0, -1]].T, 41, axis=1), rtol=1e-5)
-    np.testing.assert_array_equal(bins.centers[:, [0, -1]].T, model.agent.box)
+    np.testing.assert_array_equal(bins.centers[:, [0, -1]].T, model.agent.box[:2])
     critic = [layer["kernel"].shape for layer in model.get_parameters()["critic"]]
     assert critic == [(2, 64), (64, 64), (64, 1)]
     with pytest.raises(UsageError, match="preset is 'rn-d', which is for PPO, not 'a2c'; take PPO"):

@@ -21,7 +21,6 @@ BAD = [
     ({"n_bins": 1}, "n_bins is 1"),
     ({"net_arch": (8, 0)}, "an entry of net_arch is 0"),
     ({"env": "NoSuch-v0"}, "NoSuch-v0"),
-    ({"env": "CartPole-v1"}, "continuous actions"),
     ({"env": LQR(), "env_kwargs": {"noise_std": 1.0}}, "env_kwargs"),
     ({"env_kwargs": {"mass": 1.0}}, "no constant 'mass'"),
     ({"env": DummyVecEnv([Tall] * 2), "n_envs": 3}, "n_envs is 3, but 2 were given"),

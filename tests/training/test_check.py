@@ -69,7 +69,6 @@ NOTES = {
 BROKEN = {
     "raising": (Walks(fail, 0, 4), "steps", "ZeroDivisionError: the robot fell over"),
     "not made": (lambda: 1 / 0, "environment", "division by zero"),
-    "discrete": ("CartPole-v1", "environment", r"CartPole-v1 has actions Discrete\(2\)"),
     "unknown": ("Pendulm-v1", "environment", "Pendulm-v1"),
     "nothing": (None, "environment", "env is None"),
 }

@@ -8,6 +8,7 @@ from gymnasium.spaces import Box
 import galton
 from galton.callbacks import Evaluate
 from galton.envs.find import find
+from galton.envs.host.actions import Actions
 from galton.training.yardsticks import N_EPISODES, SEED, Yardsticks, logged, nothing, yardsticks_on
 
 SETTINGS = {"n_steps": 8, "net_arch": (4,)}
@@ -34,7 +35,7 @@ class Summing(gymnasium.Env):
 
 def on(env):
     task = find(env)
-    return yardsticks_on(task, task.actions.low, task.actions.high)
+    return yardsticks_on(task, task.actions.box)
 
 
 def begins():
@@ -44,7 +45,7 @@ def begins():
 
 
 def test_both_are_played_from_the_same_first_states():
-    act = nothing(Summing.action_space.low, Summing.action_space.high)  # 0, or the middle where the box leaves 0 out
+    act = nothing(Actions("Summing", Summing.action_space).box)  # 0, or the middle where the box leaves 0 out
     np.testing.assert_array_equal(act(np.zeros((2, 1), np.float32)), [[0, 3], [0, 3]])
     found = on(Summing)
     rng = np.random.default_rng(SEED)

@@ -21,22 +21,40 @@ def init(key: Key[Array, ""], agent: Agent, observation_size: int) -> Learner:
     """New networks and the optimizer's first state. Not under vmap (see `init_mlp`)."""
     actor_key, critic_key = jax.random.split(key)
     network, policy, critic, rollout = agent.network, agent.policy, agent.critic, agent.rollout
-    actor = network.init(actor_key, observation_size, policy.n_outputs, 0.01, of_critic=False)
-    of_critic = network.init(critic_key, observation_size, critic.n_outputs, critic.init_scale, of_critic=True)
+    n_in = observation_size - agent.box.n_mask
+    actor = network.init(actor_key, n_in, policy.n_outputs, 0.01, of_critic=False)
+    of_critic = network.init(critic_key, n_in, critic.n_outputs, critic.init_scale, of_critic=True)
     first, extra = policy.init()
     actor[-1]["bias"] = first if policy.head_scale is None else first / policy.head_scale
     params = {"actor": actor, "critic": of_critic, **extra}
     return Learner(
         params,
         agent.optimizer.init(params),
-        normalization.init(observation_size, rollout.n_envs, rollout.normalize_observation, rollout.normalize_reward),
+        normalization.init(n_in, rollout.n_envs, rollout.normalize_observation, rollout.normalize_reward),
         {"algorithm": agent.algorithm.init(agent, params), "entropy": agent.entropy.init()},
     )
 
 
 def distribution(agent: Agent, params: Params, observation: Float[Array, "*batch o"]) -> Distribution:
     """π(· | s), from observations that are normalised already where they are to be."""
-    return agent.policy.distribution(agent.policy.scaled(agent.network(params["actor"], observation)), params)
+    own, mask = apart(agent, observation)
+    return agent.policy.distribution(policy_outputs(agent, agent.network(params["actor"], own), mask), params)
+
+
+def apart(
+    agent: Agent, observation: Float[Array, "*batch o"]
+) -> tuple[Float[Array, "*batch n"], Float[Array, "*batch m"] | None]:
+    """What the networks see of observations, and the action masks behind that; None where there are none."""
+    n_mask = agent.box.n_mask
+    return (observation[..., :-n_mask], observation[..., -n_mask:]) if n_mask else (observation, None)
+
+
+def policy_outputs(
+    agent: Agent, outputs: Float[Array, "*batch n_outputs"], mask: Float[Array, "*batch m"] | None
+) -> Float[Array, "*batch n_outputs"]:
+    """The network's outputs as the policy takes them: scaled, and far below 0 for values that a mask forbids."""
+    scaled = agent.policy.scaled(outputs)
+    return scaled if mask is None else agent.policy.masked(scaled, mask)
 
 
 def act(
@@ -48,7 +66,7 @@ def act(
 
 def value(agent: Agent, params: Params, observation: Float[Array, "*batch o"]) -> Float[Array, "*batch"]:
     """Return the critic's value of each state, v(s)."""
-    return agent.critic.value(agent.network(params["critic"], observation))
+    return agent.critic.value(agent.network(params["critic"], apart(agent, observation)[0]))
 
 
 def outputs(
@@ -58,10 +76,11 @@ def outputs(
 
     A barrier keeps XLA from computing softmaxes again inside the matrix products of the backward pass.
     """
+    own, mask = apart(agent, observation)
     actor, critic = jax.lax.optimization_barrier(
-        (agent.network(params["actor"], observation), agent.network(params["critic"], observation))
+        (agent.network(params["actor"], own), agent.network(params["critic"], own))
     )
-    return agent.policy.scaled(actor), critic
+    return policy_outputs(agent, actor, mask), critic
 
 
 def as_update_sees(

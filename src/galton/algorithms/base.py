@@ -12,12 +12,13 @@ from galton.algorithms.entropy import Entropy, HeldEntropy
 from galton.critics import Critic, SquaredErrorCritic
 from galton.errors import require
 from galton.fields import Within
-from galton.losses import LOSSES, Loss
+from galton.losses import LOSSES, HLOneHot, Loss
 from galton.networks import MLP, Network
 from galton.optimizers import Adam, Optimizer
 from galton.parts import Box, Part, settings, trimmed
 from galton.policies import POLICIES, Policy
 from galton.policies.correlation import check_correlation
+from galton.policies.mixed import MixedPolicy, acting_on
 from galton.types import Bonus, Count, Learner, NotNegative, Number, Params, Rule, Share, Transition
 
 AgentT = TypeVar("AgentT", bound="Agent")
@@ -185,7 +186,14 @@ class Agent(Part):
         Raises:
             UsageError: a box that the policy can't act in.
         """
-        return trimmed(self.replace(policy=self.policy.on(box)))
+        policy = acting_on(self.policy, box)
+        by_likelihood = self.loss.family == "density" or isinstance(self.loss, HLOneHot)
+        require(
+            by_likelihood or not isinstance(policy, MixedPolicy),
+            f"policy is {_name(self.policy, POLICIES)!r} and loss {_name(self.loss, LOSSES)!r}, and some actions are "
+            "choices; take policy 'histogram', whose bins a wide target can reach, or loss 'hl-one-hot'",
+        )
+        return trimmed(self.replace(policy=policy))
 
     @property
     def scalars(self) -> tuple[str, ...]:

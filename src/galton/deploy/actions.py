@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from galton.bins import Bins, UnevenBins
 from galton.deploy.graph import Graph
 from galton.policies import (
     AnchoredPolicy,
@@ -24,7 +25,11 @@ from galton.policies import (
     TruncatedGaussianPolicy,
 )
 from galton.policies.gaussian import units_of
+from galton.policies.histogram import NOWHERE
+from galton.policies.mixed import MixedPolicy
 from galton.policies.spline import CELLS, LOG_WEIGHT, MEANS, basis, nodes
+
+OF_CHOICES = "Of a choice, the index of its most likely value; of equally likely ones, the lowest."
 
 
 class Chosen(NamedTuple):
@@ -93,18 +98,53 @@ def beta(graph: Graph, outputs: str, policy: BetaPolicy) -> Chosen:
     return Chosen(action, "mean", "The mean of the Beta distribution on the action box.")
 
 
-def histogram(graph: Graph, outputs: str, policy: BinnedPolicy) -> Chosen:
+def histogram(graph: Graph, outputs: str, policy: BinnedPolicy, name: str = "logits") -> Chosen:
     """The mode, the mean or the median of the bins, whose logits are the outputs."""
-    centers, rule = policy.bins.centers, policy.choices.deterministic_action
-    logits = graph.add("Reshape", outputs, np.array([0, *centers.shape]), name="logits")
+    bins, rule = policy.bins, policy.choices.deterministic_action
+    if isinstance(bins, UnevenBins):
+        outputs = _padded(graph, outputs, bins)
+    logits = graph.add("Reshape", outputs, np.array([0, *bins.centers.shape]), name=name)
+    action = _by_rule(graph, logits, bins, rule)
+    if not isinstance(bins, UnevenBins) or not bins.is_choice.any():
+        return Chosen(action, rule, MEANINGS[rule])
+    if rule != "mode" and not bins.is_choice.all():
+        numbers, mode = (1.0 - bins.is_choice, _by_rule(graph, logits, bins, "mode"))
+        action = graph.add("Add", graph.add("Mul", action, numbers), graph.add("Mul", mode, 1.0 - numbers))
+    elif rule != "mode":
+        action = _by_rule(graph, logits, bins, "mode")
+    return Chosen(action, rule, f"{MEANINGS[rule]} {OF_CHOICES}" if not bins.is_choice.all() else OF_CHOICES)
+
+
+def mixed(graph: Graph, outputs: str, policy: MixedPolicy, numbers: Callable[[Graph, str, Any], Chosen]) -> Chosen:
+    """The numbers as their own head chooses, and of each choice the most likely value."""
+    box, n = policy.box, policy.sizes[0]
+    assert box is not None
+    logits = graph.add("Gather", outputs, np.arange(n, policy.n_outputs), axis=1)
+    chosen = histogram(graph, logits, policy.of_choices, "logits_of_choices")
+    if not box.numbers:
+        return chosen
+    own = numbers(graph, graph.add("Gather", outputs, np.arange(n), axis=1), policy.numbers)
+    both = graph.add("Concat", own.action, chosen.action, axis=1)
+    order = np.argsort(np.array([*box.numbers, *box.choices]))
+    action = graph.add("Gather", both, order, axis=1)
+    return own._replace(action=action, meaning=f"{own.meaning} {OF_CHOICES}")
+
+
+def _by_rule(graph: Graph, logits: str, bins: Bins, rule: str) -> str:
     if rule == "mean":
-        weighted = graph.add("Mul", graph.add("Softmax", logits, axis=-1), centers)
-        action = graph.add("ReduceSum", weighted, np.array([-1]), keepdims=0)
-    else:
-        bins = graph.add("ArgMax", logits, axis=-1, keepdims=0) if rule == "mode" else _median(graph, logits)
-        first = np.arange(len(centers)) * policy.bins.n_bins
-        action = graph.add("Gather", centers.ravel(), graph.add("Add", bins, first))
-    return Chosen(action, rule, MEANINGS[rule])
+        weighted = graph.add("Mul", graph.add("Softmax", logits, axis=-1), bins.centers)
+        return graph.add("ReduceSum", weighted, np.array([-1]), keepdims=0)
+    index = graph.add("ArgMax", logits, axis=-1, keepdims=0) if rule == "mode" else _median(graph, logits)
+    first = np.arange(len(bins.centers)) * bins.n_bins
+    return graph.add("Gather", bins.centers.ravel(), graph.add("Add", index, first))
+
+
+def _padded(graph: Graph, outputs: str, bins: UnevenBins) -> str:
+    """The logits of each dimension, filled up to as many as the largest has."""
+    places = np.cumsum(bins.valid.ravel()) - 1
+    spread = graph.add("Gather", outputs, np.where(bins.valid.ravel(), places, 0), axis=1)
+    kept = graph.add("Mul", spread, bins.valid.ravel().astype(np.float32))
+    return graph.add("Add", kept, np.where(bins.valid.ravel(), 0.0, NOWHERE))
 
 
 def discretised(graph: Graph, outputs: str, policy: DiscretisedGaussianPolicy) -> Chosen:

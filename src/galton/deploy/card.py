@@ -39,9 +39,9 @@ def card(model: Model, settings: Mapping[str, Any], points: Sequence[Point]) -> 
     """The card of a saved model, from its run's config.json and log points; what is not there is left out."""
     env, algorithm = settings.get("env", model.env_name), model.agent.algorithm.label
     parts = [
-        _head(str(env)),
+        _head(str(env), ["continuous-control"] * bool(model.agent.box.numbers)),
         f"# {_name(env)}: {algorithm} with {model.settings['loss']}",
-        f"A policy for continuous control, trained by Galton for {model.num_timesteps:,} steps of its environment.",
+        f"A policy that Galton trained for {model.num_timesteps:,} steps of its environment.",
         "Its licence is not said here. Whoever publishes it chooses one and adds `license:` to the head of this file.",
         "## The task",
         _table(("", ""), _task(model, settings, env)),
@@ -58,8 +58,8 @@ def card(model: Model, settings: Mapping[str, Any], points: Sequence[Point]) -> 
     return "\n\n".join(parts) + "\n"
 
 
-def _head(env: str) -> str:
-    tags = "\n".join(f"- {json.dumps(tag)}" for tag in ("reinforcement-learning", "continuous-control", env))
+def _head(env: str, kinds: Sequence[str]) -> str:
+    tags = "\n".join(f"- {json.dumps(tag)}" for tag in ("reinforcement-learning", *kinds, env))
     return f"---\nlibrary_name: galton\npipeline_tag: reinforcement-learning\ntags:\n{tags}\n---"
 
 

@@ -16,7 +16,8 @@ from gymnasium.spaces.utils import flatdim
 
 from galton import normalization
 from galton.agents import policy_name
-from galton.deploy.decision import ACTION, OBSERVATION, Decision, decide
+from galton.deploy.decision import ACTION, MASK, OBSERVATION, Decision, decide
+from galton.envs.host.actions import entries, leaves
 from galton.envs.host.base import Space
 from galton.errors import UsageError, require
 from galton.extras import needed
@@ -73,7 +74,11 @@ def encode(decision: Decision) -> bytes:
     described = helper.make_graph(
         [helper.make_node(node.operator, node.inputs, [node.output], **node.attributes) for node in graph.nodes],
         "policy",
-        [helper.make_tensor_value_info(OBSERVATION, float32, [BATCH, *decision.observation_shape])],
+        [
+            helper.make_tensor_value_info(name, float32, [BATCH, *shape])
+            for name, shape in ((OBSERVATION, decision.observation_shape), (MASK, (decision.n_mask,)))
+            if name == OBSERVATION or decision.n_mask
+        ],
         [helper.make_tensor_value_info(ACTION, float32, [BATCH, *decision.action_shape])],
         [_tensor(onnx, name, array) for name, array in graph.constants.items()],
     )
@@ -132,10 +137,38 @@ def contract(
             "units": "the environment's own",
             "low": decision.low.tolist(),
             "high": decision.high.tolist(),
-            "environment_dtype": str(model.action_space.dtype),
+            **(
+                {"environment_dtype": str(model.action_space.dtype)}
+                if isinstance(model.action_space, Box)
+                else {"entries": list(_acted(model.action_space))}
+            ),
         },
+        **({"mask": _mask(decision.n_mask)} if decision.n_mask else {}),
         "source": _source(model) | dict(origin),
     }
+
+
+def _mask(n: int) -> dict[str, object]:
+    return {
+        "name": MASK,
+        "dtype": "float32",
+        "shape": [BATCH, n],
+        "meaning": "1 for each value that is allowed, 0 for others; the environment's own mask, flat",
+    }
+
+
+def _acted(space: Space) -> Iterator[dict[str, object]]:
+    """The entries of the flat action that each part of the environment's is made of; `to` is left out."""
+    first = 0
+    for keys, leaf in leaves(space):
+        n = len(entries(leaf)[0])
+        entry: dict[str, object] = {"part": list(keys), "from": first, "to": first + n, "dtype": str(leaf.dtype)}
+        first += n
+        if isinstance(leaf, Box):
+            yield entry | {"encoding": "as it is"}
+        else:
+            start = np.asarray(getattr(leaf, "start", 0)).tolist()
+            yield entry | {"encoding": "index of the value, counted from `first`", "first": start}
 
 
 def _source(model: Model) -> dict[str, object]:

@@ -13,6 +13,10 @@ class Environment(Protocol):
     The randomness of a step is drawn ahead by `noise`, so that `step` is deterministic: s' = f(s, a, w). Episodes
     end when `step` terminates or after `max_episode_steps`, which the caller counts. Actions arrive clipped into
     the box.
+
+    Two members are optional. `action_space`, a space of Gymnasium's, stands in the place of the box; `step` then gets
+    an action of its structure, whose integers are int32. `action_mask(state)` says which values of choices are allowed
+    in a state, 1 for each that is: at least one of each choice.
     """
 
     @property
@@ -59,6 +63,13 @@ class Environment(Protocol):
 
     def observe(self, state: PyTree[Array]) -> Float[Array, " o"]:
         """The observation that the agent has of a state."""
+
+
+def missing(record: object) -> list[str]:
+    """The members of Environment that something lacks; an `action_space` stands for the bounds of a box."""
+    members = [name for name in vars(Environment) if not name.startswith("_")]
+    bounds = ("action_low", "action_high") if getattr(record, "action_space", None) is not None else ()
+    return [name for name in members if name not in bounds and not hasattr(record, name)]
 
 
 def box(bound: float, size: int) -> Float[np.ndarray, " size"]:

@@ -1,13 +1,13 @@
 """The task that a user means: by a name, an id, a function, or an environment that is already there."""
 
 import contextlib
-from typing import Any
+from typing import Any, cast
 
 import gymnasium
 from gymnasium.envs.registration import find_highest_version, get_env_id, parse_env_id
 
 from galton.envs import registry
-from galton.envs.base import Environment
+from galton.envs.base import Environment, missing
 from galton.envs.host.answers import shown
 from galton.envs.host.gymnasium import GymnasiumTask
 from galton.envs.host.vector import VectorTask
@@ -36,9 +36,10 @@ def find(env: object, **kwargs: object) -> Task:
         require(fits, f"action_scale is {scale!r}; it must be a finite number greater than 0")
         return _find_by_name(env, kwargs)
     require(not kwargs, f"env_kwargs is {kwargs}; it goes with a name or an id, not with an environment that is there")
-    if isinstance(env, Environment | Task):
+    is_record = not missing(env) and type(env).__hash__ is not None
+    if is_record or isinstance(env, Task):
         require(not isinstance(env, type), f"env is {shown(env)}, a class; give what it makes, by calling it")
-        return JaxTask(env) if isinstance(env, Environment) else env
+        return JaxTask(cast("Environment", env)) if is_record else cast("Task", env)
     if isinstance(env, gymnasium.vector.VectorEnv) or is_instance_of(env, "stable_baselines3", "VecEnv"):
         return VectorTask(env)
     if isinstance(env, gymnasium.Env) or callable(env):
@@ -103,13 +104,13 @@ def _find_mujoco(name: str, kwargs: dict[str, Any]) -> Task | None:
 
 def _refuse_unfinished(env: object) -> None:
     """Name what a record of the user's own still needs; one with `reset` and `step` alone may be of any library."""
-    members = [name for name in vars(Environment) if not name.startswith("_")]
-    missing = [name for name in members if not hasattr(env, name)]
-    if set(members) - set(missing) <= {"reset", "step"}:
+    members = {name for name in vars(Environment) if not name.startswith("_")}
+    lacking = missing(env)
+    if members - set(lacking) <= {"reset", "step"}:
         return
     record = f"env is {shown(env)}, a record that"
-    if missing:
+    if lacking:
         remedy = "give it all of galton.envs.Environment; a return that is not known is None"
-        raise UsageError(f"{record} lacks {', '.join(missing)}; {remedy}")
+        raise UsageError(f"{record} lacks {', '.join(lacking)}; {remedy}")
     if type(env).__hash__ is None:
         raise UsageError(f"{record} can't be hashed, as a key of compiled programs must be; make it a frozen dataclass")

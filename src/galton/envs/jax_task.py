@@ -10,8 +10,7 @@ import numpy as np
 from gymnasium.spaces import Box
 from jaxtyping import Array, Bool, Float, Int, Integer, Key, PyTree
 
-from galton.envs.base import Environment
-from galton.envs.host.action_box import ActionBox
+from galton.envs.host.actions import Actions
 from galton.envs.host.base import Steps
 from galton.envs.host.moves import Moves
 from galton.envs.host.observations import Observations
@@ -33,13 +32,13 @@ class JaxTask:
         UsageError: a record with something in it that can't be hashed, or spaces that Galton can't use.
     """
 
-    record: Environment
+    record: Any
     """The environment as it was given, in pure JAX."""
     given: int | None = None
     """None: copies of it are drawn, not given."""
     n_threads = 1
 
-    def __init__(self, record: Environment, action_scale: float = 1.0) -> None:
+    def __init__(self, record: Any, action_scale: float = 1.0) -> None:
         self._arrays, self._rest = _taken_apart(record)
         self.record, self.action_scale = record, action_scale
         _ = self.actions, self.observations
@@ -61,14 +60,31 @@ class JaxTask:
         return str(getattr(self.record, "name", None) or type(self.record).__name__)
 
     @property
-    def actions(self) -> ActionBox:
+    def actions(self) -> Actions:
         """The box that policies act in."""
-        return ActionBox(self.name, Box(self.record.action_low, self.record.action_high), self.action_scale)
+        own = getattr(self.record, "action_space", None)
+        if own is None:
+            own = Box(self.record.action_low, self.record.action_high)
+        return Actions(self.name, own, self.action_scale, self._n_mask)
 
     @property
     def observations(self) -> Observations:
         """The observations that a copy shows."""
-        return Observations(self.name, Box(self.record.observation_low, self.record.observation_high))
+        own = Box(self.record.observation_low, self.record.observation_high)
+        return Observations(self.name, own, self._n_mask)
+
+    @property
+    def _n_mask(self) -> int:
+        mask_of: Any = getattr(self.record, "action_mask", None)
+        if mask_of is None:
+            return 0
+        told = jax.eval_shape(lambda key: mask_of(self.record.reset(key)), jax.random.key(0))
+        return int(np.prod(told.shape))
+
+    def observe(self, state: PyTree[Array]) -> Float[Array, " o"]:
+        """The record's observation of a state, and behind it the mask of actions where the record has one."""
+        observation, mask_of = self.record.observe(state), getattr(self.record, "action_mask", None)
+        return observation if mask_of is None else jnp.append(observation, mask_of(state).astype(observation.dtype))
 
     def make(self, n_copies: int, n_threads: int = 1) -> "RecordEnvironments":
         """As many copies as they get seeds, to step from Python: each step is a call of a compiled program."""
@@ -78,7 +94,9 @@ class JaxTask:
     def step(
         self, state: PyTree[Array], action: Float[Array, " d"], noise: PyTree[Array]
     ) -> tuple[PyTree[Array], Float[Array, ""], Bool[Array, ""]]:
-        """One step of the record under a policy's action, clipped into the box."""
+        """One step of the record under a policy's action, as the record's space has it, clipped into its box."""
+        if getattr(self.record, "action_space", None) is not None:
+            return self.record.step(state, self.actions.in_jax(action), noise)
         low, high, scale = self.record.action_low, self.record.action_high, np.float32(self.action_scale)
         if scale == 1:
             return self.record.step(state, jnp.clip(action, low, high), noise)
@@ -132,9 +150,9 @@ class _Rest:
         return record
 
 
-def _taken_apart(record: Environment) -> tuple[tuple[Array, ...], _Rest]:
+def _taken_apart(record: object) -> tuple[tuple[Array, ...], _Rest]:
     """The JAX arrays of a record, and all else; a record without any stays whole."""
-    kind = type(record) if jax.tree_util.all_leaves([record]) and dataclasses.is_dataclass(record) else None
+    kind: Any = type(record) if jax.tree_util.all_leaves([record]) and dataclasses.is_dataclass(record) else None
     fields = {field.name: getattr(record, field.name) for field in dataclasses.fields(kind)} if kind else record
     leaves, structure = jax.tree.flatten(fields)
     arrays = tuple(leaf for leaf in leaves if isinstance(leaf, jax.Array))
@@ -184,7 +202,7 @@ class RecordEnvironments:
 @jax.jit
 def _reset(task: JaxTask, keys: Key[Array, " M"]) -> tuple[PyTree[Array], Float[Array, "M o"]]:
     states = jax.vmap(task.record.reset)(keys)
-    return states, jax.vmap(task.record.observe)(states)
+    return states, jax.vmap(task.observe)(states)
 
 
 @jax.jit
@@ -203,9 +221,9 @@ def _step(
     ) -> tuple[PyTree[Array], Array, tuple[Array, ...]]:
         noise_key, reset_key = jax.random.split(jax.random.fold_in(key, n_steps))
         state, reward, terminated = task.step(state, action, env.noise(noise_key))
-        final, truncated = env.observe(state), ~terminated & (length + 1 >= env.max_episode_steps)
+        final, truncated = task.observe(state), ~terminated & (length + 1 >= env.max_episode_steps)
         ended = terminated | truncated
         state = jax.tree.map(lambda fresh, old: jnp.where(ended, fresh, old), env.reset(reset_key), state)
-        return state, jnp.where(ended, 0, length + 1), (env.observe(state), final, reward, terminated, truncated)
+        return state, jnp.where(ended, 0, length + 1), (task.observe(state), final, reward, terminated, truncated)
 
     return jax.vmap(one)(states, lengths, actions, keys)

@@ -2,7 +2,7 @@
 
 from typing import Protocol, runtime_checkable
 
-from galton.envs.host.action_box import ActionBox
+from galton.envs.host.actions import Actions
 from galton.envs.host.base import HostEnvironments
 from galton.envs.host.observations import Observations
 from galton.envs.host.space_json import to_json
@@ -21,7 +21,7 @@ class Task(Protocol):
         """The name that messages and files have for it."""
 
     @property
-    def actions(self) -> ActionBox:
+    def actions(self) -> Actions:
         """The box that policies act in."""
 
     @property
@@ -44,11 +44,13 @@ class Task(Protocol):
         """
 
 
-def check_same_spaces(task: Task, actions: ActionBox, observations: Observations) -> None:
+def check_same_spaces(task: Task, actions: Actions, observations: Observations) -> None:
     """Raise UsageError unless an environment has the spaces of the model's own."""
     for kind, own, other in (("actions", actions, task.actions), ("observations", observations, task.observations)):
         same = to_json(own.space) == to_json(other.space)  # the order of a Dict's keys matters too
         require(same, f"env has {kind} {other.space}; the model's are {own.space}")
+    told = f"env tells masks of {task.actions.n_mask} entries, and the model's has {actions.n_mask}"
+    require(task.actions.n_mask == actions.n_mask, told)
 
 
 def check_copies(task: Task, n_envs: int) -> None:

@@ -2,14 +2,12 @@
 
 from typing import Any, TypeVar
 
-import gymnasium
-
 from galton.agents import in_two, words_of, written
 from galton.algorithms import Agent
-from galton.envs.host.action_box import ActionBox
+from galton.envs.host.actions import Actions
 from galton.envs.host.base import Space
 from galton.envs.host.observations import Observations
-from galton.envs.host.space_json import to_json
+from galton.envs.host.space_json import actions_to_json, to_json
 from galton.envs.task import Task
 from galton.errors import DivergenceError, UsageError
 from galton.models.file import Taken
@@ -30,7 +28,7 @@ class Base:
 
     _run: Run | Loaded
 
-    def _describe(self, agent: Agent, seed: int, actions: ActionBox, observations: Observations) -> None:
+    def _describe(self, agent: Agent, seed: int, actions: Actions, observations: Observations) -> None:
         """Become the model of this agent, without a run yet."""
         self.agent, self.seed, self.actions, self.observations = agent, seed, actions, observations
         self._is_scheduled = has_schedules(agent)
@@ -70,7 +68,7 @@ class Base:
         return self._run.env_name
 
     @property
-    def action_space(self) -> gymnasium.spaces.Box:
+    def action_space(self) -> Space:
         """The actions as Gymnasium describes them."""
         return self.actions.space
 
@@ -146,7 +144,7 @@ class Base:
             "step": self.num_timesteps,
             "log_interval": self._interval,
             "n_predictions": self.n_predictions,
-            "action_space": to_json(self.action_space),
+            "action_space": actions_to_json(self.actions),
             "observation_space": to_json(self.observation_space),
         }
         return Taken(settings, self._run.arrays)

@@ -140,24 +140,31 @@ class Model(Base):
         return self
 
     def predict(
-        self, observation: object, state: object = None, episode_start: object = None, deterministic: bool = False
-    ) -> tuple[np.ndarray, Any]:
+        self,
+        observation: object,
+        state: object = None,
+        episode_start: object = None,
+        deterministic: bool = False,
+        action_masks: object = None,
+    ) -> tuple[Any, Any]:
         """The action for one observation, or the actions for a batch of them, within the bounds of the action space.
 
-        `state` and `episode_start` are for the interface: the policy has no memory, and state comes back as it went in.
+        `action_masks` says which values are allowed, for each observation, where the environment tells masks; else all
+        are. `state` and `episode_start` are for the interface: the policy has no memory, and state comes back as it
+        went in.
 
         Raises:
             UsageError: an observation that the space can't hold.
         """
         del episode_start
-        rows, single = self.observations.rows(observation)
+        rows, single = self.observations.rows(observation, action_masks)
         if deterministic:
             action = exploit(self._now, self.learner, rows)
         else:
             action = explore(self._now, self.learner, rows, self.seed, self.n_predictions)
             self.n_predictions += 1
         actions = self.actions.clip(action)
-        return (actions[0, ...] if single else actions), state
+        return (self.actions.one(actions, 0) if single else actions), state
 
     def evaluate(
         self, n_episodes: int = 10, env: object = None, env_kwargs: Mapping[str, object] | None = None
@@ -192,7 +199,7 @@ class Model(Base):
         Three episodes of each are played where `evaluate` plays; its arguments and errors are that method's.
         """
         task = self._other(env, env_kwargs)
-        return self.population.yardsticks() if task is None else yardsticks_on(task, *self.actions.box)
+        return self.population.yardsticks() if task is None else yardsticks_on(task, self.actions.box)
 
     def _other(self, env: object, env_kwargs: Mapping[str, object] | None) -> Task | None:
         """Another environment to play on, of the model's spaces; None where none is named."""

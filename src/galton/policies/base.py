@@ -80,9 +80,20 @@ class Policy(Part, abc.ABC):
         """The policy for actions in this box."""
         return self.replace(box=box)
 
+    @property
+    def head(self) -> "Policy":
+        """The policy that the settings describe: this one, or the part of it that acts in numbers."""
+        return self
+
     def scaled(self, outputs: Float[Array, "*batch n_outputs"]) -> Float[Array, "*batch n_outputs"]:
         """The network's outputs times `head_scale`, which is what `distribution` takes."""
         return outputs if self.head_scale is None else self.head_scale * outputs
+
+    def masked(
+        self, outputs: Float[Array, "*batch n_outputs"], mask: Float[Array, "*batch m"]
+    ) -> Float[Array, "*batch n_outputs"]:
+        """The outputs where a mask forbids some values, which then have no probability."""
+        raise NotImplementedError
 
     def head_rates(self, distribution: Any) -> Float[Array, " n_outputs"] | None:
         """The learning rate of the last layer is multiplied by this number for each output; None: it is the others'."""
@@ -107,7 +118,7 @@ class Policy(Part, abc.ABC):
     @property
     def uniform_entropy(self) -> float:
         """The entropy of the uniform policy, the mean over dimensions, in nats."""
-        low, high = self._box
+        low, high = self._box[:2]
         return float(np.log(np.subtract(high, low, dtype=np.float64)).mean())
 
     def acting_by(self: PolicyT, rule: Rule) -> PolicyT:

@@ -11,7 +11,8 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int, Key
 
 from galton import targets
-from galton.bins import Bins
+from galton.bins import Bins, UnevenBins
+from galton.errors import require
 from galton.fields import AtLeast
 from galton.parts import Box
 from galton.policies.base import Family, Marginal, Policy
@@ -20,6 +21,7 @@ from galton.policies.gaussian import Floor, Units, units_of
 from galton.types import Finite, Params, Rule
 
 PolicyT = TypeVar("PolicyT", bound="BinnedPolicy")
+HistogramT = TypeVar("HistogramT", bound="HistogramPolicy")
 Exploration = Literal["softmax", "gaussian"]
 BinSample = Literal["center", "uniform"]
 
@@ -30,9 +32,13 @@ class Choices(NamedTuple):
     exploration: Exploration = "softmax"
     bin_sample: BinSample = "center"
     deterministic_action: Rule = "mode"
+    is_masked: bool = False
+    """True if some bins may have no probability at all, which then are never drawn."""
 
 
 USUAL = Choices()
+NOWHERE = -1e9
+"""The logit of what is no bin, or forbidden: its probability is 0, and so is its share of every sum and gradient."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -49,6 +55,11 @@ class Histogram:
         return jax.nn.softmax(self.logits)
 
     @property
+    def allowed(self) -> Bool[Array, "*batch d k"]:
+        """True for bins that may be drawn: neither padding nor forbidden by a mask."""
+        return self.logits > NOWHERE / 2
+
+    @property
     def samples_centers(self) -> bool:
         """True if every sampled action is the center of a bin."""
         return self.choices.exploration == "softmax" and self.choices.bin_sample == "center"
@@ -58,13 +69,18 @@ class Histogram:
         d = self.logits.shape[-2]
         if self.choices.exploration == "gaussian":
             return gaussian_action(self.bins, self.probs, noise)
-        index = sample_bin(self.logits, noise[..., :d])
+        index = self._drawn(noise[..., :d])
         if self.choices.bin_sample == "center":
             return self.bins.decode(index)
         if self.bins.bin_centers == "bounds":
             lower, upper = (jnp.asarray(self.bins.edges)[jnp.arange(d), index + i] for i in (0, 1))
             return lower + (upper - lower) * noise[..., d:]
         return self.bins.decode(index) + self.bins.width * (noise[..., d:] - 0.5)
+
+    def _drawn(self, u: Float[Array, "*batch d"]) -> Int[Array, "*batch d"]:
+        """The bins where the cumulative distributions pass u."""
+        exact = self.choices.is_masked or isinstance(self.bins, UnevenBins)
+        return (sample_valid if exact else sample_bin)(self.logits, u)
 
     def log_prob(self, action: Float[Array, "*batch d"]) -> Float[Array, "*batch"]:
         """Σ_l log π_l of the bin that holds the action; the Gaussian's log-density where a Gaussian explores.
@@ -98,15 +114,18 @@ class Histogram:
 
     def at_edge(self, action: Float[Array, "*batch d"]) -> Bool[Array, "*batch d"]:
         """Return True for entries in the first or last bin of a dimension, or beyond."""
-        return (action < self.bins.edges[:, 1]) | (action >= self.bins.edges[:, -2])
+        return self.bins.at_edge(action)
 
     def deterministic_action(self) -> Float[Array, "*batch d"]:
-        """The center of the most likely bin, the mean of the centers, or the median's center."""
+        """The center of the most likely bin, the mean of the centers, or the median's center; of a choice the mode."""
+        mode = self.bins.decode(self.logits.argmax(-1))
         if self.choices.deterministic_action == "mode":
-            return self.bins.decode(self.logits.argmax(-1))
+            return mode
         if self.choices.deterministic_action == "mean":
-            return jnp.clip(self.mean(), self.bins.low, self.bins.high)  # a rounded mean of bounds may lie beyond them
-        return self.bins.decode(sample_bin(self.logits, jnp.full(self.logits.shape[:-1], 0.5)))
+            action = jnp.clip(self.mean(), self.bins.low, self.bins.high)  # a rounded mean of bounds may lie beyond
+        else:
+            action = self.bins.decode(self._drawn(jnp.full(self.logits.shape[:-1], 0.5)))
+        return jnp.where(self.bins.is_choice, mode, action) if isinstance(self.bins, UnevenBins) else action
 
 
 def sample_bin(logits: Float[Array, "*batch k"], u: Float[Array, "*batch"]) -> Int[Array, "*batch"]:
@@ -131,6 +150,15 @@ def sample_bin(logits: Float[Array, "*batch k"], u: Float[Array, "*batch"]) -> I
     inside = jnp.cumsum(jnp.take_along_axis(blocks, here[..., None], -2)[..., 0, :], -1)
     offset = (inside[..., :-1] <= threshold[..., None] - before).sum(-1)
     return jnp.minimum(block * size + offset, k - 1)
+
+
+def sample_valid(logits: Float[Array, "*batch k"], u: Float[Array, "*batch"]) -> Int[Array, "*batch"]:
+    """The same where some bins have no probability at all: none of them is ever drawn, however sums round."""
+    weights = jnp.exp(logits - logits.max(-1, keepdims=True))
+    cumulative = jnp.cumsum(weights, -1)
+    passed = (cumulative > u[..., None] * cumulative[..., -1:]) & (weights > 0)
+    last = weights.shape[-1] - 1 - jnp.argmax(weights[..., ::-1] > 0, -1)
+    return jnp.where(passed.any(-1), passed.argmax(-1), last)
 
 
 class BinnedPolicy(Policy):
@@ -169,17 +197,19 @@ class BinnedPolicy(Policy):
     @property
     def bins(self) -> Bins:
         """The bins of the box."""
-        return _bins(self._box, self.n_bins, self.bin_centers, jax.dtypes.canonicalize_dtype(np.float64).name)
+        ordered = tuple(getattr(self, "ordered", ()))
+        return _bins(self._box, self.n_bins, self.bin_centers, ordered, jax.dtypes.canonicalize_dtype(np.float64).name)
 
     @property
     def choices(self) -> Choices:
         """Return the choices that its distributions leave open."""
-        return Choices(self.exploration, self.bin_sample, self.deterministic_action)
+        return Choices(self.exploration, self.bin_sample, self.deterministic_action, self._box.n_mask > 0)
 
     @property
     def uniform_entropy(self) -> float:
-        """The logarithm of the number of bins."""
-        return float(np.log(float(self.n_bins)))
+        """The logarithm of the number of bins, the mean over dimensions."""
+        bins = self.bins
+        return float(np.log(bins.sizes if isinstance(bins, UnevenBins) else float(bins.n_bins)).mean())
 
     def acting_by(self: PolicyT, rule: Rule) -> PolicyT:
         """The policy whose deterministic action is this one."""
@@ -206,6 +236,9 @@ class HistogramPolicy(BinnedPolicy):
     initial_policy: Literal["uniform", "gaussian", "clipped-gaussian"] = "uniform"
     """The policy starts uniform, like the Gaussian policy inside its box ("Init Gaussian", §5.2.3), or like the actions
     that the environment makes of the Gaussian policy's: clipped, with the tails in the first and last bin."""
+    ordered: tuple[str, ...] = ()
+    """The choices whose values have an order, by name or place: a wide target then reaches neighbouring values of them,
+    as it reaches neighbouring bins of a number."""
     head_rate: Literal["constant", "per-std"] = "constant"
     """The last layer's learning rate: the others', or that over 0.8 σ with the policy's own standard deviation in each
     dimension, in half-widths of the box and a bin or more. Under Adam and with wide targets the mean then moves about
@@ -214,21 +247,65 @@ class HistogramPolicy(BinnedPolicy):
     @property
     def n_outputs(self) -> int:
         """The k logits of each action dimension."""
-        return len(self._box.low) * self.n_bins
+        return sum(self.sizes)
+
+    @property
+    def sizes(self) -> tuple[int, ...]:
+        """The logits of each action dimension."""
+        bins = self.bins
+        return bins.sizes if isinstance(bins, UnevenBins) else (bins.n_bins,) * len(bins.centers)
 
     def init(self) -> tuple[Float[Array, " dk"], Params]:
-        """Uniform, or as the Gaussian policy starts with the same numbers."""
+        """Uniform, or as the Gaussian policy starts with the same numbers; every choice is uniform."""
         if self.initial_policy == "uniform":
             return jnp.zeros(self.n_outputs), {}
         shift, scale = (jnp.reshape(x, (-1, 1)) for x in units_of(self, self.box_units))
         std = scale * jnp.exp(jnp.maximum(self.log_std_init, self.log_std_min))
         start = init_gaussian_logits if self.initial_policy == "gaussian" else init_clipped_gaussian_logits
-        return start(self.bins, shift, std).ravel(), {}
+        if not isinstance(self.bins, UnevenBins):
+            return start(self.bins, shift, std).ravel(), {}
+        d = len(self.sizes)
+        rows = zip(self.bins.dimensions, jnp.broadcast_to(shift, (d, 1)), jnp.broadcast_to(std, (d, 1)), strict=True)
+        first = [
+            jnp.zeros(size) if is_choice or isinstance(bins, tuple) else start(bins, *at).ravel()
+            for (bins, *at), size, is_choice in zip(rows, self.sizes, self.bins.is_choice, strict=True)
+        ]
+        return jnp.concatenate(first), {}
 
     def distribution(self, outputs: Float[Array, "*batch dk"], params: Params) -> Histogram:
         """Softmax policies with these logits."""
         del params
         return Histogram(self.bins, self.by_dimension(outputs), self.choices)
+
+    def on(self: HistogramT, box: Box) -> HistogramT:
+        """The policy for actions in this box.
+
+        Raises:
+            UsageError: a box that can't be cut into so many bins, or choices or masks that don't go with a setting.
+        """
+        for name in self.ordered:
+            of_name = box.called(name)
+            told = f"ordered names {name!r}, which is no choice of the action; its entries are {', '.join(box.told)}"
+            require(bool(of_name) and set(of_name) <= set(box.choices), told)
+        policy = super().on(box)
+        for name in ("exploration", "bin_sample") if box.n_values or box.n_mask else ():
+            value, usual = getattr(self, name), getattr(HistogramPolicy, name)
+            require(value == usual, f"{name} is {value!r}; where actions are choices or masked leave it at {usual!r}")
+        require(
+            all(n in (0, size) for n, size in zip(box.mask_sizes, policy.sizes, strict=True)),
+            f"n_bins is {self.n_bins}, and the environment's action mask has {box.n_mask} entries, which are "
+            f"{max(box.mask_sizes)} for each number; make n_bins that",
+        )
+        return policy
+
+    def masked(self, outputs: Float[Array, "*batch dk"], mask: Float[Array, "*batch m"]) -> Float[Array, "*batch dk"]:
+        """The logits, far below 0 for values that the mask forbids; entries that it has nothing of stay as they are."""
+        of_entry = jnp.split(mask, np.cumsum(self._box.mask_sizes)[:-1], -1)
+        whole = [
+            own if own.shape[-1] else jnp.ones((*mask.shape[:-1], size))
+            for own, size in zip(of_entry, self.sizes, strict=True)
+        ]
+        return jnp.where(jnp.concatenate(whole, -1) > 0, outputs, NOWHERE)
 
     def head_rates(self, distribution: Histogram) -> Float[Array, " dk"] | None:
         """√(π/2) half-widths over σ, the mean of the batch's, for all bins of a dimension; without a gradient."""
@@ -236,14 +313,28 @@ class HistogramPolicy(BinnedPolicy):
             return None
         std = jnp.maximum(distribution.std(), distribution.bins.width).reshape(-1, len(self.low)).mean(0)
         rates = math.sqrt(math.pi / 2) * (self.high - self.low) / 2 / jax.lax.stop_gradient(std)
-        return jnp.repeat(rates, self.n_bins)
+        return jnp.repeat(rates, np.array(self.sizes), total_repeat_length=self.n_outputs)
 
     def by_dimension(self, outputs: Float[Array, "*batch dk"]) -> Float[Array, "*batch d k"]:
         """The network's outputs with an axis for the action dimensions and one for the bins."""
-        return outputs.reshape(*outputs.shape[:-1], *self.bins.centers.shape)
+        if not isinstance(self.bins, UnevenBins):
+            return outputs.reshape(*outputs.shape[:-1], *self.bins.centers.shape)
+        found = jnp.split(outputs, np.cumsum(self.sizes)[:-1], -1)
+        widths = [[(0, 0)] * (outputs.ndim - 1) + [(0, self.bins.n_bins - size)] for size in self.sizes]
+        return jnp.stack([jnp.pad(*each, constant_values=NOWHERE) for each in zip(found, widths, strict=True)], -2)
 
 
 @functools.lru_cache(maxsize=256)
-def _bins(box: Box, n_bins: int, bin_centers: Literal["inside", "bounds"], precision: str) -> Bins:
+def _bins(
+    box: Box, n_bins: int, bin_centers: Literal["inside", "bounds"], ordered: tuple[str, ...], precision: str
+) -> Bins:
     del precision  # in which they are made
-    return Bins(*box.arrays(), n_bins, bin_centers)
+    low, high = box.arrays()
+    if not box.n_values:
+        return Bins(low, high, n_bins, bin_centers)
+    places = [i for name in ordered for i in box.called(name) if box.n_values[i] > 1]
+    parts: list[Bins | tuple[float, int]] = []
+    for i, (a, b, n) in enumerate(zip(low, high, box.n_values, strict=True)):
+        of_order = Bins(a, b, n, "bounds") if i in places else (float(a), n)
+        parts.append(of_order if n else Bins(a, b, n_bins, bin_centers))
+    return UnevenBins(parts, places)

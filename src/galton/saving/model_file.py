@@ -8,12 +8,11 @@ import numpy as np
 
 from galton.agents import in_two, read, words_of
 from galton.algorithms import Agent
-from galton.envs.host.action_box import ActionBox
+from galton.envs.host.actions import Actions
 from galton.envs.host.answers import shown
 from galton.envs.host.observations import Observations
-from galton.envs.host.space_json import from_json, n_entries
+from galton.envs.host.space_json import actions_from_json, from_json, n_entries
 from galton.errors import MALFORMED, CheckpointError, NewerVersionError, UsageError, in_a_line, require
-from galton.parts import Box
 from galton.parts import settings as settings_of
 from galton.records import FIRST_FIELDS, refuse_unknown
 from galton.saving import checkpoint, files
@@ -49,7 +48,7 @@ class Saved(NamedTuple):
     arrays: dict[str, np.ndarray]
     agent: Agent
     """On the box of its actions."""
-    actions: ActionBox
+    actions: Actions
     observations: Observations
 
 
@@ -120,8 +119,8 @@ def _described(path: Path, settings: Settings, arrays: dict[str, np.ndarray]) ->
     records = settings["action_space"], settings["observation_space"]
     for record in records:
         require(n_entries(record) <= n_numbers, f"a space is {shown(record)}, larger than all that is in the file")
-    actions = ActionBox("the checkpoint", from_json(records[0]))
-    observations = Observations("the checkpoint", from_json(records[1]))
+    actions = actions_from_json("the checkpoint", records[0])
+    observations = Observations("the checkpoint", from_json(records[1]), actions.n_mask)
     step, size, network = settings["step"], agent.rollout.size, agent.network
     fitting = {
         "class": settings["class"] == agent.algorithm.label,
@@ -129,13 +128,13 @@ def _described(path: Path, settings: Settings, arrays: dict[str, np.ndarray]) ->
         "log_interval": settings["log_interval"] > 0,
         "n_predictions": 0 <= settings["n_predictions"] < 2**32,
         "n_steps": size < 2**31,
-        "n_bins": len(actions.low) * getattr(agent.policy, "n_bins", 1) <= max(n_numbers, MAX_BINS),
+        "n_bins": len(actions.box.low) * getattr(agent.policy, "n_bins", 1) <= max(n_numbers, MAX_BINS),
         **{name: _n_units(getattr(network, name)) <= n_numbers for name in settings_of(type(network))},
     }
     for name, fits in fitting.items():
         value = settings.get(name, settings["config"].get(name))
         require(fits, f"{name} is {shown(value)}, which does not go with the rest of it")
-    return Saved(path, settings, arrays, agent.on(Box.of(actions.low, actions.high)), actions, observations)
+    return Saved(path, settings, arrays, agent.on(actions.box), actions, observations)
 
 
 def _n_units(value: object) -> int:

@@ -8,7 +8,7 @@ from gymnasium.spaces import Box
 from gymnasium.wrappers import TimeLimit
 
 from galton.envs.find import find
-from galton.envs.host.action_box import ActionBox
+from galton.envs.host.actions import Actions
 from galton.envs.host.base import HostEnvironments
 from galton.envs.host.carried import statistics_of
 from galton.envs.host.gymnasium import GymnasiumTask
@@ -94,9 +94,9 @@ def _findings(env: object, env_kwargs: Mapping[str, object]) -> Iterator[Finding
 
 
 def _played(task: Task, envs: HostEnvironments, n_copies: int) -> Iterator[Finding]:
-    seeds, box = np.random.SeedSequence(SEED).generate_state(n_copies), (task.actions.low, task.actions.high)
-    yield from _repeated(repeated(envs, seeds, lambda: at_random(*box), nothing(*box)))
-    rest, random = (played(envs, seeds, act(*box), N_EPISODES, SECONDS) for act in (nothing, at_random))
+    seeds, box = np.random.SeedSequence(SEED).generate_state(n_copies), task.actions.box
+    yield from _repeated(repeated(envs, seeds, lambda: at_random(box), nothing(box)))
+    rest, random = (played(envs, seeds, act(box), N_EPISODES, SECONDS) for act in (nothing, at_random))
     layers = envs.layers[0] if envs.layers else []
     statistics = statistics_of(layers)
     yield from _time(_limit(task, layers), rest, random)
@@ -133,18 +133,24 @@ def _kind(task: Task) -> Finding:
     return Finding("environment", f"{task.name}{there}", remedy)
 
 
-def _actions(actions: ActionBox) -> Finding:
-    bounds = sorted({(float(low), float(high)) for low, high in zip(actions.low, actions.high, strict=True)})
-    told = ", ".join(f"[{low:g}, {high:g}]" for low, high in bounds[:4]) + (", ..." if len(bounds) > 4 else "")
-    n = len(actions.low)
-    return Finding("actions", f"{n} in {told}; samples are clipped to it, and bins divide it evenly")
+def _actions(actions: Actions) -> Finding:
+    box, told = actions.box, []
+    if box.numbers:
+        bounds = sorted({(box.low[i], box.high[i]) for i in box.numbers})
+        spans = ", ".join(f"[{low:g}, {high:g}]" for low, high in bounds[:4]) + (", ..." if len(bounds) > 4 else "")
+        told.append(f"{len(box.numbers)} in {spans}; samples are clipped to it, and bins divide it evenly")
+    if box.choices:
+        sizes = ", ".join(str(box.n_values[i]) for i in box.choices[:8]) + (", ..." if len(box.choices) > 8 else "")
+        told.append(f"{_count(len(box.choices), 'choice')} among {sizes}; each has a softmax over its values")
+    return Finding("actions", "; ".join(told))
 
 
 def _observations(observations: Observations) -> Finding:
-    kind, size = type(observations.space).__name__, observations.size
+    kind, size = type(observations.space).__name__, observations.size - observations.n_mask
+    masked = f", and with each a mask of {_count(observations.n_mask, 'value')}" if observations.n_mask else ""
     shape = f" of shape {observations.space.shape}" if isinstance(observations.space, Box) else ""
     remedy = IMAGE_REMEDY if observations.has_image else ""
-    return Finding("observations", f"{kind}{shape}, seen as a vector of {_count(size, 'number')}", remedy)
+    return Finding("observations", f"{kind}{shape}, seen as a vector of {_count(size, 'number')}{masked}", remedy)
 
 
 def _repeated(found: Repeated) -> Iterator[Finding]:

@@ -4,6 +4,7 @@ import functools
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from galton.algorithms import Agent, Scalars, actor_critic
@@ -23,7 +24,7 @@ def diagnose(agent: Agent, learner: Learner, batch: Transition) -> Scalars:
       the parameters θ of Propositions 1 and 2, all of the actor's but its last bias; and grad_bound, the mean of the
       propositions' bound, which the norm never exceeds. Both on 256 rows of the rollout, evenly spread, or on all if
       there are fewer.
-    - sigma: mean standard deviation of the policy's actions.
+    - sigma: mean standard deviation of the policy's actions, of the numbers among them.
     - edge_share: share of the action entries in the first and last bins; for the Gaussian, of those that were clipped;
       for a density that stays inside the box, of those in its first and last hundredth.
     - explained_variance: of the returns by the critic; 1 is perfect, 0 or less is useless.
@@ -43,9 +44,11 @@ def diagnose(agent: Agent, learner: Learner, batch: Transition) -> Scalars:
         pull = jnp.linalg.norm(agent.loss.bias(distribution), axis=-1)
         of_wide = weight if agent.loss.of_negatives(distribution, action) is None else jnp.maximum(weight, 0.0)
         bias = jnp.abs(of_wide.mean()) * pull.mean()
+    std = distribution.std()
+    std = std[..., np.array(agent.box.numbers, int)] if agent.box.n_values else std
     some = slice(None, None, -(-len(advantage) // _MOST))
     return _propositions(agent, params, observation[some], action[some], weight[some]) | {
-        "sigma": distribution.std().mean(),
+        "sigma": std.mean(),
         "edge_share": distribution.at_edge(action).mean(),
         "explained_variance": 1 - jnp.var(returns - values) / jnp.var(returns),
         "hl_gauss_bias": bias,
@@ -61,13 +64,14 @@ def _propositions(
 ) -> Scalars:
     """The norm of the policy loss's gradient, and the mean of the samples' bounds where the network knows its l."""
     network, actor = agent.network, params["actor"]
+    observation, mask = actor_critic.apart(agent, observation)
 
-    def loss_of(outputs: Array, action: Array, weight: Array) -> Array:
-        distribution = agent.policy.distribution(agent.policy.scaled(outputs), params)
+    def loss_of(outputs: Array, action: Array, weight: Array, mask: Array | None) -> Array:
+        distribution = agent.policy.distribution(actor_critic.policy_outputs(agent, outputs, mask), params)
         return by_sign(weight, agent.loss(distribution, action), agent.loss.of_negatives(distribution, action))
 
     def policy_loss(theta: list[Params]) -> Array:
-        return surrogate(weight, loss_of(network(theta, observation), action, weight))
+        return surrogate(weight, loss_of(network(theta, observation), action, weight, mask))
 
     gradient = jax.grad(policy_loss)(actor)
     gradient[-1]["bias"] = jnp.zeros(())
@@ -75,6 +79,6 @@ def _propositions(
     lipschitz = jax.lax.map(functools.partial(network.lipschitz, actor), observation)  # in turn: it needs much memory
     if lipschitz is None:
         return {"actor_grad_norm": norm}
-    slopes = jax.vmap(jax.grad(loss_of))(network(actor, observation), action, weight)
+    slopes = jax.vmap(jax.grad(loss_of))(network(actor, observation), action, weight, mask)
     bound = jax.vmap(gradient_bound)(weight, lipschitz, network.features(actor, observation), slopes)
     return {"actor_grad_norm": norm, "grad_bound": bound.mean()}

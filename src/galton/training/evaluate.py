@@ -152,7 +152,7 @@ def evaluate(
 
     def step(carry: Carry) -> Carry:
         states, returns, active, t = carry
-        moved = normalization.from_origin(learner.normalizer, jax.vmap(env.observe)(states))
+        moved = normalization.from_origin(learner.normalizer, jax.vmap(task.observe)(states))
         action = deterministic_action(agent, learner, moved)
         states, reward, terminated = jax.vmap(task.step)(states, action, jax.tree.map(lambda x: x[t], noise))
         return states, returns + jnp.where(active, reward, 0.0), active & ~terminated, t + 1

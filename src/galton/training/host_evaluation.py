@@ -9,8 +9,9 @@ from jaxtyping import Float, Integer
 from galton.envs.host.base import HostEnvironments
 from galton.envs.host.carried import carry
 from galton.envs.task import Task
+from galton.parts import Box
 from galton.training.evaluate import copies, play
-from galton.training.yardsticks import N_EPISODES, Bound, Yardsticks, yardsticks
+from galton.training.yardsticks import N_EPISODES, Yardsticks, yardsticks
 
 
 class Evaluator:
@@ -47,10 +48,10 @@ class Evaluator:
             carry(trained[copy], at_first[copy], layers)
         return play(self._task.name, envs, seeds, act, len(seeds))
 
-    def yardsticks(self, low: Bound, high: Bound) -> Yardsticks:
+    def yardsticks(self, box: Box) -> Yardsticks:
         """The returns of doing nothing and of random actions on these copies."""
         envs = self.make(self._n_episodes or N_EPISODES)
-        return yardsticks(self._task.name, envs, self._n_runs * self._n_episodes, low, high)
+        return yardsticks(self._task.name, envs, self._n_runs * self._n_episodes, box)
 
     def close(self) -> None:
         """Close the copies, if there are any."""

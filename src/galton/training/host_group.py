@@ -67,7 +67,8 @@ class Group:
         self._start(self.environments.reset(_environment_seeds(self._seeds, self._shape[1], 0)))
         self._at_first = [plain_data(layers) for layers in self.environments.layers]
         if self._agent.rollout.normalize_observation:
-            origin = self._place(self._observation[:, 0].astype(np.float32))
+            n_in = self._sizes[0] - self._agent.box.n_mask
+            origin = self._place(self._observation[:, 0, :n_in].astype(np.float32))
             learner = self.runs.learner._replace(normalizer=self.runs.learner.normalizer._replace(origin=origin))
             self.runs = self.runs._replace(learner=learner)
             self.runs = self._programs.observe(self.runs, self._from_origin(self._observation))
@@ -199,7 +200,7 @@ class Group:
 
     def yardsticks(self) -> Yardsticks:
         """The returns of doing nothing and of random actions, on the copies that evaluation plays on."""
-        return self.evaluator.yardsticks(self._agent.low, self._agent.high)
+        return self.evaluator.yardsticks(self._agent.box)
 
     def put(self, learner: Learner) -> None:
         """Go on with something else learnt, each leaf `[P, ...]`."""

@@ -90,13 +90,13 @@ _STEPS_DRAWN = 2048
 
 def begin_on_device(task: JaxTask, agent: Agent, seed: UInt[Array, ""]) -> DeviceState:
     """A new run at the start of its first episodes; the statistics have counted their observations."""
-    run, episodes_key = begin(agent, len(task.record.observation_low), seed)
+    run, episodes_key = begin(agent, task.observations.size, seed)
     n_envs = agent.rollout.n_envs
     before = nothing_before(agent.policy, (n_envs,), agent.rollout.noise_correlation)
     episodes = start_episodes(episodes_key, task, n_envs)._replace(noise=before)
     if agent.rollout.resets == "first":
         episodes = episodes._replace(first=episodes.env)
-    first = jax.vmap(task.record.observe)(episodes.env)
+    first = jax.vmap(task.observe)(episodes.env)
     learner = run.learner._replace(normalizer=normalization.begin(run.learner.normalizer, first))
     return DeviceState(run._replace(learner=learner), episodes)
 
@@ -187,7 +187,7 @@ class DevicePopulation:
 
     def yardsticks(self) -> Yardsticks:
         """The returns of doing nothing and of random actions."""
-        return yardsticks_on(self._task, self._agent.low, self._agent.high)
+        return yardsticks_on(self._task, self._agent.box)
 
     def put(self, learner: Learner) -> None:
         """Go on with something else learnt, each leaf `[R, ...]`, also where a run had diverged."""

@@ -1,7 +1,7 @@
 """Steps of N environments in pure JAX under one policy, as one scan."""
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -9,7 +9,6 @@ from jaxtyping import Array, Bool, Float, Int, Key, PyTree
 
 from galton import normalization
 from galton.algorithms import Agent, Rollout, actor_critic
-from galton.envs.base import Environment
 from galton.envs.jax_task import JaxTask
 from galton.policies.correlation import continued
 from galton.training.log import Finished
@@ -60,7 +59,7 @@ def draw_noise(key: Key[Array, ""], task: JaxTask, agent: Agent) -> Noise:
     )
 
 
-def _fresh_states(key: Key[Array, ""], env: Environment, rollout: Rollout) -> PyTree[Array]:
+def _fresh_states(key: Key[Array, ""], env: Any, rollout: Rollout) -> PyTree[Array]:
     if rollout.resets == "first":
         return ()
     if rollout.resets == "pool":
@@ -95,7 +94,7 @@ def rollout(
     env, (noise, beginning) = task.record, _beginnings(noise, agent.rollout)
 
     def observed(normalizer: normalization.Normalizer, states: PyTree[Array]) -> Array:
-        return normalization.from_origin(normalizer, jax.vmap(env.observe)(states))
+        return normalization.from_origin(normalizer, jax.vmap(task.observe)(states))
 
     def step(carry: Carry, noise: Noise) -> tuple[Carry, tuple[Transition, Finished]]:
         episodes, normalizer = carry

@@ -21,7 +21,7 @@ def check_size(task: Task, agent: Agent, n_runs: int, n_eval_episodes: int = 0) 
     """Raise UsageError where this process can't have the memory that training would need, and say what to lower."""
     outside, room = not isinstance(task, JaxTask), memory()
     n_envs, n_steps = agent.rollout.n_envs, agent.rollout.n_steps
-    d, o = len(task.actions.low), task.observations.size
+    d, o = len(task.actions.box.low), task.observations.size
     step = 4 * (2 * o + d + 1)
     numbers = _n_parameters(agent.network, o, d, of_critic=False) + _n_parameters(agent.network, o, 1, of_critic=True)
     parts = {

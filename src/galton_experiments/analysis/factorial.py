@@ -163,7 +163,7 @@ def _above(
     return np.einsum("bmkst,bks,bkt->bmk", pairs, weights, weights, optimize=True)
 
 
-def _pairs(ours: Float[np.ndarray, "*any s"], theirs: Float[np.ndarray, "*any t"]) -> Float[np.ndarray, "*any s t"]:
+def _pairs(ours: Float[np.ndarray, "*#any s"], theirs: Float[np.ndarray, "*#any t"]) -> Float[np.ndarray, "*any s t"]:
     """Compare each of ours with each of theirs: 1 if ours is above, ½ for a tie, or 0."""
     a, b = ours[..., :, None], theirs[..., None, :]
     return np.asarray((a > b) + 0.5 * (a == b))

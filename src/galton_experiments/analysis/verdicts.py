@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from typing import NamedTuple, Protocol, TypeVar
+from typing import NamedTuple, Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 
@@ -13,6 +13,7 @@ WORDS = {"✓": "better", "✗": "worse", "≈": "no clear difference", "?": "to
 _Key = TypeVar("_Key")
 
 
+@runtime_checkable
 class Decidable(Protocol):
     """A Comparison can be decided, or anything with its test and its direction."""
 

@@ -11,7 +11,7 @@ from galton_experiments.benchmark.protocol import Protocol
 from galton_experiments.benchmark.runs import Runs
 from galton_experiments.benchmark.selection import Judged, normalised
 
-Times = Mapping[str, Mapping[str, float]]
+Times = Mapping[str, Mapping[str, int | float]]
 """The time of a step as a multiple of the baseline's, by method and task."""
 
 
@@ -27,7 +27,7 @@ class Answers(NamedTuple):
 
 
 def answers(
-    protocol: Protocol, runs: Sequence[Runs], scores: Judged, speeds: Mapping[str, Mapping[str, float]]
+    protocol: Protocol, runs: Sequence[Runs], scores: Judged, speeds: Mapping[str, Mapping[str, int | float]]
 ) -> Answers:
     """Compare the methods of a factorial benchmark by its runs.
 
@@ -55,7 +55,7 @@ def stacked(scores: Judged, names: Sequence[str]) -> Float[np.ndarray, "methods 
     return np.array([[of_method[name] for of_method in scores.values()] for name in names]).swapaxes(1, 2)
 
 
-def _times(protocol: Protocol, speeds: Mapping[str, Mapping[str, float]]) -> Times:
+def _times(protocol: Protocol, speeds: Mapping[str, Mapping[str, int | float]]) -> Times:
     """Return the relative time of a step, as the file has it or by the speed of the runs."""
     base, found = protocol.baseline.name, {}
     known = {task.name for task in protocol.tasks} <= {*speeds}

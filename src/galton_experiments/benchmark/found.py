@@ -27,7 +27,7 @@ class Found:
     """The runs of the first stage, one for each task."""
     later: Mapping[Stage, Sequence[Runs]] = dataclasses.field(default_factory=dict)
     """Those of the later stages that are done, by stage."""
-    speeds: Mapping[str, Mapping[str, float]] = dataclasses.field(default_factory=dict)
+    speeds: Mapping[str, Mapping[str, int | float]] = dataclasses.field(default_factory=dict)
     """Steps a second of the first stage, by task and method, as far as the folder knows them."""
 
     @property

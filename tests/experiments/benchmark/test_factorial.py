@@ -54,7 +54,7 @@ def test_it_has_one_stage_with_every_draw_on_every_task():
     assert [(part.name, part.trials, len(part.entries)) for part in parts] == [
         (f"tuning-{task}", 2, 12) for task in ("bandit", "noisy", "four")
     ]
-    assert stages.afterwards(KNOWN, draws(KNOWN), None) == []
+    assert stages.afterwards(KNOWN, draws(KNOWN), found(3.0).selected) == []
 
 
 def test_a_method_whose_step_takes_twice_as_long_is_read_at_half_of_its_steps():
@@ -71,7 +71,7 @@ def test_a_method_whose_step_takes_twice_as_long_is_read_at_half_of_its_steps():
 
 def test_a_run_that_diverges_after_it_is_read_counts():
     runs = found(0.0, diverged_at=70).tuning[0]
-    assert np.isnan(runs.finals_at("ppo", 1, 0.1)).all()
+    assert np.isnan(runs.finals_at("ppo", 1.0, 0.1)).all()
     assert np.isfinite(runs.finals_at("ppo", 0.5, 0.1)).all()
     assert np.isnan(runs.finals_at("ppo", 0.8, 0.1)).all()
 

@@ -1,6 +1,7 @@
 """A Gymnasium environment: copies of it, stepped one after the other, every answer checked."""
 
 import contextlib
+import dataclasses
 import functools
 import sys
 import weakref
@@ -11,7 +12,8 @@ import gymnasium
 import numpy as np
 from jaxtyping import Float, Integer
 
-from galton.envs.host.action_box import ActionBox
+from galton.envs.host import masks
+from galton.envs.host.actions import Actions
 from galton.envs.host.answers import (
     FAULTS,
     LARGEST,
@@ -63,8 +65,11 @@ class GymnasiumTask:
             self.name = type(first.unwrapped).__name__
         self._by_id = isinstance(source, str)
         with self._closing_at_failure([first]):
-            self.actions = ActionBox(self.name, first.action_space, action_scale)
-            self.observations = Observations(self.name, first.observation_space)
+            self.actions = Actions(self.name, first.action_space, action_scale)
+            mask = masks.first_of(self.name, first, self.actions.box)
+            n_mask = 0 if mask is None else masks.n_entries(self.name, mask, self.actions.box)
+            self.actions = dataclasses.replace(self.actions, n_mask=n_mask)
+            self.observations = Observations(self.name, first.observation_space, n_mask)
         self._spare.append(first)
         if self._given is None:  # one that nobody came to need
             weakref.finalize(self, _close, self._spare).atexit = False
@@ -154,21 +159,25 @@ class GymnasiumEnvs:
         """Act, and reset where an episode ended."""
         self._n_steps += 1
         n = len(self._envs)
-        final = np.empty((n, self._observations.size), self._observations.dtype)
+        final = np.ones((n, self._observations.size), self._observations.dtype)
+        own = self._observations.size - self._observations.n_mask
         reward, terminated, truncated = np.empty(n, np.float32), np.empty(n, bool), np.empty(n, bool)
         raw: list[np.ndarray] = []
         following = final
         actions = self._actions.to_env(action)
         for i in range(n):
             where = self._where(i)
-            observed, earned, ends, late, _ = self._step(i, actions[i, ...], where)  # of a box without axes, an array
+            observed, earned, ends, late, info = self._step(i, self._actions.one(actions, i), where)
             raw.append(self._observations.numbers(observed, where))
             with np.errstate(over="ignore", invalid="ignore"):  # looked at below
-                final[i] = raw[i].ravel()
+                final[i, :own] = raw[i].ravel()
             reward[i] = one_number(earned, "the reward", where)
             terminated[i] = one_flag(ends, "terminated", where)
             truncated[i] = one_flag(late, "truncated", where)
-            if terminated[i] or truncated[i]:
+            over = terminated[i] or truncated[i]
+            if own < final.shape[1] and not over:
+                final[i, own:] = self._mask(i, info, where)
+            if over:
                 following = final.copy() if following is final else following
                 following[i] = self._reset(i, None)
             elif following is not final:
@@ -199,7 +208,7 @@ class GymnasiumEnvs:
         """Close what Galton made; an environment that the user gave stays open."""
         self._close()
 
-    def _step(self, i: int, action: np.ndarray, where: str) -> tuple[object, ...]:
+    def _step(self, i: int, action: Any, where: str) -> tuple[object, ...]:
         try:  # `blame` does the same, more slowly
             answer = self._envs[i].step(action)
         except FAULTS as error:
@@ -210,7 +219,12 @@ class GymnasiumEnvs:
         where = self._where(i)
         with blame(f"{where}: reset"):
             answer = self._envs[i].reset(seed=seed) if seed is not None else self._envs[i].reset()
-        return self._observations.flatten(parts(answer, "observation, info", "reset", where)[0], f"{where}: reset")
+        observed, info = parts(answer, "observation, info", "reset", where)
+        row = self._observations.flatten(observed, f"{where}: reset")
+        return np.append(row, self._mask(i, info, where).astype(row.dtype)) if self._actions.n_mask else row
+
+    def _mask(self, i: int, info: object, where: str) -> Float[np.ndarray, " n_mask"]:
+        return masks.checked(masks.of_one(self._envs[i], info, where), self._actions.box, where)
 
     def _where(self, i: int) -> str:
         return f"{self._name}, copy {i}, step {self._n_steps}"

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, Integer
 
 from galton.devices import n_cores
-from galton.envs.host.action_box import ActionBox
+from galton.envs.host.actions import Actions
 from galton.envs.host.answers import as_float32, try_to_make
 from galton.envs.host.base import Steps
 from galton.envs.host.moves import Moves
@@ -31,7 +31,7 @@ class MujocoTask:
         self.constants: Constants = made.unwrapped
         assert made.spec is not None
         self.max_episode_steps = made.spec.max_episode_steps
-        self.actions = ActionBox(name, made.action_space, action_scale)
+        self.actions = Actions(name, made.action_space, action_scale)
         self.observations = Observations(name, made.observation_space)
 
     def make(self, n_copies: int, n_threads: int = 1) -> "MujocoEnvs":

@@ -28,6 +28,8 @@ class Observations:
 
     name: str
     space: Space
+    n_mask: int = 0
+    """The entries of an action mask, which follow the observation's own in a vector."""
 
     def __post_init__(self) -> None:
         remedy = "wrap the environment so that it observes a Box, or a Dict or Tuple of them"
@@ -42,7 +44,7 @@ class Observations:
     @functools.cached_property
     def size(self) -> int:
         """The number of entries of the flat vector."""
-        return int(flatdim(self.space))
+        return int(flatdim(self.space)) + self.n_mask
 
     @property
     def has_image(self) -> bool:
@@ -83,15 +85,31 @@ class Observations:
                 f"{where}: the observation is {shown(raw)}, which the space {self.space} can't hold: {error!r}"
             ) from error
 
-    def rows(self, observation: object) -> tuple[Float[np.ndarray, "n o"], bool]:
-        """One observation or a batch of them as rows, and whether it was one; UsageError for anything else."""
+    def rows(self, observation: object, masks: object = None) -> tuple[Float[np.ndarray, "n o"], bool]:
+        """One observation or a batch of them as rows, and whether it was one; UsageError for anything else.
+
+        Masks follow their observations; without any, all values are allowed.
+        """
+        rows, single = self._rows(observation)
+        if not self.n_mask:
+            require(masks is None, "action_masks are given, and the environment that the model was made on has none")
+            return rows, single
+        allowed = as_numbers(np.ones((len(rows), self.n_mask)) if masks is None else masks)
+        fits = allowed is not None and allowed.size == len(rows) * self.n_mask and np.isin(allowed, (0, 1)).all()
+        require(
+            fits, f"action_masks is {shown(masks)}; it must be {self.n_mask} of True and False for each observation"
+        )
+        assert allowed is not None
+        return np.concatenate([rows, allowed.reshape(len(rows), -1).astype(rows.dtype)], -1), single
+
+    def _rows(self, observation: object) -> tuple[Float[np.ndarray, "n o"], bool]:
         try:
             if isinstance(self.space, Box):
                 values = np.asarray(observation)
                 single = values.shape == self.space.shape
                 require(single or values.shape[1:] == self.space.shape, f"its shape is {values.shape}")
                 require(values.dtype.kind in "fiub", f"its type is {values.dtype}")
-                return self.checked(values, "it", "predict").reshape(-1, self.size), single
+                return self.checked(values, "it", "predict").reshape(-1, self.size - self.n_mask), single
             found = list(_parts(observation, self.space))
             single = np.ndim(found[0][0]) == len(found[0][1].shape or ())
             if not single:

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from gymnasium.spaces import Box, Dict, Discrete, MultiBinary, MultiDiscrete, Tuple
 
+from galton.envs.host.actions import Actions
 from galton.envs.host.base import Space
 from galton.errors import UsageError
 
@@ -30,12 +31,26 @@ def to_json(space: Space) -> dict[str, object]:
     raise UsageError(f"a space of type {type(space).__name__} can't be saved")
 
 
+def actions_to_json(actions: Actions) -> dict[str, object]:
+    """An action space, and beside it the number of entries of its masks where it has any."""
+    record = to_json(actions.space)
+    return {"Masked": [actions.n_mask, record]} if actions.n_mask else record
+
+
+def actions_from_json(name: str, record: dict[str, Any]) -> Actions:
+    """The actions that `actions_to_json` described; errors call them by this name."""
+    n_mask, record = record.get("Masked", (0, record))
+    return Actions(name, from_json(record), n_mask=n_mask)
+
+
 def n_entries(record: dict[str, Any]) -> int:
     """The Boxes that `to_json` described have so many entries."""
     ((kind, content),) = record.items()
     if kind in ("Dict", "Tuple"):
         return sum(n_entries(part[1] if kind == "Dict" else part) for part in content)
-    return abs(math.prod(content[2])) if kind == "Box" else 0
+    if kind == "Masked":
+        return n_entries(content[1])
+    return abs(math.prod(content[2])) if kind == "Box" else int(np.prod(content)) if kind == "MultiBinary" else 0
 
 
 def from_json(record: dict[str, Any]) -> Space:

@@ -1,5 +1,6 @@
 """Vector environments that the user made, Gymnasium's and Stable-Baselines3's, every answer checked."""
 
+import dataclasses
 import warnings
 from collections.abc import Callable
 from typing import Any
@@ -11,7 +12,8 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space, iterate
 from jaxtyping import Bool, Float, Integer
 
-from galton.envs.host.action_box import ActionBox
+from galton.envs.host import masks
+from galton.envs.host.actions import Actions
 from galton.envs.host.answers import as_float32, as_numbers, blame, parts, shown
 from galton.envs.host.base import Steps
 from galton.envs.host.carried import layers_of_copies
@@ -46,7 +48,13 @@ class VectorTask:
             )
         kind = "single_" if isinstance(source, VectorEnv) else ""
         spaces: list[Any] = [getattr(source, f"{kind}{name}_space", None) for name in ("action", "observation")]
-        self.actions, self.observations = ActionBox(self.name, spaces[0]), Observations(self.name, spaces[1])
+        self.actions = Actions(self.name, spaces[0])
+        self.observations = Observations(self.name, spaces[1])
+        first = VectorEnvs(self).first_mask() if self.actions.box.choices or _has_method(source) else None
+        if first is not None:
+            n_mask = masks.n_entries(self.name, first, self.actions.box)
+            self.actions = dataclasses.replace(self.actions, n_mask=n_mask)
+            self.observations = dataclasses.replace(self.observations, n_mask=n_mask)
 
     def make(self, n_copies: int, n_threads: int = 1) -> "VectorEnvs":
         """The vector environment itself, which has as many copies as it has."""
@@ -77,6 +85,11 @@ class VectorEnvs:
         not, or after the warning."""
 
     @property
+    def reset_infos(self) -> Any:
+        """The infos of an SB3 VecEnv's last resets."""
+        return getattr(self._envs, "reset_infos", [{}] * self._envs.num_envs)
+
+    @property
     def layers(self) -> list[list[Any]]:
         """For each copy the wrappers around all of them, and its own where it lives in this process."""
         return layers_of_copies(self._envs)
@@ -84,13 +97,30 @@ class VectorEnvs:
     def reset(self, seeds: Integer[np.ndarray, " M"]) -> Float[np.ndarray, "M o"]:
         """Begin an episode in every copy."""
         self._n_steps = 0
-        self._observation = self.rows(self._reset(self, [int(seed) for seed in seeds]))
+        raw, infos = self._reset(self, [int(seed) for seed in seeds])
+        self._observation = self._with_masks(self.rows(raw), infos)
         return self._observation
+
+    def first_mask(self) -> object:
+        """The mask of the first copy after a reset, or None."""
+        _, infos = self._reset(self, list(range(self._envs.num_envs)))
+        told = _masks(self._envs, infos)
+        return None if told is None else told[0]
+
+    def _with_masks(self, rows: Float[np.ndarray, "M n"], infos: Any = None) -> Float[np.ndarray, "M o"]:
+        """The observations, and behind each its mask where the environment tells masks; else all is allowed."""
+        if not self._actions.n_mask:
+            return rows
+        told = np.ones((len(rows), self._actions.n_mask)) if infos is None else _masks(self._envs, infos)
+        own = [masks.checked(one, self._actions.box, self._where(i)) for i, one in enumerate(told)]
+        return np.concatenate([rows, np.stack(own).astype(rows.dtype)], -1)
 
     def step(self, action: Float[np.ndarray, "M d"]) -> Steps:
         """Act; the environment resets itself."""
         self._n_steps += 1
-        steps = self._step(self, self._actions.to_env(action))
+        steps, infos = self._step(self, self._actions.to_env(action))
+        following, final = self._with_masks(steps.observation, infos), self._with_masks(steps.final_observation)
+        steps = steps._replace(observation=following, final_observation=final)
         self._look_for_aliases(steps)
         self._observation = steps.observation
         return steps
@@ -196,13 +226,33 @@ class VectorEnvs:
         return f"{self._name}{which}, step {self._n_steps}"
 
 
-def reset_gymnasium(envs: VectorEnvs, seeds: list[int]) -> object:
-    """Begin episodes in a gymnasium.vector.VectorEnv."""
-    return envs.call_for("observations, infos", "reset", seed=seeds)[0]
+def _has_method(source: Any) -> bool:
+    """Say whether the copies of a vector environment have a method `action_masks`."""
+    if isinstance(source, VectorEnv):
+        copies: Any = source.unwrapped
+        return all(copies.call("has_wrapper_attr", masks.METHOD)) if hasattr(copies, "call") else False
+    return bool(source.has_attr(masks.METHOD))
 
 
-def step_gymnasium(envs: VectorEnvs, action: np.ndarray) -> Steps:
-    """Step a gymnasium.vector.VectorEnv in SAME_STEP mode."""
+def _masks(source: Any, infos: Any) -> Any:
+    """The masks of all copies in their present states; None if they tell none."""
+    if _has_method(source):
+        vector = isinstance(source, VectorEnv)
+        return source.unwrapped.call(masks.METHOD) if vector else source.env_method(masks.METHOD)
+    if isinstance(infos, dict):
+        return infos.get(masks.KEY)
+    told = [info.get(masks.KEY) for info in infos]
+    return told if all(one is not None for one in told) else None
+
+
+def reset_gymnasium(envs: VectorEnvs, seeds: list[int]) -> tuple[object, Any]:
+    """Begin episodes in a gymnasium.vector.VectorEnv: what it observes, and its infos."""
+    observations, infos = envs.call_for("observations, infos", "reset", seed=seeds)
+    return observations, infos
+
+
+def step_gymnasium(envs: VectorEnvs, action: Any) -> tuple[Steps, Any]:
+    """Step a gymnasium.vector.VectorEnv in SAME_STEP mode; its infos are those of the states that follow."""
     raw, rewards, terminations, truncations, infos = envs.call_for(
         "observations, rewards, terminations, truncations, infos", "step", action
     )
@@ -211,16 +261,17 @@ def step_gymnasium(envs: VectorEnvs, action: np.ndarray) -> Steps:
     truncated = envs.flags(truncations, "truncated")
     key, listed = "final_obs", isinstance(infos, list)  # as DictInfoToList makes it
     final = envs.last_rows(following, terminated | truncated, lambda i: infos[i][key] if listed else infos[key][i], key)
-    return Steps(following, final, envs.numbers(rewards, "the reward"), terminated, truncated & ~terminated)
+    steps = Steps(following, final, envs.numbers(rewards, "the reward"), terminated, truncated & ~terminated)
+    return steps, infos
 
 
-def reset_sb3(envs: VectorEnvs, seeds: list[int]) -> object:
+def reset_sb3(envs: VectorEnvs, seeds: list[int]) -> tuple[object, Any]:
     """Begin episodes in an SB3 VecEnv, which numbers the copies' seeds on from the first."""
     envs.call("seed", seeds[0])
-    return envs.call("reset")
+    return envs.call("reset"), envs.reset_infos
 
 
-def step_sb3(envs: VectorEnvs, action: np.ndarray) -> Steps:
+def step_sb3(envs: VectorEnvs, action: Any) -> tuple[Steps, Any]:
     """Step an SB3 VecEnv, whose infos tell time limits from terminations."""
     raw, rewards, dones, infos = envs.call_for("observations, rewards, dones, infos", "step", action)
     following = envs.rows(raw)
@@ -228,7 +279,8 @@ def step_sb3(envs: VectorEnvs, action: np.ndarray) -> Steps:
     key = "terminal_observation"
     final = envs.last_rows(following, done, lambda i: infos[i][key], key)
     truncated = np.array([ended and bool(infos[i].get("TimeLimit.truncated")) for i, ended in enumerate(done)])
-    return Steps(following, final, envs.numbers(rewards, "the reward"), done & ~truncated, truncated)
+    now = [again if ended else info for ended, info, again in zip(done, infos, envs.reset_infos, strict=True)]
+    return Steps(following, final, envs.numbers(rewards, "the reward"), done & ~truncated, truncated), now
 
 
 def _are_flags(array: np.ndarray) -> bool:
