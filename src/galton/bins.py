@@ -114,6 +114,14 @@ class Bins:
         return (action < self.edges[:, 1]) | (action >= self.edges[:, -2])
 
 
+def stacked(rows: Sequence[Float[Array, "*batch n"]], k: int, filling: float) -> Float[Array, "*batch d k"]:
+    """One row for each of d dimensions, those that are shorter than k filled up behind."""
+    widths = [[(0, 0)] * (row.ndim - 1) + [(0, k - row.shape[-1])] for row in rows]
+    return jnp.stack(
+        [jnp.pad(row, width, constant_values=filling) for row, width in zip(rows, widths, strict=True)], -2
+    )
+
+
 class UnevenBins(Bins):
     """The bins of dimensions that do not look alike: numbers that are cut into bins, beside choices.
 
@@ -128,7 +136,7 @@ class UnevenBins(Bins):
     sizes: tuple[int, ...]
     """The number of bins in each dimension."""
     valid: Bool[np.ndarray, "d k"]
-    """False for padding."""
+    """True for places in the arrays that are bins, False for padding."""
     is_choice: Bool[np.ndarray, " d"]
     """True for dimensions that are choices, whether or not their values have an order."""
     dimensions: tuple[Bins | tuple[float, int], ...]

@@ -15,7 +15,7 @@ from jax.nn import log_softmax, one_hot
 from jaxtyping import Array, Float, Int
 
 from galton import targets
-from galton.bins import Bins, UnevenBins
+from galton.bins import Bins, UnevenBins, stacked
 from galton.errors import require, unknown
 from galton.parts import Part, unusual
 from galton.policies.base import Distribution, Family
@@ -237,12 +237,7 @@ class HLGauss(Loss):
             of_choice(part[1], i) if isinstance(part, tuple) else of_number(part, i, widths[i])
             for i, part in enumerate(parts)
         ]
-        return jnp.stack([_widened(each, bins.n_bins) for each in found], -2)
-
-
-def _widened(weights: Float[Array, "*batch n"], k: int) -> Float[Array, "*batch k"]:
-    """The same, with zeros behind them."""
-    return jnp.pad(weights, [(0, 0)] * (weights.ndim - 1) + [(0, k - weights.shape[-1])])
+        return stacked(found, bins.n_bins, 0.0)
 
 
 class HLGaussCentred(HLGauss):

@@ -12,7 +12,7 @@ from jaxtyping import Array, Bool, Float, Key, PyTree
 from galton import normalization
 from galton.algorithms.base import Agent, Scalars
 from galton.losses import surrogate
-from galton.policies import Distribution, MovesOutputs
+from galton.policies import Distribution, Maskable, MovesOutputs
 from galton.returns import gae
 from galton.types import Learner, Params, Transition
 
@@ -44,7 +44,7 @@ def distribution(agent: Agent, params: Params, observation: Float[Array, "*batch
 def apart(
     agent: Agent, observation: Float[Array, "*batch o"]
 ) -> tuple[Float[Array, "*batch n"], Float[Array, "*batch m"] | None]:
-    """What the networks see of observations, and the action masks behind that; None where there are none."""
+    """The networks see the first part of observations; the second is their action masks, None where there are none."""
     n_mask = agent.box.n_mask
     return (observation[..., :-n_mask], observation[..., -n_mask:]) if n_mask else (observation, None)
 
@@ -54,7 +54,10 @@ def policy_outputs(
 ) -> Float[Array, "*batch n_outputs"]:
     """The network's outputs as the policy takes them: scaled, and far below 0 for values that a mask forbids."""
     scaled = agent.policy.scaled(outputs)
-    return scaled if mask is None else agent.policy.masked(scaled, mask)
+    if mask is None:
+        return scaled
+    assert isinstance(agent.policy, Maskable)
+    return agent.policy.masked(scaled, mask)
 
 
 def act(

@@ -106,10 +106,8 @@ def main(arguments: Sequence[str]) -> None:
             model.num_timesteps < steps,
             f"steps is {steps}, which the run in {out} has reached; name more to go on with it",
         )
-        record.start, record.show = (
-            model.num_timesteps,
-            follow(f"{label if model.agent.box.numbers else 'Softmax'} on {options.env}", steps, 1),
-        )
+        head = label if model.agent.box.numbers else "Softmax"
+        record.start, record.show = model.num_timesteps, follow(f"{head} on {options.env}", steps, 1)
         _learn(model, options, record)
     last = known(out / METRICS) | ({} if options.training.eval_episodes else {"eval/mean_reward": math.nan})
     training_return, evaluation_return, speed = (

@@ -61,7 +61,7 @@ class JaxTask:
 
     @property
     def actions(self) -> Actions:
-        """The box that policies act in."""
+        """The actions that policies take, as the environment has them and as a vector."""
         own = getattr(self.record, "action_space", None)
         if own is None:
             own = Box(self.record.action_low, self.record.action_high)

@@ -22,7 +22,7 @@ class Task(Protocol):
 
     @property
     def actions(self) -> Actions:
-        """The box that policies act in."""
+        """The actions that policies take, as the environment has them and as a vector."""
 
     @property
     def observations(self) -> Observations:

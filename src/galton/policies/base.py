@@ -89,12 +89,6 @@ class Policy(Part, abc.ABC):
         """The network's outputs times `head_scale`, which is what `distribution` takes."""
         return outputs if self.head_scale is None else self.head_scale * outputs
 
-    def masked(
-        self, outputs: Float[Array, "*batch n_outputs"], mask: Float[Array, "*batch m"]
-    ) -> Float[Array, "*batch n_outputs"]:
-        """The outputs where a mask forbids some values, which then have no probability."""
-        raise NotImplementedError
-
     def head_rates(self, distribution: Any) -> Float[Array, " n_outputs"] | None:
         """The learning rate of the last layer is multiplied by this number for each output; None: it is the others'."""
         del distribution
@@ -153,6 +147,16 @@ class MovesOutputs(Protocol):
 
     def moved(self, outputs: Float[Array, "*batch n_outputs"], key: Key[Array, ""]) -> Float[Array, "*batch n_outputs"]:
         """The outputs as an update is to see them this time."""
+
+
+@runtime_checkable
+class Maskable(Protocol):
+    """A policy that can leave values out in some states, as the masks of an environment tell."""
+
+    def masked(
+        self, outputs: Float[Array, "*batch n_outputs"], mask: Float[Array, "*batch m"]
+    ) -> Float[Array, "*batch n_outputs"]:
+        """The outputs where a mask forbids some values, which then have no probability."""
 
 
 @runtime_checkable

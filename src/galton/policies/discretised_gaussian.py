@@ -46,7 +46,7 @@ class Bell(NamedTuple):
 
 
 class Sums(NamedTuple):
-    """What the bins add up to where each has the weight exp(−e / 2), see `Bell.excess`."""
+    """The bins add up to these numbers where each has the weight exp(−e / 2), see `Bell.excess`."""
 
     log_total: Array
     """The logarithm of the sum of all weights, `[*batch, d]`."""
@@ -88,7 +88,7 @@ class DiscretisedGaussian(Histogram):
     """Π_l softmax(logits_l) with a Gaussian's logits; few sums over the bins tell what a loss needs of them."""
 
     bell: Bell = dataclasses.field(kw_only=True)
-    """The Gaussian."""
+    """The Gaussian whose logits these are, and the centers in its units."""
 
     @functools.cached_property
     def sums(self) -> Sums:

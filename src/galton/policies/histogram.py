@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int, Key
 
 from galton import targets
-from galton.bins import Bins, UnevenBins
+from galton.bins import Bins, UnevenBins, stacked
 from galton.errors import require
 from galton.fields import AtLeast
 from galton.parts import Box
@@ -320,8 +320,7 @@ class HistogramPolicy(BinnedPolicy):
         if not isinstance(self.bins, UnevenBins):
             return outputs.reshape(*outputs.shape[:-1], *self.bins.centers.shape)
         found = jnp.split(outputs, np.cumsum(self.sizes)[:-1], -1)
-        widths = [[(0, 0)] * (outputs.ndim - 1) + [(0, self.bins.n_bins - size)] for size in self.sizes]
-        return jnp.stack([jnp.pad(*each, constant_values=NOWHERE) for each in zip(found, widths, strict=True)], -2)
+        return stacked(found, self.bins.n_bins, NOWHERE)
 
 
 @functools.lru_cache(maxsize=256)

@@ -70,7 +70,7 @@ class MixedPolicy(Policy):
     numbers: Policy = HistogramPolicy()
     """The head of the numbers; it has no box where all entries are choices."""
     of_choices: HistogramPolicy = HistogramPolicy()
-    """The softmaxes."""
+    """The softmaxes over the values of the choices, on a box of these alone."""
 
     @property
     def family(self) -> Family:  # type: ignore[override]
@@ -104,7 +104,7 @@ class MixedPolicy(Policy):
 
     @property
     def n_outputs(self) -> int:
-        """The parts' outputs."""
+        """The outputs of the numbers' head, and a logit for each value of each choice."""
         return sum(part.n_outputs for part, _ in self._parts)
 
     def init(self) -> tuple[Float[Array, " n_outputs"], Params]:
@@ -114,7 +114,7 @@ class MixedPolicy(Policy):
 
     @property
     def noise_marginals(self) -> tuple[PyTree[str], ...]:
-        """Those of each part."""
+        """The marginals of the numbers' noise where there are numbers, and of the choices'."""
         found: tuple[PyTree[str], ...] = tuple(getattr(part, "noise_marginals") for part, _ in self._parts)  # noqa: B009
         return found
 

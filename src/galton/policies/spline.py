@@ -36,7 +36,7 @@ class Spline:
     """
 
     coefficients: Float[Array, "*batch d n"]
-    """Those of the B-splines that add up to the logarithm of the density at the nodes, up to a constant."""
+    """The coefficients of the B-splines that add up to the log-density at the nodes, up to a constant."""
     low: Float[np.ndarray, " d"]
     high: Float[np.ndarray, " d"]
     rule: Literal["mode", "mean"] = "mode"

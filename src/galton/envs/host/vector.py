@@ -1,6 +1,7 @@
 """Vector environments that the user made, Gymnasium's and Stable-Baselines3's, every answer checked."""
 
 import dataclasses
+import functools
 import warnings
 from collections.abc import Callable
 from typing import Any
@@ -104,14 +105,28 @@ class VectorEnvs:
     def first_mask(self) -> object:
         """The mask of the first copy after a reset, or None."""
         _, infos = self._reset(self, list(range(self._envs.num_envs)))
-        told = _masks(self._envs, infos)
+        told = self._masks(infos)
         return None if told is None else told[0]
+
+    @functools.cached_property
+    def _has_method(self) -> bool:
+        return _has_method(self._envs)
+
+    def _masks(self, infos: Any) -> Any:
+        """The masks of all copies in their present states; None if they tell none."""
+        if self._has_method:
+            vector = isinstance(self._envs, VectorEnv)
+            return self._envs.unwrapped.call(masks.METHOD) if vector else self._envs.env_method(masks.METHOD)
+        if isinstance(infos, dict):
+            return infos.get(masks.KEY)
+        told = [info.get(masks.KEY) for info in infos]
+        return told if all(one is not None for one in told) else None
 
     def _with_masks(self, rows: Float[np.ndarray, "M n"], infos: Any = None) -> Float[np.ndarray, "M o"]:
         """The observations, and behind each its mask where the environment tells masks; else all is allowed."""
         if not self._actions.n_mask:
             return rows
-        told = np.ones((len(rows), self._actions.n_mask)) if infos is None else _masks(self._envs, infos)
+        told = np.ones((len(rows), self._actions.n_mask)) if infos is None else self._masks(infos)
         own = [masks.checked(one, self._actions.box, self._where(i)) for i, one in enumerate(told)]
         return np.concatenate([rows, np.stack(own).astype(rows.dtype)], -1)
 
@@ -232,17 +247,6 @@ def _has_method(source: Any) -> bool:
         copies: Any = source.unwrapped
         return all(copies.call("has_wrapper_attr", masks.METHOD)) if hasattr(copies, "call") else False
     return bool(source.has_attr(masks.METHOD))
-
-
-def _masks(source: Any, infos: Any) -> Any:
-    """The masks of all copies in their present states; None if they tell none."""
-    if _has_method(source):
-        vector = isinstance(source, VectorEnv)
-        return source.unwrapped.call(masks.METHOD) if vector else source.env_method(masks.METHOD)
-    if isinstance(infos, dict):
-        return infos.get(masks.KEY)
-    told = [info.get(masks.KEY) for info in infos]
-    return told if all(one is not None for one in told) else None
 
 
 def reset_gymnasium(envs: VectorEnvs, seeds: list[int]) -> tuple[object, Any]:
