@@ -28,11 +28,12 @@ NUMBERS = [name for name in KNOWN.usual if KNOWN.is_number(name)]
 COUNTS = [name for name, kind in KNOWN.annotations.items() if isinstance(bound(kind), AtLeast)]
 FLAGS = [name for name, kind in KNOWN.annotations.items() if kind is bool]
 LISTS = ["net_arch", "critic_arch"]
+NAMES = ["ordered", "per_entry"]
 WORDS = [name for name, kind in KNOWN.annotations.items() if typing.get_origin(kind) is typing.Literal]
 
 
 def test_every_field_is_of_a_kind_that_is_checked():
-    assert {*FLAGS, *COUNTS, *WORDS, *NUMBERS, *LISTS, "ordered"} == {*KNOWN.annotations}
+    assert {*FLAGS, *COUNTS, *WORDS, *NUMBERS, *LISTS, *NAMES} == {*KNOWN.annotations}
     assert {*KNOWN.annotations, *CHOOSING} == {*KNOWN.usual}
 
 

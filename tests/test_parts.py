@@ -262,6 +262,7 @@ OTHER = {
     "decay_steps": np.inf,
     "entropy_alpha_min": 0.0,
     "ordered": (),
+    "per_entry": (),
 }
 """What settings are set to where another value is not made of the usual one."""
 

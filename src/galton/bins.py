@@ -1,4 +1,4 @@
-"""The uniform discretisation of a box-shaped action space (§4.1), or one whose first and last centers are bounds."""
+"""The bins of a box: uniform ones (§4.1), ones whose first and last centers are bounds, or such as users place."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -12,6 +12,8 @@ from jaxtyping import Array, Bool, Float, Int
 from galton.errors import require, require_integer, require_word
 from galton.fields import as_numbers
 
+MU = 255
+"""How much closer the bins of a μ-law are in the middle, as in telephony (ITU-T G.711)."""
 Bound = float | int | Sequence[float | int] | np.ndarray | np.generic
 
 
@@ -122,6 +124,54 @@ def stacked(rows: Sequence[Float[Array, "*batch n"]], k: int, filling: float) ->
     )
 
 
+def mu_law(low: float, high: float, n_bins: int, mu: float = MU) -> Float[np.ndarray, " k"]:
+    """The centers of bins that lie closer together towards the middle of the box; the first and last are its bounds.
+
+    With x from −1 to 1 in equal steps they are sgn(x) ((1 + μ)^|x| − 1) / μ in half-widths from the middle: what is
+    near the middle is told apart 1 + μ times as finely as what is near a bound.
+    """
+    x = np.linspace(-1, 1, n_bins)
+    placed: np.ndarray = (high + low) / 2 + (high - low) / 2 * np.sign(x) * np.expm1(np.abs(x) * np.log1p(mu)) / mu
+    placed[[0, -1]] = low, high
+    return placed
+
+
+class PlacedBins(Bins):
+    """The bins of one dimension whose centers are given; the edges lie half-way between them.
+
+    Their width is the mean one, so that an HL-Gauss target's σ = η · width is in the action's own units, the same
+    wherever the action is.
+
+    Args:
+        low: the box's lower bound.
+        high: its upper bound.
+        centers: two or more, from the lowest to the highest, none beyond the bounds.
+
+    Raises:
+        UsageError: centers that are not so.
+    """
+
+    def __init__(self, low: float, high: float, centers: Sequence[float] | np.ndarray) -> None:
+        placed = as_numbers("bin_centers", centers)
+        told = f"bin_centers is {centers!r}"
+        require(placed.ndim == 1 and placed.size > 1, f"{told}; give two numbers or more")
+        kept = placed.astype(jax.dtypes.canonicalize_dtype(np.float64))
+        require(bool((np.diff(kept) > 0).all()), f"{told}; each must lie above the one before it")
+        require(
+            bool(low <= kept[0] and kept[-1] <= high), f"{told}; they must lie within the bounds, {low:g} and {high:g}"
+        )
+        super().__init__(low, high, len(placed))
+        middles = (placed[1:] + placed[:-1]) / 2
+        edges = np.concatenate([self.low, middles, self.high])[None]
+        own = {"edges": edges, "centers": kept[None], "edges_rest": edges - edges.astype(kept.dtype)}
+        for name, value in own.items():
+            object.__setattr__(self, name, value.astype(kept.dtype))
+
+    def encode(self, action: Float[Array, "*batch d"]) -> Int[Array, "*batch d"]:
+        """The index of the bin that holds each entry of an action: the number of inner edges at or below it."""
+        return (action[..., None] >= jnp.asarray(self.edges[:, 1:-1])).sum(-1)
+
+
 class UnevenBins(Bins):
     """The bins of dimensions that do not look alike: numbers that are cut into bins, beside choices.
 
@@ -131,6 +181,7 @@ class UnevenBins(Bins):
     Args:
         dimensions: the bins of each dimension, one dimension in each; or of a choice the first value and their number.
         ordered: the places of those that are choices all the same: their values have an order, as bins have.
+        etas: the width of each dimension's HL-Gauss target, NaN where it is the loss's; None where it is everywhere.
     """
 
     sizes: tuple[int, ...]
@@ -141,8 +192,15 @@ class UnevenBins(Bins):
     """True for dimensions that are choices, whether or not their values have an order."""
     dimensions: tuple[Bins | tuple[float, int], ...]
     """As they were given."""
+    etas: Float[np.ndarray, " d"] | None
+    """As they were given."""
 
-    def __init__(self, dimensions: Sequence[Bins | tuple[float, int]], ordered: Sequence[int] = ()) -> None:
+    def __init__(
+        self,
+        dimensions: Sequence[Bins | tuple[float, int]],
+        ordered: Sequence[int] = (),
+        etas: Float[np.ndarray, " d"] | None = None,
+    ) -> None:
         dtype = jax.dtypes.canonicalize_dtype(np.float64)
         sizes = tuple(part.n_bins if isinstance(part, Bins) else part[1] for part in dimensions)
         k, d = max(sizes), len(sizes)
@@ -160,7 +218,7 @@ class UnevenBins(Bins):
         own |= {"edges_rest": np.zeros_like(own["edges"]), "n_bins": k, "bin_centers": "inside", "sizes": sizes}
         own["valid"] = np.arange(k) < np.array(sizes)[:, None]
         own["is_choice"] = np.array([not isinstance(part, Bins) or i in ordered for i, part in enumerate(dimensions)])
-        for name, value in (own | {"dimensions": tuple(dimensions)}).items():
+        for name, value in (own | {"dimensions": tuple(dimensions), "etas": etas}).items():
             object.__setattr__(self, name, value)
 
     def encode(self, action: Float[Array, "*batch d"]) -> Int[Array, "*batch d"]:

@@ -15,7 +15,7 @@ from jax.nn import log_softmax, one_hot
 from jaxtyping import Array, Float, Int
 
 from galton import targets
-from galton.bins import Bins, UnevenBins, stacked
+from galton.bins import Bins, PlacedBins, UnevenBins, stacked
 from galton.errors import require, unknown
 from galton.parts import Part, unusual
 from galton.policies.base import Distribution, Family
@@ -169,12 +169,14 @@ class HLGauss(Loss):
     def width(self, distribution: Histogram) -> Eta:
         """The η that these distributions call for; `[*batch, d]` where it follows the policy.
 
-        No gradient flows through it.
+        It is `[d]` where entries have widths of their own. No gradient flows through it.
         """
+        bins, eta = distribution.bins, self.eta
+        if isinstance(bins, UnevenBins) and bins.etas is not None:
+            eta = jnp.where(np.isnan(bins.etas), eta, bins.etas)
         if self.eta_rule == "fixed":
-            return self.eta
-        in_bins = lax.stop_gradient(distribution.std()) / distribution.bins.width
-        return jnp.clip(self.eta * in_bins, self.eta_min, self.eta_max)
+            return eta
+        return jnp.clip(eta * lax.stop_gradient(distribution.std()) / bins.width, self.eta_min, self.eta_max)
 
     def gaussian_target(self, distribution: Histogram, action: Float[Array, "*batch d"]) -> Weights:
         """A Gaussian histogram of σ = η bin widths around the sampled action."""
@@ -198,7 +200,7 @@ class HLGauss(Loss):
         """The target of each dimension by itself: of a choice all mass on its value."""
 
         def of_number(bins: Bins, i: int, eta: Eta) -> Array:
-            return targets.hl_gauss_of_center(bins.n_bins, index[..., i], eta, self.target_tails, bins.bin_centers)
+            return targets.of_bin(bins, index[..., i], eta, self.target_tails)
 
         whole = self._of_each(distribution, of_number, lambda n, i: one_hot(index[..., i], n))
         if not distribution.choices.is_masked:
@@ -213,12 +215,12 @@ class HLGauss(Loss):
         def of_number(bins: Bins, i: int, eta: Eta) -> Array:
             k = bins.n_bins
             own, here = probs[..., i, :k], allowed[..., i, :k]
-            if not distribution.choices.is_masked:
+            if not distribution.choices.is_masked and not isinstance(bins, PlacedBins):
                 return targets.mean_of_centers(own, eta, self.target_tails, bins.bin_centers)
             index, every = jnp.arange(k), eta
             if isinstance(eta, Array) and eta.ndim:
                 index, every = (jnp.broadcast_to(x, (*eta.shape, k)) for x in (index, eta[..., None]))
-            kernel = targets.hl_gauss_of_center(k, index, every, self.target_tails, bins.bin_centers)
+            kernel = targets.of_bin(bins, index, every, self.target_tails)
             left = jnp.maximum(jnp.einsum("...jk,...k->...j", kernel, here), TINY)
             return jnp.einsum("...j,...jk->...k", own / left, kernel) * here
 

@@ -81,8 +81,9 @@ class Box(NamedTuple):
         return self.names or tuple(map(str, range(len(self.low))))
 
     def called(self, name: str) -> tuple[int, ...]:
-        """The places of the entries of that name, or of a part of the space that has it."""
-        return tuple(i for i, own in enumerate(self.told) if own == name or own.startswith(f"{name}."))
+        """The places of the entries of that name, or of a part of the space that has it; or of that place."""
+        found = tuple(i for i, own in enumerate(self.told) if own == name or own.startswith(f"{name}."))
+        return found or tuple(i for i in range(len(self.low)) if str(i) == name)
 
     def only(self, places: Sequence[int]) -> "Box":
         """The box of these entries alone."""

@@ -8,7 +8,7 @@ from jax import lax
 from jax.scipy.special import erf
 from jaxtyping import Array, Float, Int
 
-from galton.bins import Bins
+from galton.bins import Bins, PlacedBins
 from galton.errors import require, require_word
 
 Eta = float | int | Float[Array, "*entries"]
@@ -52,7 +52,8 @@ def hl_gauss(
     With tails="reflected" what lies beyond the outermost bins is folded back into them, as often as it takes, and bins
     count as equally wide: q_a(i) = Σ_m φ(i − x + 2km) + φ(i + x + 1 + 2km) with the mass φ of a bin of width 1 under a
     Gaussian of σ = η, and the action x in bin widths from the first center. The targets of the centers are then a
-    matrix K that is symmetric, positive semidefinite and doubly stochastic.
+    matrix K that is symmetric, positive semidefinite and doubly stochastic. Bins that were placed keep their widths:
+    what lies beyond a bound is folded back there.
 
     Args:
         bins: k bins in each of d dimensions.
@@ -61,6 +62,8 @@ def hl_gauss(
         tails: what becomes of the mass beyond the box.
     """
     _check(eta, tails)
+    if tails == "reflected" and isinstance(bins, PlacedBins):
+        return _mirrored(bins, bins.clip(action), eta)
     if tails == "reflected":
         place = (bins.clip(action) - bins.centers[:, 0]) / bins.width
         steps = jnp.arange(bins.n_bins)
@@ -73,6 +76,14 @@ def hl_gauss(
         return 0.5 * jnp.maximum(jnp.diff(cdf.at[..., 0].set(-1.0).at[..., -1].set(1.0)), 0.0)
     mass = jnp.maximum(jnp.diff(cdf), 0.0)  # rounding makes erf fall by an ulp here and there
     return mass / mass.sum(-1, keepdims=True)
+
+
+def of_bin(bins: Bins, index: Int[Array, "*batch"], eta: Eta, tails: Tails) -> Float[Array, "*batch k"]:
+    """`hl_gauss` where the action is the center of bin `index`, of one dimension's bins of any kind."""
+    if not isinstance(bins, PlacedBins):
+        return hl_gauss_of_center(bins.n_bins, index, eta, tails, bins.bin_centers)
+    action = jnp.asarray(bins.centers[0])[index][..., None]
+    return hl_gauss(bins, action, _column(eta), tails)[..., 0, :]
 
 
 def hl_gauss_of_center(
@@ -159,6 +170,15 @@ def _folded(
     step = (step + n_bins) % period - n_bins
     mass = sum(erf((step + 0.5 + m * period) / scale) - erf((step - 0.5 + m * period) / scale) for m in (-1, 0, 1))
     return jnp.maximum(mass, 0.0) / (erf((3 * n_bins + 0.5) / scale) + erf((3 * n_bins - 0.5) / scale))
+
+
+def _mirrored(bins: Bins, action: Float[Array, "*batch d"], eta: Eta) -> Float[Array, "*batch d k"]:
+    """The mass of a Gaussian around the action and around its mirror images behind the bounds, five rounds of them."""
+    from_low, span = (action - bins.low)[..., None], (bins.high - bins.low)[:, None]
+    edges, scale = bins.edges - bins.low[:, None], _column(eta) * _SQRT2 * bins.width[:, None]
+    images = (2 * m * span + side * from_low for m in range(-2, 3) for side in (-1, 1))
+    mass = jnp.maximum(sum(jnp.diff(erf((edges - image) / scale)) for image in images), 0.0)
+    return mass / mass.sum(-1, keepdims=True)
 
 
 def _masses(n_bins: int, eta: Eta) -> tuple[Float[Array, "*entries m"], Float[Array, "*entries m+1"]]:

@@ -19,6 +19,7 @@ from galton.networks import NETWORKS
 from galton.optimizers import OPTIMIZERS
 from galton.parts import Part, Schedule, is_number, settings, unusual
 from galton.policies import POLICIES
+from galton.policies.per_entry import spread
 from galton.records import FIRST_FIELDS, Fields
 
 Words = Mapping[str, Any]
@@ -115,12 +116,12 @@ def usual_of(algorithm: Any) -> Fields:
 
 
 def from_sb3(words: Words) -> Fields:
-    """The words, where some may be written as SB3 has them; UsageError for what can't be understood.
+    """The words, where some may be written as SB3 has them or by entry; UsageError for what can't be understood.
 
     That is a linear function of what remains of training in the place of a number, target_kl=None,
     clip_range_vf=None and net_arch={"pi": [...], "vf": [...]}.
     """
-    known, net_arch = vocabulary(), words.get("net_arch")
+    known, net_arch, words = vocabulary(), words.get("net_arch"), spread(words)
     found = {name: schedules.of_remaining(name, v) if known.is_number(name) else v for name, v in words.items()}
     found |= {name: math.inf for name in ("target_kl", "clip_range_vf") if name in found and found[name] is None}
     if isinstance(ordered := found.get("ordered"), tuple | list):  # places may be numbers

@@ -24,6 +24,7 @@ HEADS = [
     {"loss": "hl-one-hot", "n_bins": 7},
     {"loss": "hl-gauss-centred", "n_bins": 7, "deterministic_action": "mean"},
     {"loss": "hl-one-hot", "n_bins": 7, "deterministic_action": "median"},
+    {"loss": "hl-gauss", "n_bins": {"motors": 9}, "bin_centers": {"motors.1": (0, 0.5, 4)}, "eta": {"motors.0": 1.0}},
     {"loss": "hl-one-hot", "policy": "anchored", "n_bins": 7, "deterministic_action": "mean"},
 ]
 

@@ -61,6 +61,8 @@ ATTACKS = {
     "second moment negative": put(f"{ADAM}/nu/critic/0/bias", -1),
     "n_bins huge": config(n_bins=10**9),
     "n_bins negative": config(n_bins=-1),
+    "n_bins of an entry huge": config(per_entry=["0.n_bins=1000000000"]),
+    "per_entry is none": config(per_entry=["n_bins"]),
     "net_arch huge": config(net_arch=[10**9, 10**9]),
     "net_arch long": config(net_arch=[8] * 100_000),
     "n_steps huge": config(n_steps=10**18),

@@ -11,13 +11,14 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int, Key
 
 from galton import targets
-from galton.bins import Bins, UnevenBins, stacked
+from galton.bins import Bins, PlacedBins, UnevenBins, stacked
 from galton.errors import require
 from galton.fields import AtLeast
 from galton.parts import Box
 from galton.policies.base import Family, Marginal, Policy
 from galton.policies.exploration import gaussian_action, init_clipped_gaussian_logits, init_gaussian_logits
 from galton.policies.gaussian import Floor, Units, units_of
+from galton.policies.per_entry import Entry, etas, read, resolved
 from galton.types import Finite, Params, Rule
 
 PolicyT = TypeVar("PolicyT", bound="BinnedPolicy")
@@ -197,8 +198,11 @@ class BinnedPolicy(Policy):
     @property
     def bins(self) -> Bins:
         """The bins of the box."""
-        ordered = tuple(getattr(self, "ordered", ()))
-        return _bins(self._box, self.n_bins, self.bin_centers, ordered, jax.dtypes.canonicalize_dtype(np.float64).name)
+        return self._made_bins()
+
+    def _made_bins(self, ordered: tuple[str, ...] = (), per_entry: tuple[str, ...] = ()) -> Bins:
+        precision = jax.dtypes.canonicalize_dtype(np.float64).name
+        return _bins(self._box, self.n_bins, self.bin_centers, ordered, per_entry, precision)
 
     @property
     def choices(self) -> Choices:
@@ -239,10 +243,19 @@ class HistogramPolicy(BinnedPolicy):
     ordered: tuple[str, ...] = ()
     """The choices whose values have an order, by name or place: a wide target then reaches neighbouring values of them,
     as it reaches neighbouring bins of a number."""
+    per_entry: tuple[str, ...] = ()
+    """The settings that single entries of the action have for themselves, each as entry.setting=value with a name, a
+    place or * for all numbers; the settings are n_bins, bin_centers, initial_policy and eta. bin_centers may be
+    "mu-law" here, or the centers themselves. `n_bins=(5, 9)` and `eta={"wheel": 2.0}` say the same."""
     head_rate: Literal["constant", "per-std"] = "constant"
     """The last layer's learning rate: the others', or that over 0.8 σ with the policy's own standard deviation in each
     dimension, in half-widths of the box and a bin or more. Under Adam and with wide targets the mean then moves about
     as far as a Gaussian's."""
+
+    @property
+    def bins(self) -> Bins:
+        """The bins of the box, and a bin for each value of a choice."""
+        return self._made_bins(self.ordered, self.per_entry)
 
     @property
     def n_outputs(self) -> int:
@@ -257,25 +270,35 @@ class HistogramPolicy(BinnedPolicy):
 
     def init(self) -> tuple[Float[Array, " dk"], Params]:
         """Uniform, or as the Gaussian policy starts with the same numbers; every choice is uniform."""
-        if self.initial_policy == "uniform":
-            return jnp.zeros(self.n_outputs), {}
         shift, scale = (jnp.reshape(x, (-1, 1)) for x in units_of(self, self.box_units))
         std = scale * jnp.exp(jnp.maximum(self.log_std_init, self.log_std_min))
-        start = init_gaussian_logits if self.initial_policy == "gaussian" else init_clipped_gaussian_logits
         if not isinstance(self.bins, UnevenBins):
-            return start(self.bins, shift, std).ravel(), {}
+            return _started(self.initial_policy, self.bins, shift, std).ravel(), {}
         d = len(self.sizes)
-        rows = zip(self.bins.dimensions, jnp.broadcast_to(shift, (d, 1)), jnp.broadcast_to(std, (d, 1)), strict=True)
+        at = zip(*(jnp.broadcast_to(x, (d, 1)) for x in (shift, std)), strict=True)
+        rows = zip(self.bins.dimensions, self.sizes, self.bins.is_choice, self.entries, at, strict=True)
         first = [
-            jnp.zeros(size) if is_choice or isinstance(bins, tuple) else start(bins, *at).ravel()
-            for (bins, *at), size, is_choice in zip(rows, self.sizes, self.bins.is_choice, strict=True)
+            jnp.zeros(size)
+            if is_choice or isinstance(bins, tuple)
+            else _started(own.initial_policy, bins, *where).ravel()
+            for bins, size, is_choice, own, where in rows
         ]
         return jnp.concatenate(first), {}
+
+    @property
+    def entries(self) -> tuple[Entry, ...]:
+        """The settings of each entry of the action, its own or the policy's."""
+        return resolved(self.per_entry, self._box, Entry(self.n_bins, self.bin_centers, self.initial_policy))
 
     def distribution(self, outputs: Float[Array, "*batch dk"], params: Params) -> Histogram:
         """Softmax policies with these logits."""
         del params
         return Histogram(self.bins, self.by_dimension(outputs), self.choices)
+
+    def check_own(self) -> None:
+        """Raise UsageError for a setting of a single entry that is none."""
+        for word in self.per_entry:
+            read(word)
 
     def on(self: HistogramT, box: Box) -> HistogramT:
         """The policy for actions in this box.
@@ -287,10 +310,15 @@ class HistogramPolicy(BinnedPolicy):
             of_name = box.called(name)
             told = f"ordered names {name!r}, which is no choice of the action; its entries are {', '.join(box.told)}"
             require(bool(of_name) and set(of_name) <= set(box.choices), told)
+        require(
+            not self.per_entry or type(self) is HistogramPolicy,
+            f"per_entry is {self.per_entry}; it goes with policy 'histogram', not {self.label!r}",
+        )
         policy = super().on(box)
-        for name in ("exploration", "bin_sample") if box.n_values or box.n_mask else ():
+        for name in ("exploration", "bin_sample") if box.n_values or box.n_mask or self.per_entry else ():
             value, usual = getattr(self, name), getattr(HistogramPolicy, name)
-            require(value == usual, f"{name} is {value!r}; where actions are choices or masked leave it at {usual!r}")
+            told = f"{name} is {value!r}; where actions are choices or masked, or bins differ, leave it at {usual!r}"
+            require(value == usual, told)
         require(
             all(n in (0, size) for n, size in zip(box.mask_sizes, policy.sizes, strict=True)),
             f"n_bins is {self.n_bins}, and the environment's action mask has {box.n_mask} entries, which are "
@@ -323,17 +351,33 @@ class HistogramPolicy(BinnedPolicy):
         return stacked(found, self.bins.n_bins, NOWHERE)
 
 
+def _started(initial_policy: str, bins: Bins, shift: Float[Array, "*d 1"], std: Float[Array, "*d 1"]) -> Array:
+    """The first logits of some dimensions' bins; bins that were placed have a Gaussian's by their widths too."""
+    if initial_policy == "uniform":
+        return jnp.zeros(bins.centers.shape)
+    if initial_policy == "clipped-gaussian":
+        return init_clipped_gaussian_logits(bins, shift, std)
+    wide = np.log(np.diff(bins.edges) / bins.width) if isinstance(bins, PlacedBins) else 0.0
+    return init_gaussian_logits(bins, shift, std) + wide
+
+
 @functools.lru_cache(maxsize=256)
 def _bins(
-    box: Box, n_bins: int, bin_centers: Literal["inside", "bounds"], ordered: tuple[str, ...], precision: str
+    box: Box,
+    n_bins: int,
+    bin_centers: Literal["inside", "bounds"],
+    ordered: tuple[str, ...],
+    per_entry: tuple[str, ...],
+    precision: str,
 ) -> Bins:
     del precision  # in which they are made
     low, high = box.arrays()
-    if not box.n_values:
+    if not box.n_values and not per_entry:
         return Bins(low, high, n_bins, bin_centers)
-    places = [i for name in ordered for i in box.called(name) if box.n_values[i] > 1]
+    entries, n_values = resolved(per_entry, box, Entry(n_bins, bin_centers)), box.n_values or (0,) * len(low)
+    places = [i for name in ordered for i in box.called(name) if n_values[i] > 1]
     parts: list[Bins | tuple[float, int]] = []
-    for i, (a, b, n) in enumerate(zip(low, high, box.n_values, strict=True)):
-        of_order = Bins(a, b, n, "bounds") if i in places else (float(a), n)
-        parts.append(of_order if n else Bins(a, b, n_bins, bin_centers))
-    return UnevenBins(parts, places)
+    for i, (a, b, n) in enumerate(zip(map(float, low), map(float, high), n_values, strict=True)):
+        of_order = Bins(a, b, n, "bounds") if i in places else (a, n)
+        parts.append(of_order if n else entries[i].bins(a, b))
+    return UnevenBins(parts, places, etas(entries))

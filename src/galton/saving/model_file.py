@@ -14,6 +14,7 @@ from galton.envs.host.observations import Observations
 from galton.envs.host.space_json import actions_from_json, from_json, n_entries
 from galton.errors import MALFORMED, CheckpointError, NewerVersionError, UsageError, in_a_line, require
 from galton.parts import settings as settings_of
+from galton.policies.per_entry import most_bins
 from galton.records import FIRST_FIELDS, refuse_unknown
 from galton.saving import checkpoint, files
 from galton.saving.checkpoint import Settings
@@ -128,7 +129,7 @@ def _described(path: Path, settings: Settings, arrays: dict[str, np.ndarray]) ->
         "log_interval": settings["log_interval"] > 0,
         "n_predictions": 0 <= settings["n_predictions"] < 2**32,
         "n_steps": size < 2**31,
-        "n_bins": len(actions.box.low) * getattr(agent.policy, "n_bins", 1) <= max(n_numbers, MAX_BINS),
+        "n_bins": len(actions.box.low) * most_bins(agent.policy) <= max(n_numbers, MAX_BINS),
         **{name: _n_units(getattr(network, name)) <= n_numbers for name in settings_of(type(network))},
     }
     for name, fits in fitting.items():
