@@ -185,6 +185,22 @@ def test_no_rounding_draws_a_bin_without_probability():
         assert np.take_along_axis(allowed[:, 0], index, 1).all()
 
 
+@pytest.mark.slow
+def test_no_masked_value_is_drawn_in_ten_million_draws():
+    rng = np.random.default_rng(1)
+    allowed = rng.random((1000, 1, 40)) < rng.uniform(0.03, 0.97, (1000, 1, 1))
+    allowed[np.arange(1000), 0, rng.integers(40, size=1000)] = True
+    logits = jnp.where(allowed, rng.normal(size=(1000, 1, 40)) * rng.choice([0.1, 3, 50], (1000, 1, 1)), -1e9)
+    policy = Histogram(Bins(0.0, 1.0, 40), logits, Choices(is_masked=True))
+
+    def forbidden(u):
+        index = policy.bins.encode(policy.sample(u))
+        return (~jnp.take_along_axis(jnp.asarray(allowed), index[..., None], -1)).sum()
+
+    u = rng.random((10_000, 1000, 1), np.float32)
+    assert not jax.jit(lambda u: jax.lax.map(forbidden, u))(u).sum()
+
+
 @pytest.mark.parametrize(
     ("words", "message"),
     [
