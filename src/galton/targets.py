@@ -177,8 +177,8 @@ def _mirrored(bins: Bins, action: Float[Array, "*batch d"], eta: Eta) -> Float[A
     from_low, span = (action - bins.low)[..., None], (bins.high - bins.low)[:, None]
     edges, scale = bins.edges - bins.low[:, None], _column(eta) * _SQRT2 * bins.width[:, None]
     images = (2 * m * span + side * from_low for m in range(-2, 3) for side in (-1, 1))
-    mass = jnp.maximum(sum(jnp.diff(erf((edges - image) / scale)) for image in images), 0.0)
-    return mass / mass.sum(-1, keepdims=True)
+    folded = jnp.maximum(sum(jnp.diff(erf((edges - image) / scale)) for image in images), 0.0)
+    return folded / folded.sum(-1, keepdims=True)
 
 
 def _masses(n_bins: int, eta: Eta) -> tuple[Float[Array, "*entries m"], Float[Array, "*entries m+1"]]:
