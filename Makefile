@@ -5,7 +5,7 @@ OUT ?= runs/demo
 BIN = $(VENV)/bin
 PIP = $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
 
-.PHONY: demo paper test test-studies test-types test-all fuzz trust mutants coverage lint docs bench package lowest matrix newest audit clean
+.PHONY: demo paper test test-studies test-types test-all test-others fuzz trust mutants coverage lint docs bench package lowest matrix newest audit clean
 
 COMPARE = $(BIN)/galton compare --algorithm ppo --losses gaussian classification --overwrite
 demo: $(VENV)/installed  ## PPO's two presets beside each other on two tasks: tables and figures in runs/demo.
@@ -43,6 +43,10 @@ test-studies: $(VENV)/installed-dev  ## The tests of experiments and of the pape
 test-all: test test-studies  ## Both, and then what takes minutes; learning claims compiled as users compile.
 	$(UNOPTIMISED) $(PYTEST) -m "slow and not optimised" studies/tests tests
 	$(PYTEST) -m optimised studies/tests tests
+
+test-others: $(VENV)-others/installed  ## Environments of gymnax, Brax and Playground against those libraries themselves.
+	$(VENV)-others/bin/python -c 'import brax, gymnax, mujoco_playground'
+	$(VENV)-others/bin/python -m pytest -n auto --durations 5 tests/others
 
 SECONDS ?= 120
 TARGETS ?=
@@ -101,7 +105,7 @@ audit: $(VENV)-package/installed  ## Whether a known vulnerability is in the pin
 	$(VENV)-package/bin/python tools/audit.py
 
 clean:
-	rm -rf $(VENV) $(VENV)-rejax $(VENV)-package
+	rm -rf $(VENV) $(VENV)-others $(VENV)-rejax $(VENV)-package
 
 $(VENV)/bin/python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
@@ -125,6 +129,13 @@ $(VENV)-package/installed: constraints.txt | $(VENV)/bin/python
 	$(PYTHON) -m venv $(VENV)-package
 	$(VENV)-package/bin/python -m pip install --quiet --disable-pip-version-check -c constraints.txt \
 	  build hatch-fancy-pypi-readme hatchling pip-audit twine
+	@touch $@
+
+# Other libraries' environments bring a gigabyte that nothing else needs: an environment of its own.
+$(VENV)-others/installed: pyproject.toml constraints.txt | $(VENV)/bin/python
+	$(PYTHON) -m venv $(VENV)-others
+	$(VENV)-others/bin/python -m pip install --quiet --disable-pip-version-check -c constraints.txt \
+	  -e '.[gymnax,playground]' beartype hypothesis pytest pytest-xdist
 	@touch $@
 
 # rejax needs packages that Galton doesn't: an environment of its own.

@@ -16,7 +16,9 @@ ROOT = Path(__file__).parents[1]
 RESULTS = ROOT / "results" / "packaging"
 PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
 PROJECT = PYPROJECT["project"]
-USERS = set(extras.LIBRARIES.values())
+OTHERS = {"gymnax", "brax", "playground"}
+"""Extras that `make test-others` installs and tries."""
+USERS = set(extras.LIBRARIES.values()) - OTHERS
 """The extras that somebody needs who uses Galton, and does not work on it."""
 
 
@@ -54,7 +56,7 @@ def test_every_direct_dependency_is_pinned_within_what_is_declared():
 
 def test_every_extra_for_users_was_installed_by_itself_and_used():
     assert found("package")["environments"].keys() == {"core"} | USERS
-    assert PROJECT["optional-dependencies"].keys() == USERS | {"test", "bench", "docs", "dev", "studies"}
+    assert PROJECT["optional-dependencies"].keys() == USERS | OTHERS | {"test", "bench", "docs", "dev", "studies"}
 
 
 def test_the_core_has_no_library_of_an_extra():

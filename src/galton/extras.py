@@ -32,6 +32,9 @@ LIBRARIES = {
     "onnx": "onnx",
     "wandb": "wandb",
     "distributed": "cluster",
+    "gymnax": "gymnax",
+    "brax": "brax",
+    "mujoco_playground": "playground",
 }
 """The extra of pyproject.toml that brings each library, which is known here by the name that one imports."""
 

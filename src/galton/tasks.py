@@ -70,7 +70,7 @@ def settings_of(env: object) -> dict[str, object]:
     Commands, models and grids all begin with them. A model or a run without a named loss has a preset beside them.
     """
     if not isinstance(env, str):
-        return {}
+        return {"resets": "first"} if getattr(getattr(env, "record", env), "resets_slowly", False) else {}
     task = task_of(env)
     return {"learning_rate": task.learning_rate, **task.config}
 
@@ -78,4 +78,6 @@ def settings_of(env: object) -> dict[str, object]:
 def task_of(env: str) -> Task:
     """The task on that environment, by either of its names; for any other environment the paper's usual settings."""
     env = find_task(env)[0] if is_known(env) else env
+    if env.partition(":")[0] in ("brax", "playground"):  # their resets are slow
+        return Task(env, env, config={"resets": "first"})
     return next((task for task in TASKS.values() if task.env == env), _outside(env, env))

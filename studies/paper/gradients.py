@@ -146,7 +146,7 @@ def _collect(task: str, loss: str, effort: Effort) -> pa.Table:
 
     def look(run: tuple[Key[Array, ""], Learner, EpisodeState]) -> dict[str, Sample]:
         key, learner, episodes = run
-        *_, batch, _ = rollout(env, agent, learner, episodes, draw_noise(key, env, agent))
+        _, _, batch, _, _ = rollout(env, agent, learner, episodes, draw_noise(key, env, agent))
         return {reading: measure(agent, learner, batch, reading) for reading in readings}
 
     look_at_all = jax.jit(functools.partial(jax.lax.map, look))

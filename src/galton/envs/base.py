@@ -14,9 +14,14 @@ class Environment(Protocol):
     end when `step` terminates or after `max_episode_steps`, which the caller counts. Actions arrive clipped into
     the box.
 
-    Two members are optional. `action_space`, a space of Gymnasium's, stands in the place of the box; `step` then gets
-    an action of its structure, whose integers are int32. `action_mask(state)` says which values of choices are allowed
-    in a state, 1 for each that is: at least one of each choice.
+    Three more members are optional:
+
+    - `action_space`, a space of Gymnasium's, stands in the place of the box; `step` then gets an action of its
+      structure, whose integers are int32.
+    - `action_mask(state)` says which values of choices are allowed in a state, 1 for each that is: at least one of each
+      choice.
+    - `metrics(state)` is a dictionary of numbers about the state that a step led to, such as whether the goal is
+      reached. The log has their means over all steps since the last point, as env_ and the name.
     """
 
     @property

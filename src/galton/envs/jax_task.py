@@ -1,6 +1,7 @@
 """Environments in pure JAX as tasks, and their steps from Python: for what is played outside the training loop."""
 
 import dataclasses
+import functools
 from collections.abc import Hashable, Sequence
 from typing import Any
 
@@ -85,6 +86,17 @@ class JaxTask:
         """The record's observation of a state, and behind it the mask of actions where the record has one."""
         observation, mask_of = self.record.observe(state), getattr(self.record, "action_mask", None)
         return observation if mask_of is None else jnp.append(observation, mask_of(state).astype(observation.dtype))
+
+    def metrics(self, state: PyTree[Array]) -> dict[str, Float[Array, ""]]:
+        """What the record tells of a state for the log, by the names of the log's columns; nothing if it does not."""
+        of_record: Any = getattr(self.record, "metrics", None)
+        found = {} if of_record is None else of_record(state)
+        return {f"env_{name}": jnp.asarray(value, float) for name, value in found.items()}
+
+    @functools.cached_property
+    def metric_names(self) -> tuple[str, ...]:
+        """The names of what `metrics` tells."""
+        return tuple(jax.eval_shape(lambda key: self.metrics(self.record.reset(key)), jax.random.key(0)))
 
     def make(self, n_copies: int, n_threads: int = 1) -> "RecordEnvironments":
         """As many copies as they get seeds, to step from Python: each step is a call of a compiled program."""
@@ -215,15 +227,20 @@ def _step(
     n_steps: Int[Array, ""],
 ) -> tuple[PyTree[Array], Int[Array, " M"], tuple[Array, ...]]:
     env = task.record
+    noise_keys, reset_keys = jax.vmap(lambda key: jax.random.split(jax.random.fold_in(key, n_steps)), out_axes=1)(keys)
+    noise = jax.vmap(env.noise)(noise_keys)
+    states, reward, terminated = jax.vmap(task.step)(states, actions, noise)
+    final, truncated = jax.vmap(task.observe)(states), ~terminated & (lengths + 1 >= env.max_episode_steps)
+    ended = terminated | truncated
 
-    def one(
-        state: PyTree[Array], length: Array, action: Array, key: Array
-    ) -> tuple[PyTree[Array], Array, tuple[Array, ...]]:
-        noise_key, reset_key = jax.random.split(jax.random.fold_in(key, n_steps))
-        state, reward, terminated = task.step(state, action, env.noise(noise_key))
-        final, truncated = task.observe(state), ~terminated & (length + 1 >= env.max_episode_steps)
-        ended = terminated | truncated
-        state = jax.tree.map(lambda fresh, old: jnp.where(ended, fresh, old), env.reset(reset_key), state)
-        return state, jnp.where(ended, 0, length + 1), (task.observe(state), final, reward, terminated, truncated)
+    def renewed(states: PyTree[Array]) -> PyTree[Array]:
+        fresh = jax.vmap(env.reset)(reset_keys)
+        chosen: PyTree[Array] = jax.tree.map(lambda f, s: jax.vmap(jnp.where)(ended, f, s), fresh, states)
+        return chosen
 
-    return jax.vmap(one)(states, lengths, actions, keys)
+    states = jax.lax.cond(ended.any(), renewed, lambda states: states, states)
+    return (
+        states,
+        jnp.where(ended, 0, lengths + 1),
+        (jax.vmap(task.observe)(states), final, reward, terminated, truncated),
+    )

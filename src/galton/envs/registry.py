@@ -13,6 +13,10 @@ if TYPE_CHECKING:
     from galton.envs.base import Environment
 
 
+LIBRARIES = ("gymnax", "brax", "playground")
+"""Other libraries whose environments in JAX go by library:task (`galton.envs.others`)."""
+
+
 class Entry(NamedTuple):
     """An entry of ENVS, which is known before the environment's record is loaded."""
 

@@ -49,8 +49,8 @@ class DeviceState(NamedTuple):
 def iteration(task: JaxTask, agent: Agent, state: DeviceState, noise: Noise) -> tuple[DeviceState, Transition]:
     """One round of the training loop: act for n_steps steps, then learn from them. The rollout is returned too."""
     now = at(agent, state.run.step)
-    episodes, learner, batch, finished = rollout(task, now, state.run.learner, state.episodes, noise)
-    run = learn(agent, state.run._replace(learner=learner), batch, finished)
+    episodes, learner, batch, finished, metrics = rollout(task, now, state.run.learner, state.episodes, noise)
+    run = learn(agent, state.run._replace(learner=learner), batch, finished, metrics)
     return DeviceState(run, episodes), batch
 
 
@@ -90,7 +90,7 @@ _STEPS_DRAWN = 2048
 
 def begin_on_device(task: JaxTask, agent: Agent, seed: UInt[Array, ""]) -> DeviceState:
     """A new run at the start of its first episodes; the statistics have counted their observations."""
-    run, episodes_key = begin(agent, task.observations.size, seed)
+    run, episodes_key = begin(agent, task.observations.size, seed, task.metric_names)
     n_envs = agent.rollout.n_envs
     before = nothing_before(agent.policy, (n_envs,), agent.rollout.noise_correlation)
     episodes = start_episodes(episodes_key, task, n_envs)._replace(noise=before)

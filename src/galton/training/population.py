@@ -44,6 +44,12 @@ def populate(
         warnings.warn(f"{task.name} observes {task.observations.space}: {IMAGE_REMEDY}", stacklevel=2)
     agent = jax.tree.map(lambda number: np.broadcast_to(number, len(seeds)), agent.on(task.actions.box))
     if isinstance(task, JaxTask):
+        slow = agent.rollout.resets == "fresh" and getattr(task.record, "resets_slowly", False)
+        require(
+            not slow,
+            f"resets is 'fresh', which would reset {task.name} at each of n_steps · n_envs steps, and its resets are "
+            "slow; make resets 'first' or 'pool'",
+        )
         return DevicePopulation(task, agent, seeds, devices)
     resets = agent.rollout.resets
     require(resets == "fresh", f"resets is {resets!r}, but {task.name} is no environment in JAX and resets itself")

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, Key, PyTree
 
 from galton import normalization
-from galton.algorithms import Agent, Rollout, actor_critic
+from galton.algorithms import Agent, Rollout, Scalars, actor_critic
 from galton.envs.jax_task import JaxTask
 from galton.policies.correlation import continued
 from galton.training.log import Finished
@@ -89,14 +89,17 @@ Carry = tuple[EpisodeState, normalization.Normalizer]
 
 def rollout(
     task: JaxTask, agent: Agent, learner: Learner, episodes: EpisodeState, noise: Noise
-) -> tuple[EpisodeState, Learner, Transition, Finished]:
-    """T steps of each environment, reset where an episode ends; the learner's statistics grow on the way."""
+) -> tuple[EpisodeState, Learner, Transition, Finished, Scalars]:
+    """T steps of each environment, reset where an episode ends; the learner's statistics grow on the way.
+
+    The last is what the environments tell of themselves, each number's mean over the rollout.
+    """
     env, (noise, beginning) = task.record, _beginnings(noise, agent.rollout)
 
     def observed(normalizer: normalization.Normalizer, states: PyTree[Array]) -> Array:
         return normalization.from_origin(normalizer, jax.vmap(task.observe)(states))
 
-    def step(carry: Carry, noise: Noise) -> tuple[Carry, tuple[Transition, Finished]]:
+    def step(carry: Carry, noise: Noise) -> tuple[Carry, tuple[Transition, Finished, Scalars]]:
         episodes, normalizer = carry
         observation = normalization.observation(normalizer, observed(normalizer, episodes.env))
         explored, z = continued(
@@ -123,7 +126,7 @@ def rollout(
             agent.algorithm.gamma,
         )
         told = Transition(observation, action, reward, next_observation, terminated, truncated)
-        return (following, normalizer), (told, Finished(done, collected, length))
+        return (following, normalizer), (told, Finished(done, collected, length), jax.vmap(task.metrics)(states))
 
-    (episodes, normalizer), (transitions, finished) = jax.lax.scan(step, (episodes, learner.normalizer), noise)
-    return episodes, learner._replace(normalizer=normalizer), transitions, finished
+    (episodes, normalizer), (transitions, finished, metrics) = jax.lax.scan(step, (episodes, learner.normalizer), noise)
+    return episodes, learner._replace(normalizer=normalizer), transitions, finished, jax.tree.map(jnp.mean, metrics)

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Array, Int, Key, PyTree, UInt
 
 from galton import schedules
-from galton.algorithms import Agent, actor_critic
+from galton.algorithms import Agent, Scalars, actor_critic
 from galton.parts import at
 from galton.training.diagnosis import diagnose
 from galton.training.log import Finished, Log, Tally, nothing, summarise, tally
@@ -50,11 +50,16 @@ def keys_of(seed: UInt[Array, ""]) -> Key[Array, "4"]:
     return jax.random.split(jax.random.key(seed), 4)
 
 
-def begin(agent: Agent, observation_size: int, seed: UInt[Array, ""]) -> tuple[RunState, Array]:
-    """A new run, and the key of its first episodes. Not under vmap (see `init_mlp`)."""
+def begin(
+    agent: Agent, observation_size: int, seed: UInt[Array, ""], metrics: Sequence[str] = ()
+) -> tuple[RunState, Array]:
+    """A new run, and the key of its first episodes. Not under vmap (see `init_mlp`).
+
+    The names are those of the numbers that its environment tells of itself.
+    """
     init_key, episodes_key, key, evaluation_key = keys_of(seed)
     learner = actor_critic.init(init_key, at(agent, 0), observation_size)
-    empty = nothing(agent.scalars)
+    empty = nothing((*agent.scalars, *metrics))
     return RunState(learner, key, evaluation_key, jnp.int32(0), jnp.int32(-1), empty), episodes_key
 
 
@@ -63,8 +68,13 @@ def rollout_key(run: RunState, ahead: Int[Array, ""] | int = 0) -> Key[Array, ""
     return jax.random.fold_in(run.key, run.step + ahead)
 
 
-def learn(agent: Agent, run: RunState, batch: Transition, finished: Finished) -> RunState:
-    """The run after one update on a rollout `[T, N]`, with its step, its tally and a first divergence noted."""
+def learn(
+    agent: Agent, run: RunState, batch: Transition, finished: Finished, metrics: Scalars | None = None
+) -> RunState:
+    """The run after one update on a rollout `[T, N]`, with its step, its tally and a first divergence noted.
+
+    What the environment tells of itself, the means over the rollout, joins the scalars of the update.
+    """
     frozen = run.diverged_at >= 0
     step = run.step + agent.rollout.size
     key = jax.random.fold_in(rollout_key(run), _OF_UPDATES)
@@ -78,13 +88,13 @@ def learn(agent: Agent, run: RunState, batch: Transition, finished: Finished) ->
         learner=learner.remembering(algorithm=kept),
         step=step,
         diverged_at=jnp.where(frozen | finite, run.diverged_at, step),
-        tally=jax.tree.map(jnp.add, run.tally, tally(finished, told)),
+        tally=jax.tree.map(jnp.add, run.tally, tally(finished, told | (metrics or {}))),
     )
 
 
 def read_log(agent: Agent, run: RunState, batch: Transition) -> tuple[RunState, Log]:
     """The log of the updates since the last one, the last of them on this batch; evaluation is the caller's."""
-    names = agent.scalars
+    names = (*agent.scalars, *(name for name in run.tally.diagnostics if name not in agent.scalars))
     log = summarise(run.tally, names, diagnose(at(agent, run.step), run.learner, batch))
     log = jax.tree.map(lambda x: jnp.where(run.diverged_at < 0, x, jnp.nan), log)
     return run._replace(tally=nothing(names)), log

@@ -1,0 +1,127 @@
+"""Tasks of gymnax, Brax and Playground by name are those libraries' own, step by step: `make test-others`."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import galton
+from galton.envs import find
+from galton.envs.jax_task import RecordEnvironments
+
+gymnax = pytest.importorskip("gymnax", reason="make test-others installs it")
+brax_envs = pytest.importorskip("brax.envs", reason="make test-others installs it")
+registry = pytest.importorskip("mujoco_playground", reason="make test-others installs it").registry
+
+pytestmark = pytest.mark.filterwarnings("ignore")  # the libraries' own
+
+N = 200
+JAX = {"impl": "jax"}
+KEYS = jax.random.split(jax.random.key(1), N)
+
+
+def drawn(task, n=N):
+    """Actions of the task's own kind, as policies give them."""
+    low, high = (np.array(bound, np.float32) for bound in (task.actions.box.low, task.actions.box.high))
+    uniform = np.random.default_rng(0).uniform(low, high, (n, len(low)))
+    return np.rint(uniform) if task.actions.box.n_values else uniform
+
+
+def of_galton(task, n=N):
+    """Observations, rewards and ends of n steps of a task, from the key 0, without a new episode."""
+    first = jax.jit(task.record.reset)(jax.random.key(0))
+
+    def step(state, given):
+        action, key = given
+        state, reward, ended = task.step(state, action, task.record.noise(key))
+        return state, (task.observe(state), reward, ended)
+
+    _, told = jax.jit(lambda state, actions: jax.lax.scan(step, state, (actions, KEYS[:n])))(
+        first, jnp.asarray(drawn(task, n), jnp.float32)
+    )
+    return task.observe(first), *map(np.asarray, told)
+
+
+@pytest.mark.parametrize("name", ["Pendulum-v1", "CartPole-v1", "Acrobot-v1", "Reacher-misc", "Breakout-MinAtar"])
+def test_steps_of_gymnax_are_its_own(name):
+    task = find(f"gymnax:{name}")
+    env, params = gymnax.make(name)
+    assert task.record.max_episode_steps == params.max_steps_in_episode
+    first, observations, rewards, ended = of_galton(task)
+    observation, state = env.reset_env(jax.random.key(0), params)
+    np.testing.assert_array_equal(first, observation.ravel())
+    step = jax.jit(env.step_env)
+    for t, (action, key) in enumerate(zip(drawn(task), KEYS, strict=True)):
+        given = jnp.int32(action[0]) if task.actions.box.n_values else jnp.asarray(action, jnp.float32)
+        observation, state, reward, done, _ = step(key, state, given, params)
+        np.testing.assert_allclose(observations[t], observation.ravel(), rtol=1e-4, atol=1e-4)
+        np.testing.assert_allclose(rewards[t], reward, rtol=1e-4, atol=1e-4)
+        assert done == (ended[t] or state.time >= params.max_steps_in_episode)
+
+
+@pytest.mark.parametrize(
+    ("name", "make", "n", "near"),
+    [
+        ("brax:inverted_pendulum", lambda: brax_envs.get_environment("inverted_pendulum"), N, 1e-3),
+        ("brax:halfcheetah", lambda: brax_envs.get_environment("halfcheetah"), 30, 1e-3),
+        ("playground:CheetahRun", lambda: registry.load("CheetahRun", config_overrides={"impl": "jax"}), N, 1e-3),
+        (
+            "playground:CartpoleSwingup",
+            lambda: registry.load("CartpoleSwingup", config_overrides={"impl": "jax"}),
+            N,
+            1e-3,
+        ),
+    ],
+)
+def test_steps_of_brax_and_playground_are_their_own(name, make, n, near):
+    task, env = find(name), make()
+    first, observations, rewards, ended = of_galton(task, n)
+    state = jax.jit(env.reset)(jax.random.key_data(jax.random.key(0)))
+    np.testing.assert_allclose(first, state.obs, atol=1e-5)
+
+    def step(state, action):
+        state = env.step(state, action)
+        return state, (state.obs, state.reward, state.done)
+
+    _, theirs = jax.jit(lambda state, actions: jax.lax.scan(step, state, actions))(
+        state, jnp.asarray(drawn(task, n), jnp.float32)
+    )
+    for ours, own in zip((observations, rewards, ended), theirs, strict=True):
+        np.testing.assert_allclose(np.float32(ours), np.float32(own), rtol=near, atol=near)
+
+
+def test_episodes_begin_again_and_end_at_their_own_limit():
+    envs = RecordEnvironments(find("brax:inverted_pendulum", max_episode_steps=40))
+    envs.reset(np.arange(4))
+    for t in range(1, 81):
+        steps = envs.step(np.full((4, 1), 0.0, np.float32))
+        assert not np.logical_and(steps.terminated, steps.truncated).any()
+        if steps.truncated.any():
+            assert t >= 40
+            ended = steps.truncated
+            assert (np.abs(steps.observation[ended]) < 0.02).all(), "a first state"
+            assert not np.array_equal(steps.final_observation[ended], steps.observation[ended])
+
+
+def test_names_and_options_that_the_libraries_do_not_know_are_refused():
+    with pytest.raises(galton.UsageError, match=r"gymnax has no task 'Pendulum-v0'; did you mean Pendulum-v1"):
+        find("gymnax:Pendulum-v0")
+    with pytest.raises(galton.UsageError, match="brax has no task 'cheetah'"):
+        find("brax:cheetah")
+    with pytest.raises(galton.UsageError, match="playground has no task 'CheetahRuns'"):
+        find("playground:CheetahRuns")
+    with pytest.raises(galton.UsageError, match="'brax:ant' can't be made"):
+        find("brax:ant", backend="none")
+    with pytest.raises(galton.UsageError, match="'gymnax:Pendulum-v1' can't be made"):
+        find("gymnax:Pendulum-v1", gravity=1)
+
+
+def test_a_model_of_one_is_trained_saved_and_goes_on_to_the_bit(tmp_path):
+    words = {"n_envs": 4, "n_steps": 16, "batch_size": 32, "net_arch": (8,), "decay_steps": 0, "seed": 0}
+    whole, halves = (galton.PPO("brax:inverted_pendulum", **words) for _ in range(2))
+    whole.learn(512)
+    halves.learn(256)
+    again = galton.PPO.load(halves.save(tmp_path / "half"), env="brax:inverted_pendulum")
+    again.learn(256)
+    for ours, theirs in zip(jax.tree.leaves(whole.learner.params), jax.tree.leaves(again.learner.params), strict=True):
+        np.testing.assert_array_equal(ours, theirs)
