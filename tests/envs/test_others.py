@@ -180,3 +180,21 @@ def test_a_time_limit_is_told_from_an_end_and_its_last_observation_is_kept():
     np.testing.assert_array_equal(following[~ended], told[~ended])
     assert (following[ended] != told[ended]).all(), "the last observation of an episode is not the next one's first"
     assert (np.abs(np.asarray(batch.next_observation)[np.asarray(batch.terminated)]) > 2).all()
+
+
+class Wages(Cart):
+    """Every step pays 1, for ever."""
+
+    def step(self, state, action):
+        after = super().step(state, 0 * action)
+        return dataclasses.replace(after, reward=jnp.ones(()), done=jnp.zeros(()))
+
+
+def test_a_time_limit_takes_nothing_from_the_value():
+    record = of_brax(Wages(), "wages", 10)
+    words = {"n_envs": 8, "n_steps": 5, "gamma": 0.8, "learning_rate": 0.01, "net_arch": (16,), "resets": "first"}
+    result = galton.train(record, galton.make_agent(loss="gaussian", **words), [0], 20_000, n_logs=1, n_eval_episodes=0)
+    state = record.reset(jax.random.key(9))
+    params, agent = jax.tree.map(lambda x: x[0], result.learner.params), result.agent.on(JaxTask(record).actions.box)
+    value = actor_critic.value(agent, params, record.observe(state))
+    np.testing.assert_allclose(value, 1 / (1 - 0.8), rtol=0.03)
