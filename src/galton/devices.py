@@ -7,6 +7,10 @@ import contextlib
 import os
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import jax
 
 
 def allowed_cores() -> list[int]:
@@ -31,6 +35,12 @@ def memory() -> int:
     with contextlib.suppress(OSError, ValueError):  # a container's, on Linux; it says "max" where there is none
         limits.append(int(Path("/sys/fs/cgroup/memory.max").read_text()))
     return min(limit for limit in limits if limit > 0)
+
+
+def device_memory(device: "jax.Device") -> int:
+    """The bytes that programs on a device of JAX's can have: those of the GPU, where it tells, or the process's."""
+    told = device.memory_stats() if device.platform != "cpu" else None
+    return int(told["bytes_limit"]) if told and "bytes_limit" in told else memory()
 
 
 def use_all_cores() -> None:

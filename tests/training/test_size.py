@@ -110,3 +110,20 @@ def test_raw_images_are_said_not_to_suit_the_networks(env, normalize, is_told, m
         assert str(warning.message).startswith("Seeing observes Dict('eye': Box(0, 255, (4, 4, 3), uint8)")
         assert "Galton has no convolutions" in str(warning.message)
         assert "normalize_observation=True" in str(warning.message)
+
+
+def test_programs_that_need_more_than_the_device_has_are_refused_with_the_number_that_fits(monkeypatch):
+    def compiled(n_envs):
+        made = populate("lqr", agent(SMALL | {"n_envs": n_envs}), [0], jax.devices()[:1])
+        made.compile()
+        return made
+
+    compiled(4000)
+    monkeypatch.setattr(size, "device_memory", lambda device: 10**6)
+    with pytest.raises(UsageError, match=r"n_envs is 4000 and n_steps 5: training needs 0.0 GB .* fits") as refused:
+        compiled(4000)
+    fits = int(str(refused.value).partition("n_envs = ")[2].split()[0])
+    assert 400 < fits < 4000
+    compiled(int(0.95 * fits))  # what does not grow with copies has a share too
+    with pytest.raises(UsageError, match="fits"):
+        compiled(2 * fits)

@@ -10,6 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
+from jax.stages import Compiled
 from jaxtyping import Array, Float, Int, UInt
 
 from galton import normalization
@@ -35,6 +36,7 @@ from galton.training.run import (
     with_keys,
     without_keys,
 )
+from galton.training.size import check_programs
 from galton.training.yardsticks import Yardsticks, yardsticks_on
 from galton.types import Learner, Rule, Transition
 
@@ -150,8 +152,10 @@ class DevicePopulation:
         """Compile what training runs, unless that is done; the first `advance` does it otherwise."""
         if self._programs is None:
             start = time.perf_counter()
-            self._programs = _compile(*self._shapes, self._on_runs)
+            programs = _compile(*self._shapes, self._on_runs)
             self.compile_seconds += time.perf_counter() - start
+            check_programs(programs, self._given, list(self._on_runs.mesh.devices.flat))
+            self._programs = programs
 
     def advance(self, n_updates: int) -> None:
         """Train all runs for so many updates each. The results do not depend on how training is cut into calls."""
@@ -224,9 +228,9 @@ class DevicePopulation:
 
 
 class _Programs(NamedTuple):
-    advance: Callable[..., tuple[DeviceState, Transition]]
+    advance: Compiled
     """(task, agents, states, number of updates) → states and the last rollouts."""
-    log: Callable[..., tuple[RunState, Log]]
+    log: Compiled
     """(agents, runs, the last rollouts) → runs and logs."""
 
 

@@ -1,12 +1,14 @@
 """Arithmetic says how much memory runs need at least: what can't fit is refused before it is made."""
 
 import math
+from collections.abc import Sequence
+from typing import Any
 
 import jax
 import numpy as np
 
 from galton.algorithms import Agent
-from galton.devices import memory
+from galton.devices import device_memory, memory
 from galton.envs.jax_task import JaxTask
 from galton.envs.task import Task
 from galton.errors import require
@@ -35,6 +37,31 @@ def check_size(task: Task, agent: Agent, n_runs: int, n_eval_episodes: int = 0) 
         one * n_runs <= room,
         f"{told}, too many: this needs {one * n_runs / 1e9:,.1f} GB of memory at least, and there are "
         f"{room / 1e9:,.1f}; make it smaller",
+    )
+
+
+def check_programs(programs: Sequence[Any], agent: Agent, devices: Sequence[jax.Device]) -> None:
+    """Raise UsageError where compiled programs need more memory than there is, and say how many copies fit.
+
+    Args:
+        programs: they run one after the other.
+        agent: whose rollouts' length says most of what they need.
+        devices: those that they run on, side by side.
+    """
+    of_each = max(_bytes(program.memory_analysis()) for program in programs)
+    needed = of_each * (len(devices) if devices[0].platform == "cpu" else 1)
+    room, n_envs = device_memory(devices[0]), agent.rollout.n_envs
+    require(
+        needed <= room,
+        f"n_envs is {n_envs} and n_steps {agent.rollout.n_steps}: training needs {needed / 1e9:,.1f} GB of memory, and "
+        f"there are {room / 1e9:,.1f}; n_envs = {max(1, int(n_envs * room / needed))} fits, or fewer steps or runs",
+    )
+
+
+def _bytes(told: Any) -> int:
+    """What a program needs besides its code, what it gives back in the place of an argument counted once."""
+    return int(
+        told.temp_size_in_bytes + told.argument_size_in_bytes + told.output_size_in_bytes - told.alias_size_in_bytes
     )
 
 
