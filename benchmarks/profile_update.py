@@ -83,7 +83,7 @@ def main():
     def act(episodes, run, noise, agent):
         return rollout(task, agent, run.learner, episodes, noise)
 
-    episodes, _, batch, finished = jax.jit(jax.vmap(act))(state.episodes, state.run, noise, agents)
+    episodes, _, batch, finished, _ = jax.jit(jax.vmap(act))(state.episodes, state.run, noise, agents)
 
     def differentiate(params, batch, agent):
         """Networks forwards and backwards, with a gradient of ones in place of the losses'."""

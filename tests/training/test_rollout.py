@@ -39,7 +39,7 @@ def close(found, expected):
 
 def test_each_step_acts_on_what_it_sees_and_an_end_begins_anew(played):
     agent, learner, noise, answer = played
-    noise, (episodes, _, batch, finished) = jax.tree.map(np.asarray, (noise, answer))
+    noise, (episodes, _, batch, finished, _) = jax.tree.map(np.asarray, (noise, answer))
     act = jax.jit(functools.partial(actor_critic.act, agent))
     for n in range(N):
         env = slide()
@@ -91,7 +91,7 @@ def test_a_step_that_ends_by_itself_at_the_time_limit_is_none_and_an_episode_beg
         noise = draw_noise(jax.random.key(1), task, agent)._replace(fresh_states=jnp.float32(starts))
         return rollout(task, agent, learner, start_episodes(jax.random.key(2), task, 2), noise)
 
-    episodes, _, batch, finished = run()
+    episodes, _, batch, finished, _ = run()
     ends = np.arange(1, 2 * LIMIT + 1) % LIMIT == 0
     np.testing.assert_array_equal(batch.terminated, np.stack([ends, ends], 1))
     np.testing.assert_array_equal(finished.length[LIMIT - 1], [LIMIT, LIMIT])

@@ -4,7 +4,7 @@ import functools
 import math
 import time
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -103,26 +103,77 @@ def begin_on_device(task: JaxTask, agent: Agent, seed: UInt[Array, ""]) -> Devic
     return DeviceState(run._replace(learner=learner), episodes)
 
 
+class Layout(NamedTuple):
+    """The devices that train, and what is split over them: runs, or the copies of the environment of a single run."""
+
+    mesh: Mesh
+
+    @classmethod
+    def of(cls, devices: Sequence[jax.Device], n_runs: int, n_envs: int) -> "Layout":
+        """Runs are split, where there are several; of one run its copies, over as many devices as divide them."""
+        n_parts = math.gcd(len(devices), n_envs) if n_runs == 1 else 1
+        if n_parts > 1:
+            return cls(Mesh(devices[:n_parts], "copies"))
+        return cls(Mesh(devices[: min(len(devices), n_runs)], "runs"))
+
+    @property
+    def of_copies(self) -> bool:
+        """True if copies are split, and not runs."""
+        return self.mesh.axis_names == ("copies",)
+
+    @property
+    def everywhere(self) -> NamedSharding:
+        """Whole on each device."""
+        return NamedSharding(self.mesh, PartitionSpec())
+
+    @property
+    def of_runs(self) -> NamedSharding:
+        """Of what each run has, its numbers and what it has learnt: `[R, ...]`."""
+        return self.everywhere if self.of_copies else NamedSharding(self.mesh, PartitionSpec("runs"))
+
+    def of_envs(self, axis: int) -> NamedSharding:
+        """Of what has an axis for the copies, the one of that number, behind that of the runs."""
+        if not self.of_copies:
+            return self.of_runs
+        return NamedSharding(self.mesh, PartitionSpec(*[None] * axis, "copies"))
+
+    def state(self, state: DeviceState) -> DeviceState:
+        """The shardings of states."""
+        return DeviceState(
+            jax.tree.map(lambda _: self.of_runs, state.run), jax.tree.map(lambda _: self.of_envs(1), state.episodes)
+        )
+
+    def on_all(self, f: Callable[..., Tree], in_axes: tuple[int | None, ...]) -> Callable[..., Tree]:
+        """A function of the runs of a device, for those of all devices. An argument without an axis is shared.
+
+        Where copies are split the function stays as it is, and XLA makes its sums over the devices.
+        """
+        if self.of_copies:
+            return f
+        specs = tuple(PartitionSpec() if axis is None else self.of_runs.spec for axis in in_axes)
+        return jax.shard_map(f, mesh=self.mesh, in_specs=specs, out_specs=self.of_runs.spec, check_vma=False)
+
+
 class DevicePopulation:
     """R runs on an environment in JAX. They are split evenly over devices, the last repeated to fill up.
 
+    Of a single run the copies of the environment are split, and each minibatch's gradient is that of all.
     All arrays that go in or out are numpy's, with a leading axis R.
     """
 
     def __init__(self, task: JaxTask, agent: Agent, seeds: Sequence[int], devices: Sequence[jax.Device]) -> None:
         self._n_runs = len(seeds)
-        n_devices = min(len(devices), self._n_runs)
-        self._padded = np.minimum(np.arange(math.ceil(self._n_runs / n_devices) * n_devices), self._n_runs - 1)
-        self._on_runs = NamedSharding(Mesh(devices[:n_devices], "runs"), PartitionSpec("runs"))
+        self._layout = Layout.of(devices, self._n_runs, agent.rollout.n_envs)
+        n_parts = 1 if self._layout.of_copies else self._layout.mesh.size
+        self._padded = np.minimum(np.arange(math.ceil(self._n_runs / n_parts) * n_parts), self._n_runs - 1)
         self._given = jax.tree.map(lambda number: np.asarray(number, np.float32)[self._padded], agent)
-        everywhere = NamedSharding(self._on_runs.mesh, PartitionSpec())
-        self._task: JaxTask = jax.device_put(task, everywhere)
+        self._task: JaxTask = jax.device_put(task, self._layout.everywhere)
         self._agent, self._shapes = self._place(self._given), (_shapes(task), _shapes(self._given))
         self._programs: _Programs | None = None
         start = time.perf_counter()
-        begin_all = _compile_begin(*self._shapes, self._on_runs)
+        begin_all = _compile_begin(*self._shapes, self._layout)
         self.compile_seconds = time.perf_counter() - start
-        self._state = self._place(begin_all(self._task, self._given, np.asarray(seeds, np.uint32)[self._padded]))
+        self._state = self._placed(begin_all(self._task, self._given, np.asarray(seeds, np.uint32)[self._padded]))
         self._batch: Transition | None = None
 
     @property
@@ -152,9 +203,9 @@ class DevicePopulation:
         """Compile what training runs, unless that is done; the first `advance` does it otherwise."""
         if self._programs is None:
             start = time.perf_counter()
-            programs = _compile(*self._shapes, self._on_runs)
+            programs = _compile(*self._shapes, self._layout)
             self.compile_seconds += time.perf_counter() - start
-            check_programs(programs, self._given, list(self._on_runs.mesh.devices.flat))
+            check_programs(programs, self._given, list(self._layout.mesh.devices.flat))
             self._programs = programs
 
     def advance(self, n_updates: int) -> None:
@@ -182,7 +233,7 @@ class DevicePopulation:
         """
         run, agent = self._state.run, self._agent.acting_by(rule)
         start = time.perf_counter()
-        program = _compile_evaluation(self._shapes[0], _shapes(agent), n_episodes, self._on_runs)
+        program = _compile_evaluation(self._shapes[0], _shapes(agent), n_episodes, self._layout)
         self.compile_seconds += time.perf_counter() - start
         return np.asarray(self._fetch(program(self._task, agent, run.evaluation_key, run.step, run.learner)))
 
@@ -213,13 +264,17 @@ class DevicePopulation:
         """Go back to a snapshot of a population of the same shape."""
         state = DeviceState(snapshot["run"], snapshot["environments"])
         padded = jax.tree.map(lambda x: np.asarray(x)[self._padded], state)
-        self._state = self._place(padded._replace(run=with_keys(padded.run)))
+        self._state = self._placed(padded._replace(run=with_keys(padded.run)))
 
     def close(self) -> None:
         """Do nothing, since environments in JAX hold nothing open."""
 
     def _place(self, tree: Tree) -> Tree:
-        placed: Tree = jax.device_put(tree, self._on_runs)
+        placed: Tree = jax.device_put(tree, self._layout.of_runs)
+        return placed
+
+    def _placed(self, state: DeviceState) -> DeviceState:
+        placed: DeviceState = jax.device_put(state, self._layout.state(state))
         return placed
 
     def _fetch(self, tree: Tree) -> Tree:
@@ -236,45 +291,50 @@ class _Programs(NamedTuple):
 
 @kept
 def _compile_begin(
-    task: JaxTask, agent: Agent, on_runs: NamedSharding
+    task: JaxTask, agent: Agent, layout: Layout
 ) -> Callable[[JaxTask, Agent, UInt[np.ndarray, " R"]], DeviceState]:
     """The program that makes new runs, for a task and an agent with numbers of these shapes."""
-    return jax.jit(_begin_all(on_runs)).lower(task, agent, _seeds(agent)).compile()
+    return jax.jit(_begin_all(layout)).lower(task, agent, _seeds(agent)).compile()
 
 
 @kept
-def _compile(task: JaxTask, agent: Agent, on_runs: NamedSharding) -> _Programs:
+def _compile(task: JaxTask, agent: Agent, layout: Layout) -> _Programs:
     """The programs that train, for a task and an agent with numbers of these shapes."""
     axes = (None, 0, 0, None)
     of_runs = over_runs(agent.algorithm.side_by_side, iterate, axes)
-    advance = _on_all_devices(of_runs, on_runs, axes)
-    log = _on_all_devices(jax.vmap(read_log), on_runs, (0, 0, 0))
+    advance, log = layout.on_all(of_runs, axes), layout.on_all(jax.vmap(read_log), (0, 0, 0))
 
-    state = _shapes(jax.eval_shape(_begin_all(on_runs), task, agent, _seeds(agent)), on_runs)
-    agent = _shapes(agent, on_runs)
+    state = jax.eval_shape(_begin_all(layout), task, agent, _seeds(agent))
+    state = jax.tree.map(_shape, state, layout.state(state))
+    agent = _shapes(agent, layout.of_runs)
     n = jax.ShapeDtypeStruct((), jnp.int32)
-    batch = _shapes(jax.eval_shape(advance, task, agent, state, n)[1], on_runs)
+    batch = _shapes(jax.eval_shape(advance, task, agent, state, n)[1], layout.of_envs(2))
+    given = jax.tree.map(lambda x: x.sharding, (state, batch))
     return _Programs(
-        jax.jit(advance).lower(task, agent, state, n).compile(),
-        jax.jit(log).lower(agent, state.run, batch).compile(),
+        jax.jit(advance, out_shardings=given).lower(task, agent, state, n).compile(),
+        jax.jit(log, out_shardings=layout.of_runs).lower(agent, state.run, batch).compile(),
     )
 
 
 @kept
-def _compile_evaluation(task: JaxTask, agent: Agent, n_episodes: int, on_runs: NamedSharding) -> Callable[..., Array]:
+def _compile_evaluation(task: JaxTask, agent: Agent, n_episodes: int, layout: Layout) -> Callable[..., Array]:
 
     def program(task: JaxTask, agent: Agent, key: Array, step: Array, learner: Learner) -> Array:
         return evaluate(jax.random.fold_in(key, step), task, at(agent, step), learner, n_episodes)
 
     axes = (None, 0, 0, 0, 0)
-    run = _shapes(jax.eval_shape(_begin_all(on_runs), task, agent, _seeds(agent)).run, on_runs)
-    given = (task, _shapes(agent, on_runs), run.evaluation_key, run.step, run.learner)
-    return jax.jit(_on_all_devices(jax.vmap(program, axes), on_runs, axes)).lower(*given).compile()
+    run = _shapes(jax.eval_shape(_begin_all(layout), task, agent, _seeds(agent)).run, layout.of_runs)
+    given = (task, _shapes(agent, layout.of_runs), run.evaluation_key, run.step, run.learner)
+    return jax.jit(layout.on_all(jax.vmap(program, axes), axes)).lower(*given).compile()
 
 
-def _shapes(tree: Tree, on_runs: NamedSharding | None = None) -> Tree:
-    """The shapes of numbers, which programs are compiled for, each split over devices along its first axis or not."""
-    shapes: Tree = jax.tree.map(lambda x: jax.ShapeDtypeStruct(x.shape, x.dtype, sharding=on_runs), tree)
+def _shape(x: Any, sharding: NamedSharding | None) -> jax.ShapeDtypeStruct:
+    return jax.ShapeDtypeStruct(x.shape, x.dtype, sharding=sharding)
+
+
+def _shapes(tree: Tree, sharding: NamedSharding | None = None) -> Tree:
+    """The shapes of numbers, which programs are compiled for, all split over devices in the same way, or not."""
+    shapes: Tree = jax.tree.map(lambda x: _shape(x, sharding), tree)
     return shapes
 
 
@@ -282,16 +342,8 @@ def _seeds(agent: Agent) -> jax.ShapeDtypeStruct:
     return jax.ShapeDtypeStruct(jax.tree.leaves(agent)[0].shape, jnp.uint32)
 
 
-def _begin_all(on_runs: NamedSharding) -> Callable[[JaxTask, Agent, UInt[Array, " R"]], DeviceState]:
+def _begin_all(layout: Layout) -> Callable[[JaxTask, Agent, UInt[Array, " R"]], DeviceState]:
     """Make new runs: all at once, but on a CPU one after the other, without a batch axis (see `init_mlp`)."""
-    if on_runs.mesh.devices.flat[0].platform != "cpu":
+    if layout.mesh.devices.flat[0].platform != "cpu":
         return jax.vmap(begin_on_device, (None, 0, 0))
     return lambda task, agent, seeds: jax.lax.map(lambda run: begin_on_device(task, *run), (agent, seeds))
-
-
-def _on_all_devices(
-    f: Callable[..., Tree], on_runs: NamedSharding, in_axes: tuple[int | None, ...]
-) -> Callable[..., Tree]:
-    """A function of the runs of a device, for those of all devices. An argument without an axis is shared."""
-    specs = tuple(PartitionSpec() if axis is None else on_runs.spec for axis in in_axes)
-    return jax.shard_map(f, mesh=on_runs.mesh, in_specs=specs, out_specs=on_runs.spec, check_vma=False)

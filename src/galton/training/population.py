@@ -30,7 +30,8 @@ def populate(
         env: what `galton.envs.find` takes.
         agent: whose numbers are `[R]` each, or one for all runs.
         seeds: R integers.
-        devices: what to compute on; by default, on all of this process.
+        devices: what to compute on, which runs are split over, or the copies of an environment in JAX of a single run;
+            by default all of this process, but for a single run on a CPU, which takes one.
 
     Raises:
         UsageError: an environment that can't be used, or that the agent can't act in, too little memory, or a process
@@ -38,7 +39,9 @@ def populate(
     """
     check_process()
     keep_programs()
-    task, devices = find(env), devices or jax.devices()
+    task = find(env)
+    if devices is None:  # on a CPU a single run's bits don't depend on the number of cores
+        devices = jax.devices()[:1] if len(seeds) == 1 and jax.default_backend() == "cpu" else jax.devices()
     check_size(task, agent, len(seeds))
     if task.observations.has_image and not agent.rollout.normalize_observation:
         warnings.warn(f"{task.name} observes {task.observations.space}: {IMAGE_REMEDY}", stacklevel=2)
