@@ -3,7 +3,8 @@
 - `cartpole`, `lunar-lander`: Galton's PPO and SB3's with the same numbers, on fresh seeds.
 - `bandit`: a number and a choice among five whose best value depends on the observation; the optimum is 1.
 - `picker`: reach a ball with two motors and shut a gripper exactly near it: numbers beside a choice, under a Gaussian
-  and over bins, and the usual trick, a third number that shuts the gripper above 0.
+  and over bins, and the usual trick, a third number that shuts the gripper above 0; the Gaussian's with a bonus of
+  entropy too, since a choice that is made early is hardly tried again.
 - `gears`: the best of 7 gears follows the load; with and without an order of their values.
 
 Each line is kept as it ends, so the command goes on where it stopped, and then prints the tables.
@@ -137,6 +138,11 @@ JOBS = {
 JOBS["picker"] |= {
     f"{name.split(' and')[0]}, shut above 0": (Picker(trick=True), LONG | head, 300_000, MANY)
     for name, head in HEADS.items()
+}
+JOBS["picker"] |= {
+    f"{name}, entropy .01": (task, words | {"ent_coef": 0.01}, steps, seeds)
+    for name, (task, words, steps, seeds) in list(JOBS["picker"].items())
+    if "Gaussian" in name
 }
 JOBS["gears"] |= {
     f"{name}, × 4": (Gears(), PPO | BINS | order | {"head_scale": 4.0}, 10_240, MANY) for name, order in ORDERS.items()
