@@ -38,7 +38,7 @@ GROWN = {
         "SCALARS = (": '"newer_scalar", ',
     },
     "training/diagnosis.py": {
-        '        "sigma": distribution.std().mean(),\n': '        "newer_diagnosis": 0 * bias + 4,\n'
+        '        "sigma": std.mean(),\n': '        "newer_diagnosis": 0 * bias + 4,\n'
     },
 }
 """Files of the source, and what is added behind a line of theirs."""

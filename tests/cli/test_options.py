@@ -62,7 +62,7 @@ def test_options_make_the_training_itself_with_the_words_of_every_part():
     assert options["loss"] == "gaussian"
     typed = {"loss": "gaussian", "n_bins": 7, "eta": 0.5}
     used = without_idle(vocabulary().usual | typed, vocabulary().usual)
-    assert options["training"]["words"] == used | {"net_arch": [64, 64]}
+    assert options["training"]["words"] == used | {"net_arch": [64, 64], "ordered": [], "per_entry": []}
     training = parsed("bandit", "--algorithm", "a2c", "--n-steps", "6")[0]["training"]
     assert training["steps"] == 2_000, "the task's settings are the defaults"
     assert [training["words"][name] for name in ("n_steps", "net_arch", "learning_rate")] == [6, [], 0.05]
