@@ -44,8 +44,8 @@ test-all: test test-studies  ## Both, and then what takes minutes; learning clai
 	$(UNOPTIMISED) $(PYTEST) -m "slow and not optimised" studies/tests tests
 	$(PYTEST) -m optimised studies/tests tests
 
-test-others: $(VENV)-others/installed  ## Environments of gymnax, Brax and Playground against those libraries themselves.
-	$(VENV)-others/bin/python -c 'import brax, gymnax, mujoco_playground'
+test-others: $(VENV)-others/installed  ## Other libraries' environments and trainers, each in that library itself.
+	$(VENV)-others/bin/python -c 'import brax, gymnax, mujoco_playground, rsl_rl, skrl, torchrl'
 	$(VENV)-others/bin/python -m pytest -n auto --durations 5 tests/others
 
 SECONDS ?= 120
@@ -131,11 +131,11 @@ $(VENV)-package/installed: constraints.txt | $(VENV)/bin/python
 	  build hatch-fancy-pypi-readme hatchling pip-audit twine
 	@touch $@
 
-# Other libraries' environments bring a gigabyte that nothing else needs: an environment of its own.
+# Other libraries bring gigabytes that nothing else needs: an environment of its own.
 $(VENV)-others/installed: pyproject.toml constraints.txt | $(VENV)/bin/python
 	$(PYTHON) -m venv $(VENV)-others
 	$(VENV)-others/bin/python -m pip install --quiet --disable-pip-version-check -c constraints.txt \
-	  -e '.[gymnax,playground]' beartype hypothesis pytest pytest-xdist
+	  -e '.[gymnax,playground,torch]' beartype hypothesis pytest pytest-xdist rsl-rl-lib skrl torchrl
 	@touch $@
 
 # rejax needs packages that Galton doesn't: an environment of its own.

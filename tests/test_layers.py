@@ -20,7 +20,7 @@ RANKS = """
     records
     parts
     bins optimizers returns normalization schedules
-    targets theory
+    targets theory torch
     networks
     policies envs
     losses critics

@@ -37,9 +37,7 @@ GROWN = {
         '        "entropy": parts.entropy,\n': '        "newer_scalar": 2 * parts.entropy,\n',
         "SCALARS = (": '"newer_scalar", ',
     },
-    "training/diagnosis.py": {
-        '        "sigma": std.mean(),\n': '        "newer_diagnosis": 0 * bias + 4,\n'
-    },
+    "training/diagnosis.py": {'        "sigma": std.mean(),\n': '        "newer_diagnosis": 0 * bias + 4,\n'},
 }
 """Files of the source, and what is added behind a line of theirs."""
 

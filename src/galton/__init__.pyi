@@ -15,6 +15,7 @@ from . import schedules as schedules
 from . import targets as targets
 from . import tasks as tasks
 from . import theory as theory
+from . import torch as torch
 from . import training as training
 from . import types as types
 from .agents import make_agent as make_agent

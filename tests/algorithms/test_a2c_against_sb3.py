@@ -7,6 +7,7 @@ import pytest
 import stable_baselines3
 
 from galton.algorithms import actor_critic
+from galton.torch.sb3 import HistogramPolicy
 
 from ..agents import agent as agent_on
 from .sb3_side import HIGH, LOW, K, Recorder, params_of, record_batch, relative_error, vector_of
@@ -25,14 +26,15 @@ SAME = {
 WORDS = {"n_bins": K, "n_envs": N, **SAME}
 
 
-def sb3_model(discrete, normalize_advantage):
+def sb3_model(discrete, normalize_advantage, of_ours=None):
     envs = [Recorder(discrete) for _ in range(N)]
     model = stable_baselines3.A2C(
-        "MlpPolicy",
+        HistogramPolicy if of_ours else "MlpPolicy",
         vector_of(envs),
         **SAME,
         use_rms_prop=False,
         normalize_advantage=normalize_advantage,
+        policy_kwargs=of_ours,
         seed=3,
         device="cpu",
     )
@@ -50,9 +52,29 @@ def sb3_model(discrete, normalize_advantage):
     ],
 )
 def test_updates_equal_sb3s(loss, normalize_advantage, trust):
-    discrete = loss == "hl-one-hot"
-    model, envs = sb3_model(discrete, normalize_advantage)
-    words = WORDS | {"loss": loss, "normalize_advantage": normalize_advantage}
+    apart = check_updates(loss, normalize_advantage)
+    promise = "Twenty updates of A2C are Stable-Baselines3's, from the same weights on the same steps."
+    trust("a2c-and-sb3", promise, topic="numbers", figure=apart, unit="apart, relative to all weights", at_most=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("loss", "words"),
+    [
+        ("hl-gauss-centred", {"eta": 2.0, "bin_centers": "bounds", "target_tails": "reflected"}),
+        ("hl-gauss", {"eta": 0.25, "bin_centers": "inside", "target_tails": "rescaled", "head_scale": 4.0}),
+        pytest.param("hl-one-hot", {"bin_centers": "bounds"}, marks=pytest.mark.slow),
+    ],
+)
+def test_sb3s_a2c_with_the_distribution_in_torch_is_galtons(loss, words):
+    check_updates(loss, False, words)
+
+
+def check_updates(loss, normalize_advantage, of_ours=None):
+    """Hold 20 updates against SB3's, which has the distribution in torch where it gets settings of bins."""
+    discrete = loss == "hl-one-hot" and of_ours is None
+    in_sb3 = None if of_ours is None else of_ours | {"n_bins": K, "loss": loss}
+    model, envs = sb3_model(discrete, normalize_advantage, in_sb3)
+    words = WORDS | {"loss": loss, "normalize_advantage": normalize_advantage} | (of_ours or {})
     agent = agent_on(words, low=LOW, high=HIGH)
     start = jax.tree.map(jnp.asarray, params_of(model))
     learner = actor_critic.init(jax.random.key(0), agent, 3)._replace(params=start)
@@ -72,5 +94,4 @@ def test_updates_equal_sb3s(loss, normalize_advantage, trust):
             jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-5, atol=1e-7), learner.params, theirs)
     apart = relative_error(learner.params, params_of(model))
     assert apart < 1e-3
-    promise = "Twenty updates of A2C are Stable-Baselines3's, from the same weights on the same steps."
-    trust("a2c-and-sb3", promise, topic="numbers", figure=apart, unit="apart, relative to all weights", at_most=1e-3)
+    return apart

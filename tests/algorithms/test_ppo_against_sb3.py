@@ -12,11 +12,13 @@ from galton import make_agent
 from galton.algorithms import ppo
 from galton.envs.host.actions import Actions
 from galton.parts import Box
+from galton.torch.sb3 import HistogramPolicy
 from galton.training.log import Finished, nothing
 from galton.training.run import begin, learn
 
 from .sb3_side import HIGH, LOW, K, Recorder, params_of, record_batch, relative_error, vector_of
 
+SLOW = pytest.mark.slow
 T, N, SIZE, EPOCHS = 32, 2, 16, 10
 RATE = 2e-3
 SAME = {
@@ -55,16 +57,19 @@ class Sides:
         clip_range_vf=None,
         space=None,
         n_mask=0,
+        of_ours=None,
     ):
-        self.discrete, self.total = loss == "hl-one-hot", total
+        """`of_ours` are the settings of bins, where SB3 has the policy of galton.torch.sb3."""
+        self.discrete, self.total = loss == "hl-one-hot" and of_ours is None, total
         self.envs = [Recorder(self.discrete, space, n_mask) for _ in range(N)]
         self.model = (sb3_contrib.MaskablePPO if n_mask else stable_baselines3.PPO)(
-            "MlpPolicy",
+            "MlpPolicy" if of_ours is None else HistogramPolicy,
             vector_of(self.envs),
             normalize_advantage=normalize_advantage,
             target_kl=target_kl,
             clip_range_vf=clip_range_vf,
             **SAME | ({"learning_rate": lambda left: RATE * left} if total else {}),
+            policy_kwargs=None if of_ours is None else of_ours | {"n_bins": K, "loss": loss},
             seed=3,
             device="cpu",
         )
@@ -80,7 +85,7 @@ class Sides:
             target_kl=target_kl or np.inf,
             clip_range_vf=clip_range_vf,
             decay_steps=total or 0,
-            **SAME,
+            **SAME | ({} if of_ours is None else of_ours | {"ratio": "true"}),
         )
         self.agent = agent.on(Box.of(LOW, HIGH) if space is None else Actions("the recorder", space, n_mask=n_mask).box)
         self.run, _ = begin(self.agent, 3 + n_mask, jnp.uint32(0))
@@ -150,6 +155,28 @@ def check_told(sides, told):
     np.testing.assert_allclose(told["entropy"], -sides.model.logger.name_to_value["train/entropy_loss"], rtol=1e-4)
 
 
+def check_update(sides):
+    """Hold one minibatch and ten epochs against SB3's; how far apart the changes of the weights are in the end."""
+    start = params_of(sides.model)
+    batch = sides.rollout()
+    assert len(sides.after) == EPOCHS * T * N // SIZE
+
+    first, _ = sides.learn(batch, sides.orders()[:1, :SIZE])
+    change = jax.tree.map(np.subtract, sides.after[0], start)
+    assert all(np.abs(leaf).max() > 1e-4 for leaf in jax.tree.leaves(change))
+    # An entry may be off by 2e-4 of Adam's step: where a gradient is near Adam's ε, rounding shows.
+    close = {"rtol": 1e-5, "atol": 2e-4 * RATE}
+    jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, **close), first.learner.params, sides.after[0])
+
+    whole, told = sides.learn(batch, sides.orders())
+    ours, theirs = (jax.tree.map(np.subtract, end, start) for end in (whole.learner.params, sides.after[-1]))
+    apart = relative_error(ours, theirs)
+    assert apart < 1e-3
+    assert told["clip_fraction"] > 0.05
+    check_told(sides, told)
+    return apart
+
+
 @pytest.mark.parametrize(
     ("loss", "normalize_advantage", "clip_range_vf", "space", "n_mask"),
     [
@@ -168,25 +195,28 @@ def test_one_minibatch_and_ten_epochs_equal_sb3s(
 ):
     words = {"clip_range_vf": clip_range_vf, "space": space, "n_mask": n_mask}
     sides = Sides(monkeypatch, loss, normalize_advantage=normalize_advantage, **words)
-    start = params_of(sides.model)
-    batch = sides.rollout()
-    assert len(sides.after) == EPOCHS * T * N // SIZE
-
-    first, _ = sides.learn(batch, sides.orders()[:1, :SIZE])
-    change = jax.tree.map(np.subtract, sides.after[0], start)
-    assert all(np.abs(leaf).max() > 1e-4 for leaf in jax.tree.leaves(change))
-    # An entry may be off by 2e-4 of Adam's step: where a gradient is near Adam's ε, rounding shows.
-    close = {"rtol": 1e-5, "atol": 2e-4 * RATE}
-    jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, **close), first.learner.params, sides.after[0])
-
-    whole, told = sides.learn(batch, sides.orders())
-    ours, theirs = (jax.tree.map(np.subtract, end, start) for end in (whole.learner.params, sides.after[-1]))
-    apart = relative_error(ours, theirs)
-    assert apart < 1e-3
-    assert told["clip_fraction"] > 0.05
-    check_told(sides, told)
+    apart = check_update(sides)
     promise = "Ten epochs of PPO move the weights as Stable-Baselines3's do, minibatch by minibatch."
     trust("ppo-and-sb3", promise, topic="numbers", figure=apart, unit="apart, relative to the change", at_most=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("loss", "words"),
+    [
+        ("hl-gauss-centred", {"eta": 1.5, "bin_centers": "bounds", "target_tails": "reflected"}),
+        pytest.param("hl-gauss", {"eta": 0.7, "bin_centers": "inside", "target_tails": "rescaled"}, marks=SLOW),
+        pytest.param(
+            "hl-gauss-centred",
+            {"eta": 2.0, "bin_centers": "bounds", "target_tails": "edges", "head_scale": 1.5},
+            marks=SLOW,
+        ),
+        pytest.param("hl-one-hot", {"bin_centers": "inside"}, marks=SLOW),
+    ],
+)
+def test_sb3s_ppo_with_the_distribution_in_torch_is_galtons(monkeypatch, loss, words, trust):
+    apart = check_update(Sides(monkeypatch, loss, of_ours=words))
+    promise = "Stable-Baselines3's PPO with Galton's distribution in torch moves the weights as Galton's PPO does."
+    trust("torch-and-sb3", promise, topic="numbers", figure=apart, unit="apart, relative to the change", at_most=1e-3)
 
 
 @pytest.mark.slow

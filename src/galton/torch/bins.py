@@ -1,0 +1,109 @@
+"""Bins of a box and the targets over them, in torch: the same numbers as galton.bins and galton.targets have."""
+
+import functools
+import math
+from typing import Any, Literal, get_args
+
+import torch
+from jaxtyping import Float, Int
+from torch import Tensor
+
+from galton.errors import UsageError, require, require_integer, require_word
+
+Tails = Literal["rescaled", "edges", "reflected"]
+Centers = Literal["inside", "bounds"]
+
+
+def check(n_bins: int, eta: float, tails: str, centers: str) -> None:
+    """Raise UsageError for what no target can be made of."""
+    require_integer("the number of bins", n_bins, 2)
+    require(0 < eta < math.inf, f"eta is {eta}; the target's width must be finite, and greater than 0")
+    require_word("target_tails", tails, get_args(Tails))
+    require_word("bin_centers", centers, get_args(Centers))
+
+
+def box(low: object, high: object, like: Tensor, d: int) -> tuple[Float[Tensor, " d"], Float[Tensor, " d"]]:
+    """Both bounds as tensors `[d]` of the same type and device; UsageError for a box that can't be cut into bins."""
+    bounds = []
+    for name, bound in (("low", low), ("high", high)):
+        try:
+            given = torch.as_tensor(bound, dtype=like.dtype, device=like.device)
+        except (TypeError, ValueError, RuntimeError):
+            raise UsageError(f"{name} is {bound!r}; it must be a number, or one for each of {d} dimensions") from None
+        fits = given.ndim == 0 or tuple(given.shape) == (d,)
+        require(fits, f"{name} has shape {tuple(given.shape)}; the logits [..., d, k] have d = {d} dimensions")
+        bounds.append(given.expand(d))
+    return bounds[0], bounds[1]
+
+
+def check_box(low: Float[Tensor, " d"], high: Float[Tensor, " d"]) -> None:
+    """Raise UsageError for bounds without bins between them."""
+    told = f"low is {low.tolist()} and high {high.tolist()}"
+    finite = bool((torch.isfinite(low) & torch.isfinite(high)).all())
+    require(finite, f"{told}; bins need finite bounds: scale the actions into a box first")
+    require(bool((low < high).all()), f"{told}; each low must lie below its high")
+
+
+def center_shares(n_bins: int, centers: Centers, like: Tensor) -> Float[Tensor, " k"]:
+    """The bins' centers in a box from 0 to 1."""
+    steps = torch.arange(n_bins, dtype=torch.float64)
+    shares = steps / (n_bins - 1) if centers == "bounds" else (steps + 0.5) / n_bins
+    return shares.to(like.device, like.dtype)
+
+
+def encode(share: Float[Tensor, "*batch d"], n_bins: int, centers: Centers) -> Int[Tensor, "*batch d"]:
+    """The bin that holds each action, which is told as its place in a box from 0 to 1."""
+    place = share * (n_bins - 1) + 0.5 if centers == "bounds" else share * n_bins
+    return place.floor().clamp(0, n_bins - 1).long()
+
+
+def _kernel(
+    n_bins: int, eta: float, tails: Tails, centers: Centers, dtype: torch.dtype, device: torch.device
+) -> Float[Tensor, "k k"]:
+    index = torch.arange(n_bins, dtype=torch.float64)
+    scale = eta * math.sqrt(2)
+    if tails == "reflected":
+        there, back = index - index[:, None], index + index[:, None] + 1
+        return (_folded(n_bins, there, scale) + _folded(n_bins, back, scale)).to(device, dtype)
+    ends = 0.5 if centers == "inside" else 0.0
+    inner = torch.erf((index[1:] - 0.5 - index[:, None]) / scale)
+    low, high = -torch.ones(n_bins, 1, dtype=torch.float64), torch.ones(n_bins, 1, dtype=torch.float64)
+    if tails == "rescaled":
+        low, high = torch.erf(-(index[:, None] + ends) / scale), torch.erf((n_bins - 1 + ends - index[:, None]) / scale)
+    mass = torch.diff(torch.cat([low, inner, high], 1), dim=1)
+    return (mass / (high - low)).to(device, dtype)
+
+
+def _folded(n_bins: int, step: Tensor, scale: float) -> Tensor:
+    """The mass of a bin so many steps away, of three rounds of 2k bins, which are scaled to be all."""
+    period = 2 * n_bins
+    step = (step + n_bins) % period - n_bins
+    rounds = [
+        torch.erf((step + 0.5 + m * period) / scale) - torch.erf((step - 0.5 + m * period) / scale) for m in (-1, 0, 1)
+    ]
+    return sum(rounds, torch.zeros_like(step)) / (
+        math.erf((3 * n_bins + 0.5) / scale) + math.erf((3 * n_bins - 0.5) / scale)
+    )
+
+
+@functools.lru_cache(maxsize=64)
+def _cached(*arguments: Any) -> Float[Tensor, "k k"]:
+    with torch.inference_mode(False):  # what is made in that mode could not be used in training
+        return _kernel(*arguments)
+
+
+def kernel(
+    n_bins: int, eta: float, tails: Tails, centers: Centers, dtype: torch.dtype, device: torch.device
+) -> Float[Tensor, "k k"]:
+    """K, whose row j is HL-Gauss's target for an action in the center of bin j (§2.3, §4.2).
+
+    Args:
+        n_bins: k.
+        eta: the target's standard deviation in bin widths.
+        tails: the mass beyond the box is rescaled, left in the first and last bin ("edges"), or folded back.
+        centers: the first and last center are inside the box or on its bounds.
+        dtype: of the result, which is computed in float64.
+        device: of the result.
+    """
+    make = _kernel if torch.compiler.is_compiling() else _cached
+    return make(n_bins, eta, tails, centers, dtype, device)
