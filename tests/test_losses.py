@@ -128,3 +128,19 @@ def test_off_center_actions_get_the_target_around_themselves(choice):
 
 def test_no_gradient_flows_through_the_advantage():
     assert float(jax.grad(lambda a: losses.surrogate(a, jnp.full(3, 2.0)))(jnp.ones(3)).sum()) == 0
+
+
+@pytest.mark.parametrize("name", HISTOGRAM)
+def test_as_a_log_probability_it_has_the_policys_value_and_its_own_gradient(name):
+    logits, action, advantage = batch()
+    loss = loss_of(name, 0.75)
+
+    def told(logits):
+        return losses.as_log_prob(loss, Histogram(bins(), logits), action)
+
+    np.testing.assert_allclose(told(logits), Histogram(bins(), logits).log_prob(action), rtol=1e-12)
+    found = jax.grad(lambda logits: -(advantage * told(logits)).sum())(jnp.asarray(logits))
+    np.testing.assert_allclose(found, gradient(loss, logits, action, advantage), rtol=1e-9, atol=1e-12)
+    old = jax.lax.stop_gradient(told(logits))
+    of_ratio = jax.grad(lambda logits: -(advantage * jnp.exp(told(logits) - old)).sum())(jnp.asarray(logits))
+    np.testing.assert_allclose(of_ratio, found, rtol=1e-9, atol=1e-12)

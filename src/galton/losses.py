@@ -1,6 +1,7 @@
 """The losses on one sampled action, to be weighted by its advantage (eqs 4–6).
 
-The whole method is `surrogate`; everything else says which regression or classification it weights.
+The whole method is `surrogate`; everything else says which regression or classification it weights. `as_log_prob` is
+for programs of others.
 A new one is a class of this kind, with the settings that it needs, and a line in LOSSES.
 """
 
@@ -271,6 +272,18 @@ class HLGaussCentred(HLGauss):
         """Nothing: centring takes it away."""
         del distribution
         return 0.0
+
+
+def as_log_prob(loss: Loss, distribution: Distribution, action: Float[Array, "*batch d"]) -> Float[Array, "*batch"]:
+    """A number for each action with the value log π(a) and the gradient of −loss.
+
+    A program that calls `log_prob` trains with the loss where this stands in its place: −A · log_prob is the weighted
+    loss of eqs 4–6, and exp(log_prob − old) is PPO's true ratio with the loss's gradient. `galton.torch.Histogram` has
+    the same for PyTorch.
+    """
+    own = loss(distribution, action)
+    found: Losses = lax.stop_gradient(distribution.log_prob(action) + own) - own
+    return found
 
 
 LOSSES: dict[str, type[Loss]] = {
