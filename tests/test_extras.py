@@ -17,7 +17,7 @@ from galton import MissingExtraError, UsageError, extras
 
 ROOT = Path(galton.__file__).parent
 PYPROJECT = Path(__file__).parents[1] / "pyproject.toml"
-DISTRIBUTIONS = {"PIL": "pillow", "Box2D": "box2d", "pygame": "pygame-ce"}
+DISTRIBUTIONS = {"PIL": "pillow", "Box2D": "box2d", "pygame": "pygame-ce", "mujoco_playground": "playground"}
 """The name of a library on the package index, where it is another."""
 
 # Runs commands and lines of Python in one process, as one in which these libraries were not installed.
@@ -79,6 +79,14 @@ CORE = [
         ["train", "LunarLanderContinuous-v3", *FEW],
         2,
         f"galton: environment 'LunarLanderContinuous-v3' needs Box2D: {extras.installing('box2d')}\n",
+    ),
+    *(
+        (
+            ["train", f"{library}:Task", *FEW],
+            2,
+            f"galton: environment '{library}:Task' needs {needed}: {extras.installing(library)}\n",
+        )
+        for library, needed in (("gymnax", "gymnax"), ("brax", "brax"), ("playground", "mujoco_playground"))
     ),
     (["benchmark", "my.toml"], 2, f"galton: benchmark needs pyarrow and matplotlib: {STUDIES}"),
     (["export", "run", "--format", "onnx"], 2, f"galton: the format onnx needs onnx: {extras.installing('onnx')}\n"),
