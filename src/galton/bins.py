@@ -13,7 +13,7 @@ from galton.errors import require, require_integer, require_word
 from galton.fields import as_numbers
 
 MU = 255
-"""How much closer the bins of a μ-law are in the middle, as in telephony (ITU-T G.711)."""
+"""The μ of telephony (ITU-T G.711): in the middle bins of a μ-law are 1 + μ times as fine as at the bounds."""
 Bound = float | int | Sequence[float | int] | np.ndarray | np.generic
 
 

@@ -10,8 +10,9 @@ import pytest
 
 import galton
 from galton.algorithms import actor_critic
+from galton.envs.brax_like import of_brax
+from galton.envs.gymnax_record import Gymnax
 from galton.envs.jax_task import JaxTask
-from galton.envs.others import Gymnax, of_brax
 from galton.training.rollout import draw_noise, rollout, start_episodes
 
 
@@ -120,6 +121,12 @@ def test_observations_by_name():
         of_brax(Cart(of_dictionary=True), "cart", 100)
     with pytest.raises(galton.UsageError, match="observation is 'state', and 'cart' observes an array; leave it out"):
         of_brax(Cart(), "cart", 100, observation="state")
+
+
+@pytest.mark.parametrize("limit", [0, 2.5])
+def test_a_time_limit_that_is_none_is_refused(limit):
+    with pytest.raises(galton.UsageError, match=f"max_episode_steps is {limit}; it must be an integer of at least 1"):
+        of_brax(Cart(), "cart", limit)
 
 
 def test_it_is_trained_on_with_its_metrics_in_the_log():

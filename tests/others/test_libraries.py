@@ -114,6 +114,10 @@ def test_names_and_options_that_the_libraries_do_not_know_are_refused():
         find("brax:ant", backend="none")
     with pytest.raises(galton.UsageError, match="'gymnax:Pendulum-v1' can't be made"):
         find("gymnax:Pendulum-v1", gravity=1)
+    with pytest.raises(galton.UsageError, match="max_episode_steps is 0; it must be an integer"):
+        find("brax:ant", max_episode_steps=0)
+    with pytest.raises(galton.UsageError, match=r"env_kwargs is .* give numbers, texts and tuples"):
+        find("brax:ant", backend={})
 
 
 def test_a_model_of_one_is_trained_saved_and_goes_on_to_the_bit(tmp_path):

@@ -2,11 +2,11 @@ from .acrobot import Acrobot as Acrobot
 from .bandit import Bandit as Bandit
 from .base import Environment as Environment
 from .base import box as box
+from .brax_like import of_brax as of_brax
 from .find import find as find
 from .jax_task import JaxTask as JaxTask
 from .lqr import LQR as LQR
 from .mountain_car import MountainCar as MountainCar
-from .others import of_brax as of_brax
 from .registry import ENVS as ENVS
 from .registry import make as make
 from .registry import read_constants as read_constants

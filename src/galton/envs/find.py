@@ -52,14 +52,9 @@ def find(env: object, **kwargs: object) -> Task:
 
 
 def _find_by_name(name: str, kwargs: dict[str, Any]) -> Task:
-    if registry.is_known(name):
+    if registry.is_known(name) or name.partition(":")[0] in registry.LIBRARIES:
         scale = kwargs.pop("action_scale", 1.0)
         return JaxTask(registry.make(name, **kwargs), scale)
-    if name.partition(":")[0] in registry.LIBRARIES:
-        from galton.envs import others
-
-        scale = kwargs.pop("action_scale", 1.0)
-        return JaxTask(others.make(name, **kwargs), scale)
     _refuse_unversioned(name)
     try:
         return _find_mujoco(name, kwargs) or GymnasiumTask(name, **kwargs)

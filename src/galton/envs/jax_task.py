@@ -88,7 +88,7 @@ class JaxTask:
         return observation if mask_of is None else jnp.append(observation, mask_of(state).astype(observation.dtype))
 
     def metrics(self, state: PyTree[Array]) -> dict[str, Float[Array, ""]]:
-        """What the record tells of a state for the log, by the names of the log's columns; nothing if it does not."""
+        """The numbers that the record tells of a state for the log, by the names of its columns."""
         of_record: Any = getattr(self.record, "metrics", None)
         found = {} if of_record is None else of_record(state)
         return {f"env_{name}": jnp.asarray(value, float) for name, value in found.items()}

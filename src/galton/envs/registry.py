@@ -3,7 +3,7 @@
 import dataclasses
 import importlib
 import json
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, cast
 
 import gymnasium
 
@@ -53,9 +53,14 @@ def is_known(name: str) -> bool:
 def make(name: str, **constants: object) -> "Environment":
     """The environment of that name, with other constants than its defaults where given; a list is as good as a tuple.
 
+    A task of another library goes by library:task.
+
     Raises:
         UsageError: an unknown name, an unknown constant or one out of range.
     """
+    if name.partition(":")[0] in LIBRARIES:
+        given = {constant: _tuples(value) for constant, value in constants.items()}
+        return cast("Environment", importlib.import_module("galton.envs.others").make(name, **given))
     _, task = find_task(name)
     module, record = task.record.split(":")
     cls = getattr(importlib.import_module(module), record)

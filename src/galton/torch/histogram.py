@@ -120,7 +120,7 @@ class Histogram(Distribution):
     """TorchRL's name for it."""
 
     def sample(self, sample_shape: Shape = torch.Size()) -> Float[Tensor, "*sample d"]:  # noqa: B008
-        """Draw centers."""
+        """Draw actions, each the center of a bin; no gradient flows through them."""
         with torch.no_grad():
             probs = self.probs.expand(*sample_shape, *self.logits.shape)
             drawn = torch.multinomial(probs.reshape(-1, self.n_bins), 1).reshape(probs.shape[:-1])

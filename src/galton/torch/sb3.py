@@ -38,7 +38,7 @@ class HistogramDistribution(CategoricalDistribution):
 
 
 class _Histograms(ActorCriticPolicy):
-    """What the policies below have in common.
+    """The policies below have these arguments in common.
 
     Args:
         args: as Stable-Baselines3's policy has them.

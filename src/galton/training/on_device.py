@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.sharding import Mesh, NamedSharding, PartitionSpec
+from jax.sharding import NamedSharding
 from jax.stages import Compiled
 from jaxtyping import Array, Float, Int, UInt
 
@@ -19,6 +19,7 @@ from galton.envs.jax_task import JaxTask
 from galton.parts import at
 from galton.policies.correlation import nothing_before
 from galton.training.evaluate import evaluate
+from galton.training.layout import Layout
 from galton.training.log import Log
 from galton.training.programs import kept
 from galton.training.rollout import EpisodeState, Noise, draw_noise, rollout, start_episodes
@@ -101,57 +102,6 @@ def begin_on_device(task: JaxTask, agent: Agent, seed: UInt[Array, ""]) -> Devic
     first = jax.vmap(task.observe)(episodes.env)
     learner = run.learner._replace(normalizer=normalization.begin(run.learner.normalizer, first))
     return DeviceState(run._replace(learner=learner), episodes)
-
-
-class Layout(NamedTuple):
-    """The devices that train, and what is split over them: runs, or the copies of the environment of a single run."""
-
-    mesh: Mesh
-
-    @classmethod
-    def of(cls, devices: Sequence[jax.Device], n_runs: int, n_envs: int) -> "Layout":
-        """Runs are split, where there are several; of one run its copies, over as many devices as divide them."""
-        n_parts = math.gcd(len(devices), n_envs) if n_runs == 1 else 1
-        if n_parts > 1:
-            return cls(Mesh(devices[:n_parts], "copies"))
-        return cls(Mesh(devices[: min(len(devices), n_runs)], "runs"))
-
-    @property
-    def of_copies(self) -> bool:
-        """True if copies are split, and not runs."""
-        return self.mesh.axis_names == ("copies",)
-
-    @property
-    def everywhere(self) -> NamedSharding:
-        """Whole on each device."""
-        return NamedSharding(self.mesh, PartitionSpec())
-
-    @property
-    def of_runs(self) -> NamedSharding:
-        """Of what each run has, its numbers and what it has learnt: `[R, ...]`."""
-        return self.everywhere if self.of_copies else NamedSharding(self.mesh, PartitionSpec("runs"))
-
-    def of_envs(self, axis: int) -> NamedSharding:
-        """Of what has an axis for the copies, the one of that number, behind that of the runs."""
-        if not self.of_copies:
-            return self.of_runs
-        return NamedSharding(self.mesh, PartitionSpec(*[None] * axis, "copies"))
-
-    def state(self, state: DeviceState) -> DeviceState:
-        """The shardings of states."""
-        return DeviceState(
-            jax.tree.map(lambda _: self.of_runs, state.run), jax.tree.map(lambda _: self.of_envs(1), state.episodes)
-        )
-
-    def on_all(self, f: Callable[..., Tree], in_axes: tuple[int | None, ...]) -> Callable[..., Tree]:
-        """A function of the runs of a device, for those of all devices. An argument without an axis is shared.
-
-        Where copies are split the function stays as it is, and XLA makes its sums over the devices.
-        """
-        if self.of_copies:
-            return f
-        specs = tuple(PartitionSpec() if axis is None else self.of_runs.spec for axis in in_axes)
-        return jax.shard_map(f, mesh=self.mesh, in_specs=specs, out_specs=self.of_runs.spec, check_vma=False)
 
 
 class DevicePopulation:
@@ -274,7 +224,7 @@ class DevicePopulation:
         return placed
 
     def _placed(self, state: DeviceState) -> DeviceState:
-        placed: DeviceState = jax.device_put(state, self._layout.state(state))
+        placed: DeviceState = jax.device_put(state, _shardings(self._layout, state))
         return placed
 
     def _fetch(self, tree: Tree) -> Tree:
@@ -305,7 +255,7 @@ def _compile(task: JaxTask, agent: Agent, layout: Layout) -> _Programs:
     advance, log = layout.on_all(of_runs, axes), layout.on_all(jax.vmap(read_log), (0, 0, 0))
 
     state = jax.eval_shape(_begin_all(layout), task, agent, _seeds(agent))
-    state = jax.tree.map(_shape, state, layout.state(state))
+    state = jax.tree.map(_shape, state, _shardings(layout, state))
     agent = _shapes(agent, layout.of_runs)
     n = jax.ShapeDtypeStruct((), jnp.int32)
     batch = _shapes(jax.eval_shape(advance, task, agent, state, n)[1], layout.of_envs(2))
@@ -326,6 +276,12 @@ def _compile_evaluation(task: JaxTask, agent: Agent, n_episodes: int, layout: La
     run = _shapes(jax.eval_shape(_begin_all(layout), task, agent, _seeds(agent)).run, layout.of_runs)
     given = (task, _shapes(agent, layout.of_runs), run.evaluation_key, run.step, run.learner)
     return jax.jit(layout.on_all(jax.vmap(program, axes), axes)).lower(*given).compile()
+
+
+def _shardings(layout: Layout, state: DeviceState) -> DeviceState:
+    return DeviceState(
+        jax.tree.map(lambda _: layout.of_runs, state.run), jax.tree.map(lambda _: layout.of_envs(1), state.episodes)
+    )
 
 
 def _shape(x: Any, sharding: NamedSharding | None) -> jax.ShapeDtypeStruct:

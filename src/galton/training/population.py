@@ -40,7 +40,7 @@ def populate(
     check_process()
     keep_programs()
     task = find(env)
-    if devices is None:  # on a CPU a single run's bits don't depend on the number of cores
+    if not devices:  # on a CPU a single run's bits don't depend on the number of cores
         devices = jax.devices()[:1] if len(seeds) == 1 and jax.default_backend() == "cpu" else jax.devices()
     check_size(task, agent, len(seeds))
     if task.observations.has_image and not agent.rollout.normalize_observation:

@@ -59,7 +59,7 @@ def check_programs(programs: Sequence[Any], agent: Agent, devices: Sequence[jax.
 
 
 def _bytes(told: Any) -> int:
-    """What a program needs besides its code, what it gives back in the place of an argument counted once."""
+    """The bytes that a program needs besides its code; what it returns in the place of an argument counts once."""
     return int(
         told.temp_size_in_bytes + told.argument_size_in_bytes + told.output_size_in_bytes - told.alias_size_in_bytes
     )
