@@ -69,7 +69,7 @@ def _kept(env: Any) -> Kept:
     state = jax.eval_shape(env.reset, jax.random.PRNGKey(0))
     shapes, structure = jax.tree.flatten(state)
     at_obs, at_reward, at_done = (_places(state, name) for name in ("obs", "reward", "done"))
-    action = jax.ShapeDtypeStruct((env.action_size,), jnp.float32)
+    action = jax.eval_shape(lambda: jnp.zeros(env.action_size))
 
     def step(action: Array, *leaves: Array) -> list[Array]:
         return jax.tree.leaves(env.step(jax.tree.unflatten(structure, leaves), action))
