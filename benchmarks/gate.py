@@ -83,7 +83,8 @@ class TwoPeaks:
 class NearItsMode(galton.losses.HLOneHot):
     """HL-1-Hot and β KL(π ‖ N), N a Gaussian over bins around the policy's own likeliest bin: FAN-PPO's regulariser.
 
-    Niu et al. (2026, arXiv 2604.01570) have it for the action tokens of robots. β = 1e-3 and a width of 4 bins are ours, chosen on the LQR: .01 holds a policy where it begins.
+    Niu et al. (2026, arXiv 2604.01570) have it for the action tokens of robots. β and the width are ours, chosen on
+    the LQR: .01 holds a policy where it begins.
     """
 
     beta: Positive = 1e-3
