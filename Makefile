@@ -135,7 +135,7 @@ $(VENV)-package/installed: constraints.txt | $(VENV)/bin/python
 $(VENV)-others/installed: pyproject.toml constraints.txt | $(VENV)/bin/python
 	$(PYTHON) -m venv $(VENV)-others
 	$(VENV)-others/bin/python -m pip install --quiet --disable-pip-version-check -c constraints.txt \
-	  -e '.[gymnax,playground,torch]' beartype hypothesis pytest pytest-xdist rsl-rl-lib skrl torchrl
+	  -e '.[gymnax,mujoco,playground,torch]' beartype hypothesis pytest pytest-xdist rsl-rl-lib skrl torchrl
 	@touch $@
 
 # rejax needs packages that Galton doesn't: an environment of its own.

@@ -78,11 +78,11 @@ class Optimizer(Part, abc.ABC):
             clipped |= jax.tree.map(lambda g, scale=scale: jnp.where(finite, scale * g, 0.0), part)
         return clipped
 
-    def at(self, step: Int[Array, ""], frozen: Bool[Array, ""]) -> "Optimizer":
+    def at(self, step: Float[Array, ""], frozen: Bool[Array, ""]) -> "Optimizer":
         """The optimizer of the update at this step; that of a frozen run moves nothing."""
         return self.replace(learning_rate=jnp.where(frozen, 0.0, self.learning_rate * self.remaining(step)))
 
-    def remaining(self, step: Int[Array, ""] | int) -> Float[Array, ""]:
+    def remaining(self, step: Float[Array, ""] | float) -> Float[Array, ""]:
         """The share of the learning rate that is left at this step: 1 − step / decay_steps, or 1 without a decay.
 
         As in Stable-Baselines3 the steps of the rollout that is learnt from count, so the last update's is 0.

@@ -22,8 +22,9 @@ from typing import (
 )
 
 import jax
+import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Float
 
 from galton.errors import require
 from galton.fields import Within, annotations, checked
@@ -231,7 +232,7 @@ class Schedule(Part, abc.ABC):
     """A number that changes with the environment steps of a run (`galton.schedules`)."""
 
     @abc.abstractmethod
-    def __call__(self, step: Int[Array, ""] | int) -> Float[Array, "*runs"]:
+    def __call__(self, step: Float[Array, ""] | float) -> Float[Array, "*runs"]:
         """The number at this step."""
 
     @abc.abstractmethod
@@ -255,10 +256,11 @@ def has_schedules(part: Part) -> bool:
     return any(isinstance(value, Schedule) or has_schedules(value) for value in inside)
 
 
-def at(part: PartT, step: Int[Array, ""] | int) -> PartT:
+def at(part: PartT, step: Float[Array, "*runs"] | float) -> PartT:
     """The part with its schedules' numbers at a step; itself where it has none."""
     if not has_schedules(part):
         return part
+    step = jnp.asarray(step, jnp.float32)
 
     def resolved(leaf: Any) -> Any:
         return leaf(step) if isinstance(leaf, Schedule) else leaf

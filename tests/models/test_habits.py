@@ -62,7 +62,7 @@ def test_a_number_of_steps_may_be_a_whole_float_and_is_rounded_up_to_updates():
     for steps in (1e2, 100, np.float64(100)):
         model = made("bandit").learn(steps, **QUIET)
         assert model.num_timesteps == 100
-    for steps in (1.5, math.nan, math.inf, 0.0, -1e2, 3e9):
+    for steps in (1.5, math.nan, math.inf, 0.0, -1e2, 1e12):
         with pytest.raises(UsageError, match="total_timesteps is"):
             model.learn(steps, **QUIET)
     assert model.num_timesteps == 100

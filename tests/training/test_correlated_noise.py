@@ -34,7 +34,7 @@ def test_noise_goes_on_over_rollouts_and_begins_anew_with_an_episode():
     z, steps = np.zeros((N, 2)), 0
     for _ in range(4):
         run, agent = jax.tree.map(lambda x: x[0], (population._state.run, population._agent))
-        drawn = np.asarray(draw_noise(rollout_key(run), JaxTask(env), agent).action, np.float64)
+        drawn = np.asarray(draw_noise(rollout_key(agent, run), JaxTask(env), agent).action, np.float64)
         population.advance(1)
         batch = jax.tree.map(lambda x: x[0], population._batch)
         found = noise_of(agent, run.learner, batch)

@@ -63,13 +63,13 @@ PROGRAMS = [jax.jit(functools.partial(f, JaxTask(Slide()))) for f in (begin_on_d
 
 
 def of_the_device(agent, run):
-    return draw_noise(rollout_key(run), JaxTask(Slide()), agent)
+    return draw_noise(rollout_key(agent, run), JaxTask(Slide()), agent)
 
 
 def of_the_host(agent, run):
     """Noise for actions straight from the rollout's key; the environment has none."""
     shape = (agent.rollout.n_steps, agent.rollout.n_envs)
-    return of_the_device(agent, run)._replace(action=agent.policy.noise(rollout_key(run), shape))
+    return of_the_device(agent, run)._replace(action=agent.policy.noise(rollout_key(agent, run), shape))
 
 
 def check_close(ours, theirs):

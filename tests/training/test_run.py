@@ -7,8 +7,9 @@ import pytest
 
 from galton.algorithms import A2C
 from galton.envs import LQR
+from galton.schedules import Linear
 from galton.training.log import Finished, nothing, summarise, tally
-from galton.training.run import begin, learn, read_log, rollout_key, with_keys, without_keys
+from galton.training.run import begin, learn, read_log, restored, rollout_key, step_of, stored, without_keys
 from galton.types import Transition
 
 from ..agents import agent
@@ -54,9 +55,10 @@ def test_a_seed_is_a_run_with_keys_apart_for_training_evaluation_and_first_episo
 
 def test_a_rollouts_key_does_not_depend_on_when_it_is_asked_for():
     run = new()
-    later = run._replace(step=jnp.int32(24))
-    assert numbers(rollout_key(run, 24)) == numbers(rollout_key(later))
-    assert len({numbers(rollout_key(run, ahead)) for ahead in range(0, 80, 8)}) == 10
+    later = run._replace(updates=jnp.int32(3))
+    assert numbers(rollout_key(AGENT, run, 3)) == numbers(rollout_key(AGENT, later))
+    assert numbers(rollout_key(AGENT, later)) == numbers(jax.random.fold_in(run.key, 24))  # its environment steps
+    assert len({numbers(rollout_key(AGENT, run, ahead)) for ahead in range(10)}) == 10
 
 
 def test_an_update_has_a_key_of_its_own():
@@ -69,7 +71,7 @@ def test_an_update_has_a_key_of_its_own():
 
     agent = AGENT.replace(algorithm=Spy())
     for _ in range(3):
-        rollouts.append(numbers(rollout_key(run)))
+        rollouts.append(numbers(rollout_key(AGENT, run)))
         run = learn(agent, run, batch(), FINISHED)
     assert len({*seen, *rollouts}) == 6
 
@@ -87,12 +89,12 @@ def test_the_learning_rate_falls_to_zero_with_the_last_update_and_a_decayed_upda
 
 def test_a_gradient_that_is_not_finite_is_flagged_once_and_nothing_is_learnt_from_there_on():
     run = update(new(), batch())
-    assert (int(run.step), int(run.diverged_at)) == (8, -1)
+    assert (int(run.updates), int(run.diverged_at)) == (1, -1)
     sick = update(run, batch(jnp.inf))
-    assert (int(sick.step), int(sick.diverged_at)) == (16, 16)
+    assert (int(sick.updates), int(sick.diverged_at)) == (2, 2)
     after = update(sick, batch())
     again = update(after, batch(jnp.nan))
-    assert (int(again.step), int(again.diverged_at)) == (32, 16)
+    assert (int(again.updates), int(again.diverged_at)) == (4, 2)
     assert bits(again.learner.params) == bits(run.learner.params)
     assert bits(update(run, batch()).learner.params) != bits(run.learner.params)
 
@@ -107,11 +109,23 @@ def test_a_log_empties_the_books_and_knows_nothing_of_a_diverged_run(scale):
     assert np.isfinite(values).all() if scale == 1 else np.isnan(values).all()
 
 
-def test_keys_survive_as_plain_numbers():
-    run = new(7)
-    back = with_keys(jax.tree.map(np.asarray, without_keys(run)))
-    assert numbers(rollout_key(back)) == numbers(rollout_key(run))
+def test_keys_survive_as_plain_numbers_and_counts_as_environment_steps():
+    run = new(7)._replace(updates=jnp.int32(10**9), diverged_at=jnp.int32(3))
+    kept = stored(AGENT, jax.tree.map(np.asarray, without_keys(run)))
+    assert (int(kept.step), int(kept.diverged_at)) == (8 * 10**9, 24)
+    back = restored(AGENT, kept)
+    assert numbers(rollout_key(AGENT, back)) == numbers(rollout_key(AGENT, run))
     assert numbers(back.evaluation_key) == numbers(run.evaluation_key)
+    assert (int(back.updates), int(back.diverged_at)) == (10**9, 3)
+
+
+def test_schedules_go_on_beyond_32_bits():
+    at = np.array([10**8, 10**9, 2 * 10**9])
+    steps = step_of(AGENT, jnp.asarray(at, jnp.int32))
+    np.testing.assert_allclose(steps, at * 8.0, rtol=1e-7)
+    np.testing.assert_allclose(Linear(1.0, 0.0, 16e9)(steps), [0.95, 0.5, 0.0], atol=1e-6)
+    optimizer = AGENT.optimizer.replace(decay_steps=16e9)
+    np.testing.assert_allclose([float(optimizer.remaining(float(8 * n))) for n in at], [0.95, 0.5, 0.0], atol=1e-6)
 
 
 NAMES = ("grad_norm", "entropy")

@@ -25,7 +25,7 @@ from typing import Annotated, Any, ClassVar
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Float
 
 from galton.errors import require
 from galton.fields import Within
@@ -65,7 +65,7 @@ class Entropy(Part):
         """The first dual variable."""
         return ()
 
-    def at(self, step: Int[Array, ""], frozen: Bool[Array, ""]) -> "Entropy":
+    def at(self, step: Float[Array, ""], frozen: Bool[Array, ""]) -> "Entropy":
         """The entropy to hold at the update at this step; a frozen run's dual variable stays."""
         del step, frozen
         return self
@@ -121,7 +121,7 @@ class HeldEntropy(Entropy):
         """The first dual variable, 0."""
         return jnp.zeros(())
 
-    def at(self, step: Int[Array, ""], frozen: Bool[Array, ""]) -> "HeldEntropy":
+    def at(self, step: Float[Array, ""], frozen: Bool[Array, ""]) -> "HeldEntropy":
         """The hold whose target at the start is that of this step."""
         start, steps = jnp.asarray(self.entropy_start), jnp.asarray(self.entropy_steps)
         done = jnp.where(steps > 0, jnp.minimum(step / jnp.where(steps > 0, steps, 1.0), 1.0), 0.0)

@@ -17,13 +17,12 @@ from galton.cli._words import Fills
 from galton.envs.find import find
 from galton.envs.registry import ENVS, find_task, is_known, read_constants
 from galton.envs.task import Task
-from galton.errors import require
 from galton.losses import LOSSES
 from galton.models.settings import all_words
 from galton.presets import PAPER, PRESETS, Preset
 from galton.records import Fields
 from galton.tasks import task_of
-from galton.training.train import check_arguments
+from galton.training.train import check_arguments, check_length
 from galton.words import values_of, vocabulary
 
 EnvName = Annotated[
@@ -88,7 +87,7 @@ class Training:
         """Raise UsageError for what `train` can't take, before anything is begun."""
         values_of(self.words)
         check_arguments(seeds, self.steps, self.logs, self.eval_episodes)
-        require(self.steps < 2**31, f"total_timesteps is {self.steps}; one run counts up to 2³¹ − 1 steps")
+        check_length(self.steps, self.steps // (self.words["n_steps"] * self.words["n_envs"]))
 
     def find(self, name: str) -> Task:
         """The environment of a name that was typed, made with these keyword arguments."""

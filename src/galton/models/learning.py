@@ -14,7 +14,7 @@ from galton import sb3
 from galton.agents import words_of
 from galton.algorithms import Rollout
 from galton.callbacks import Print
-from galton.errors import WideGaussian, require, require_integer
+from galton.errors import WideGaussian, require_integer
 from galton.models.base import Base
 from galton.models.calls import Calls, next_call
 from galton.optimizers import Optimizer
@@ -22,7 +22,7 @@ from galton.parts import Schedule, at
 from galton.training.log import Log
 from galton.training.remedy import outgrown
 from galton.training.run import over_all
-from galton.training.train import Pieces
+from galton.training.train import Pieces, check_length
 
 
 def updates_for(total_timesteps: object, rollout: Rollout, step: int) -> int:
@@ -33,7 +33,7 @@ def updates_for(total_timesteps: object, rollout: Rollout, step: int) -> int:
     assert isinstance(total_timesteps, int | np.integer)
     size = rollout.size
     n_updates = -(-int(total_timesteps) // size)
-    require(step + n_updates * size < 2**31, f"total_timesteps is {total_timesteps}; one run counts to 2³¹ − 1")
+    check_length(int(total_timesteps), step // size + n_updates)
     if total_timesteps < size:
         warnings.warn(
             f"total_timesteps is {total_timesteps:,}, but an update takes n_steps · n_envs = {rollout.n_steps:,} · "
@@ -101,7 +101,7 @@ def named(log: Log, step: int, seconds: float, first: int) -> dict[str, float]:
 
 def _rate(optimizer: Optimizer, step: int) -> float:
     """The learning rate of the update that ends at this step, as it is in float32."""
-    return float(np.float32(at(optimizer, step).learning_rate) * optimizer.remaining(step))
+    return float(np.float32(at(optimizer, step).learning_rate) * optimizer.remaining(float(step)))
 
 
 def _tell_of_no_rate(optimizer: Optimizer, first: int, last: int, size: int) -> None:

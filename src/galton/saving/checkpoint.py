@@ -23,6 +23,7 @@ FORMAT = 1
 """The number of today's format; a file of a higher one is of a newer version."""
 MAX_HEADER = 1 << 23
 MAX_FILE = files.DATA
+_LONGER = (("<f4", "<f8"), ("<i4", "<i8"))
 
 Settings = dict[str, Any]
 """Values that JSON can hold, by name."""
@@ -95,14 +96,14 @@ def flatten(tree: PyTree) -> dict[str, np.ndarray]:
 def unflatten(arrays: dict[str, np.ndarray], like: PyTree) -> PyTree:
     """Undo `flatten`, into the structure, shapes and types of `like`; CheckpointError where an array differs.
 
-    Where float64 is wanted float32 will do: observations were in float32 before they had their own precision.
+    Where 64 bits are wanted 32 will do, which observations and counts of steps had in earlier files.
     """
     leaves, structure = jax.tree_util.tree_flatten_with_path(like)
     told = []
     for path, leaf in leaves:
         found = arrays.get(_name(path))
-        if found is not None and found.dtype == np.float32 and leaf.dtype == np.float64:
-            found = found.astype(np.float64)
+        if found is not None and (found.dtype.str, np.dtype(leaf.dtype).str) in _LONGER:
+            found = found.astype(leaf.dtype)
         wanted = (leaf.shape, np.dtype(leaf.dtype))
         if found is None or (found.shape, found.dtype) != wanted:
             there = "missing" if found is None else f"{found.shape} {found.dtype}"

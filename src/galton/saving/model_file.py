@@ -125,7 +125,7 @@ def _described(path: Path, settings: Settings, arrays: dict[str, np.ndarray]) ->
     step, size, network = settings["step"], agent.rollout.size, agent.network
     fitting = {
         "class": settings["class"] == agent.algorithm.label,
-        "step": 0 <= step < 2**31 and step % size == 0 and arrays["run/step"].tolist() == [step],
+        "step": 0 <= step < 2**31 * size and step % size == 0 and arrays["run/step"].tolist() == [step],
         "log_interval": settings["log_interval"] > 0,
         "n_predictions": 0 <= settings["n_predictions"] < 2**32,
         "n_steps": size < 2**31,

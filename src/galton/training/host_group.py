@@ -6,7 +6,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, PyTree, UInt
+from jaxtyping import Array, Float, Int, PyTree, UInt
 
 from galton.algorithms import Agent
 from galton.envs.host.base import Steps
@@ -21,7 +21,7 @@ from galton.training.evaluate import LIMIT_IT, LONG
 from galton.training.host_evaluation import Evaluator
 from galton.training.host_programs import host_programs
 from galton.training.log import Finished, Log
-from galton.training.run import RunState, Snapshot, Tree, over_all, reseeded, with_keys, without_keys
+from galton.training.run import RunState, Snapshot, Tree, in_steps, over_all, reseeded, restored, stored, without_keys
 from galton.training.yardsticks import Yardsticks
 from galton.types import Learner, Params, Rule, Transition
 
@@ -78,9 +78,19 @@ class Group:
         self._numbers = self._place(jax.tree.leaves(over_all(self._agent, begin, end)))
 
     @property
+    def step(self) -> int:
+        """The environment steps that each run has taken."""
+        return int(in_steps(self._agent, self.runs.updates[0]))
+
+    @property
+    def diverged_at(self) -> Int[np.ndarray, " P"]:
+        """The step where a run's gradient was not finite, −1 while there is none."""
+        return in_steps(self._agent, self.runs.diverged_at)
+
+    @property
     def _now(self) -> PyTree[Array]:
         """The numbers of what acts: those of schedules are what they are at this step."""
-        return self._programs.now(self._numbers, self.runs.step) if self._is_scheduled else self._numbers
+        return self._programs.now(self._numbers, self.runs.updates) if self._is_scheduled else self._numbers
 
     def warm_up(self) -> None:
         """Compile what training runs, by a first call of each program on numbers of no meaning."""
@@ -103,7 +113,7 @@ class Group:
         elif self._watch.others_moved():
             warnings.warn(
                 f"{self._task.name} was reset or stepped by somebody else since training left it at step "
-                f"{int(self.runs.step[0]):,}, and training begins a new episode there; give whoever evaluates an "
+                f"{self.step:,}, and training begins a new episode there; give whoever evaluates an "
                 "environment of its own",
                 SharedEnvironment,
                 stacklevel=2,
@@ -195,7 +205,7 @@ class Group:
             action = np.asarray(exploit(now, learner, self._from_origin(self._split(observation))))
             return action.reshape(len(observation), -1)
 
-        seeds = _environment_seeds(self._seeds, n_episodes, 1, int(self.runs.step[0]))
+        seeds = _environment_seeds(self._seeds, n_episodes, 1, self.step)
         return self._split(self.evaluator.evaluate(self.environments.layers, self._at_first, seeds, act))
 
     def yardsticks(self) -> Yardsticks:
@@ -218,7 +228,8 @@ class Group:
         if self._agent.rollout.noise_correlation is not None:
             own["noise"] = jax.tree.map(np.asarray, self._noise)
         state = None if self._interrupted or self._watch.others_moved() else self._state()
-        snapshot: Snapshot = {"run": jax.tree.map(np.asarray, without_keys(self.runs))}
+        run = jax.tree.map(np.asarray, without_keys(self.runs))
+        snapshot: Snapshot = {"run": stored(self._agent, run)}
         if state is not None:
             snapshot["environments"] = own | {key: self._split(value) for key, value in state.items()}
         elif statistics := self._statistics():
@@ -244,7 +255,7 @@ class Group:
 
     def restore(self, snapshot: Snapshot) -> None:
         """Go back to a snapshot; without states, to the start of new episodes with the normaliser as it was."""
-        self.runs = self._place(with_keys(snapshot["run"]))
+        self.runs = self._place(restored(self._agent, snapshot["run"]))
         if "environments" not in snapshot:
             told = {name: np.concatenate(value) for name, value in snapshot.get("statistics", {}).items()}
             for i, layers in enumerate(self.environments.layers if told else ()):
@@ -273,7 +284,7 @@ class Group:
 
     def _start_anew(self) -> None:
         """Begin new episodes in the middle of a run, with seeds that its step decides."""
-        self._start(self.environments.reset(_environment_seeds(self._seeds, self._shape[1], 2, int(self.runs.step[0]))))
+        self._start(self.environments.reset(_environment_seeds(self._seeds, self._shape[1], 2, self.step)))
         self._interrupted = False
 
     def _start(self, observation: np.ndarray) -> None:

@@ -14,7 +14,7 @@ from galton.parts import at
 from galton.policies.correlation import continued
 from galton.training.evaluate import deterministic_action
 from galton.training.programs import kept
-from galton.training.run import RunState, begin, learn, over_runs, read_log, rollout_key
+from galton.training.run import RunState, begin, learn, over_runs, read_log, rollout_key, step_of
 from galton.types import Params
 
 Numbers = list[Array]
@@ -56,7 +56,7 @@ class HostPrograms:
         self.log = jax.jit(jax.vmap(of(read_log)))
         """(agent, runs, batch) → runs and logs."""
         self.now = jax.jit(jax.vmap(of(_now)))
-        """(agent, steps `[P]`) → the numbers of the same agent without its schedules."""
+        """(agent, updates `[P]`) → the numbers of the same agent without its schedules."""
         self.exploit = jax.jit(jax.vmap(of(deterministic_action)))
         """(agent, learners, observations from the origin `[P, n, o]`) → deterministic actions."""
 
@@ -71,7 +71,7 @@ def _observe(run: RunState, observation: Array) -> RunState:
 
 
 def _prepare(agent: Agent, run: RunState) -> PyTree[Array]:
-    return agent.policy.noise(rollout_key(run), (agent.rollout.n_steps, agent.rollout.n_envs))
+    return agent.policy.noise(rollout_key(agent, run), (agent.rollout.n_steps, agent.rollout.n_envs))
 
 
 def _act(
@@ -97,5 +97,5 @@ def _receive(
     return normalization.receive(normalizer, reward, done, final, following, agent.algorithm.gamma)
 
 
-def _now(agent: Agent, step: Array) -> Numbers:
-    return jax.tree.leaves(at(agent, step))
+def _now(agent: Agent, updates: Array) -> Numbers:
+    return jax.tree.leaves(at(agent, step_of(agent, updates)))

@@ -28,13 +28,17 @@ from galton.training.run import (
     Snapshot,
     Tree,
     begin,
+    in_steps,
+    key_at,
     learn,
     over_all,
     over_runs,
     read_log,
     reseeded,
+    restored,
     rollout_key,
-    with_keys,
+    step_of,
+    stored,
     without_keys,
 )
 from galton.training.size import check_programs
@@ -51,7 +55,7 @@ class DeviceState(NamedTuple):
 
 def iteration(task: JaxTask, agent: Agent, state: DeviceState, noise: Noise) -> tuple[DeviceState, Transition]:
     """One round of the training loop: act for n_steps steps, then learn from them. The rollout is returned too."""
-    now = at(agent, state.run.step)
+    now = at(agent, step_of(agent, state.run.updates))
     episodes, learner, batch, finished, metrics = rollout(task, now, state.run.learner, state.episodes, noise)
     run = learn(agent, state.run._replace(learner=learner), batch, finished, metrics)
     return DeviceState(run, episodes), batch
@@ -70,7 +74,7 @@ def iterate(
 
     def block(carry: tuple[Array, DeviceState, Transition]) -> tuple[Array, DeviceState, Transition]:
         done, state, batch = carry
-        keys = jax.vmap(functools.partial(rollout_key, state.run))(jnp.arange(n_drawn) * batch_size)
+        keys = jax.vmap(functools.partial(rollout_key, agent, state.run))(jnp.arange(n_drawn))
         noise = jax.vmap(lambda key: draw_noise(key, task, agent))(keys)
         n = jnp.minimum(n_drawn, n_updates - done)
         state, batch = jax.lax.fori_loop(
@@ -129,7 +133,7 @@ class DevicePopulation:
     @property
     def step(self) -> int:
         """The environment steps that each run has taken."""
-        return int(self._state.run.step[0])
+        return int(in_steps(self._given, self._state.run.updates[0]))
 
     @property
     def learner(self) -> Learner:
@@ -139,7 +143,7 @@ class DevicePopulation:
     @property
     def diverged_at(self) -> Int[np.ndarray, " R"]:
         """The step where a run's gradient was not finite, −1 while there is none."""
-        return np.asarray(self._fetch(self._state.run.diverged_at))
+        return in_steps(self._given, self._fetch(self._state.run.diverged_at))
 
     @property
     def environments(self) -> None:
@@ -163,7 +167,7 @@ class DevicePopulation:
         self.compile()
         assert self._programs
         self._state, self._batch = self._programs.advance(self._task, self._agent, self._state, np.int32(n_updates))
-        jax.block_until_ready(self._state.run.step)
+        jax.block_until_ready(self._state.run.updates)
 
     def log(self, begin_next: bool = True) -> Log:
         """The log of the updates since the last one, each number `[R]`, without evaluation.
@@ -185,7 +189,7 @@ class DevicePopulation:
         start = time.perf_counter()
         program = _compile_evaluation(self._shapes[0], _shapes(agent), n_episodes, self._layout)
         self.compile_seconds += time.perf_counter() - start
-        return np.asarray(self._fetch(program(self._task, agent, run.evaluation_key, run.step, run.learner)))
+        return np.asarray(self._fetch(program(self._task, agent, run.evaluation_key, run.updates, run.learner)))
 
     def check_evaluation(self, n_episodes: int) -> None:
         """Nothing to check: there are as many copies of the environment as one wants."""
@@ -208,13 +212,12 @@ class DevicePopulation:
     def snapshot(self) -> Snapshot:
         """Runs and environments, from which `restore` goes on exactly."""
         run, episodes = self._fetch(self._state._replace(run=without_keys(self._state.run)))
-        return {"run": run, "environments": episodes}
+        return {"run": stored(self._given, run), "environments": episodes}
 
     def restore(self, snapshot: Snapshot) -> None:
         """Go back to a snapshot of a population of the same shape."""
-        state = DeviceState(snapshot["run"], snapshot["environments"])
-        padded = jax.tree.map(lambda x: np.asarray(x)[self._padded], state)
-        self._state = self._placed(padded._replace(run=with_keys(padded.run)))
+        padded = jax.tree.map(lambda x: np.asarray(x)[self._padded], dict(snapshot))
+        self._state = self._placed(DeviceState(restored(self._given, padded["run"]), padded["environments"]))
 
     def close(self) -> None:
         """Do nothing, since environments in JAX hold nothing open."""
@@ -269,12 +272,13 @@ def _compile(task: JaxTask, agent: Agent, layout: Layout) -> _Programs:
 @kept
 def _compile_evaluation(task: JaxTask, agent: Agent, n_episodes: int, layout: Layout) -> Callable[..., Array]:
 
-    def program(task: JaxTask, agent: Agent, key: Array, step: Array, learner: Learner) -> Array:
-        return evaluate(jax.random.fold_in(key, step), task, at(agent, step), learner, n_episodes)
+    def program(task: JaxTask, agent: Agent, key: Array, updates: Array, learner: Learner) -> Array:
+        now = at(agent, step_of(agent, updates))
+        return evaluate(key_at(agent, key, updates), task, now, learner, n_episodes)
 
     axes = (None, 0, 0, 0, 0)
     run = _shapes(jax.eval_shape(_begin_all(layout), task, agent, _seeds(agent)).run, layout.of_runs)
-    given = (task, _shapes(agent, layout.of_runs), run.evaluation_key, run.step, run.learner)
+    given = (task, _shapes(agent, layout.of_runs), run.evaluation_key, run.updates, run.learner)
     return jax.jit(layout.on_all(jax.vmap(program, axes), axes)).lower(*given).compile()
 
 

@@ -54,7 +54,7 @@ class HostPopulation:
     @property
     def step(self) -> int:
         """The environment steps that each run has taken."""
-        return int(self._groups[0].runs.step[0])
+        return self._groups[0].step
 
     @property
     def learner(self) -> Learner:
@@ -64,7 +64,7 @@ class HostPopulation:
     @property
     def diverged_at(self) -> Int[np.ndarray, " R"]:
         """The step where a run's gradient was not finite, −1 while there is none."""
-        return np.concatenate([np.asarray(group.runs.diverged_at) for group in self._groups])
+        return np.concatenate([group.diverged_at for group in self._groups])
 
     @property
     def environments(self) -> HostEnvironments:

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple, TypeVar
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Int, Key, PyTree, UInt
+from jaxtyping import Array, Float, Int, Key, PyTree, UInt
 
 from galton import schedules
 from galton.algorithms import Agent, Scalars, actor_critic
@@ -37,11 +37,22 @@ class RunState(NamedTuple):
     """The key of everything random in training; with the step folded in, each rollout has its own."""
     evaluation_key: Key[Array, ""]
     """The key of the evaluations, which are drawn apart so that they never touch training."""
-    step: Int[Array, ""]
-    """The number of environment steps that the run has taken."""
+    updates: Int[Array, ""]
+    """The number of updates. Environment steps, a rollout's size as many, may be more than 32 bits hold."""
     diverged_at: Int[Array, ""]
-    """The step of the first update whose gradient was not finite, −1 while there is none. From there on nothing
-    is learnt: the parameters stay what they were before it."""
+    """The number of updates with the first one whose gradient was not finite, −1 while there is none. From there on
+    nothing is learnt: the parameters stay what they were before it."""
+    tally: Tally
+
+
+class StoredRun(NamedTuple):
+    """A run, or several, as a file holds it: numpy arrays, whose counts are in environment steps."""
+
+    learner: Learner
+    key: UInt[np.ndarray, "*runs 2"]
+    evaluation_key: UInt[np.ndarray, "*runs 2"]
+    step: Int[np.ndarray, "*runs"]
+    diverged_at: Int[np.ndarray, "*runs"]
     tally: Tally
 
 
@@ -63,9 +74,19 @@ def begin(
     return RunState(learner, key, evaluation_key, jnp.int32(0), jnp.int32(-1), empty), episodes_key
 
 
-def rollout_key(run: RunState, ahead: Int[Array, ""] | int = 0) -> Key[Array, ""]:
-    """The key of the rollout that begins `ahead` steps from here: the same however training is cut into calls."""
-    return jax.random.fold_in(run.key, run.step + ahead)
+def step_of(agent: Agent, updates: Int[Array, "*runs"]) -> Float[Array, "*runs"]:
+    """The environment steps of so many updates, as schedules take them."""
+    return updates.astype(jnp.float32) * agent.rollout.size
+
+
+def key_at(agent: Agent, key: Key[Array, ""], updates: Int[Array, ""]) -> Key[Array, ""]:
+    """The key of what begins after so many updates: their environment steps, of which 32 bits count, are folded in."""
+    return jax.random.fold_in(key, jnp.asarray(updates).astype(jnp.uint32) * np.uint32(agent.rollout.size))
+
+
+def rollout_key(agent: Agent, run: RunState, ahead: Int[Array, ""] | int = 0) -> Key[Array, ""]:
+    """The key of the rollout that begins `ahead` updates from here: the same however training is cut into calls."""
+    return key_at(agent, run.key, run.updates + ahead)
 
 
 def learn(
@@ -76,8 +97,9 @@ def learn(
     What the environment tells of itself, the means over the rollout, joins the scalars of the update.
     """
     frozen = run.diverged_at >= 0
-    step = run.step + agent.rollout.size
-    key = jax.random.fold_in(rollout_key(run), _OF_UPDATES)
+    updates = run.updates + 1
+    key = jax.random.fold_in(rollout_key(agent, run), _OF_UPDATES)
+    step = step_of(agent, updates)
     now = at(agent, step)
     now = now.replace(optimizer=now.optimizer.at(step, frozen), entropy=now.entropy.at(step, frozen))
     learner, told = now.algorithm.update(now, run.learner, batch, key)
@@ -86,8 +108,8 @@ def learn(
     kept = jax.tree.map(lambda old, new: jnp.where(frozen | ~finite, old, new), before, after)
     return run._replace(
         learner=learner.remembering(algorithm=kept),
-        step=step,
-        diverged_at=jnp.where(frozen | finite, run.diverged_at, step),
+        updates=updates,
+        diverged_at=jnp.where(frozen | finite, run.diverged_at, updates),
         tally=jax.tree.map(jnp.add, run.tally, tally(finished, told | (metrics or {}))),
     )
 
@@ -95,7 +117,7 @@ def learn(
 def read_log(agent: Agent, run: RunState, batch: Transition) -> tuple[RunState, Log]:
     """The log of the updates since the last one, the last of them on this batch; evaluation is the caller's."""
     names = (*agent.scalars, *(name for name in run.tally.diagnostics if name not in agent.scalars))
-    log = summarise(run.tally, names, diagnose(at(agent, run.step), run.learner, batch))
+    log = summarise(run.tally, names, diagnose(at(agent, step_of(agent, run.updates)), run.learner, batch))
     log = jax.tree.map(lambda x: jnp.where(run.diverged_at < 0, x, jnp.nan), log)
     return run._replace(tally=nothing(names)), log
 
@@ -130,11 +152,24 @@ def reseeded(run: RunState, seeds: UInt[np.ndarray, " R"]) -> RunState:
 
 
 def without_keys(run: RunState) -> RunState:
-    """The run with its keys as plain numbers, which a file can hold."""
+    """The run with its keys as plain numbers, which can be fetched from a device."""
     return run._replace(key=jax.random.key_data(run.key), evaluation_key=jax.random.key_data(run.evaluation_key))
 
 
-def with_keys(run: RunState) -> RunState:
-    """The run with its keys made of plain numbers again."""
+def stored(agent: Agent, run: RunState) -> StoredRun:
+    """A fetched run without keys as a file holds it."""
+    step = in_steps(agent, run.updates)
+    return StoredRun(run.learner, run.key, run.evaluation_key, step, in_steps(agent, run.diverged_at), run.tally)
+
+
+def restored(agent: Agent, run: StoredRun) -> RunState:
+    """Undo `without_keys` and `stored`."""
     key, evaluation_key = (jax.random.wrap_key_data(jnp.asarray(k)) for k in (run.key, run.evaluation_key))
-    return run._replace(key=key, evaluation_key=evaluation_key)
+    counts = (np.asarray(count // agent.rollout.size, np.int32) for count in (run.step, run.diverged_at))
+    return RunState(run.learner, key, evaluation_key, *counts, run.tally)
+
+
+def in_steps(agent: Agent, updates: Int[np.ndarray, "*runs"]) -> Int[np.ndarray, "*runs"]:
+    """The environment steps of so many updates on the host, −1 for −1."""
+    counts = np.asarray(updates, np.int64)
+    return np.where(counts < 0, -1, counts * agent.rollout.size)

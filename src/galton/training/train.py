@@ -104,7 +104,7 @@ def train(
     _check_numbers(agent, len(seeds))
     size = agent.rollout.size
     steps = log_points(size, total_timesteps, n_logs)
-    require(steps[-1] < 2**31, f"total_timesteps is {total_timesteps}; one run counts up to 2³¹ − 1 steps")
+    check_length(total_timesteps, int(steps[-1]) // size)
     agent = jax.tree.map(lambda number: np.broadcast_to(np.asarray(number, np.float32), len(seeds)), agent)
     updates_per_log = int(steps[0]) // size
     with contextlib.closing(populate(env, agent, seeds, devices)) as population:
@@ -174,6 +174,11 @@ def _train(
     train_seconds = time.perf_counter() - start - (population.compile_seconds - compiled)
     stacked: Log = jax.tree.map(lambda *x: np.stack(x, axis=1), *logs)
     return stacked, diverged_at, learner, population.compile_seconds, train_seconds
+
+
+def check_length(total_timesteps: int, n_updates: int) -> None:
+    """Raise UsageError for more updates than a run counts."""
+    require(n_updates < 2**31, f"total_timesteps is {total_timesteps}; a run counts up to 2³¹ − 1 updates")
 
 
 def log_points(rollout_size: int, total_timesteps: int, n_logs: int) -> Int[np.ndarray, " L"]:

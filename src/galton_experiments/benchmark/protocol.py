@@ -15,10 +15,7 @@ from galton.types import Count
 from galton.words import CHOICES, idle
 from galton_experiments.benchmark.priors import Prior, Priors, Record
 from galton_experiments.sweep.grid import MOST_SETTINGS
-from galton_experiments.sweep.study import Natural
-
-MOST_STEPS = 2_000_000_000
-"""The most environment steps that a run may have; it counts them in 32 bits."""
+from galton_experiments.sweep.study import MOST_STEPS, Natural
 
 
 @dataclasses.dataclass(frozen=True)

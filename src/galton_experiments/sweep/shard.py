@@ -120,7 +120,7 @@ def tabulate(shard: Shard, result: Result) -> pa.Table:
         "seed": shard.seeds,
         "final_training_return": result.final("training_return").astype(np.float32),
         "final_evaluation_return": result.final("evaluation_return").astype(np.float32),
-        "diverged_at": result.diverged_at,
+        "diverged_at": result.diverged_at.astype(np.int32),
         "steps": _lists(np.broadcast_to(result.steps.astype(np.int32), (n, len(result.steps)))),
     }
     for name, curves in result.log.columns().items():

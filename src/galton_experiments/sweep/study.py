@@ -132,6 +132,9 @@ Natural = Annotated[int, AtLeast(0)]
 MOST_RUNS = 10_000_000
 """The most runs that a study may have."""
 
+MOST_STEPS = 2_000_000_000
+"""The most environment steps that a run of a study may have; its tables count them in 32 bits."""
+
 MOST_LOGS = 1_000_000
 """The most points that a learning curve of a study may have."""
 
@@ -174,6 +177,7 @@ class Study:
             n <= MOST_RUNS,
             f"trials is {self.trials:,}, which makes {n:,} runs; give fewer of them; {MOST_RUNS:,} is the most",
         )
+        require(self.steps <= MOST_STEPS, f"steps is {self.steps:,}; a run of a sweep may have {MOST_STEPS:,} at most")
         require(self.seed < 2**63, f"seed is {self.seed}; it must be less than 2⁶³")
         points = {
             log_plan(n_envs * n_steps, self.steps, self.logs)[0]: (n_envs, n_steps)
