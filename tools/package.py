@@ -10,11 +10,12 @@ import argparse
 import json
 import platform
 import shutil
+import sys
 from pathlib import Path
 
 import builds
 from environments import Environment
-from smoke import CORE, MISSING, SMOKE, TRAIN, check
+from smoke import CORE, MISSING, SMOKE, TORCH, TRAIN, TRAINED_IN_TORCH, check
 
 CONSTRAINTS = builds.ROOT / "constraints.txt"
 
@@ -33,6 +34,18 @@ def tried(wheel: Path, extra: str | None, folder: Path) -> dict[str, object]:
         "calls": len(calls),
         "seconds": round(seconds),
     }
+
+
+def try_torch(wheel: Path, folder: Path) -> None:
+    """Train with `galton.torch` where the wheel lies beside torch, without JAX or anything else that it depends on."""
+    environment = Environment.make(folder / "torch", list(TORCH), CONSTRAINTS)
+    environment.run("python", "-m", "pip", "install", "--quiet", "--no-deps", str(wheel))
+    check(environment, [TRAINED_IN_TORCH], str(folder.with_name("programs")))
+    beside = environment.installed()
+    if "jax" in beside:
+        sys.exit("JAX is beside torch, so nothing was learnt of whether galton.torch needs it")
+    print(f"torch alone: trained and exported beside {', '.join(beside)}", flush=True)
+    environment.remove()
 
 
 def try_all(wheel: Path, extras: list[str], file: Path, record: dict, folder: Path) -> dict[str, dict]:
@@ -87,6 +100,7 @@ def main() -> None:
         **builds.made(wheel),
     }
     found = try_all(wheel, options.extras, options.out / "package.json", record, folder)
+    try_torch(wheel, folder)
     print(f"{table(found)}\nthe wheel: {wheel}")
 
 

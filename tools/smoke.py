@@ -5,6 +5,7 @@ import sys
 import time
 from typing import NamedTuple
 
+from builds import ROOT
 from environments import Environment
 
 
@@ -82,6 +83,10 @@ SMOKE = {
     ],
 }
 """By extra."""
+
+TORCH = "torch", "numpy", "jaxtyping", "lazy-loader", "gymnasium"
+"""The packages that `galton.torch` needs: the wheel is installed beside them without what it depends on otherwise."""
+TRAINED_IN_TORCH = Call(("python", "-c", (ROOT / "tests" / "torch" / "alone.py").read_text()), "trained and exported")
 
 MISSING = [
     Call("galton compare bandit", r"^galton: compare needs .*: pip install .*\[experiments\]'$", 2),
