@@ -21,7 +21,7 @@ import numpy as np
 
 import galton
 
-SEEDS, STEPS, TASK = range(6000, 6003), 1_500_000, "HalfCheetah-v5"
+SEEDS, STEPS, TASK = range(6000, 6003), 1_000_000, "HalfCheetah-v5"
 COMMON = {
     "algorithm": "ppo",
     "n_envs": 32,
@@ -55,6 +55,7 @@ HEADS = {
     "η = 2, S = 4, 4 epochs": centred(2.0, 4.0, n_epochs=4),
     "η = 2, S = 4, KL .03": centred(2.0, 4.0, target_kl=0.03),
     "η = 2, S = 4, rate 3e-4": centred(2.0, 4.0, learning_rate=3e-4),
+    "η = 2, S = 4, gradients not clipped": centred(2.0, 4.0, max_grad_norm=1e9),
 }
 
 

@@ -8,8 +8,8 @@ from .running import ROOT, check, examples, run_chosen
 
 OF_EXPERIMENTS = ("a_sweep", "new_study")
 """tests/experiments/test_examples.py has them."""
-ELSEWHERE = ("deploy", "cleanrl_ppo_histogram", *OF_EXPERIMENTS)
-"""The first needs a policy, which tests/deploy/test_example.py has; tests/torch/test_example.py runs the second."""
+ELSEWHERE = ("deploy", "cleanrl_ppo_histogram", "brax_ppo_histogram", *OF_EXPERIMENTS)
+"""Their tests are tests/deploy/test_example.py, tests/torch/test_example.py and tests/others/test_libraries.py."""
 SHORT = ("new_loss", "new_schedule", "own_gymnasium")
 LONG = sorted({path.stem for path in (ROOT / "examples").glob("*.py")} - {*SHORT, *ELSEWHERE})
 BLOCKS = [

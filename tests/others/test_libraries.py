@@ -1,5 +1,9 @@
 """Tasks of gymnax, Brax and Playground by name are those libraries' own, step by step: `make test-others`."""
 
+import re
+import subprocess
+import sys
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -8,6 +12,8 @@ import pytest
 import galton
 from galton.envs import find, of_brax
 from galton.envs.jax_task import JaxTask, RecordEnvironments
+
+from ..running import ROOT
 
 gymnax = pytest.importorskip("gymnax", reason="make test-others installs it")
 brax_envs = pytest.importorskip("brax.envs", reason="make test-others installs it")
@@ -125,3 +131,11 @@ def test_a_model_of_one_is_trained_saved_and_goes_on_to_the_bit(tmp_path):
     again.learn(256)
     for ours, theirs in zip(jax.tree.leaves(whole.learner.params), jax.tree.leaves(again.learner.params), strict=True):
         np.testing.assert_array_equal(ours, theirs)
+
+
+def test_the_losses_train_in_braxs_ppo():
+    command = [sys.executable, ROOT / "examples" / "brax_ppo_histogram.py", "--steps", "80000"]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    returns = [float(found) for found in re.findall(r"return (\S+)", done.stdout)]
+    assert returns[0] < 50
+    assert returns[-1] > 150  # of 200
