@@ -6,7 +6,8 @@ from typing import Any, NamedTuple
 
 from galton.errors import require, unknown
 
-GAUSSIAN, CLASSIFICATION, RN_D, PAPER = "gaussian", "classification", "rn-d", "paper"
+GAUSSIAN, CLASSIFICATION, RN_D = "gaussian", "classification", "rn-d"
+PLAYGROUND, PAPER = "playground", "paper"
 RECOMMENDED = "recommended"
 """The name of the preset of classification up to 0.2.0.dev0, in commands and files."""
 
@@ -120,6 +121,32 @@ _PPO_RN_D = {
 """RN-D (Bian et al., 2026): configs/gym.yaml and rnd.py of github.com/alwaysbyx/RND-RL, whose value loss has a factor
 of ½ before vf_coef. It takes the larger of the clipped and the plain error, as CleanRL does, not the clipped one."""
 
+_PPO_PLAYGROUND = {
+    "policy": "squashed-gaussian",
+    "state_dependent_std": True,
+    "log_std_init": -0.37,
+    "net_arch": (32, 32, 32, 32),
+    "critic_arch": (256, 256, 256, 256, 256),
+    "activation": "silu",
+    "kernel_init": "lecun",
+    "n_envs": 2048,
+    "n_steps": 480,
+    "batch_size": 30_720,
+    "n_epochs": 16,
+    "learning_rate": 1e-3,
+    "gamma": 0.995,
+    "gae_lambda": 0.95,
+    "clip_range": 0.3,
+    "ent_coef": 0.01,
+    "vf_coef": 0.25,
+    "max_grad_norm": 1e9,
+    "normalize_observation": True,
+    "normalize_advantage": True,
+}
+"""MuJoCo Playground 0.2's numbers of Brax's PPO for its DM Control tasks, dm_control_suite_params.py, and what Brax
+0.14.2 has beside them: networks, σ = softplus(0) at first, no clipping of gradients, half the value loss. Brax cuts
+advantages off after 30 steps and computes them anew in each minibatch, and rewards are ten times as large there."""
+
 PRESETS: Mapping[str, Mapping[str, Preset]] = {
     GAUSSIAN: {
         "a2c": Preset(GAUSSIAN, "gaussian", _A2C_GAUSSIAN),
@@ -130,6 +157,7 @@ PRESETS: Mapping[str, Mapping[str, Preset]] = {
         "ppo": Preset(CLASSIFICATION, "hl-gauss-centred", _PPO_CLASSIFICATION),
     },
     RN_D: {"ppo": Preset(RN_D, "hl-one-hot", _PPO_RN_D)},
+    PLAYGROUND: {"ppo": Preset(PLAYGROUND, "gaussian", _PPO_PLAYGROUND)},
     PAPER: {},
 }
 """By their names and that of the algorithm. What isn't there has the usual loss and the algorithm's defaults."""
@@ -150,13 +178,14 @@ def find_preset(name: str | None, loss: Any, algorithm: str) -> Preset:
     says nothing of another.
 
     Raises:
-        UsageError: there is none of that name, or it is for another loss, or RN-D's for another algorithm.
+        UsageError: there is none of that name, or it is for another loss or algorithm.
     """
     name = name or (USUAL.get(algorithm, PAPER) if loss is None else PAPER)
     name = present(name)
     if name not in PRESETS:
         raise unknown("preset", name, PRESETS)
-    require(name != RN_D or algorithm == "ppo", f"preset is {name!r}, which is for PPO, not {algorithm!r}; take PPO")
+    of_ppo = name not in (RN_D, PLAYGROUND) or algorithm == "ppo"
+    require(of_ppo, f"preset is {name!r}, which is for PPO, not {algorithm!r}; take PPO")
     preset = PRESETS[name].get(algorithm, Preset(name))
     require(
         loss in (None, preset.loss) or not preset.settings,

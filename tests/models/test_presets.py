@@ -17,7 +17,7 @@ from galton.agents import read, words_of
 from galton.cli._options import Training
 from galton.models import Model
 from galton.optimizers import Adam
-from galton.presets import CLASSIFICATION, GAUSSIAN, PAPER, PRESETS, RECOMMENDED, RN_D, Preset, find_preset
+from galton.presets import CLASSIFICATION, GAUSSIAN, PAPER, PLAYGROUND, PRESETS, RECOMMENDED, RN_D, Preset, find_preset
 from galton.words import vocabulary
 
 from ..envs.host.walks import Tall
@@ -49,7 +49,7 @@ def test_presets_have_an_earlier_name_too_and_an_algorithm_of_ones_own_the_usual
     for algorithm in ALGORITHMS:
         assert find_preset(RECOMMENDED, None, algorithm) == PRESETS[CLASSIFICATION][algorithm]
     assert find_preset(None, None, "reinforce") == Preset(PAPER, "hl-gauss", {})
-    with pytest.raises(UsageError, match="preset is 'best'; choose from gaussian, classification, rn-d, paper"):
+    with pytest.raises(UsageError, match="preset is 'best'; choose from gaussian, classification, rn-d, playground"):
         A2C("lqr", preset="best")
 
 
@@ -97,7 +97,7 @@ def test_models_and_commands_have_the_same_presets(monkeypatch):
     monkeypatch.setattr("galton.models.model.Run", lambda *settings: None)
     every = itertools.product(PRESETS, ALGORITHMS, ("bandit", "acrobot", "Pendulum-v1"), (None, 3))
     for name, algorithm, env, n_envs in every:
-        if (name, algorithm) == (RN_D, "a2c"):
+        if name in (RN_D, PLAYGROUND) and algorithm == "a2c":
             continue
         training = Training.of_task(env, algorithm, find_preset(name, None, algorithm), n_envs)
         model = Model(env, preset=name, algorithm=algorithm, n_envs=n_envs)
