@@ -27,8 +27,7 @@ from brax.training.agents.ppo import train as ppo
 
 import galton
 from galton.losses import HLGaussCentred, as_log_prob
-from galton.policies.exploration import init_clipped_gaussian_logits
-from galton.policies.histogram import Histogram
+from galton.policies import Histogram
 
 LOSS = HLGaussCentred(eta=2.0, target_tails="reflected")
 
@@ -50,7 +49,7 @@ class Bins(distribution.ParametricDistribution):
     def __init__(self, event_size, n_bins=41):
         super().__init__(event_size * n_bins, None, 1, reparametrizable=False)
         self.bins = galton.Bins(-np.ones(event_size), np.ones(event_size), n_bins, "bounds")
-        self.first = init_clipped_gaussian_logits(self.bins, mean=0.0, std=0.6)
+        self.first = -((self.bins.centers / 0.6) ** 2) / 2  # a Gaussian of σ = .6 on the centers, to begin with
 
     def histogram(self, parameters):
         return Histogram(self.bins, self.first + parameters.reshape(*parameters.shape[:-1], *self.first.shape))

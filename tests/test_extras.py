@@ -14,10 +14,12 @@ import pytest
 
 import galton
 from galton import MissingExtraError, UsageError, extras
+from galton.envs.others import MODULES
 
 ROOT = Path(galton.__file__).parent
 PYPROJECT = Path(__file__).parents[1] / "pyproject.toml"
 DISTRIBUTIONS = {"PIL": "pillow", "Box2D": "box2d", "pygame": "pygame-ce", "mujoco_playground": "playground"}
+DISTRIBUTIONS |= {"mujoco.mjx": "mujoco-mjx"}
 """The name of a library on the package index, where it is another."""
 
 # Runs commands and lines of Python in one process, as one in which these libraries were not installed.
@@ -86,7 +88,7 @@ CORE = [
             2,
             f"galton: environment '{library}:Task' needs {needed}: {extras.installing(library)}\n",
         )
-        for library, needed in (("gymnax", "gymnax"), ("brax", "brax"), ("playground", "mujoco_playground"))
+        for library, needed in (*{"gymnax": "gymnax", "brax": "brax"}.items(), *MODULES.items())
     ),
     (["benchmark", "my.toml"], 2, f"galton: benchmark needs pyarrow and matplotlib: {STUDIES}"),
     (["export", "run", "--format", "onnx"], 2, f"galton: the format onnx needs onnx: {extras.installing('onnx')}\n"),

@@ -16,7 +16,7 @@ ROOT = Path(__file__).parents[1]
 RESULTS = ROOT / "results" / "packaging"
 PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
 PROJECT = PYPROJECT["project"]
-OTHERS = {"brax", "gymnax", "playground", "torch"}
+OTHERS = {"brax", "gymnax", "mjx", "playground", "torch"}
 """Extras that `make test-others` installs and tries."""
 USERS = set(extras.LIBRARIES.values()) - OTHERS
 """The extras that somebody needs who uses Galton, and does not work on it."""

@@ -35,6 +35,7 @@ LIBRARIES = {
     "gymnax": "gymnax",
     "brax": "brax",
     "mujoco_playground": "playground",
+    "mujoco.mjx": "mjx",
 }
 """The extra of pyproject.toml that brings each library, which is known here by the name that one imports."""
 
@@ -71,7 +72,9 @@ def check_named(what: str, error: BaseException) -> None:
 def _is_there(library: str) -> bool:
     if library in sys.modules:
         return sys.modules[library] is not None
-    return importlib.util.find_spec(library) is not None
+    with contextlib.suppress(ModuleNotFoundError):  # what it is a part of may be missing too
+        return importlib.util.find_spec(library) is not None
+    return False
 
 
 def _told(what: str, libraries: list[str] | tuple[str, ...]) -> str:

@@ -78,6 +78,6 @@ def settings_of(env: object) -> dict[str, object]:
 def task_of(env: str) -> Task:
     """The task on that environment, by either of its names; for any other environment the paper's usual settings."""
     env = find_task(env)[0] if is_known(env) else env
-    if env.partition(":")[0] in ("brax", "playground"):  # their resets are slow
+    if env.partition(":")[0] in ("brax", "playground", "mjx"):  # their resets are slow
         return Task(env, env, config={"resets": "first"})
     return next((task for task in TASKS.values() if task.env == env), _outside(env, env))

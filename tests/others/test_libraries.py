@@ -4,6 +4,7 @@ import re
 import subprocess
 import sys
 
+import gymnasium
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -139,3 +140,39 @@ def test_the_losses_train_in_braxs_ppo():
     returns = [float(found) for found in re.findall(r"return (\S+)", done.stdout)]
     assert returns[0] < 50
     assert returns[-1] > 150  # of 200
+
+
+@pytest.mark.parametrize("name", ["HalfCheetah", "Hopper", "Walker2d"])
+def test_a_step_of_mjx_is_gymnasiums(name):
+    from galton.envs.mjx import Runner
+
+    with jax.enable_x64(True):
+        record = of_brax(Runner(name), name, 1000)
+        theirs = gymnasium.make(f"{name}-v5").unwrapped
+        theirs.reset(seed=0)
+        reset, step = jax.jit(record.reset), jax.jit(record.step)
+        state, n_ends = reset(jax.random.key(0)), 0
+        for t, action in enumerate(np.random.default_rng(0).uniform(-1, 1, (60, len(record.action_low)))):
+            data = record.kept.whole(state).data
+            theirs.set_state(np.array(data.qpos), np.array(data.qvel))
+            theirs.data.qacc_warmstart[:] = data.qacc_warmstart
+            observation, reward, ended, _, _ = theirs.step(action)
+            state, found, done = step(state, jnp.asarray(action), ())
+            np.testing.assert_allclose(record.observe(state), observation, rtol=0, atol=1e-10)
+            np.testing.assert_allclose(found, reward, rtol=0, atol=1e-10)
+            assert bool(done) == ended
+            n_ends += ended
+            state = reset(jax.random.key(t)) if ended else state
+        assert (n_ends > 0) == (name != "HalfCheetah")
+        first = [np.asarray(record.observe(reset(jax.random.key(seed)))) for seed in range(300)]
+    told = np.array([theirs.reset(seed=seed)[0] for seed in range(300)])
+    np.testing.assert_allclose(np.std(first, 0), told.std(0), rtol=0.15)
+    np.testing.assert_allclose(np.mean(first, 0), told.mean(0), atol=4 * told.std() / 300**0.5)
+
+
+def test_mjx_is_trained_on():
+    model = galton.PPO("mjx:HalfCheetah", n_envs=16, n_steps=32, batch_size=128, n_epochs=2)
+    model.learn(1024, progress_bar=False)
+    assert model.num_timesteps == 1024
+    with pytest.raises(galton.UsageError, match=r"env_kwargs has mass .* takes max_episode_steps alone"):
+        find("mjx:HalfCheetah", mass=2)

@@ -1,4 +1,4 @@
-"""Environments in JAX of other libraries by name: "gymnax:Pendulum-v1", "brax:ant", "playground:CheetahRun"."""
+"""Environments in JAX of other libraries by name: "gymnax:Pendulum-v1", "brax:ant", "mjx:HalfCheetah"."""
 
 import functools
 from collections.abc import Callable, Sequence
@@ -30,7 +30,7 @@ def make(name: str, **options: Any) -> Any:
         hash(tuple(options.values()))
     except TypeError:
         raise UsageError(f"env_kwargs is {options} for {name!r}; give numbers, texts and tuples of them") from None
-    with needed(f"environment {name!r}", library if library != "playground" else "mujoco_playground"):
+    with needed(f"environment {name!r}", MODULES.get(library, library)):
         return MAKERS[library](task, dict(options))
 
 
@@ -107,9 +107,30 @@ def _playground_record(task: str, options: tuple[tuple[str, Any], ...]) -> BraxL
     return of_brax(env, name, limit, part)
 
 
+def _mjx(task: str, options: dict[str, Any]) -> BraxLike:
+    from galton.envs.mjx import TASKS
+
+    _known("mjx", task, TASKS)
+    return _mjx_record(task, tuple(sorted(options.items())))
+
+
+@functools.cache
+def _mjx_record(task: str, options: tuple[tuple[str, Any], ...]) -> BraxLike:
+    from galton.envs.mjx import Runner
+
+    own = dict(options)
+    limit = own.pop("max_episode_steps", 1000)
+    name = f"mjx:{task}"
+    require(not own, f"env_kwargs has {', '.join(own)} for {name!r}, which takes max_episode_steps alone")
+    return of_brax(Runner(task), name, limit)
+
+
+MODULES = {"playground": "mujoco_playground", "mjx": "mujoco.mjx"}
+"""The modules of libraries that have other names."""
 MAKERS: dict[str, Callable[[str, dict[str, Any]], Any]] = {
     "gymnax": _gymnax,
     "brax": _brax,
     "playground": _playground,
+    "mjx": _mjx,
 }
 """The libraries whose tasks go by library:task."""

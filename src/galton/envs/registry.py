@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from galton.envs.base import Environment
 
 
-LIBRARIES = ("gymnax", "brax", "playground")
+LIBRARIES = ("gymnax", "brax", "playground", "mjx")
 """Other libraries whose environments in JAX go by library:task (`galton.envs.others`)."""
 
 
