@@ -21,7 +21,7 @@ import numpy as np
 
 import galton
 
-SEEDS, STEPS, TASK = range(6000, 6003), 1_000_000, "HalfCheetah-v5"
+SEEDS, STEPS, TASK = range(6000, 6003), 600_000, "HalfCheetah-v5"
 COMMON = {
     "algorithm": "ppo",
     "n_envs": 32,
@@ -46,7 +46,6 @@ def centred(eta, head_scale, **others):
 
 HEADS = {
     "Gaussian": {"loss": "gaussian"},
-    "one-hot": {"loss": "hl-one-hot"} | BINS,
     "one-hot, S = 4": {"loss": "hl-one-hot", "head_scale": 4.0} | BINS,
     "η = 2": centred(2.0, 1.0),
     "η = 1, S = 4": centred(1.0, 4.0),
