@@ -28,9 +28,7 @@ def test_the_page_shows_the_records():
     assert page(text, load().values()) == text, "python -m tests.trust"
     assert all(f"<!-- table: {title} -->" in text for title in TOPICS.values())
     records = load().values()
-    told = text.partition("\n## What is learned\n")[0]
-    assert told != text
-    assert told.count("\n| ") == len(records) + len({record.topic for record in records})  # a head for each table
+    assert text.count("\n| ") == len(records) + len({record.topic for record in records})  # a head for each table
 
 
 def test_the_cases_of_a_test_become_one_record(tmp_path):
