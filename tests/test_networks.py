@@ -1,5 +1,7 @@
 """Networks against torch's: outputs and gradients; and what becomes of them in models, files and ONNX."""
 
+import functools
+
 import flax.linen as nn
 import jax
 import jax.numpy as jnp
@@ -10,7 +12,7 @@ import torch
 
 from galton import A2C, NETWORKS, UsageError
 from galton.deploy import export
-from galton.networks import ACTIVATIONS, MLP, FlaxNetwork, SimBa
+from galton.networks import ACTIVATIONS, MLP, FlaxNetwork, SimBa, mlp
 from galton.types import Count
 
 N_IN, OUT, B = 5, 3, 16
@@ -211,3 +213,17 @@ def logged(model):
     logs = []
     model.learn(20, lambda _, log: logs.append(dict(log)) and None, progress_bar=False, log_interval=1)
     return logs[-1]
+
+
+def test_products_on_an_accelerator_are_plain_ones_with_the_same_gradient(monkeypatch):
+    layers = MLP(net_arch=(8,)).init(jax.random.key(0), 3, 2, 1.0, of_critic=False)
+    x = jax.random.normal(jax.random.key(1), (5, 3))
+
+    def gradient(layers):
+        return jax.grad(lambda layers: (mlp(layers, x) ** 2).sum())(layers)
+
+    here, program = gradient(layers), str(jax.make_jaxpr(gradient)(layers))
+    monkeypatch.setattr(jax, "default_backend", lambda: "gpu")
+    jax.tree.map(functools.partial(np.testing.assert_allclose, rtol=1e-5), gradient(layers), here)
+    assert "optimization_barrier" in program
+    assert "optimization_barrier" not in str(jax.make_jaxpr(gradient)(layers))

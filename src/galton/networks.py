@@ -205,7 +205,8 @@ def layer_norm(layer: Params, x: Float[Array, "*batch n"]) -> Float[Array, "*bat
 
 def linear(layer: Params, x: Float[Array, "*batch n_in"]) -> Float[Array, "*batch n_out"]:
     """The outputs of one layer without its activation."""
-    outputs: Array = _matmul(jnp.asarray(x), jnp.asarray(layer["kernel"])) + layer["bias"]
+    product = _matmul if jax.default_backend() == "cpu" else jnp.matmul
+    outputs: Array = product(jnp.asarray(x), jnp.asarray(layer["kernel"])) + layer["bias"]
     return outputs
 
 
