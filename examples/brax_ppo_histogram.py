@@ -112,9 +112,7 @@ def main():
         num_eval_envs=16,
         seed=options.seed,
         network_factory=make_networks,
-        progress_fn=lambda steps, told: print(
-            f"{steps:>9,} steps: return {told['eval/episode_reward']:.1f}", flush=True
-        ),
+        progress_fn=tell,
     )
 
 

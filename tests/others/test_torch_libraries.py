@@ -66,7 +66,7 @@ def runner(loss):
 
 
 @pytest.mark.parametrize("loss", ["hl-one-hot", "hl-gauss-centred"])
-def test_rsl_rls_runner_learns_to_push(loss):
+def test_rsl_rls_runner_learns_to_push(loss, tmp_path):
     torch.manual_seed(0)
     made = runner(loss)
 
@@ -85,9 +85,12 @@ def test_rsl_rls_runner_learns_to_push(loss):
     assert distance() < 0.15
     exported = made.alg.actor.distribution.as_deterministic_output_module()
     logits = torch.randn(3, 2, 21)
-    torch.testing.assert_close(
-        torch.jit.trace(exported, logits)(logits), made.alg.actor.distribution.deterministic_output(logits)
-    )
+    expected = made.alg.actor.distribution.deterministic_output(logits)
+    torch.testing.assert_close(torch.jit.script(exported)(logits), expected)
+    made.export_policy_to_jit(str(tmp_path), "policy.pt")
+    seen = 2 * torch.rand(5, 2) - 1
+    acted = made.alg.actor(tensordict.TensorDict({"policy": seen}, batch_size=[5]))
+    torch.testing.assert_close(torch.jit.load(tmp_path / "policy.pt")(seen), acted)
 
 
 def test_torchrls_losses_take_it():

@@ -25,7 +25,7 @@ class Acting(torch.nn.Module):
         self.actor = actor
 
     def forward(self, observation):
-        return Histogram(self.actor(observation).unflatten(-1, (2, 11)), validate_args=False).mode
+        return Histogram(self.actor(observation).unflatten(-1, (2, 11)), validate_args=False).deterministic_sample
 
 
 exported = torch.export.export(Acting(), (observation,)).module()

@@ -94,17 +94,49 @@ def test_it_is_a_product_of_categoricals():
     assert found.event_shape == (2,)
     assert found.expand((3, 4)).log_prob(found.sample()).shape == (3, 4)
     assert bool(found.support.check(drawn).all())
-    torch.testing.assert_close(
-        Histogram(logits, deterministic="mode").mode,
-        found.centers.expand(4, 2, 9).gather(2, logits.argmax(-1)[..., None])[..., 0],
-    )
+    likeliest = found.centers.expand(4, 2, 9).gather(2, logits.argmax(-1)[..., None])[..., 0]
+    torch.testing.assert_close(found.mode, likeliest)
+    torch.testing.assert_close(Histogram(logits, deterministic="mode").deterministic_sample, likeliest)
+    torch.testing.assert_close(found.deterministic_sample, found.mean)
+
+
+@pytest.mark.parametrize("low", [-0.9, 100.3, -0.7])
+def test_half_precision_and_rounding_leave_the_box_whole(low):
+    """Bounds and centers are in float32 whatever the logits are, and no center lies outside of the box."""
+    high = low + 1.0
+    found = Histogram(torch.zeros(2000, 1, 41, dtype=torch.bfloat16), low, high, validate_args=True)
+    drawn = found.sample()
+    assert drawn.dtype == found.centers.dtype == torch.float32
+    assert len(found.centers.unique()) == 41
+    assert bool(found.support.check(drawn).all())
+    assert np.float32(low) <= drawn.min() < drawn.max() <= np.float32(high)
+    index = found._encode(drawn)
+    torch.testing.assert_close(found.centers[0][index], drawn, rtol=0, atol=0)
+    logits = torch.randn(5, 2, 41, requires_grad=True)
+    action = Histogram(logits).sample()
+
+    def gradient():
+        return torch.autograd.grad(Histogram(logits).log_prob(action).sum(), logits)[0]
+
+    plain = gradient()
+    with torch.autocast("cpu", dtype=torch.bfloat16):
+        torch.testing.assert_close(gradient(), plain)
+        critic = classification_loss(logits[:, 0].bfloat16(), torch.linspace(-900, 900, 5), -1000, 1000)
+    assert critic.dtype == torch.float32
+
+
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="needs CUDA")
+def test_it_is_the_same_on_a_gpu():
+    logits, action = torch.randn(5, 2, 11), Histogram(torch.zeros(5, 2, 11)).sample()
+    there = Histogram(logits.cuda(), low=np.float32([-1, -1])).log_prob(action.cuda())
+    torch.testing.assert_close(there.cpu(), Histogram(logits).log_prob(action))
 
 
 def test_it_is_compiled_mapped_and_cast():
     logits, action = torch.randn(5, 2, 11), torch.zeros(5, 2)
 
     def log_prob(logits, action):
-        return Histogram(logits, validate_args=False).log_prob(action)
+        return Histogram(logits).log_prob(action)
 
     expected = log_prob(logits, action)
     torch.testing.assert_close(torch.func.vmap(log_prob)(logits, action), expected)
@@ -112,7 +144,7 @@ def test_it_is_compiled_mapped_and_cast():
     with torch.autocast("cpu", dtype=torch.bfloat16):
         half = Histogram(logits.bfloat16()).log_prob(action)
     assert half.dtype == torch.float32
-    torch.testing.assert_close(half, expected, rtol=0.05, atol=0.2)
+    torch.testing.assert_close(half, log_prob(logits.bfloat16().float(), action))
 
 
 def test_the_deterministic_action_is_exported():
@@ -122,7 +154,7 @@ def test_the_deterministic_action_is_exported():
             self.body = torch.nn.Linear(3, 22)
 
         def forward(self, observation):
-            return Histogram(self.body(observation).unflatten(-1, (2, 11)), validate_args=False).mode
+            return Histogram(self.body(observation).unflatten(-1, (2, 11)), validate_args=False).deterministic_sample
 
     acting, observation = Acting(), torch.randn(4, 3)
     exported = torch.export.export(acting, (observation,)).module()
@@ -175,6 +207,9 @@ def test_first_policies_are_galtons(centers, std):
         ({"logits": torch.zeros(2, 1)}, "the number of bins is 1; it must be an integer of at least 2"),
         ({"logits": torch.zeros(5)}, r"logits have shape \(5,\); they must be"),
         ({"logits": torch.full((2, 5), torch.nan)}, "logits hold NaN or infinity"),
+        ({"logits": torch.full((2, 5), -torch.inf)}, "logits hold NaN or infinity"),
+        ({"low": -np.inf, "validate_args": False}, "bins need finite bounds"),
+        ({"head_scale": 0.0}, "head_scale is 0.0; it must be finite, and greater than 0"),
         ({"eta": 0.0}, "eta is 0.0; the target's width must be finite"),
         ({"loss": "gaussian"}, "loss is 'gaussian'; choose from hl-one-hot, hl-gauss, hl-gauss-centred"),
         ({"target_tails": "cut"}, "target_tails is 'cut'; choose from"),
@@ -190,3 +225,27 @@ def test_an_action_outside_of_the_box_is_refused():
     found.log_prob(torch.tensor([1.00001, -1.0]))
     with pytest.raises(galton.UsageError, match=r"an action is 1.5, outside of the box from \[-1.0, -1.0\] to"):
         found.log_prob(torch.tensor([1.5, 0.0]))
+    with pytest.raises(galton.UsageError, match=r"actions have shape \(4,\); they must be \[..., d\], and d is 2"):
+        Histogram(torch.zeros(4, 2, 5)).log_prob(torch.zeros(4))
+    with pytest.raises(galton.UsageError, match="the network has diverged"):
+        Histogram(torch.full((2, 5), torch.nan), validate_args=False).sample()
+
+
+def test_what_makes_no_critic_first_policy_or_divergence_is_refused():
+    logits = torch.zeros(4, 5)
+    for arguments, words, message in (
+        ((logits, torch.zeros(4, 1), -1, 1), {}, r"returns have shape \(4, 1\)"),
+        ((logits, torch.zeros(4), -np.inf, 1), {}, "low is -inf and high 1; both must be finite"),
+        ((logits, torch.zeros(4), -1, 1), {"eta": 0.0}, "eta is 0.0"),
+        ((logits[:, :1], torch.zeros(4), -1, 1), {}, r"logits have shape \(4, 1\)"),
+    ):
+        with pytest.raises(galton.UsageError, match=message):
+            classification_loss(*arguments, **words)
+    with pytest.raises(galton.UsageError, match="the number of bins is 1"):
+        first_logits(1)
+    with pytest.raises(galton.UsageError, match="bin_centers is 'bound'"):
+        first_logits(5, bin_centers="bound")
+    with pytest.raises(galton.UsageError, match="the layer has no bias"):
+        initialize_(torch.nn.Linear(3, 10, bias=False), 5)
+    with pytest.raises(galton.UsageError, match="d, k and bin_centers"):
+        kl_divergence(Histogram(torch.zeros(2, 5)), Histogram(torch.zeros(1, 5)))

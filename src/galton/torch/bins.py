@@ -14,34 +14,58 @@ Tails = Literal["rescaled", "edges", "reflected"]
 Centers = Literal["inside", "bounds"]
 
 
-def check(n_bins: int, eta: float, tails: str, centers: str) -> None:
-    """Raise UsageError for what no target can be made of."""
+def check(n_bins: int, centers: str, eta: float = 1.0, tails: str = "reflected", head_scale: float = 1.0) -> None:
+    """Raise UsageError for what no bins or targets can be made of."""
     require_integer("the number of bins", n_bins, 2)
+    require_word("bin_centers", centers, get_args(Centers))
     require(0 < eta < math.inf, f"eta is {eta}; the target's width must be finite, and greater than 0")
     require_word("target_tails", tails, get_args(Tails))
-    require_word("bin_centers", centers, get_args(Centers))
+    require(0 < head_scale < math.inf, f"head_scale is {head_scale}; it must be finite, and greater than 0")
 
 
-def box(low: object, high: object, like: Tensor, d: int) -> tuple[Float[Tensor, " d"], Float[Tensor, " d"]]:
-    """Both bounds as tensors `[d]` of the same type and device; UsageError for a box that can't be cut into bins."""
-    bounds = []
+def exact(logits: Tensor) -> torch.dtype:
+    """The type to compute in: that of the logits, but float32 where they have fewer digits, as under autocast."""
+    return logits.dtype if logits.dtype in (torch.float32, torch.float64) else torch.float32
+
+
+def is_true(condition: Tensor) -> bool:
+    """The value of a condition; False where nobody can know it, inside of vmap."""
+    try:
+        return bool(condition)
+    except RuntimeError:
+        return False
+
+
+def box(
+    low: object, high: object, logits: Float[Tensor, "*batch d k"], validate: bool
+) -> tuple[Float[Tensor, " d"], Float[Tensor, " d"]]:
+    """Both bounds as tensors `[d]`, on the logits' device; UsageError for a box that can't be cut into bins.
+
+    Numbers are always checked. Tensors, which may lie on a device, are where arguments are validated.
+    """
+    d, bounds = logits.shape[-2], []
     for name, bound in (("low", low), ("high", high)):
         try:
-            given = torch.as_tensor(bound, dtype=like.dtype, device=like.device)
+            given = torch.as_tensor(bound)
         except (TypeError, ValueError, RuntimeError):
             raise UsageError(f"{name} is {bound!r}; it must be a number, or one for each of {d} dimensions") from None
         fits = given.ndim == 0 or tuple(given.shape) == (d,)
         require(fits, f"{name} has shape {tuple(given.shape)}; the logits [..., d, k] have d = {d} dimensions")
         bounds.append(given.expand(d))
-    return bounds[0], bounds[1]
+    if not torch.compiler.is_compiling() and (validate or not isinstance(low, Tensor) or not isinstance(high, Tensor)):
+        _check_box(*bounds)
+    first, last = (bound.to(logits.device, exact(logits)) for bound in bounds)
+    return first, last
 
 
-def check_box(low: Float[Tensor, " d"], high: Float[Tensor, " d"]) -> None:
-    """Raise UsageError for bounds without bins between them."""
-    told = f"low is {low.tolist()} and high {high.tolist()}"
-    finite = bool((torch.isfinite(low) & torch.isfinite(high)).all())
-    require(finite, f"{told}; bins need finite bounds: scale the actions into a box first")
-    require(bool((low < high).all()), f"{told}; each low must lie below its high")
+def _check_box(low: Float[Tensor, " d"], high: Float[Tensor, " d"]) -> None:
+    infinite = is_true((~(torch.isfinite(low) & torch.isfinite(high))).any())
+    if infinite or is_true((low >= high).any()):
+        remedy = "bins need finite bounds: scale the actions into a box first"
+        raise UsageError(
+            f"low is {low.tolist()} and high {high.tolist()}; "
+            + (remedy if infinite else "each low must lie below its high")
+        )
 
 
 def center_shares(n_bins: int, centers: Centers, like: Tensor) -> Float[Tensor, " k"]:

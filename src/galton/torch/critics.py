@@ -1,5 +1,6 @@
 """Critics that classify: the value is the mean of a softmax over bins, trained by a cross-entropy with returns."""
 
+import math
 from typing import Literal, get_args
 
 import torch
@@ -7,12 +8,14 @@ from jaxtyping import Float
 from torch import Tensor
 
 from galton.errors import require, require_word
+from galton.torch.bins import exact
 
 Target = Literal["hl-gauss", "two-hot"]
 
 
 def value_of(logits: Float[Tensor, "*batch k"], low: float, high: float) -> Float[Tensor, "*batch"]:
     """The value that a critic's logits mean: the mean of the bins' centers between low and high."""
+    logits = _checked(logits, low, high)
     return low + (high - low) * (torch.softmax(logits, -1) * _centers(logits)).sum(-1)
 
 
@@ -36,10 +39,13 @@ def classification_loss(
         eta: the width of the Gaussian.
 
     Raises:
-        UsageError: bounds that are none, or an unknown target.
+        UsageError: bounds that are none, returns of another shape, or an unknown target.
     """
-    require(low < high, f"low is {low} and high {high}; low must be the smaller one")
+    logits = _checked(logits, low, high)
     require_word("target", target, get_args(Target))
+    require(0 < eta < math.inf, f"eta is {eta}; the target's width must be finite, and greater than 0")
+    fits = returns.shape == logits.shape[:-1]
+    require(fits, f"returns have shape {tuple(returns.shape)}; of logits {tuple(logits.shape)} they have all but k")
     centers, k = _centers(logits), logits.shape[-1]
     share = ((returns - low) / (high - low)).clamp(centers[0], centers[-1])[..., None]
     if target == "two-hot":
@@ -49,6 +55,15 @@ def classification_loss(
         mass = torch.diff(torch.erf((edges - share) * k / (eta * 2**0.5)), dim=-1).clamp(min=0)
         weights = mass / mass.sum(-1, keepdim=True)
     return (torch.special.xlogy(weights, weights) - weights * torch.log_softmax(logits, -1)).sum(-1)
+
+
+def _checked(logits: Tensor, low: float, high: float) -> Tensor:
+    """The logits in float32 or better; UsageError for bins that are none."""
+    require(
+        -math.inf < low < high < math.inf, f"low is {low} and high {high}; both must be finite, and low the smaller"
+    )
+    require(logits.shape[-1] > 1, f"logits have shape {tuple(logits.shape)}; they must be [..., k] of 2 bins or more")
+    return logits.to(exact(logits))
 
 
 def _centers(logits: Tensor) -> Tensor:

@@ -13,6 +13,7 @@ from galton.torch import bins
 Loss = Literal["hl-one-hot", "hl-gauss", "hl-gauss-centred"]
 Rule = Literal["mode", "mean"]
 Shape = torch.Size | list[int] | tuple[int, ...]
+DIVERGED = "logits hold NaN or infinity; the network has diverged: lower its learning rate"
 SLACK = 1e-4
 """An action may lie so far outside of the box, in sizes of the box: rounding, and no mistake."""
 
@@ -34,8 +35,8 @@ class Histogram(Distribution):
         bin_centers: the first and last center are on the "bounds" of the box or "inside" of it.
         target_tails: of a Gaussian target, what becomes of the mass beyond the box: "reflected", "edges" or "rescaled".
         head_scale: the logits are multiplied by this number. Under Adam the policy moves that many times as far a step.
-        deterministic: the action without exploration, which `mode` gives: the "mean" of the centers, or the "mode".
-        validate_args: check the box, the logits and actions for what they can't be; torch's usual if None.
+        deterministic: the action without exploration, `deterministic_sample`: the "mean" of the centers, or the "mode".
+        validate_args: check logits, actions, and a box of tensors for what they can't be; torch's usual if None.
 
     Raises:
         UsageError: arguments that make no distribution.
@@ -61,18 +62,16 @@ class Histogram(Distribution):
         batch, (d, k) = logits.shape[:-2], map(int, logits.shape[-2:])  # torch.jit traces sizes as tensors
         require_word("loss", loss, get_args(Loss))
         require_word("deterministic", deterministic, get_args(Rule))
-        bins.check(k, eta, target_tails, bin_centers)
-        self.low, self.high = bins.box(low, high, logits, d)
+        bins.check(k, bin_centers, eta, target_tails, head_scale)
+        checked = Distribution._validate_args if validate_args is None else validate_args
+        self.low, self.high = bins.box(low, high, logits, checked)
         self.kind, self.eta, self.deterministic = loss, eta, deterministic
         self.bin_centers, self.target_tails, self.head_scale = bin_centers, target_tails, head_scale
         self.logits = logits if head_scale == 1.0 else head_scale * logits
         super().__init__(batch, torch.Size([d]), validate_args=False)
-        checked = Distribution._validate_args if validate_args is None else validate_args
         self._validate_args = checked and not torch.compiler.is_compiling()
         if self._validate_args:
-            bins.check_box(self.low, self.high)
-            wrong = torch.isnan(logits) | torch.isposinf(logits)
-            require(not bool(wrong.any()), "logits hold NaN or infinity; the network has diverged: lower its rate")
+            require(not bins.is_true((~torch.isfinite(logits)).any()), DIVERGED)
 
     @property
     def n_bins(self) -> int:
@@ -87,8 +86,7 @@ class Histogram(Distribution):
     @property
     def log_probs(self) -> Float[Tensor, "*batch d k"]:
         """The logarithm of each bin's probability; in float32 or better, under autocast too."""
-        logits = self.logits if self.logits.dtype in (torch.float32, torch.float64) else self.logits.float()
-        return torch.log_softmax(logits, -1)
+        return torch.log_softmax(self.logits.to(bins.exact(self.logits)), -1)
 
     @property
     def probs(self) -> Float[Tensor, "*batch d k"]:
@@ -98,8 +96,9 @@ class Histogram(Distribution):
     @property
     def centers(self) -> Float[Tensor, "d k"]:
         """The action that each bin stands for."""
-        low, size = self.low[:, None], (self.high - self.low)[:, None]
-        return low + size * bins.center_shares(self.n_bins, self.bin_centers, self.low)
+        low, high = self.low[:, None], self.high[:, None]
+        share = bins.center_shares(self.n_bins, self.bin_centers, self.low)
+        return (low * (1 - share) + high * share).clamp(low, high)  # whose rounding may lie beyond
 
     @property
     def mean(self) -> Float[Tensor, "*batch d"]:
@@ -113,17 +112,23 @@ class Histogram(Distribution):
 
     @property
     def mode(self) -> Float[Tensor, "*batch d"]:
-        """The action without exploration: as `deterministic` says, the mean of the centers or the likeliest one."""
-        return self.mean if self.deterministic == "mean" else self._center(self.logits.argmax(-1))
+        """The likeliest center."""
+        return self._center(self.logits.argmax(-1))
 
-    deterministic_sample = mode
-    """TorchRL's name for it."""
+    @property
+    def deterministic_sample(self) -> Float[Tensor, "*batch d"]:
+        """The action without exploration, by TorchRL's name: as `deterministic` says, `mean` or `mode`."""
+        return self.mean if self.deterministic == "mean" else self.mode
 
     def sample(self, sample_shape: Shape = torch.Size()) -> Float[Tensor, "*sample d"]:  # noqa: B008
         """Draw actions, each the center of a bin; no gradient flows through them."""
         with torch.no_grad():
             probs = self.probs.expand(*sample_shape, *self.logits.shape)
-            drawn = torch.multinomial(probs.reshape(-1, self.n_bins), 1).reshape(probs.shape[:-1])
+            try:
+                drawn = torch.multinomial(probs.reshape(-1, self.n_bins), 1).reshape(probs.shape[:-1])
+            except RuntimeError:
+                require(not bins.is_true((~torch.isfinite(self.logits)).any()), DIVERGED)
+                raise
             return self._center(drawn)
 
     def log_prob(self, value: Float[Tensor, "*batch d"]) -> Float[Tensor, "*batch"]:
@@ -166,13 +171,18 @@ class Histogram(Distribution):
             self.n_bins, self.eta, self.target_tails, self.bin_centers, log_probs.dtype, log_probs.device
         )
         target = kernel[index]
-        return target if self.kind == "hl-gauss" else target - log_probs.detach().exp() @ kernel
+        if self.kind == "hl-gauss":
+            return target
+        with torch.autocast(log_probs.device.type, enabled=False):
+            return target - log_probs.detach().exp() @ kernel
 
     def _encode(self, value: Tensor) -> Tensor:
+        fits = value.shape[-1:] == self.event_shape
+        require(fits, f"actions have shape {tuple(value.shape)}; they must be [..., d], and d is {self.event_shape[0]}")
         share = (value - self.low) / (self.high - self.low)
         if self._validate_args and not torch.compiler.is_compiling():
             outside = (share < -SLACK) | (share > 1 + SLACK) | torch.isnan(share)
-            if bool(outside.any()):
+            if bins.is_true(outside.any()):
                 raise UsageError(
                     f"an action is {value[outside][0].item()}, outside of the box from {self.low.tolist()} to "
                     f"{self.high.tolist()}; give actions that `sample` drew, or clip them first"
@@ -193,6 +203,7 @@ class Histogram(Distribution):
 @register_kl(Histogram, Histogram)  # type: ignore[untyped-decorator]
 def _kl(p: Histogram, q: Histogram) -> Tensor:
     """Σ_l Σ_i p (log p − log q); of the same bins."""
-    require(p.n_bins == q.n_bins, f"one distribution has {p.n_bins} bins and the other {q.n_bins}")
+    one, other = ((*each.event_shape, each.n_bins, each.bin_centers) for each in (p, q))
+    require(one == other, f"one distribution has d, k and bin_centers {one}, and the other {other}")
     log_p, log_q = p.log_probs, q.log_probs
     return (log_p.exp() * (log_p - log_q)).sum((-2, -1))

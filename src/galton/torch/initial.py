@@ -31,6 +31,7 @@ def first_logits(
     Raises:
         UsageError: a width that is none, or an unknown word.
     """
+    bins.check(n_bins, bin_centers)
     require_word("initial_policy", initial_policy, get_args(Start))
     require(0 < std < math.inf, f"std is {std}; it must be finite, and greater than 0")
     like = torch.zeros((), dtype=torch.float64)
@@ -73,6 +74,8 @@ def initialize_(
         head_scale: as the distribution's, which multiplies the bias too.
         gain: of the orthogonal weights.
     """
+    bins.check(n_bins, bin_centers, head_scale=head_scale)
+    require(layer.bias is not None, "the layer has no bias, in which the first policy lies; make it with bias=True")
     logits = first_logits(n_bins, initial_policy, std, bin_centers) / head_scale
     fits = layer.out_features % n_bins == 0
     require(fits, f"the layer has {layer.out_features} outputs, which are not d · {n_bins}, whole bins of d dimensions")

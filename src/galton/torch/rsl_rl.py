@@ -51,7 +51,7 @@ class Histogram(Distribution):  # type: ignore[misc]
 
     def deterministic_output(self, mlp_output: Tensor) -> Tensor:
         """The actions without exploration."""
-        found: Tensor = self._of(mlp_output).mode
+        found: Tensor = self._of(mlp_output).deterministic_sample
         return found
 
     def as_deterministic_output_module(self) -> nn.Module:
@@ -103,12 +103,18 @@ class Histogram(Distribution):  # type: ignore[misc]
 
 
 class _Deterministic(nn.Module):
-    """The action without exploration of logits `[N, d, k]`."""
+    """The action without exploration of logits `[N, d, k]`, in what torch.jit.script understands."""
+
+    centers: Tensor
 
     def __init__(self, distribution: Histogram) -> None:
         super().__init__()
-        self.words = distribution.words
+        like = distribution._of(torch.zeros(distribution.output_dim, distribution.n_bins))
+        self.register_buffer("centers", like.centers)
+        self.head_scale, self.is_mean = float(like.head_scale), like.deterministic == "mean"
 
     def forward(self, mlp_output: Tensor) -> Tensor:
-        found: Tensor = histogram.Histogram(mlp_output, **self.words).mode
-        return found
+        if self.is_mean:
+            return (torch.softmax(self.head_scale * mlp_output, -1) * self.centers).sum(-1)
+        index = mlp_output.argmax(-1, keepdim=True)
+        return self.centers.expand(mlp_output.shape).gather(-1, index)[..., 0]

@@ -3,13 +3,14 @@
 from typing import Any, cast
 
 import torch
-from gymnasium.spaces import Box, Space
+from gymnasium.spaces import Box, Dict, Space
 from stable_baselines3.common.distributions import CategoricalDistribution
 from stable_baselines3.common.policies import ActorCriticPolicy, MultiInputActorCriticPolicy
 from stable_baselines3.common.type_aliases import Schedule
 from torch import Tensor, nn
 
 from galton.errors import require
+from galton.torch import bins
 from galton.torch.histogram import Histogram
 from galton.torch.initial import Start, first_logits
 
@@ -33,7 +34,7 @@ class HistogramDistribution(CategoricalDistribution):
 
     def mode(self) -> Tensor:
         """The action without exploration."""
-        found: Tensor = self.distribution.mode
+        found: Tensor = self.distribution.deterministic_sample
         return found
 
 
@@ -73,6 +74,10 @@ class _Histograms(ActorCriticPolicy):
     ) -> None:
         fits = isinstance(action_space, Box) and len(action_space.shape) == 1
         require(fits, f"the environment has actions {action_space}; bins are cut into a Box of one axis")
+        require(not kwargs.get("use_sde"), "use_sde is True; a softmax has no state-dependent noise: leave it out")
+        flat = not isinstance(observation_space, Dict) or isinstance(self, MultiInputActorCriticPolicy)
+        require(flat, f"observations are {observation_space}; take MultiInputHistogramPolicy")
+        bins.check(n_bins, bin_centers)
         self.bins: dict[str, Any] = {"n_bins": n_bins, "loss": loss, "eta": eta, "bin_centers": bin_centers}
         self.bins |= {"target_tails": target_tails, "head_scale": head_scale, "deterministic": deterministic}
         self.first: dict[str, Any] = {"initial_policy": initial_policy, "initial_std": initial_std}

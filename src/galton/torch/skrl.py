@@ -23,6 +23,8 @@ class HistogramMixin:
         del role
         self._h_n_bins, self._h_words = n_bins, {"low": low, "high": high} | words
         self._h_distribution: Histogram | None = None
+        d = max(torch.as_tensor(bound).numel() for bound in (low, high))
+        Histogram(torch.zeros(d, n_bins), **self._h_words)  # raises for what can't be
 
     def act(self, inputs: dict[str, Any], *, role: str = "") -> tuple[Tensor, dict[str, Any]]:
         """Return actions `[N, d]`, and of them, or of those that were taken, `log_prob` `[N, 1]`."""
@@ -33,7 +35,7 @@ class HistogramMixin:
         log_prob = found.log_prob(inputs.get("taken_actions", actions))
         return actions, outputs | {
             "log_prob": log_prob[..., None],
-            "mean_actions": found.mode,
+            "mean_actions": found.deterministic_sample,
             "net_output": net_output,
             "stddev": found.stddev,
         }
