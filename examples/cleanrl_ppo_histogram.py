@@ -2,7 +2,8 @@
 
     python examples/cleanrl_ppo_histogram.py --env-id Pendulum-v1 --total-timesteps 100000
 
-Only three places know of bins: the actor's last layer, `Agent.policy`, and the settings in `Args`.
+Only three places know of bins: the actor's last layer, `Agent.policy`, and the settings in `Args`. Its γ, rate and
+rollout are for Pendulum; elsewhere begin with γ .99 and 3e-4.
 """
 
 import time

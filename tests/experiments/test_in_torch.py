@@ -31,7 +31,7 @@ def test_an_update_costs_what_the_file_says():
     base, centred, one_hot = (
         statistics.median(taken[method]) for method in ("SB3, Gaussian", "SB3, hl-gauss-centred", "SB3, hl-one-hot")
     )
-    assert f"{centred / base:.2f} times as long with centred HL-Gauss and {one_hot / base:.2f} with HL-1-Hot" in PAGE
+    assert f"{centred / base:.2f} times as long with centred HL-Gauss and {one_hot / base:.2f} with HL-1-Hot as" in PAGE
 
 
 def test_what_many_epochs_do_is_that_of_the_file():
