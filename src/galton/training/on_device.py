@@ -143,7 +143,8 @@ class DevicePopulation:
     @property
     def diverged_at(self) -> Int[np.ndarray, " R"]:
         """The step where a run's gradient was not finite, −1 while there is none."""
-        return in_steps(self._given, self._fetch(self._state.run.diverged_at))
+        diverged_at: Array = self._fetch(self._state.run.diverged_at)
+        return in_steps(self._given, diverged_at)
 
     @property
     def environments(self) -> None:

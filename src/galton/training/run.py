@@ -23,6 +23,7 @@ _OF_UPDATES = 2**31 - 1
 """Folded into a rollout's key it gives the update's, which nothing else in the rollout has."""
 
 
+Counts = Array | np.ndarray
 Tree = TypeVar("Tree")
 """A pytree of arrays, JAX's or numpy's."""
 Snapshot = dict[str, Any]
@@ -49,8 +50,8 @@ class StoredRun(NamedTuple):
     """A run, or several, as a file holds it: numpy arrays, whose counts are in environment steps."""
 
     learner: Learner
-    key: UInt[np.ndarray, "*runs 2"]
-    evaluation_key: UInt[np.ndarray, "*runs 2"]
+    key: UInt[Counts, "*runs 2"]
+    evaluation_key: UInt[Counts, "*runs 2"]
     step: Int[np.ndarray, "*runs"]
     diverged_at: Int[np.ndarray, "*runs"]
     tally: Tally
@@ -165,11 +166,11 @@ def stored(agent: Agent, run: RunState) -> StoredRun:
 def restored(agent: Agent, run: StoredRun) -> RunState:
     """Undo `without_keys` and `stored`."""
     key, evaluation_key = (jax.random.wrap_key_data(jnp.asarray(k)) for k in (run.key, run.evaluation_key))
-    counts = (np.asarray(count // agent.rollout.size, np.int32) for count in (run.step, run.diverged_at))
-    return RunState(run.learner, key, evaluation_key, *counts, run.tally)
+    updates, diverged_at = (jnp.asarray(at // agent.rollout.size, jnp.int32) for at in (run.step, run.diverged_at))
+    return RunState(run.learner, key, evaluation_key, updates, diverged_at, run.tally)
 
 
-def in_steps(agent: Agent, updates: Int[np.ndarray, "*runs"]) -> Int[np.ndarray, "*runs"]:
+def in_steps(agent: Agent, updates: Int[Counts, "*runs"]) -> Int[np.ndarray, "*runs"]:
     """The environment steps of so many updates on the host, −1 for −1."""
     counts = np.asarray(updates, np.int64)
     return np.where(counts < 0, -1, counts * agent.rollout.size)
