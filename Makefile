@@ -19,6 +19,7 @@ BUDGET ?= small
 paper: $(VENV)/installed-dev  ## The paper's figures and page, from training on: WHAT of them, with a BUDGET, in runs/paper.
 	$(BIN)/python -m studies.paper reproduce $(WHAT) --budget $(BUDGET)
 
+test-all trust: export CASES = new
 # Programs that tests compile more than once, in several processes, are compiled once.
 test test-studies test-types test-all trust mutants coverage: export JAX_COMPILATION_CACHE_DIR = $(abspath $(VENV))/jax-cache
 test test-studies test-types test-all trust mutants coverage: export JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS = 0.1
