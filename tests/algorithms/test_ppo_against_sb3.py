@@ -229,7 +229,7 @@ def test_rollouts_with_a_learning_rate_that_decays_equal_sb3s(monkeypatch, loss)
         assert sides.model.policy.optimizer.param_groups[0]["lr"] == pytest.approx(left * RATE)
         assert relative_error(sides.run.learner.params, sides.after[-1]) < 1e-3
         check_told(sides, told)
-    assert int(sides.run.step) == sides.model.num_timesteps
+    assert int(sides.run.updates) * sides.agent.rollout.size == sides.model.num_timesteps
     assert relative_error(sides.run.learner.params, before.learner.params) == 0
 
 

@@ -21,7 +21,8 @@ from galton_experiments.page import quotes
 from galton_experiments.sweep.store import Store
 
 ROOT = Path(__file__).parents[3]
-PUBLISHED = sorted(path.parent.name for path in (ROOT / "results").glob(f"*/{FILE}"))
+PUBLISHED = sorted(path.parent.name for path in (ROOT / "results").glob("*/report.json"))
+"""The benchmarks that are done."""
 
 
 def test_something_is_published():
