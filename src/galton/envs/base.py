@@ -21,7 +21,7 @@ class Environment(Protocol):
     - `action_mask(state)` says which values of choices are allowed in a state, 1 for each that is: at least one of each
       choice.
     - `metrics(state)` is a dictionary of numbers about the state that a step led to, such as whether the goal is
-      reached. The log has their means over all steps since the last point, as env_ and the name.
+      reached. The log has their means over all steps since the last point, as `env_` and the name.
     """
 
     @property
