@@ -177,7 +177,6 @@ class Study:
             n <= MOST_RUNS,
             f"trials is {self.trials:,}, which makes {n:,} runs; give fewer of them; {MOST_RUNS:,} is the most",
         )
-        require(self.steps <= MOST_STEPS, f"steps is {self.steps:,}; a run of a sweep may have {MOST_STEPS:,} at most")
         require(self.seed < 2**63, f"seed is {self.seed}; it must be less than 2⁶³")
         points = {
             log_plan(n_envs * n_steps, self.steps, self.logs)[0]: (n_envs, n_steps)
@@ -191,6 +190,7 @@ class Study:
             f"logs is {self.logs}, which makes {shown}; choose steps and logs so that every setting has as many",
         )
         require(max(points) <= MOST_LOGS, f"logs is {self.logs:,}; a curve may have {MOST_LOGS:,} points at most")
+        require(self.steps <= MOST_STEPS, f"steps is {self.steps:,}; a run of a sweep may have {MOST_STEPS:,} at most")
 
     @property
     def modules(self) -> tuple[str, ...]:

@@ -74,6 +74,7 @@ RECORDS = {
     "a width of 0": (lambda record: record.update(shard_width=0), "shard_width is 0"),
     "a width that no memory holds": (lambda record: record.update(shard_width=10**9), "shard_width is 1,000,000,000"),
     "curves that no memory holds": (constants(steps=10**12, logs=10**10), "logs is 10,000,000,000"),
+    "runs that 32 bits do not count": (constants(steps=10**10), "steps is 10,000,000,000; a run of a sweep may have"),
     "trials of text": (lambda record: record.update(trials="3"), "trials"),
     "imports of a number": (constants(imports=7), "TypeError"),
     "another field": (constants(extra=7), "which this version of Galton does not know"),
