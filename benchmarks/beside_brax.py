@@ -17,6 +17,7 @@ from pathlib import Path
 import jax
 import jax.numpy as jnp
 import numpy as np
+from scipy import stats
 
 import galton
 
@@ -24,12 +25,17 @@ TASKS = {"inverted_double_pendulum": 409_600, "reacher": 819_200}
 FIRST_SEED, LENGTH, N_EPISODES = 7000, 200, 32
 
 
-def of_brax(task, seeds):
-    """The final return of Brax's PPO for each seed."""
-    if not hasattr(jax, "device_put_replicated"):  # Brax 0.14 asks for it, and JAX 0.10 took it away
+def mend_jax():
+    """Give back what Brax 0.14 asks for, and JAX 0.10 took away."""
+    if not hasattr(jax, "device_put_replicated"):
         jax.device_put_replicated = lambda tree, devices: jax.tree.map(
             lambda x: jnp.stack([jnp.asarray(x)] * len(devices)), tree
         )
+
+
+def of_brax(task, seeds):
+    """The final return of Brax's PPO for each seed."""
+    mend_jax()
     from brax import envs
     from brax.training.agents.ppo import networks
     from brax.training.agents.ppo import train as ppo
@@ -113,7 +119,7 @@ def main():
     for task in options.tasks:
         for name in ("Brax", "Galton"):
             own = [line["return"] for line in lines if (line["task"], line["library"]) == (task, name)]
-            spread = 2.776 * np.std(own, ddof=1) / np.sqrt(len(own))  # Student's t for five
+            spread = stats.t.ppf(0.975, len(own) - 1) * stats.sem(own)
             print(f"| {task} | {name} | {np.mean(own):,.1f} ± {spread:,.1f} | {min(own):,.1f} to {max(own):,.1f} |")
 
 

@@ -5,6 +5,7 @@ import pytest
 import torch
 from torch import nn
 
+import galton
 from galton.torch import Histogram, initialize_
 
 reason = "make test-others installs it"
@@ -142,3 +143,10 @@ def test_skrls_model_acts_and_tells_what_its_ppo_reads():
     again = policy.act(inputs | {"taken_actions": actions}, role="policy")[1]["log_prob"]
     torch.testing.assert_close(again, outputs["log_prob"])
     assert policy.distribution(role="policy").stddev.shape == (5, 2)
+
+
+def test_an_infinite_box_is_refused_by_skrls_model_when_it_is_made():
+    from galton.torch.skrl import HistogramMixin
+
+    with pytest.raises(galton.UsageError, match="bins need finite bounds"):
+        HistogramMixin(low=-np.inf)

@@ -74,3 +74,13 @@ def test_a_first_policy_is_the_one_that_was_asked_for():
 def test_actions_that_are_no_box_are_refused():
     with pytest.raises(galton.UsageError, match=r"has actions Discrete\(2\); bins are cut into a Box"):
         HistogramPolicy(Box(-1, 1, (3,)), Discrete(2), lambda _: 1e-3)
+
+
+def test_what_the_policy_can_not_do_is_refused_when_it_is_made():
+    with pytest.raises(galton.UsageError, match="use_sde is True; a softmax has no state-dependent noise"):
+        stable_baselines3.PPO(HistogramPolicy, "Pendulum-v1", use_sde=True)
+    with pytest.raises(galton.UsageError, match=r"the number of bins is 41\.0; it must be an integer"):
+        stable_baselines3.PPO(HistogramPolicy, "Pendulum-v1", policy_kwargs={"n_bins": 41.0})
+    boxes = Dict(seen=Box(-1, 1, (3,)))
+    with pytest.raises(galton.UsageError, match="take MultiInputHistogramPolicy"):
+        HistogramPolicy(boxes, Box(-1, 1, (1,)), lambda _: 1e-3)

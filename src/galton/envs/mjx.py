@@ -40,7 +40,7 @@ class Runner:
         self.noise = float(env._reset_noise_scale)
         self.weights = float(env._forward_reward_weight), float(env._ctrl_cost_weight)
         self.falls = hasattr(env, "_healthy_reward")
-        """Whether an episode ends where the robot has fallen, and each step before is paid for; a cheetah can't."""
+        """True where a fall ends an episode, and each step before is paid for; the cheetah can't fall."""
         self.healthy_reward = float(env._healthy_reward) if self.falls else 0.0
         self.z_range, self.angle_range, self.state_range = (
             getattr(env, f"_healthy_{name}_range", ANYWHERE) for name in ("z", "angle", "state")
@@ -81,9 +81,5 @@ class Runner:
 
     def _is_healthy(self, data: Any) -> Float[Array, ""]:
         rest = jnp.concatenate([data.qpos[2:], data.qvel])
-        within = (
-            (low < x) & (x < high)
-            for x, (low, high) in ((data.qpos[1], self.z_range), (data.qpos[2], self.angle_range))
-        )
-        low, high = self.state_range
-        return (jnp.all((low < rest) & (rest < high)) & next(within) & next(within)).astype(float)
+        ranges = ((data.qpos[1], self.z_range), (data.qpos[2], self.angle_range), (rest, self.state_range))
+        return jnp.array([jnp.all((low < x) & (x < high)) for x, (low, high) in ranges]).all().astype(float)

@@ -32,7 +32,9 @@ def is_true(condition: Tensor) -> bool:
     """The value of a condition; False where nobody can know it, inside of vmap."""
     try:
         return bool(condition)
-    except RuntimeError:
+    except RuntimeError as error:
+        if "vmap" not in str(error):
+            raise
         return False
 
 

@@ -112,7 +112,7 @@ class Histogram(Distribution):
 
     @property
     def mode(self) -> Float[Tensor, "*batch d"]:
-        """The likeliest center."""
+        """The center of the likeliest bin in each dimension."""
         return self._center(self.logits.argmax(-1))
 
     @property
