@@ -139,8 +139,9 @@ $(VENV)-others/installed: pyproject.toml constraints.txt | $(VENV)/bin/python
 	  -e '.[gymnax,mujoco,playground,torch]' beartype hypothesis pytest pytest-xdist rsl-rl-lib skrl torchrl
 	@touch $@
 
-# rejax needs packages that Galton doesn't: an environment of its own.
-$(VENV)-rejax/installed: constraints.txt | $(VENV)/bin/python
+# rejax and sbx, the peers in JAX, need packages that Galton doesn't: an environment of their own.
+$(VENV)-rejax/installed: pyproject.toml constraints.txt | $(VENV)/bin/python
 	$(PYTHON) -m venv $(VENV)-rejax
-	$(VENV)-rejax/bin/python -m pip install --quiet --disable-pip-version-check -c constraints.txt "rejax==0.1.3" "gymnax<1"
+	$(VENV)-rejax/bin/python -m pip install --quiet --disable-pip-version-check -c constraints.txt \
+	  -e '.[gymnax,mujoco]' rejax==0.1.3 sbx-rl==0.28
 	@touch $@

@@ -43,12 +43,16 @@ def device_memory(device: "jax.Device") -> int:
     return int(told["bytes_limit"]) if told and "bytes_limit" in told else memory()
 
 
-def use_all_cores() -> None:
+def use_all_cores(runs: int | None = None) -> None:
     """Make JAX see one CPU device per core, each single-threaded, so that `train` spreads runs over all cores.
 
     To be called before JAX computes anything in this process. Single-threaded kernels also give the same bits
     every time, and small ones, such as one policy's, run without waking another thread. On a GPU or TPU the call
     changes nothing that `train` uses.
+
+    Args:
+        runs: how many will be trained at a time. Fewer of them than cores get a device each: with more devices than
+            runs, JAX deals the work of one to several threads, which small networks lose by.
 
     Raises:
         RuntimeError: JAX is already running.
@@ -56,5 +60,6 @@ def use_all_cores() -> None:
     import jax
 
     os.environ["NPROC"] = "1"  # the size of XLA's thread pool
-    jax.config.update("jax_num_cpu_devices", n_cores())
+    if jax.config.jax_num_cpu_devices != n_cores():  # else this was called before
+        jax.config.update("jax_num_cpu_devices", max(1, min(n_cores(), runs or n_cores())))
     jax.config.update("jax_cpu_enable_async_dispatch", False)

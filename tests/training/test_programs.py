@@ -1,9 +1,12 @@
 """A process that compiles more and more does not run into the number of pieces of memory that it may map."""
 
 import pathlib
+import subprocess
+import sys
 
 import pytest
 
+from galton.devices import n_cores
 from galton.training import programs
 
 
@@ -69,3 +72,10 @@ def test_forgetting_frees_what_compiled_programs_map():
     del held, f
     programs.make_room(0.0)
     assert pieces() < compiled
+
+
+@pytest.mark.parametrize(("given", "devices"), [("", n_cores()), ("runs=1", 1), ("runs=10_000", n_cores())])
+def test_no_more_devices_than_runs(given, devices):
+    code = f"import galton, jax; galton.use_all_cores({given}); print(len(jax.devices('cpu')))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=100, check=True)
+    assert int(done.stdout) == devices

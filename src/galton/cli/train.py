@@ -94,7 +94,7 @@ def main(arguments: Sequence[str]) -> None:
     options.training.check([options.seed])
     require(options.save_every >= 1, f"save_every is {options.save_every}; it must be at least 1")
     require(not (options.resume and options.overwrite), "resume and overwrite are both given; give one of them")
-    use_all_cores()  # before the environment's module computes something
+    use_all_cores(runs=1)  # before the environment's module computes something
     env = options.training.find(options.env)
     check_size(env, _agent(options), 1, options.training.eval_episodes)
     _check_folder(options)

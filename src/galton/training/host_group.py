@@ -42,6 +42,7 @@ class Group:
         self._sizes = task.observations.size, len(agent.low)
         self._programs, self._acting = (host_programs(jax.tree.structure(each)) for each in (agent, at(agent, 0)))
         self._is_scheduled = self._acting is not self._programs
+        self._normalizes = agent.rollout.normalize_observation or agent.rollout.normalize_reward
         self.evaluator = Evaluator(task, len(seeds), n_threads)
         self._interrupted = False
         """True if an exception left the environments in the middle of a rollout."""
@@ -99,10 +100,13 @@ class Group:
         zeros = np.zeros((p, n, self._sizes[0]), np.float32)
         noise = self._programs.prepare(self._numbers, runs)
         params = _acting(runs.learner.params)
-        before = self._noise_before()
-        self._acting.act(self._now, params, runs.learner.normalizer, zeros, noise, self._times[0], *before)
-        reward = np.zeros(self._shape, np.float32)
-        self._receive(runs.learner, Steps(zeros, zeros, reward, reward > 0, reward > 0), reward > 0)
+        before, reward = self._noise_before(), np.zeros(self._shape, np.float32)
+        normalizer, t = runs.learner.normalizer, self._times[0]
+        self._acting.act(self._now, params, normalizer, zeros, noise, t, *before)
+        if self._normalizes:
+            received = reward, reward > 0, zeros, zeros
+            self._acting.receive(self._now, normalizer, *received)
+            self._acting.receive_and_act(self._now, params, normalizer, noise, t, *before, *received)
         runs = self._programs.learn(self._numbers, runs, self._batch, _empty_finished(self._whole))
         jax.block_until_ready(self._programs.log(self._numbers, runs, self._batch))
 
@@ -135,23 +139,32 @@ class Group:
         """T steps of the P · N environments; numpy arrays `[P, T, N, ...]`."""
         batch, finished = _empty_batch(self._whole, *self._sizes), _empty_finished(self._whole)
         noise, learner = self._programs.prepare(self._numbers, self.runs), self.runs.learner
-        now = self._now
-        params = _acting(learner.params)
-        for t, device_t in enumerate(self._times):
-            moved = self._from_origin(self._observation)
-            sampled, normalised, self._noise = self._acting.act(
-                now, params, learner.normalizer, moved, noise, device_t, *self._noise_before()
-            )
+        programs, now, params, normalizer = self._acting, self._now, _acting(learner.params), learner.normalizer
+        moved, last = self._from_origin(self._observation), len(self._times) - 1
+        acted = programs.act(now, params, normalizer, moved, noise, self._times[0], *self._noise_before())
+        for t in range(last + 1):
+            sampled, normalised, self._noise = acted
             action = np.asarray(sampled)
             observation = moved if normalised is None else np.asarray(normalised)
             steps = Steps(*map(self._split, self._step(action.reshape(-1, action.shape[-1]))))
             done = self._count(finished, t, steps)
-            learner, reward, final = self._receive(learner, steps, done)
+            self._observation, moved = steps.observation, self._from_origin(steps.observation)
+            final = self._from_origin(steps.final_observation) if done.any() else moved
+            if not self._normalizes:
+                reward = steps.reward
+                if t < last:
+                    device_t = self._times[t + 1]
+                    acted = programs.act(now, params, normalizer, moved, noise, device_t, *self._noise_before())
+            elif t < last:
+                received = steps.reward, done, final, moved
+                going_on = normalizer, noise, self._times[t + 1], *self._noise_before()
+                (normalizer, reward, final), acted = programs.receive_and_act(now, params, *going_on, *received)
+            else:
+                normalizer, reward, final = programs.receive(now, normalizer, steps.reward, done, final, moved)
             values = (observation, action, reward, final, steps.terminated, steps.truncated)
             for column, value in zip(batch, values, strict=True):
                 column[:, t] = value
-            self._observation = steps.observation
-        self.runs = self.runs._replace(learner=learner)
+        self.runs = self.runs._replace(learner=learner._replace(normalizer=normalizer))
         return batch, finished
 
     def _noise_before(self) -> tuple[PyTree[Array], np.ndarray | tuple[()]]:
@@ -179,15 +192,6 @@ class Group:
             self._length[done] = 0
             self._return[done] = 0.0
         return done
-
-    def _receive(self, learner: Learner, steps: Steps, done: np.ndarray) -> tuple[Learner, np.ndarray, np.ndarray]:
-        """The statistics after a step, and its rewards and final observations as the learner is to see them."""
-        rollout = self._agent.rollout
-        if not (rollout.normalize_observation or rollout.normalize_reward):
-            return learner, steps.reward, steps.final_observation
-        moved = map(self._from_origin, (steps.final_observation, steps.observation))
-        normalizer, reward, final = self._acting.receive(self._now, learner.normalizer, steps.reward, done, *moved)
-        return learner._replace(normalizer=normalizer), np.asarray(reward), np.asarray(final)
 
     def log(self, begin_next: bool = True) -> Log:
         """The log of the updates since the last one, each number `[P]`."""

@@ -20,6 +20,13 @@ from galton.types import Params
 Numbers = list[Array]
 """The leaves of an agent."""
 
+_IN_ORDER = (
+    {"xla_cpu_scheduler_type": "CPU_SCHEDULER_TYPE_MEMORY_OPTIMIZED"}
+    if jax.__version_info__ >= (0, 10)
+    else {"xla_cpu_enable_concurrency_optimized_scheduler": False}
+)
+"""How XLA on a CPU runs the operations of a program one after the other."""
+
 
 class HostPrograms:
     """A group's programs, compiled at their first call on each device; all but `begin` are mapped over its runs.
@@ -38,6 +45,9 @@ class HostPrograms:
         def begin_all(numbers: Numbers, size: int, seeds: Array) -> RunState:
             return jax.lax.map(lambda run: begin(agent_of(run[0]), size, run[1])[0], (numbers, seeds))
 
+        # A step's work is microseconds, and dealing it to several threads takes longer.
+        at_once = jax.default_backend() == "cpu"
+        quick = functools.partial(jax.jit, compiler_options=_IN_ORDER if at_once else None)
         side_by_side = agent_of(range(structure.num_leaves)).algorithm.side_by_side
         self.begin = jax.jit(begin_all, static_argnums=1)
         """(agent, observation size, seeds) → runs."""
@@ -45,19 +55,22 @@ class HostPrograms:
         """(runs, first observations from the origin `[P, N, o]`) → runs."""
         self.prepare = jax.jit(jax.vmap(of(_prepare)))
         """(agent, runs) → the noise of their next rollout, each leaf `[P, T, N, ...]`."""
-        self.act = jax.jit(jax.vmap(of(_act), (0, 0, 0, 0, 0, None, 0, 0)))
+        self.act = quick(jax.vmap(of(_act), (0, 0, 0, 0, 0, None, 0, 0)))
         """(agent, params, normalizers, observations from the origin `[P, N, o]`, noise, t, what the noise goes on from,
         which episodes begin `[P, N]`) → actions, if it is on normalised observations, and what the next noise goes on
         from. Where noise is not correlated the last two arguments and the last answer are ()."""
-        self.receive = jax.jit(jax.vmap(of(_receive)))
+        self.receive = quick(jax.vmap(of(_receive)))
         """(agent, normalizers, rewards, dones, final and following observations) → as normalization.receive."""
+        self.receive_and_act = quick(jax.vmap(of(_receive_and_act), (0, 0, 0, 0, None, 0, 0, 0, 0, 0, 0)))
+        """(agent, params, normalizers, noise, t, before, begins, and what `receive` takes behind the normalizers) →
+        what `receive` and `act` return: one call for two."""
         self.learn = jax.jit(over_runs(side_by_side, of(learn), (0, 0, 0, 0)))
         """(agent, runs, batch `[P, T, N]`, finished) → runs."""
         self.log = jax.jit(jax.vmap(of(read_log)))
         """(agent, runs, batch) → runs and logs."""
         self.now = jax.jit(jax.vmap(of(_now)))
         """(agent, updates `[P]`) → the numbers of the same agent without its schedules."""
-        self.exploit = jax.jit(jax.vmap(of(deterministic_action)))
+        self.exploit = quick(jax.vmap(of(deterministic_action)))
         """(agent, learners, observations from the origin `[P, n, o]`) → deterministic actions."""
 
 
@@ -95,6 +108,20 @@ def _receive(
     agent: Agent, normalizer: Normalizer, reward: Array, done: Array, final: Array, following: Array
 ) -> tuple[Normalizer, Array, Array]:
     return normalization.receive(normalizer, reward, done, final, following, agent.algorithm.gamma)
+
+
+def _receive_and_act(
+    agent: Agent,
+    params: Params,
+    normalizer: Normalizer,
+    noise: PyTree[Array],
+    t: Array,
+    before: PyTree[Array],
+    begins: Array | tuple[()],
+    *received: Array,
+) -> tuple[tuple[Normalizer, Array, Array], tuple[Array, Array | None, PyTree[Array]]]:
+    told = _receive(agent, normalizer, *received)
+    return told, _act(agent, params, told[0], received[-1], noise, t, before, begins)
 
 
 def _now(agent: Agent, updates: Array) -> Numbers:
