@@ -1,5 +1,6 @@
 """What is said before anything is compiled: what can't fit into memory is refused, images don't suit the networks."""
 
+import itertools
 import time
 import warnings
 
@@ -12,7 +13,7 @@ from gymnasium.spaces import Box, Dict, Discrete
 from galton import A2C, UsageError, devices
 from galton.algorithms import actor_critic
 from galton.envs.find import find
-from galton.training import population, size
+from galton.training import on_device, population, size
 from galton.training.population import populate
 
 from ..agents import agent
@@ -127,3 +128,17 @@ def test_programs_that_need_more_than_the_device_has_are_refused_with_the_number
     compiled(int(0.95 * fits))  # what does not grow with copies has a share too
     with pytest.raises(UsageError, match="fits"):
         compiled(2 * fits)
+
+
+@pytest.mark.parametrize("net_arch", [(64, 64), (128, 128), (256, 256, 256), (512, 256, 128)])
+def test_a_rollout_takes_the_bytes_that_the_page_of_speed_says(net_arch, monkeypatch):
+    """Per copy and step, within a tenth, where there are so many that nothing else counts."""
+    told, d = [], 2
+    monkeypatch.setattr(on_device, "check_programs", lambda programs, *_: told.extend(programs))
+    words = {"loss": "gaussian", "n_envs": 1024, "n_steps": 30, "batch_size": 960, "n_epochs": 4}
+    populate("lqr", agent({"algorithm": "ppo", "net_arch": net_arch} | words), [0], jax.devices()[:1]).compile()
+    pair = max(below + above for below, above in itertools.pairwise((2, *net_arch)))
+    documented = 8 * pair + 4 * (2 * 2 + d + 3)
+    assert max(size._bytes(program.memory_analysis()) for program in told) / (1024 * 30) == pytest.approx(
+        documented, rel=0.1
+    )
