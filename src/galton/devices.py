@@ -60,6 +60,6 @@ def use_all_cores(runs: int | None = None) -> None:
     import jax
 
     os.environ["NPROC"] = "1"  # the size of XLA's thread pool
-    if jax.config.jax_num_cpu_devices != n_cores():  # else this was called before
+    if jax.config.values["jax_num_cpu_devices"] != n_cores():  # else this was called before
         jax.config.update("jax_num_cpu_devices", max(1, min(n_cores(), runs or n_cores())))
     jax.config.update("jax_cpu_enable_async_dispatch", False)
