@@ -3,6 +3,8 @@ from .bandit import Bandit as Bandit
 from .base import Environment as Environment
 from .base import box as box
 from .brax_like import of_brax as of_brax
+from .changing import DriftingBandit as DriftingBandit
+from .changing import SwitchingLQR as SwitchingLQR
 from .find import find as find
 from .jax_task import JaxTask as JaxTask
 from .lqr import LQR as LQR

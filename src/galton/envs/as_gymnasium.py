@@ -23,6 +23,7 @@ class GymnasiumEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         self.record = make(task, **constants)
         self.observation_space = Box(self.record.observation_low, self.record.observation_high)
         self.action_space = Box(-1.0, 1.0, self.record.action_low.shape)
+        self._state: PyTree = None
         self._reset, self._observe = jax.jit(self.record.reset), jax.jit(self.record.observe)
 
         def step(state: PyTree, action: jax.Array, key: jax.Array) -> tuple[PyTree, jax.Array, jax.Array]:
@@ -35,9 +36,11 @@ class GymnasiumEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, object] | None = None
     ) -> tuple[np.ndarray, dict[str, object]]:
-        """A first observation; the record knows no options."""
+        """A first observation; the record knows no options. What outlasts episodes begins anew with a seed alone."""
         super().reset(seed=seed, options=options)
-        self._state = self._reset(self._key())
+        fresh, carried = self._reset(self._key()), getattr(self.record, "carried", None)
+        goes_on = carried is not None and seed is None and self._state is not None
+        self._state = self.record.carried(self._state, fresh) if goes_on else fresh  # type: ignore[attr-defined]
         return np.asarray(self._observe(self._state)), {}
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, object]]:

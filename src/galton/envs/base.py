@@ -14,7 +14,7 @@ class Environment(Protocol):
     end when `step` terminates or after `max_episode_steps`, which the caller counts. Actions arrive clipped into
     the box.
 
-    Three more members are optional:
+    Four more members are optional:
 
     - `action_space`, a space of Gymnasium's, stands in the place of the box; `step` then gets an action of its
       structure, whose integers are int32.
@@ -22,6 +22,9 @@ class Environment(Protocol):
       choice.
     - `metrics(state)` is a dictionary of numbers about the state that a step led to, such as whether the goal is
       reached. The log has their means over all steps since the last point, as `env_` and the name.
+    - `carried(ended, fresh)` is the state in which the next episode begins, of the state in which one has ended and of
+      one that `reset` made: for a task with something that outlasts episodes, as `galton.envs.DriftingBandit`'s clock.
+      Evaluation begins with what training's copies have come to.
     """
 
     @property

@@ -87,6 +87,16 @@ class JaxTask:
         observation, mask_of = self.record.observe(state), getattr(self.record, "action_mask", None)
         return observation if mask_of is None else jnp.append(observation, mask_of(state).astype(observation.dtype))
 
+    @property
+    def is_carried(self) -> bool:
+        """True if something of a state outlasts its episode."""
+        return hasattr(self.record, "carried")
+
+    def carried(self, ended: PyTree[Array], fresh: PyTree[Array]) -> PyTree[Array]:
+        """The first state of the next episode: a fresh one, with what the record carries over into it."""
+        following: PyTree[Array] = self.record.carried(ended, fresh) if self.is_carried else fresh
+        return following
+
     def metrics(self, state: PyTree[Array]) -> dict[str, Float[Array, ""]]:
         """The numbers that the record tells of a state for the log, by the names of its columns."""
         of_record: Any = getattr(self.record, "metrics", None)
@@ -234,7 +244,7 @@ def _step(
     ended = terminated | truncated
 
     def renewed(states: PyTree[Array]) -> PyTree[Array]:
-        fresh = jax.vmap(env.reset)(reset_keys)
+        fresh = jax.vmap(task.carried)(states, jax.vmap(env.reset)(reset_keys))
         chosen: PyTree[Array] = jax.tree.map(lambda f, s: jax.vmap(jnp.where)(ended, f, s), fresh, states)
         return chosen
 

@@ -33,6 +33,8 @@ ENVS = {
         "galton.envs.mountain_car:MountainCar", "galton/MountainCarContinuous-v0", max_episode_steps=999
     ),
     "acrobot": Entry("galton.envs.acrobot:Acrobot", "galton/AcrobotContinuous-v0", max_episode_steps=500),
+    "drifting-bandit": Entry("galton.envs.changing:DriftingBandit", "galton/DriftingBandit-v0", max_episode_steps=1),
+    "switching-lqr": Entry("galton.envs.changing:SwitchingLQR", "galton/SwitchingLQR-v0", max_episode_steps=100),
 }
 """Our own environments, by the names that commands and `make` take; each is registered with Gymnasium too."""
 

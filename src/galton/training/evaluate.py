@@ -139,11 +139,22 @@ def play(
 
 
 def evaluate(
-    key: Key[Array, ""], task: JaxTask, agent: Agent, learner: Learner, n_episodes: int
+    key: Key[Array, ""],
+    task: JaxTask,
+    agent: Agent,
+    learner: Learner,
+    n_episodes: int,
+    trained: PyTree[Array] = (),
 ) -> Float[Array, " n_episodes"]:
-    """Undiscounted returns of whole episodes under the deterministic action, stepped side by side."""
+    """Undiscounted returns of whole episodes under the deterministic action, stepped side by side.
+
+    They begin with what outlasts episodes in the states of training's copies, each leaf `[N, ...]`, if any are given.
+    """
     reset_key, step_key = jax.random.split(key)
     start, env = start_episodes(reset_key, task, n_episodes), task.record
+    if jax.tree.leaves(trained):
+        ended = jax.tree.map(lambda x: x[jnp.arange(n_episodes) % len(x)], trained)
+        start = start._replace(env=jax.vmap(task.carried)(ended, start.env))
     noise = jax.vmap(jax.vmap(env.noise))(jax.random.split(step_key, (env.max_episode_steps, n_episodes)))
 
     def running(carry: Carry) -> Array:

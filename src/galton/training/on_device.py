@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.sharding import NamedSharding
 from jax.stages import Compiled
-from jaxtyping import Array, Float, Int, UInt
+from jaxtyping import Array, Float, Int, PyTree, UInt
 
 from galton import normalization
 from galton.algorithms import Agent
@@ -190,7 +190,9 @@ class DevicePopulation:
         start = time.perf_counter()
         program = _compile_evaluation(self._shapes[0], _shapes(agent), n_episodes, self._layout)
         self.compile_seconds += time.perf_counter() - start
-        return np.asarray(self._fetch(program(self._task, agent, run.evaluation_key, run.updates, run.learner)))
+        trained = self._state.episodes.env if self._task.is_carried else ()
+        given = (run.evaluation_key, run.updates, run.learner, trained)
+        return np.asarray(self._fetch(program(self._task, agent, *given)))
 
     def check_evaluation(self, n_episodes: int) -> None:
         """Nothing to check: there are as many copies of the environment as one wants."""
@@ -273,13 +275,17 @@ def _compile(task: JaxTask, agent: Agent, layout: Layout) -> _Programs:
 @kept
 def _compile_evaluation(task: JaxTask, agent: Agent, n_episodes: int, layout: Layout) -> Callable[..., Array]:
 
-    def program(task: JaxTask, agent: Agent, key: Array, updates: Array, learner: Learner) -> Array:
+    def program(
+        task: JaxTask, agent: Agent, key: Array, updates: Array, learner: Learner, trained: PyTree[Array]
+    ) -> Array:
         now = at(agent, step_of(agent, updates))
-        return evaluate(key_at(agent, key, updates), task, now, learner, n_episodes)
+        return evaluate(key_at(agent, key, updates), task, now, learner, n_episodes, trained)
 
-    axes = (None, 0, 0, 0, 0)
-    run = _shapes(jax.eval_shape(_begin_all(layout), task, agent, _seeds(agent)).run, layout.of_runs)
-    given = (task, _shapes(agent, layout.of_runs), run.evaluation_key, run.updates, run.learner)
+    axes = (None, 0, 0, 0, 0, 0)
+    state = jax.eval_shape(_begin_all(layout), task, agent, _seeds(agent))
+    run = _shapes(state.run, layout.of_runs)
+    trained = jax.tree.map(_shape, state, _shardings(layout, state)).episodes.env if task.is_carried else ()
+    given = (task, _shapes(agent, layout.of_runs), run.evaluation_key, run.updates, run.learner, trained)
     return jax.jit(layout.on_all(jax.vmap(program, axes), axes)).lower(*given).compile()
 
 

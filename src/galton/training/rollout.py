@@ -111,7 +111,7 @@ def rollout(
         truncated = (length >= env.max_episode_steps) & ~terminated
         done = terminated | truncated
         following = EpisodeState(
-            _begun_anew(done, beginning(episodes, noise.fresh_states), states),
+            _begun_anew(done, jax.vmap(task.carried)(states, beginning(episodes, noise.fresh_states)), states),
             jnp.where(done, 0, length),
             jnp.where(done, 0.0, collected),
             z,

@@ -1,6 +1,7 @@
 from . import plots as plots
 from .bands import mean_band as mean_band
 from .comparison import rest_of as rest_of
+from .recovery import recoveries as recoveries
 from .scales import AXES as AXES
 from .scales import fit_curves as fit_curves
 from .scales import from_best as from_best
