@@ -7,7 +7,6 @@ first rate of training. A further process then tells on how many threads XLA spe
 """
 
 import argparse
-import dataclasses
 import json
 import os
 import pty
