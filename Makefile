@@ -89,6 +89,7 @@ bench: $(VENV)/installed-dev $(VENV)-rejax/installed  ## Speed against others an
 	$(BIN)/python benchmarks/against_sb3.py
 	$(BIN)/python benchmarks/against_physics.py
 	$(BIN)/python benchmarks/ppo_speed.py
+	$(VENV)-rejax/bin/python benchmarks/one_run.py
 
 package: $(VENV)-package/installed  ## The wheel, built twice, looked into, and used with each extra by itself, far from here.
 	$(VENV)-package/bin/python tools/package.py

@@ -7,7 +7,6 @@ first rate of training. A further process then tells on how many threads XLA spe
 """
 
 import argparse
-import dataclasses
 import json
 import os
 import pty
@@ -63,14 +62,13 @@ def by_thread():
 def compiling():
     """Measure compiling for each loss, in seconds of the main thread and of each other; for a process of its own."""
     import galton
-    from galton.cli._options import Training
 
     galton.use_all_cores()
     galton.train("bandit", galton.make_agent(loss="gaussian", n_bins=3), [0], 100)  # what is done once
-    short, rows = dataclasses.replace(Training.of_task("bandit"), steps=100, logs=1), []
+    rows = []
     for loss in LOSSES:
         before = by_thread()
-        short.run(galton.envs.Bandit(), loss, range(20), lambda _: None)
+        galton.train("bandit", galton.make_agent(loss=loss, n_steps=5, net_arch=()), range(20), 100, n_logs=1)
         after = by_thread()
         spent = after - np.pad(before, (0, len(after) - len(before)))
         others = sorted((seconds for seconds in spent[1:] if seconds >= 0.05), reverse=True)
