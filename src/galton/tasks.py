@@ -80,4 +80,5 @@ def task_of(env: str) -> Task:
     env = find_task(env)[0] if is_known(env) else env
     if env.partition(":")[0] in ("brax", "playground", "mjx"):  # their resets are slow
         return Task(env, env, config={"resets": "first"})
-    return next((task for task in TASKS.values() if task.env == env), _outside(env, env))
+    other = Task(env, env) if is_known(env) else _outside(env, env)
+    return next((task for task in TASKS.values() if task.env == env), other)

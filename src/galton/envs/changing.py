@@ -159,6 +159,8 @@ class SwitchingLQR(_Changing):
     """B → −B, B turned by 90° (of two inputs), the spectral radius of A .98 → 1.02, or R → R / 10."""
     period: int = 100_000
     """Steps of a copy from one change to the next."""
+    noise_std: float = 0.05
+    """The standard deviation of each entry of the noise in a step."""
     max_episode_steps: int = 100
     """The length of every episode."""
 
@@ -166,12 +168,12 @@ class SwitchingLQR(_Changing):
         kinds = ("reversal", "rotation", "radius", "cost")
         require(self.change in kinds, f"change is {self.change!r}; choose from {', '.join(kinds)}")
         require_integer("period", self.period, 1)
-        require_integer("max_episode_steps", self.max_episode_steps, 1)
+        _ = self.phases
 
     @functools.cached_property
     def phases(self) -> tuple[LQR, LQR]:
         """The regulators before and after a change."""
-        first = LQR(max_episode_steps=self.max_episode_steps)
+        first = LQR(noise_std=self.noise_std, max_episode_steps=self.max_episode_steps)
         A, B, R = (np.array(matrix) for matrix in (first.A, first.B, first.R))  # noqa: N806
         other = {
             "reversal": {"B": -B},
