@@ -142,7 +142,7 @@ FARTHEST = 0.8
 
 
 def reflected(x: Float[Array, "*batch"], bound: float) -> Float[Array, "*batch"]:
-    """Where a path without walls that has come to x would be between walls at ±bound."""
+    """The place between walls at ±bound of a path that would have come to x without them."""
     return bound * (1 - jnp.abs((x / bound + 1) % 4 - 2))
 
 
@@ -225,7 +225,7 @@ class SwitchingLQR(_Changing):
         return Moment(self.phases[0].reset(key), zero, zero, jnp.zeros(0), jnp.zeros(()))
 
     def noise(self, key: Key[Array, ""]) -> Float[Array, " n"]:
-        """The process noise."""
+        """The process noise, normal with standard deviation noise_std."""
         return self.phases[0].noise(key)
 
     def step(

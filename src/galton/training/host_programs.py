@@ -25,7 +25,7 @@ _IN_ORDER = (
     if jax.__version_info__ >= (0, 10)
     else {"xla_cpu_enable_concurrency_optimized_scheduler": False}
 )
-"""How XLA on a CPU runs the operations of a program one after the other."""
+"""XLA on a CPU runs the operations of a program one after the other with these."""
 
 
 class HostPrograms:

@@ -1,4 +1,4 @@
-"""How long runs take to come back after their task has changed."""
+"""Recovery times say how long runs take to come back after their task has changed."""
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -10,8 +10,9 @@ def recoveries(
 ) -> list[stats.CensoredData]:
     """The steps from each change of a task to the first log point at which a run's return is back at a level.
 
-    A run that is not back at the last log point before the next change is censored there. `scipy.stats.ecdf` makes a
-    Kaplan–Meier curve of an entry, and `scipy.stats.logrank` compares those of two agents.
+    A run that is not back at the last log point before the next change is censored there. A log point at a change
+    belongs to neither side: training has just come to it, and evaluation is behind it already. `scipy.stats.ecdf` makes
+    a Kaplan–Meier curve of an entry, and `scipy.stats.logrank` compares those of two agents.
 
     Args:
         returns: the return of each run at each log point.
@@ -24,7 +25,7 @@ def recoveries(
     """
     found = []
     for change in range(period, int(steps[-1]), period):
-        here = (steps > change) & (steps <= change + period)
+        here = (steps > change) & (steps < change + period)
         if not here.any():
             continue
         back, since = returns[:, here] >= level, steps[here] - change
