@@ -80,7 +80,7 @@ WRONG = [
     (["train", "bandit", "--eval-episodes", "-1"], "--eval-episodes is -1; it must be an integer of at least 0"),
     (["train", "bandit", "--save-every", "0"], "--save-every is 0; it must be at least 1"),
     (["train", "bandit", "--learning-rate", "-1"], "--learning-rate is -1.0; it must be"),
-    (["train", "bandit", "--steps", "1e12"], "--steps is 1000000000000; a run counts up to 2³¹ − 1 updates"),
+    (["train", "bandit", "--steps", "1e13"], "--steps is 10000000000000; a run counts up to 2³¹ − 1 updates"),
     (["train", "bandit", "--steps", "1.5"], "--steps: '1.5' is no integer; write it like 100000, 100_000 or 1e5"),
     (["sweep", "bandit", "--workers", "two"], "--workers: 'two' is no integer"),
     (["train", "bandit", "--lr", "1"], "--lr is no option of `galton train`; did you mean --learning-rate?"),
