@@ -13,9 +13,11 @@ from galton.algorithms.base import Scalars as Scalars
 from galton.algorithms.credit import CREDITS as CREDITS
 from galton.algorithms.entropy import ENTROPIES as ENTROPIES
 from galton.algorithms.ppo import PPO
+from galton.algorithms.trpo import TRPO
+from galton.algorithms.vmpo import VMPO
 from galton.errors import require_word
 
-ALGORITHMS: dict[str, type[Algorithm]] = {"a2c": A2C, "ppo": PPO}
+ALGORITHMS: dict[str, type[Algorithm]] = {"a2c": A2C, "ppo": PPO, "trpo": TRPO, "v-mpo": VMPO}
 
 
 def find_algorithm(name: str) -> type[Algorithm]:

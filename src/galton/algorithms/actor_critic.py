@@ -11,8 +11,9 @@ from jaxtyping import Array, Bool, Float, Key, PyTree
 
 from galton import normalization
 from galton.algorithms.base import Agent, Scalars
+from galton.errors import require
 from galton.losses import surrogate
-from galton.policies import Distribution, Maskable, MovesOutputs
+from galton.policies import POLICIES, Distribution, Maskable, MovesOutputs
 from galton.returns import gae
 from galton.types import Learner, Params, Transition
 
@@ -93,6 +94,17 @@ def as_update_sees(
     policy = agent.policy
     seen = policy.moved(outputs, key) if isinstance(policy, MovesOutputs) else outputs
     return policy.distribution(seen, params)
+
+
+def require_kl(agent: Agent) -> None:
+    """Raise UsageError for a policy that can't say how far another one is from it."""
+    policy = agent.policy.head
+    name = next((name for name, kind in POLICIES.items() if kind is type(policy)), type(policy).__name__)
+    require(
+        policy.has_kl,
+        f"policy is {name!r}, which has no KL divergence for {agent.algorithm.label} to bound; choose from "
+        f"{', '.join(name for name, kind in POLICIES.items() if kind.has_kl)}",
+    )
 
 
 def advantages(

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar, Literal, TypeVar
 
 import numpy as np
-from jaxtyping import Array, Float, Key, PyTree
+from jaxtyping import Array, Bool, Float, Key, PyTree
 
 from galton.algorithms.credit import CREDITS, Credit
 from galton.algorithms.entropy import Entropy, HeldEntropy
@@ -22,6 +22,7 @@ from galton.policies.mixed import MixedPolicy, acting_on
 from galton.types import Bonus, Count, Learner, NotNegative, Number, Params, Rule, Share, Transition
 
 AgentT = TypeVar("AgentT", bound="Agent")
+AlgorithmT = TypeVar("AlgorithmT", bound="Algorithm")
 Scalars = dict[str, Float[Array, ""]]
 """The scalars that an update reports, by name."""
 Correlation = Annotated[Number | None, Within(lambda x: (x >= 0) & (x < 1), "0 or more, and less than 1")]
@@ -99,6 +100,11 @@ class Algorithm(Part, abc.ABC):
 
         What it remembers stays where the gradient was not finite, as parameters do in `Optimizer.step`.
         """
+
+    def at(self: AlgorithmT, step: Float[Array, ""], frozen: Bool[Array, ""]) -> AlgorithmT:
+        """The algorithm of the update at this step, which moves no parameter of a frozen run but by the optimizer."""
+        del step, frozen
+        return self
 
     def check(self, agent: "Agent") -> None:
         """Raise UsageError for an agent that it can't train."""

@@ -3,7 +3,7 @@
 A new one is a class in a file and a line in POLICIES.
 """
 
-from galton.policies.base import Correlatable, Distribution, Family, Maskable, MovesOutputs, Policy
+from galton.policies.base import Correlatable, Distribution, Divergent, Family, Maskable, MovesOutputs, Policy
 from galton.policies.beta import Beta, BetaPolicy
 from galton.policies.clipped_gaussian import ClippedGaussian, ClippedGaussianPolicy
 from galton.policies.discretised_gaussian import AnchoredPolicy, DiscretisedGaussianPolicy
@@ -42,6 +42,7 @@ __all__ = [
     "Correlatable",
     "DiscretisedGaussianPolicy",
     "Distribution",
+    "Divergent",
     "Family",
     "Gaussian",
     "GaussianHead",

@@ -60,6 +60,8 @@ class Policy(Part, abc.ABC):
     family: ClassVar[Family] = "density"
     """A "histogram" policy's distributions are of the class Histogram, which every loss can train; to a "density"
     policy only losses of that family fit."""
+    has_kl: ClassVar[bool] = False
+    """True if its distributions are Divergent, as algorithms with a trust region need."""
 
     box: Box | None = None
     """The box that actions lie in; a task sets it (`on`)."""
@@ -139,6 +141,17 @@ class Policy(Part, abc.ABC):
     @abc.abstractmethod
     def distribution(self, outputs: Float[Array, "*batch n_outputs"], params: Params) -> Distribution:
         """The distribution that the actor's outputs describe."""
+
+
+@runtime_checkable
+class Divergent(Protocol):
+    """A distribution that says how far another one of its kind is from it; trust regions are made of that."""
+
+    def kl(self, other: Any) -> Float[Array, "*batch"]:
+        """KL(self ‖ other) in nats, summed over the d independent dimensions."""
+
+    def kl_parts(self, other: Any) -> dict[str, Float[Array, "*batch"]]:
+        """The divergences that V-MPO bounds one by one: those of a Gaussian's "mean" and "std", of "bins" kl itself."""
 
 
 @runtime_checkable

@@ -68,6 +68,19 @@ class Gaussian:
         entropy = (self.log_sigma + 0.5 * math.log(2 * math.pi * math.e)).sum(-1)
         return jnp.broadcast_to(entropy, self.mean.shape[:-1])
 
+    def kl(self, other: "Gaussian") -> Float[Array, "*batch"]:
+        """KL(self ‖ other) = Σ_l log(σ'/σ) + (σ² + (μ − μ')²) / 2σ'² − ½."""
+        return (self._kl_of_std(other) + 0.5 * other.in_sigmas(self.mean - other.mean) ** 2).sum(-1)
+
+    def kl_parts(self, other: "Gaussian") -> dict[str, Float[Array, "*batch"]]:
+        """KL from the Gaussian with the other's mean alone, and from that with its σ alone (Song et al., 2020)."""
+        of_mean = 0.5 * self.in_sigmas(self.mean - other.mean) ** 2
+        return {"mean": of_mean.sum(-1), "std": jnp.broadcast_to(self._kl_of_std(other), of_mean.shape).sum(-1)}
+
+    def _kl_of_std(self, other: "Gaussian") -> Float[Array, "*states d"]:
+        log_ratio = self.log_std - other.log_std
+        return 0.5 * jnp.expm1(2 * log_ratio) - log_ratio
+
     def std(self) -> Float[Array, "*batch d"]:
         """σ in each state."""
         return jnp.broadcast_to(self.sigma, self.mean.shape)
@@ -144,6 +157,7 @@ class GaussianPolicy(GaussianHead):
     """A Gaussian, whose actions the environment clips."""
 
     label: ClassVar[str] = "Gaussian"
+    has_kl: ClassVar[bool] = True
 
     tanh_mean: bool = False
     """The mean is the box's center plus its half-width times tanh of the output, so that it never leaves the box. σ and

@@ -109,6 +109,15 @@ class Histogram:
         log_probs = jax.nn.log_softmax(self.logits)
         return -(jnp.exp(log_probs) * log_probs).sum((-2, -1))
 
+    def kl(self, other: "Histogram") -> Float[Array, "*batch"]:
+        """KL(self ‖ other) = Σ_l Σ_i π (log π − log π')."""
+        log_probs = jax.nn.log_softmax(self.logits)
+        return (jnp.exp(log_probs) * (log_probs - jax.nn.log_softmax(other.logits))).sum((-2, -1))
+
+    def kl_parts(self, other: "Histogram") -> dict[str, Float[Array, "*batch"]]:
+        """The same under the name "bins"."""
+        return {"bins": self.kl(other)}
+
     def std(self) -> Float[Array, "*batch d"]:
         """The effective σ: the standard deviation of the bin centers under π."""
         return jnp.sqrt((self.probs * (self.bins.centers - self.mean()[..., None]) ** 2).sum(-1))
@@ -166,6 +175,7 @@ class BinnedPolicy(Policy):
     """Policies over bins have this in common, before each makes its logits of the network's outputs."""
 
     family: ClassVar[Family] = "histogram"
+    has_kl: ClassVar[bool] = True
 
     n_bins: Annotated[int, AtLeast(2)] = 100
     """Bins per action dimension, k (§4.1)."""

@@ -41,6 +41,18 @@ class Mixed:
         """The sum of the parts' entropies."""
         return self._sum([part.entropy() for part, _ in self.parts])
 
+    def kl(self, other: "Mixed") -> Float[Array, "*batch"]:
+        """The sum of the parts' divergences."""
+        return self._sum([own.kl(of_other) for (own, _), (of_other, _) in zip(self.parts, other.parts, strict=True)])
+
+    def kl_parts(self, other: "Mixed") -> dict[str, Float[Array, "*batch"]]:
+        """The parts' own, those of one name added up."""
+        found: dict[str, Float[Array, "*batch"]] = {}
+        for (own, _), (of_other, _) in zip(self.parts, other.parts, strict=True):
+            for name, part in own.kl_parts(of_other).items():
+                found[name] = found[name] + part if name in found else part
+        return found
+
     def std(self) -> Float[Array, "*batch d"]:
         """The standard deviation of each entry."""
         return self._whole([part.std() for part, _ in self.parts])
@@ -76,6 +88,11 @@ class MixedPolicy(Policy):
     def family(self) -> Family:  # type: ignore[override]
         """The family of the numbers' head."""
         return self.numbers.family
+
+    @property
+    def has_kl(self) -> bool:  # type: ignore[override]
+        """True if the numbers' head has one."""
+        return self.numbers.has_kl
 
     @property
     def head(self) -> Policy:

@@ -1,0 +1,168 @@
+"""V-MPO, on-policy maximum a posteriori policy optimisation (Song et al., 2020), for any loss.
+
+Each minibatch of a rollout weights the losses of its better half by ψ = softmax(A / η), and the policy is trained on
+these as on examples: Σ ψ · loss, the paper's weighted classification (§8) with weights that are never negative. Two
+more terms of the objective learn how far that goes.
+
+- The temperature η: η ε_η + η log mean exp(A / η) over the better half, whose minimum is where ψ has the divergence ε_η
+  from equal weights (eq. 4 there).
+- The multipliers α: α (ε − sg[KL]) + sg[α] KL of the sampling policy from the one in training (eq. 5 there). A
+  Gaussian's mean and σ have one each; a softmax over bins has one, for its KL divergence is a closed form in one piece.
+
+The dual variables log η and log α have an Adam of their own, so that they never leave the positive numbers.
+"""
+
+from collections.abc import Mapping
+from typing import Any, ClassVar, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import optax
+from jaxtyping import Array, Float, Key, PyTree
+
+from galton.algorithms import actor_critic, credit
+from galton.algorithms.actor_critic import Objective, flatten
+from galton.algorithms.base import Agent, Algorithm, Scalars
+from galton.algorithms.ppo import permutation
+from galton.errors import require
+from galton.types import Count, Learner, Params, Positive, Transition
+
+Duals = dict[str, Any]
+"""The logarithms of the temperature and of each multiplier, scalars: `temperature` and `multipliers`."""
+
+
+class Memory(NamedTuple):
+    """V-MPO remembers this between two updates."""
+
+    duals: Duals
+    optimizer: Any
+    """The state of their Adam."""
+
+
+class Rows(NamedTuple):
+    """A rollout as training data, a row per transition, all fixed before the first step."""
+
+    observation: Float[Array, "B o"]
+    action: Float[Array, "B d"]
+    advantage: Float[Array, " B"]
+    returns: Float[Array, " B"]
+    outputs: Float[Array, "B n_outputs"]
+    """The actor's, under the parameters that sampled the rollout."""
+
+
+class VMPO(Algorithm):
+    """n_epochs passes over a rollout `[T, N]`, each in minibatches of batch_size in an order drawn from the key."""
+
+    name: ClassVar[str] = "v-mpo"
+    label: ClassVar[str] = "VMPO"
+    scalars: ClassVar[tuple[str, ...]] = (*actor_critic.SCALARS, "kl", "vmpo_temperature", "kl_multiplier")
+    defaults: ClassVar[Mapping[str, Any]] = {"learning_rate": 3e-4, "n_steps": 2048, "gae_lambda": 0.95}
+    log_interval: ClassVar[int] = 1
+    side_by_side: ClassVar[bool] = False
+
+    n_epochs: Count = 10
+    """The number of passes over each rollout."""
+    batch_size: Count = 64
+    """Steps in each minibatch; it divides n_steps · n_envs."""
+    max_kl: Positive = 0.01
+    """The mean KL divergence that an update of the policy may have, δ; of a Gaussian in V-MPO that of its mean."""
+    max_kl_std: Positive = 5e-4
+    """The same of a Gaussian's σ, where V-MPO bounds it apart from that of the mean."""
+    weights_kl: Positive = 0.1
+    """The divergence of the better half's weights from equal ones that the temperature is learnt for, ε_η."""
+    dual_learning_rate: Positive = 0.01
+    """Adam's step size for the logarithms of temperature and multipliers."""
+
+    def init(self, agent: Agent, params: Params) -> Memory:
+        """Temperature and multipliers of 1."""
+        outputs = jnp.zeros((1, agent.policy.n_outputs))
+        policy = agent.policy.distribution(outputs, params)
+        names = jax.eval_shape(lambda: policy.kl_parts(policy))  # type: ignore[attr-defined]
+        duals = {"temperature": jnp.zeros(()), "multipliers": {name: jnp.zeros(()) for name in names}}
+        return Memory(duals, self._adam.init(duals))
+
+    def update(self, agent: Agent, learner: Learner, batch: Transition, key: Key[Array, ""]) -> tuple[Learner, Scalars]:
+        """The learner after all minibatches, and what they tell, means over them."""
+        observation, next_observation, action = map(flatten, (batch.observation, batch.next_observation, batch.action))
+        old = learner.params
+        outputs, estimates = actor_critic.outputs(agent, old, observation)
+        values = agent.critic.value(estimates)
+        next_values = actor_critic.value(agent, old, next_observation)
+        advantage = actor_critic.advantages(agent, values, next_values, batch)
+        rows = Rows(observation, action, advantage, advantage + values, outputs)
+
+        def epoch(learner: Learner, key: Key[Array, ""]) -> tuple[Learner, Scalars]:
+            order = permutation(key, len(advantage)).reshape(-1, self.batch_size)
+            batches = jax.tree.map(lambda x: x[order], rows)
+            return jax.lax.scan(lambda learner, rows: self._minibatch(agent, old, learner, rows), learner, batches)
+
+        learner, told = jax.lax.scan(epoch, learner, jax.random.split(key, self.n_epochs))
+        return learner, {name: values.mean() for name, values in told.items()}
+
+    def check(self, agent: Agent) -> None:
+        """Raise UsageError for a policy that can't tell its divergence, or minibatches that don't divide a rollout."""
+        actor_critic.require_kl(agent)
+        size = agent.rollout.size
+        require(
+            size % self.batch_size == 0,
+            f"batch_size is {self.batch_size}, but a rollout has n_steps · n_envs = {size} steps; choose numbers so "
+            "that it has a whole number of minibatches",
+        )
+        require(self.batch_size > 1, "batch_size is 1; V-MPO learns from the better half of a minibatch: raise it")
+
+    def _minibatch(self, agent: Agent, old: Params, learner: Learner, rows: Rows) -> tuple[Learner, Scalars]:
+        memory: Memory = learner.memory["algorithm"]
+        advantage = agent.credit.weights(rows.advantage)
+
+        def objective(both: tuple[Params, Duals]) -> tuple[Array, tuple[Objective, Scalars]]:
+            params, duals = both
+            outputs, estimates = actor_critic.outputs(agent, params, rows.observation)
+            distribution = agent.policy.distribution(outputs, params)
+            sampling: Any = agent.policy.distribution(rows.outputs, old)
+            of_temperature, weight = temperature_loss(duals["temperature"], advantage, self.weights_kl)
+            parts = {name: part.mean() for name, part in sampling.kl_parts(distribution).items()}
+            of_kl = multiplier_loss(duals["multipliers"], parts, {"std": self.max_kl_std}, self.max_kl)
+            loss, critic_loss = agent.loss(distribution, rows.action), agent.critic.loss(estimates, rows.returns)
+            own = actor_critic.objective(agent, learner, distribution, loss, weight, critic_loss)
+            told = {"kl": sampling.kl(distribution).mean()}
+            return own.total + of_temperature + of_kl, (own, told)
+
+        both = learner.params, memory.duals
+        (gradient, of_duals), (own, told) = jax.grad(objective, has_aux=True)(both)
+        learner, of_step = actor_critic.step(agent, learner, gradient, own)
+        move, adam = self._adam.update(of_duals, memory.optimizer)
+        moved = jax.tree.map(lambda dual, by: dual - self.dual_learning_rate * by, memory.duals, move)
+        multipliers = jnp.stack(jax.tree.leaves(memory.duals["multipliers"]))
+        told |= {"vmpo_temperature": jnp.exp(memory.duals["temperature"]), "kl_multiplier": jnp.exp(multipliers).mean()}
+        return learner.remembering(algorithm=Memory(moved, adam)), of_step | told
+
+    @property
+    def _adam(self) -> optax.GradientTransformation:
+        return optax.scale_by_adam()
+
+
+def temperature_loss(
+    log_temperature: Float[Array, ""], advantage: Float[Array, " B"], weights_kl: Float[Array, ""] | float
+) -> tuple[Float[Array, ""], Float[Array, " B"]]:
+    """η ε_η + η log mean exp(A / η) over the better half, and the weights B ψ, through which no gradient flows."""
+    temperature = jnp.exp(log_temperature)
+    better = advantage >= jnp.sort(advantage)[len(advantage) // 2]
+    log_mean = jax.nn.logsumexp(advantage / temperature, where=better) - jnp.log(better.sum())
+    weight = credit.VMPO(temperature=jax.lax.stop_gradient(temperature)).of_standardised(advantage)
+    return temperature * (weights_kl + log_mean), weight
+
+
+def multiplier_loss(
+    log_multipliers: dict[str, Float[Array, ""]],
+    kl: dict[str, Float[Array, ""]],
+    bounds: Mapping[str, Any],
+    bound: Float[Array, ""] | float,
+) -> Float[Array, ""]:
+    """Σ α (ε − sg[KL]) + sg[α] KL, where some divergences have bounds ε of their own."""
+    fixed = jax.lax.stop_gradient
+    multipliers: PyTree[Array] = jax.tree.map(jnp.exp, log_multipliers)
+    terms = [
+        alpha * (bounds.get(name, bound) - fixed(kl[name])) + fixed(alpha) * kl[name]
+        for name, alpha in multipliers.items()
+    ]
+    return jnp.stack(terms).sum()
