@@ -18,7 +18,7 @@ import jax
 import jax.numpy as jnp
 import optax
 from jax.scipy.sparse.linalg import cg
-from jaxtyping import Array, Bool, Float, Key
+from jaxtyping import Array, Bool, Float, Int, Key
 
 from galton.algorithms import actor_critic
 from galton.algorithms.actor_critic import flatten
@@ -68,14 +68,20 @@ class TRPO(Algorithm):
 
     def update(self, agent: Agent, learner: Learner, batch: Transition, key: Key[Array, ""]) -> tuple[Learner, Scalars]:
         """The learner after the policy's step and the critic's, and what they tell."""
+        keys = jax.random.split(key, self.n_critic_updates)
+        return self.fit(agent, learner, batch, jax.vmap(lambda key: permutation(key, batch.reward.size))(keys))
+
+    def fit(
+        self, agent: Agent, learner: Learner, batch: Transition, orders: Int[Array, "updates B"]
+    ) -> tuple[Learner, Scalars]:
+        """The same with the orders in which the critic sees the rows of each pass."""
         observation, next_observation, action = map(flatten, (batch.observation, batch.next_observation, batch.action))
         values = actor_critic.value(agent, learner.params, observation)
         next_values = actor_critic.value(agent, learner.params, next_observation)
         advantage = actor_critic.advantages(agent, values, next_values, batch)
         params, told = self._policy_step(agent, learner.params, observation, action, agent.credit.weights(advantage))
-        learner, of_critic = self._critic_steps(
-            agent, learner._replace(params=params), observation, advantage + values, key
-        )
+        learner = learner._replace(params=params)
+        learner, of_critic = self._critic_steps(agent, learner, observation, advantage + values, orders)
         return learner, told | of_critic | {"grad_norm": jnp.hypot(told["grad_norm"], of_critic["grad_norm"])}
 
     def at(self, step: Scalar, frozen: Bool[Array, ""]) -> "TRPO":
@@ -103,8 +109,7 @@ class TRPO(Algorithm):
     ) -> tuple[Params, Scalars]:
         """The parameters after the step, the critic's as they were."""
         own = {name: part for name, part in params.items() if name != "critic"}
-        seen, pushed, pulled = _linearised(lambda own: _seen(agent, own, observation), own)
-        old = _distribution(agent, seen)
+        old = _distribution(agent, _seen(agent, own, observation))
         target = agent.loss.target(old, action)
 
         def loss(distribution: Distribution) -> Float[Array, " B"]:
@@ -112,22 +117,15 @@ class TRPO(Algorithm):
 
         sampled = loss(old)
 
-        def surrogate(seen: Seen) -> Scalar:
-            new = _distribution(agent, seen)
+        def surrogate(own: Params) -> tuple[Scalar, Scalar]:
+            new = _distribution(agent, _seen(agent, own, observation))
             gain = jnp.mean(weight * jnp.exp(sampled - loss(new)))
             bonus, regularizer = agent.algorithm.ent_coef, agent.loss.regularizer(new)
             gain = gain if bonus is None else gain + bonus * jnp.mean(new.entropy())
-            return gain if regularizer is None else gain - jnp.mean(regularizer)
+            return gain if regularizer is None else gain - jnp.mean(regularizer), jnp.mean(old.kl(new))
 
-        def divergence(seen: Seen) -> Scalar:
-            return jnp.mean(old.kl(_distribution(agent, seen)))
-
-        def product(v: Params) -> Params:
-            curved = jax.jvp(jax.grad(divergence), (seen,), (pushed(v),))[1]
-            return jax.tree.map(lambda f, x: f + self.cg_damping * x, pulled(curved), v)
-
-        before, slope = jax.value_and_grad(surrogate)(seen)
-        gradient = pulled(slope)
+        (before, _), gradient = jax.value_and_grad(surrogate, has_aux=True)(own)
+        product = fisher(agent, own, observation, self.cg_damping)
         direction, _ = cg(product, gradient, tol=0.0, atol=1e-5, maxiter=self.cg_max_steps)
         curvature = optax.tree.vdot(direction, product(direction))
         longest = jnp.sqrt(2 * self.max_kl / jnp.maximum(curvature, 1e-30))
@@ -135,9 +133,8 @@ class TRPO(Algorithm):
         def tried(step: Step) -> Step:
             share = step.share * jnp.where(step.tries == 0, 1.0, self.line_search_shrinking_factor)
             moved = jax.tree.map(lambda p, x: p + share * longest * x, own, direction)
-            now = _seen(agent, moved, observation)
-            kl = divergence(now)
-            return Step(step.tries + 1, share, moved, kl, (kl < self.max_kl) & (surrogate(now) > before))
+            gain, kl = surrogate(moved)
+            return Step(step.tries + 1, share, moved, kl, (kl < self.max_kl) & (gain > before))
 
         first = Step(jnp.int32(0), jnp.float32(1.0), own, jnp.float32(0.0), jnp.array(False))
         found = jax.lax.while_loop(lambda s: (s.tries < self.line_search_max_iter) & ~s.is_good, tried, first)
@@ -156,7 +153,7 @@ class TRPO(Algorithm):
         learner: Learner,
         observation: Float[Array, "B o"],
         returns: Float[Array, " B"],
-        key: Key[Array, ""],
+        orders: Int[Array, "updates B"],
     ) -> tuple[Learner, Scalars]:
         own = actor_critic.apart(agent, observation)[0]
 
@@ -170,11 +167,11 @@ class TRPO(Algorithm):
             kept = learner.params | {"critic": params["critic"]}
             return learner._replace(params=kept, optimizer=optimizer), (value_loss, norm)
 
-        def epoch(learner: Learner, key: Key[Array, ""]) -> tuple[Learner, tuple[Array, Array]]:
-            order = permutation(key, len(returns)).reshape(-1, self.critic_batch_size)
-            return jax.lax.scan(step, learner, (own[order], returns[order]))
-
-        learner, (losses, norms) = jax.lax.scan(epoch, learner, jax.random.split(key, self.n_critic_updates))
+        learner, (losses, norms) = jax.lax.scan(
+            lambda learner, order: step(learner, (own[order], returns[order])),
+            learner,
+            orders.reshape(-1, self.critic_batch_size),
+        )
         return learner, {"value_loss": losses.mean(), "grad_norm": norms.mean()}
 
 
@@ -203,8 +200,17 @@ def _distribution(agent: Agent, seen: Seen) -> Any:
     return agent.policy.distribution(*seen)
 
 
-def _linearised(f: Callable[[Params], Seen], own: Params) -> tuple[Seen, Callable[..., Seen], Callable[..., Any]]:
-    """f at these parameters, with its Jacobian's products from the right and from the left."""
-    seen, pulled = jax.vjp(f, own)
-    transposed = jax.linear_transpose(lambda slope: pulled(slope)[0], seen)  # networks have no forward mode of their own
-    return seen, lambda v: transposed(v)[0], lambda slope: pulled(slope)[0]
+def fisher(
+    agent: Agent, own: Params, observation: Float[Array, "B o"], damping: float | Scalar = 0.0
+) -> Callable[[Params], Params]:
+    """(F + damping · I) v for a v like the policy's parameters, where F is the mean Fisher matrix of these states."""
+    seen, pulled = jax.vjp(lambda own: _seen(agent, own, observation), own)
+    pushed = jax.linear_transpose(lambda slope: pulled(slope)[0], seen)  # networks have no forward mode of their own
+    old = _distribution(agent, seen)
+    slope = jax.grad(lambda seen: jnp.mean(old.kl(_distribution(agent, seen))))
+
+    def product(v: Params) -> Params:
+        curved = jax.jvp(slope, (seen,), pushed(v))[1]
+        return jax.tree.map(lambda f, x: f + damping * x, pulled(curved)[0], v)
+
+    return product

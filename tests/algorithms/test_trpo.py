@@ -1,0 +1,109 @@
+"""TRPO's Fisher products in closed form, and what its step of the policy keeps to."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from galton import UsageError, make_agent
+from galton.algorithms import actor_critic
+from galton.algorithms.trpo import fisher
+from galton.training.log import Finished
+from galton.training.run import begin, learn
+
+from .rollouts import N, T, setup, update
+
+OWN = {"algorithm": "trpo", "critic_batch_size": T * N}
+
+
+@pytest.mark.parametrize("loss", ["gaussian", "hl-one-hot"])
+def test_a_fisher_product_is_that_of_the_closed_form(loss):
+    """F is the mean over states of Jᵀ M J, where M is 1/σ² and 2 for a Gaussian's mean and log σ, else diag π − ππᵀ."""
+    with jax.enable_x64(True):
+        agent, learner, batch = setup(loss, net_arch=(4,), **OWN)
+        learner, batch = jax.tree.map(lambda x: x.astype(float) if x.dtype == np.float32 else x, (learner, batch))
+        own = {name: part for name, part in learner.params.items() if name != "critic"}
+        own = jax.tree.map(lambda x: x + 0.3 * jax.random.normal(jax.random.key(x.size), x.shape, float), own)
+        observation = actor_critic.flatten(batch.observation)
+        flat, unravel = jax.flatten_util.ravel_pytree(own)
+
+        def outputs(flat):
+            params = unravel(flat)
+            return agent.network(params["actor"], observation), params.get("log_std", jnp.zeros(0))
+
+        of_outputs, of_params = (jax.jacrev(lambda x, i=i: outputs(x)[i])(flat) for i in (0, 1))
+        of_params = np.broadcast_to(np.array(of_params), (T * N, *of_params.shape))
+        jacobians = np.concatenate([np.array(of_outputs), of_params], 1)
+        metric = np.zeros((T * N, *[jacobians.shape[1]] * 2))
+        if loss == "gaussian":
+            metric[:] = np.diag(np.concatenate([np.exp(-2 * own["log_std"]), [2.0, 2.0]]))
+        else:
+            probs = np.array(agent.policy.distribution(outputs(flat)[0], own).probs)
+            for i in range(2):
+                here, p = slice(i * 10, (i + 1) * 10), probs[:, i, :, None]
+                metric[:, here, here] = p * np.eye(10) - p * p.swapaxes(1, 2)
+        expected = np.einsum("bip,bij,bjq->pq", jacobians, metric, jacobians) / (T * N)
+        v = np.random.default_rng(0).normal(size=flat.size)
+        found = jax.flatten_util.ravel_pytree(fisher(agent, own, observation, 0.1)(unravel(jnp.asarray(v))))[0]
+        np.testing.assert_allclose(found, expected @ v + 0.1 * v, rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize("loss", ["gaussian", "hl-gauss", "hl-gauss-centred"])
+def test_a_step_stays_within_the_bound_and_uses_most_of_it(loss):
+    agent, learner, batch = setup(loss, max_kl=0.02, cg_damping=1e-3, **OWN)
+    after, told = update(agent, learner, batch)
+    policies = (actor_critic.distribution(agent, one.params, batch.observation) for one in (learner, after))
+    kl = float(next(policies).kl(next(policies)).mean())
+    assert 0.005 < kl < 0.02
+    np.testing.assert_allclose(told["kl"], kl, rtol=1e-3)
+
+
+def test_without_anything_to_gain_the_policy_stays_and_the_critic_learns():
+    agent, learner, batch = setup("gaussian", normalize_advantage=False, gae_lambda=0.0, gamma=0.0, **OWN)
+    critic = jax.tree.map(jnp.zeros_like, learner.params["critic"])
+    learner = learner._replace(params=learner.params | {"critic": critic})
+    after, told = update(agent, learner, batch._replace(reward=jnp.zeros((T, N))))
+    jax.tree.map(np.testing.assert_array_equal, after.params, learner.params)
+    assert told["kl"] == told["step_share"] == 0
+    after, _ = update(agent, learner, batch._replace(reward=jnp.ones((T, N))))
+    assert after.params["critic"][-1]["bias"][0] > 1e-3
+
+
+def test_a_line_search_goes_back_until_the_bound_holds():
+    far = setup("hl-one-hot", max_kl=3.0, cg_damping=0.0, line_search_shrinking_factor=0.5, **OWN)
+    _, told = update(*far)
+    assert 0 < told["step_share"] < 1
+    assert 0 < told["kl"] < 3.0
+
+
+def test_a_run_that_has_diverged_stays_where_it_is():
+    agent, _, batch = setup("gaussian", **OWN)
+    run, _ = begin(agent, batch.observation.shape[-1], jnp.uint32(0))
+    none = jnp.zeros((T, N), int)
+    step = jax.jit(lambda run, batch: learn(agent, run, batch, Finished(none > 0, none.astype(float), none)))
+    gone = step(run, batch._replace(reward=jnp.full((T, N), jnp.nan)))
+    assert gone.diverged_at == 1
+    for later in (gone, step(gone, batch)):
+        jax.tree.map(np.testing.assert_array_equal, later.learner.params, run.learner.params)
+    moved = step(run, batch).learner.params["actor"]
+    assert (np.array(moved[-1]["kernel"]) != run.learner.params["actor"][-1]["kernel"]).any()
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (
+            {"policy": "beta"},
+            "policy is 'beta', which has no KL divergence for TRPO to bound; choose from gaussian",
+        ),
+        ({"critic_batch_size": 7}, "critic_batch_size is 7, but a rollout has n_steps · n_envs = 2048 steps"),
+        ({"weighting": "awr"}, "weighting is 'awr', which algorithm 'trpo' does not carry out"),
+        (
+            {"line_search_shrinking_factor": 1.0},
+            "line_search_shrinking_factor is 1.0; it must be greater than 0",
+        ),
+    ],
+)
+def test_what_it_cant_do_is_refused_by_name(words, message):
+    with pytest.raises(UsageError, match=message):
+        make_agent(**{"algorithm": "trpo", "loss": "gaussian"} | words)
