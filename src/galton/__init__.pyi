@@ -39,6 +39,8 @@ from .losses import LOSSES as LOSSES
 from .losses import Loss as Loss
 from .models import A2C as A2C
 from .models import PPO as PPO
+from .models import TRPO as TRPO
+from .models import VMPO as VMPO
 from .models import InexactResume as InexactResume
 from .models import Model as Model
 from .networks import NETWORKS as NETWORKS

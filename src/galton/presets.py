@@ -151,6 +151,8 @@ PRESETS: Mapping[str, Mapping[str, Preset]] = {
     GAUSSIAN: {
         "a2c": Preset(GAUSSIAN, "gaussian", _A2C_GAUSSIAN),
         "ppo": Preset(GAUSSIAN, "gaussian", _PPO_GAUSSIAN),
+        "trpo": Preset(GAUSSIAN, "gaussian", _PPO_GAUSSIAN | {"decay_steps": 0.0}),
+        "v-mpo": Preset(GAUSSIAN, "gaussian", _PPO_GAUSSIAN),
     },
     CLASSIFICATION: {
         "a2c": Preset(CLASSIFICATION, "hl-gauss-centred", _A2C_CLASSIFICATION),
@@ -162,7 +164,7 @@ PRESETS: Mapping[str, Mapping[str, Preset]] = {
 }
 """By their names and that of the algorithm. What isn't there has the usual loss and the algorithm's defaults."""
 
-USUAL = {"a2c": CLASSIFICATION, "ppo": GAUSSIAN}
+USUAL = {"a2c": CLASSIFICATION, "ppo": GAUSSIAN, "trpo": GAUSSIAN, "v-mpo": GAUSSIAN}
 """The preset of each algorithm where neither a preset nor a loss is named; that of any other is the paper's."""
 
 

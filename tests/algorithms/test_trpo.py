@@ -70,10 +70,15 @@ def test_without_anything_to_gain_the_policy_stays_and_the_critic_learns():
 
 
 def test_a_line_search_goes_back_until_the_bound_holds():
-    far = setup("hl-one-hot", max_kl=3.0, cg_damping=0.0, line_search_shrinking_factor=0.5, **OWN)
-    _, told = update(*far)
-    assert 0 < told["step_share"] < 1
-    assert 0 < told["kl"] < 3.0
+    far = {"max_kl": 30.0, "cg_damping": 0.0, "line_search_shrinking_factor": 0.5}
+    agent, learner, batch = setup("gaussian", **far, **OWN)
+    after, told = update(agent, learner, batch)
+    assert told["step_share"] == 0.5
+    assert 0 < told["kl"] < 30
+    once, told = update(setup("gaussian", line_search_max_iter=1, **far, **OWN)[0], learner, batch)
+    assert told["step_share"] == told["kl"] == 0
+    jax.tree.map(np.testing.assert_array_equal, once.params["actor"], learner.params["actor"])
+    assert (np.array(after.params["log_std"]) != learner.params["log_std"]).all()
 
 
 def test_a_run_that_has_diverged_stays_where_it_is():

@@ -138,7 +138,7 @@ def test_an_update_is_torchs(loss):
     duals = after.memory["algorithm"].duals
     ours = {"temperature": duals["temperature"], **duals["multipliers"]}
     for name, dual in theirs.duals.items():
-        assert abs(ours[name]) > 0.01
+        assert abs(ours[name]) > 1e-3
         np.testing.assert_allclose(ours[name], dual.detach(), atol=1e-8)
     assert told["kl"] > 1e-3
 

@@ -4,9 +4,10 @@ import jax
 import numpy as np
 import pytest
 import torch
+from gymnasium.spaces import Box, Dict, Discrete
 from torch import distributions
 
-from galton import POLICIES
+from galton import POLICIES, make_agent
 from galton.envs.host.actions import Actions
 from galton.policies import Divergent
 
@@ -67,15 +68,11 @@ def test_it_is_the_mean_of_the_difference_of_log_probabilities(policy):
 
 
 def test_of_numbers_and_choices_it_is_the_sum():
-    from gymnasium.spaces import Box, Dict, Discrete
-
     box = Actions("the test", Dict({"n": Discrete(3), "x": Box(-1, 1, (2,))})).box
-    made = (
-        agent({"policy": "gaussian", "loss": "gaussian", "n_steps": 8}).replace(policy=POLICIES["gaussian"]()).on(box)
-    )
-    _, extra = made.policy.init()
-    outputs = jax.random.normal(jax.random.key(1), (2, 5, made.policy.n_outputs))
-    p, q = (made.policy.distribution(one, extra) for one in outputs)
+    policy = make_agent(loss="gaussian").on(box).policy
+    _, extra = policy.init()
+    outputs = jax.random.normal(jax.random.key(1), (2, 5, policy.n_outputs))
+    p, q = (policy.distribution(one, extra) for one in outputs)
     each = [own.kl(other) for (own, _), (other, _) in zip(p.parts, q.parts, strict=True)]
     assert len(each) == 2
     np.testing.assert_allclose(p.kl(q), each[0] + each[1], rtol=1e-6)

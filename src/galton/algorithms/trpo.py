@@ -27,7 +27,6 @@ from galton.algorithms.ppo import permutation
 from galton.errors import require
 from galton.fields import Within
 from galton.losses import cross_entropy
-from galton.policies import Distribution
 from galton.types import Count, Learner, NotNegative, Number, Params, Positive, Transition
 
 Scalar = Float[Array, ""]
@@ -112,7 +111,7 @@ class TRPO(Algorithm):
         old = _distribution(agent, _seen(agent, own, observation))
         target = agent.loss.target(old, action)
 
-        def loss(distribution: Distribution) -> Float[Array, " B"]:
+        def loss(distribution: Any) -> Float[Array, " B"]:
             return agent.loss(distribution, action) if target is None else cross_entropy(distribution, target)
 
         sampled = loss(old)

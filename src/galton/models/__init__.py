@@ -1,4 +1,4 @@
-"""Users hold these: A2C and PPO, each one run on one environment, with the habits of Stable-Baselines3."""
+"""Users hold these: A2C, PPO, TRPO and VMPO, each one run on one environment, with Stable-Baselines3's habits."""
 
 from typing import Any
 
@@ -8,7 +8,7 @@ from galton.models.file import InexactResume
 from galton.models.model import Model
 from galton.models.settings import signature
 
-__all__ = ["A2C", "PPO", "InexactResume", "Model"]
+__all__ = ["A2C", "PPO", "TRPO", "VMPO", "InexactResume", "Model"]
 
 
 class A2C(Model):
@@ -43,5 +43,33 @@ class PPO(Model):
         super().__init__(env, loss, algorithm="ppo", **settings)
 
 
-setattr(A2C, "__signature__", signature(ALGORITHMS["a2c"]))  # noqa: B010
-setattr(PPO, "__signature__", signature(ALGORITHMS["ppo"]))  # noqa: B010
+class TRPO(Model):
+    """Trust region policy optimisation for every loss (see `galton.algorithms.trpo`), with sb3-contrib's semantics.
+
+    Where no loss is named it trains the preset "gaussian": a Gaussian in units of the action box with eight
+    environments, normalised observations and rewards. Where a loss is named, or with the preset "paper", the numbers
+    are sb3-contrib's.
+
+    Keyword arguments are the settings of the agent's parts, as `galton.make_agent` takes them; see `Model` for the
+    others.
+    """
+
+    def __init__(self, env: object, loss: str | Loss | None = None, **settings: Any) -> None:
+        super().__init__(env, loss, algorithm="trpo", **settings)
+
+
+class VMPO(Model):
+    """On-policy maximum a posteriori policy optimisation for every loss (see `galton.algorithms.vmpo`).
+
+    Where no loss is named it trains the preset "gaussian", as PPO does.
+
+    Keyword arguments are the settings of the agent's parts, as `galton.make_agent` takes them; see `Model` for the
+    others.
+    """
+
+    def __init__(self, env: object, loss: str | Loss | None = None, **settings: Any) -> None:
+        super().__init__(env, loss, algorithm="v-mpo", **settings)
+
+
+for _model, _algorithm in {A2C: "a2c", PPO: "ppo", TRPO: "trpo", VMPO: "v-mpo"}.items():
+    setattr(_model, "__signature__", signature(ALGORITHMS[_algorithm]))  # noqa: B010
