@@ -102,7 +102,10 @@ WRONG = [
         ["train", "lqr", "--loss", "hlgauss"],
         "--loss is 'hlgauss'; choose from gaussian, hl-one-hot, hl-gauss",
     ),
-    (["train", "lqr", "--algorithm", "A2C"], "--algorithm is 'A2C'; choose from a2c, ppo; did you mean a2c?"),
+    (
+        ["train", "lqr", "--algorithm", "A2C"],
+        "--algorithm is 'A2C'; choose from a2c, ppo, trpo, v-mpo; did you mean a2c?",
+    ),
     (["reproduce", "figure-3"], "reproduce is a command of a clone now: python -m studies.paper reproduce"),
     (["train", "Pendulum"], "environment is 'Pendulum', an id without its version; 'Pendulum-v1' is the newest"),
     (["export", "nowhere"], "run is nowhere, which does not exist"),

@@ -16,7 +16,7 @@ from .agents import agent
 SETTINGS = {"n_bins": 7, "net_arch": (6,), "n_steps": 8, "n_envs": 2, "learning_rate": 1e-2}
 OWN = {
     "ppo": {"batch_size": 4, "n_epochs": 2},
-    "trpo": {"critic_batch_size": 4, "n_critic_updates": 2},
+    "trpo": {"batch_size": 4, "n_critic_updates": 2},
     "v-mpo": {"batch_size": 4, "n_epochs": 2},
 }
 """What an algorithm needs for rollouts of this size."""

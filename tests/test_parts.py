@@ -145,7 +145,7 @@ def test_a_part_is_itself_again_after_jax_has_had_it():
             {"loss": "hl-one-hot", "eta_rule": "policy"},
             "eta_rule is 'policy'; it goes with loss 'hl-gauss', 'hl-gauss-",
         ),
-        ({"batch_size": 5}, "batch_size is 5; it goes with algorithm 'ppo', not 'a2c'"),
+        ({"batch_size": 5}, "batch_size is 5; it goes with algorithm 'ppo', 'trpo', 'v-mpo', not 'a2c'"),
         ({"value_eta": np.array([0.75, 1.0])}, "value_eta is 1.0; it goes with critic 'hl-gauss', not 'squared-error'"),
         ({"entropy_rate": 0.5}, "entropy_rate is 0.5; it goes with entropy_target True, not False"),
         ({"eta_min": 1.0}, "eta_min is 1.0; it has no use with eta_rule at 'fixed'"),

@@ -8,8 +8,6 @@ __getattr__, __dir__, _ = lazy_loader.attach_stub(__name__, __file__)
 __all__ = [
     "A2C",
     "PPO",
-    "TRPO",
-    "VMPO",
     "Agent",
     "Bins",
     "Model",

@@ -186,9 +186,10 @@ def find_preset(name: str | None, loss: Any, algorithm: str) -> Preset:
     name = present(name)
     if name not in PRESETS:
         raise unknown("preset", name, PRESETS)
-    of_ppo = name not in (RN_D, PLAYGROUND) or algorithm == "ppo"
-    require(of_ppo, f"preset is {name!r}, which is for PPO, not {algorithm!r}; take PPO")
-    preset = PRESETS[name].get(algorithm, Preset(name))
+    known = PRESETS[name]
+    told = f"preset is {name!r}, which is for {' and '.join(known)}, not {algorithm!r}; take one of these algorithms"
+    require(not known or algorithm in known, told)
+    preset = known.get(algorithm, Preset(name))
     require(
         loss in (None, preset.loss) or not preset.settings,
         f"preset is {name!r}, which was tuned for loss {preset.loss!r}, not {loss!r}; leave one of the two out",

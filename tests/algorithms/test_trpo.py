@@ -13,7 +13,7 @@ from galton.training.run import begin, learn
 
 from .rollouts import N, T, setup, update
 
-OWN = {"algorithm": "trpo", "critic_batch_size": T * N}
+OWN = {"algorithm": "trpo", "batch_size": T * N}
 
 
 @pytest.mark.parametrize("loss", ["gaussian", "hl-one-hot"])
@@ -101,7 +101,7 @@ def test_a_run_that_has_diverged_stays_where_it_is():
             {"policy": "beta"},
             "policy is 'beta', which has no KL divergence for TRPO to bound; choose from gaussian",
         ),
-        ({"critic_batch_size": 7}, "critic_batch_size is 7, but a rollout has n_steps · n_envs = 2048 steps"),
+        ({"batch_size": 7}, "batch_size is 7, but a rollout has n_steps · n_envs = 2048 · 1 = 2048 steps"),
         ({"weighting": "awr"}, "weighting is 'awr', which algorithm 'trpo' does not carry out"),
         (
             {"line_search_shrinking_factor": 1.0},

@@ -54,7 +54,7 @@ def test_the_policys_step_and_the_critics_equal_sb3s(monkeypatch, loss, max_kl, 
 
     # SB3's divergence of a Gaussian is the mean over the dimensions, not their sum: ours has other units.
     units = len(LOW) if loss == "gaussian" else 1
-    own = {"n_envs": N, "n_bins": K, "critic_batch_size": SIZE, "n_critic_updates": PASSES, "max_kl": units * max_kl}
+    own = {"n_envs": N, "n_bins": K, "batch_size": SIZE, "n_critic_updates": PASSES, "max_kl": units * max_kl}
     settings = SAME | own | words | {"cg_damping": units * SAME["cg_damping"]}
     agent = make_agent(algorithm="trpo", loss=loss, **settings).on(Box.of(LOW, HIGH))
     learner = actor_critic.init(jax.random.key(0), agent, 3)._replace(params=jax.tree.map(jnp.asarray, start))

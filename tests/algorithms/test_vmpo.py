@@ -150,7 +150,7 @@ def test_an_update_is_torchs(loss):
             {"policy": "rpo"},
             "policy is 'rpo', which has no KL divergence for VMPO to bound; choose from gaussian, histog",
         ),
-        ({"batch_size": 7}, "batch_size is 7, but a rollout has n_steps · n_envs = 2048 steps"),
+        ({"batch_size": 7}, "batch_size is 7, but a rollout has n_steps · n_envs = 2048 · 1 = 2048 steps"),
         ({"batch_size": 1}, "batch_size is 1; V-MPO learns from the better half of a minibatch"),
         ({"weighting": "v-mpo"}, "weighting is 'v-mpo', which algorithm 'v-mpo' does not carry out"),
     ],

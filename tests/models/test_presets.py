@@ -17,7 +17,7 @@ from galton.agents import read, words_of
 from galton.cli._options import Training
 from galton.models import Model
 from galton.optimizers import Adam
-from galton.presets import CLASSIFICATION, GAUSSIAN, PAPER, PLAYGROUND, PRESETS, RECOMMENDED, RN_D, Preset, find_preset
+from galton.presets import CLASSIFICATION, GAUSSIAN, PAPER, PRESETS, RECOMMENDED, Preset, find_preset
 from galton.words import vocabulary
 
 from ..envs.host.walks import Tall
@@ -46,8 +46,8 @@ def test_where_no_loss_is_named_it_is_the_usual_preset_whole(made_up):
 
 
 def test_presets_have_an_earlier_name_too_and_an_algorithm_of_ones_own_the_usual_settings():
-    for algorithm in ALGORITHMS:
-        assert find_preset(RECOMMENDED, None, algorithm) == PRESETS[CLASSIFICATION][algorithm]
+    for algorithm, preset in PRESETS[CLASSIFICATION].items():
+        assert find_preset(RECOMMENDED, None, algorithm) == preset
     assert find_preset(None, None, "reinforce") == Preset(PAPER, "hl-gauss", {})
     with pytest.raises(UsageError, match="preset is 'best'; choose from gaussian, classification, rn-d, playground"):
         A2C("lqr", preset="best")
@@ -97,7 +97,9 @@ def test_models_and_commands_have_the_same_presets(monkeypatch):
     monkeypatch.setattr("galton.models.model.Run", lambda *settings: None)
     every = itertools.product(PRESETS, ALGORITHMS, ("bandit", "acrobot", "Pendulum-v1"), (None, 3))
     for name, algorithm, env, n_envs in every:
-        if name in (RN_D, PLAYGROUND) and algorithm == "a2c":
+        if PRESETS[name] and algorithm not in PRESETS[name]:
+            with pytest.raises(UsageError, match=f"preset is '{name}', which is for .*, not '{algorithm}'"):
+                find_preset(name, None, algorithm)
             continue
         training = Training.of_task(env, algorithm, find_preset(name, None, algorithm), n_envs)
         model = Model(env, preset=name, algorithm=algorithm, n_envs=n_envs)
@@ -161,7 +163,7 @@ def test_rn_d_is_its_authors_settings_and_their_actor_and_critic():
     np.testing.assert_array_equal(bins.centers[:, [0, -1]].T, model.agent.box[:2])
     critic = [layer["kernel"].shape for layer in model.get_parameters()["critic"]]
     assert critic == [(2, 64), (64, 64), (64, 1)]
-    with pytest.raises(UsageError, match="preset is 'rn-d', which is for PPO, not 'a2c'; take PPO"):
+    with pytest.raises(UsageError, match="preset is 'rn-d', which is for ppo, not 'a2c'; take one"):
         A2C("lqr", preset="rn-d")
 
 

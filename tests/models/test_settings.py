@@ -3,7 +3,7 @@ import inspect
 import pytest
 from stable_baselines3.common.vec_env import DummyVecEnv
 
-from galton import A2C, ALGORITHMS, PPO, Model, UsageError, algorithms, make_agent, schedules
+from galton import A2C, ALGORITHMS, PPO, TRPO, VMPO, Model, UsageError, algorithms, make_agent, schedules
 from galton.envs import LQR
 from galton.parts import settings
 from galton.words import usual_of, vocabulary
@@ -34,10 +34,10 @@ def test_bad_arguments_of_the_constructor_are_named():
             A2C(**{"env": "lqr"} | SMALL | given)
 
 
-@pytest.mark.parametrize(("model", "algorithm"), [(A2C, "a2c"), (PPO, "ppo")])
+@pytest.mark.parametrize(("model", "algorithm"), [(A2C, "a2c"), (PPO, "ppo"), (TRPO, "trpo"), (VMPO, "v-mpo")])
 def test_what_editors_show_is_what_a_model_takes_with_the_defaults_that_it_has(monkeypatch, model, algorithm):
     monkeypatch.setattr("galton.models.model.Run", lambda *settings: None)
-    told = {name for model in (A2C, PPO) for name in inspect.signature(model).parameters}
+    told = {name for model in (A2C, PPO, TRPO, VMPO) for name in inspect.signature(model).parameters}
     assert vocabulary().usual.keys() - told == {"algorithm"}
     shown = {name: parameter.default for name, parameter in inspect.signature(model).parameters.items()}
     values = vocabulary().usual | usual_of(algorithm) | model("lqr", preset="paper").settings

@@ -102,12 +102,7 @@ class PPO(Algorithm):
 
     def check(self, agent: Agent) -> None:
         """Raise UsageError unless the minibatches divide a rollout."""
-        n_steps, n_envs, size = agent.rollout.n_steps, agent.rollout.n_envs, agent.rollout.size
-        require(
-            size % self.batch_size == 0,
-            f"batch_size is {self.batch_size}, but a rollout has n_steps · n_envs = {n_steps} · {n_envs} = {size} "
-            "steps; choose numbers so that it has a whole number of minibatches",
-        )
+        actor_critic.require_minibatches(agent, self.batch_size)
         require(
             not agent.credit.normalize_advantage or self.batch_size > 1,
             "normalize_advantage needs more than one step in a minibatch: raise batch_size",

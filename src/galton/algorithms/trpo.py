@@ -24,7 +24,6 @@ from galton.algorithms import actor_critic
 from galton.algorithms.actor_critic import flatten
 from galton.algorithms.base import Agent, Algorithm, Scalars
 from galton.algorithms.ppo import permutation
-from galton.errors import require
 from galton.fields import Within
 from galton.losses import cross_entropy
 from galton.types import Count, Learner, NotNegative, Number, Params, Positive, Transition
@@ -42,6 +41,7 @@ class TRPO(Algorithm):
     defaults: ClassVar[Mapping[str, Any]] = {
         "learning_rate": 1e-3,
         "n_steps": 2048,
+        "batch_size": 128,
         "gae_lambda": 0.95,
         "vf_coef": 1.0,
         "normalize_advantage": True,
@@ -62,8 +62,8 @@ class TRPO(Algorithm):
     """The ratio of a step size to the one before it."""
     n_critic_updates: Count = 10
     """The critic's passes over each rollout."""
-    critic_batch_size: Count = 128
-    """Steps in each of the critic's minibatches; it divides n_steps · n_envs."""
+    batch_size: Count = 64
+    """Steps in each minibatch, of the critic's; it divides n_steps · n_envs."""
 
     def update(self, agent: Agent, learner: Learner, batch: Transition, key: Key[Array, ""]) -> tuple[Learner, Scalars]:
         """The learner after the policy's step and the critic's, and what they tell."""
@@ -91,12 +91,7 @@ class TRPO(Algorithm):
     def check(self, agent: Agent) -> None:
         """Raise UsageError for a policy that can't tell its divergence, or minibatches that don't divide a rollout."""
         actor_critic.require_kl(agent)
-        size = agent.rollout.size
-        require(
-            size % self.critic_batch_size == 0,
-            f"critic_batch_size is {self.critic_batch_size}, but a rollout has n_steps · n_envs = {size} steps; choose "
-            "numbers so that it has a whole number of minibatches",
-        )
+        actor_critic.require_minibatches(agent, self.batch_size)
 
     def _policy_step(
         self,
@@ -169,7 +164,7 @@ class TRPO(Algorithm):
         learner, (losses, norms) = jax.lax.scan(
             lambda learner, order: step(learner, (own[order], returns[order])),
             learner,
-            orders.reshape(-1, self.critic_batch_size),
+            orders.reshape(-1, self.batch_size),
         )
         return learner, {"value_loss": losses.mean(), "grad_norm": norms.mean()}
 

@@ -102,12 +102,7 @@ class VMPO(Algorithm):
     def check(self, agent: Agent) -> None:
         """Raise UsageError for a policy that can't tell its divergence, or minibatches that don't divide a rollout."""
         actor_critic.require_kl(agent)
-        size = agent.rollout.size
-        require(
-            size % self.batch_size == 0,
-            f"batch_size is {self.batch_size}, but a rollout has n_steps · n_envs = {size} steps; choose numbers so "
-            "that it has a whole number of minibatches",
-        )
+        actor_critic.require_minibatches(agent, self.batch_size)
         require(self.batch_size > 1, "batch_size is 1; V-MPO learns from the better half of a minibatch: raise it")
 
     def _minibatch(self, agent: Agent, old: Params, learner: Learner, rows: Rows) -> tuple[Learner, Scalars]:

@@ -41,7 +41,7 @@ WRONG = [
     ({"methods__bins__fixed__clip_range": 0.1}, "methods.bins on tasks.bandit: clip_range is 0.1; it goes with"),
     ({"methods__bins__fixed__policy": "gaussian"}, "methods.bins on tasks.bandit: policy is 'gaussian', but the loss"),
     ({"methods__ppo__fixed__batch_size": 3}, "methods.ppo on tasks.bandit: batch_size is 3"),
-    ({"methods__ppo__fixed__algorithm": "ppp"}, "algorithm is 'ppp'; choose from a2c, ppo"),
+    ({"methods__ppo__fixed__algorithm": "ppp"}, "algorithm is 'ppp'; choose from a2c, ppo, trpo, v-mpo"),
     ({"methods__ppo__fixed__algorithm": ["ppo"]}, "methods.ppo has algorithm .*; it must be a name"),
     ({"methods__bins__search__learning_rate": {"uniform": [1, 2]}}, "methods.bins.search has learning_rate, and so"),
     ({"methods__bins__search__n_bins": {"choice": [1, 2]}}, "methods.bins.search has n_bins, and so has prior, fixed"),
