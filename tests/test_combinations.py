@@ -110,7 +110,7 @@ def check_training(env, policy, loss, algorithm):
         model.close()
     for old, new in zip(jax.tree.leaves(before), jax.tree.leaves(after), strict=True):
         assert np.isfinite(new).all()
-        assert (old != new).any()
+        assert (old != new).any() or not old.size  # one dimension is correlated with none
     assert model.action_space.contains(action)
     told = ("entropy", "sigma", "actor_grad_norm", "explained_variance", *ALGORITHMS[algorithm].scalars)
     assert len(logs) == 3

@@ -33,15 +33,16 @@ def test_in_each_state_it_is_the_policy_of_that_sigma_and_so_is_its_gradient(nam
     numbers = {"box_units": 1.0, "log_std_min": -1.5}
     whole, each = policy_of(name, state_dependent_std=True, **numbers), policy_of(name, **numbers)
     noise = each.noise(jax.random.key(0), (6,))
-    action = each.distribution(MEAN[0], {"log_std": jnp.zeros(2)}).sample(noise)
+    beside = {name: value + 0.7 for name, value in each.init()[1].items() if name != "log_std"}
+    action = each.distribution(MEAN[0], beside | {"log_std": jnp.zeros(2)}).sample(noise)
 
     def of_one(mean, log_std, noise, action):
-        return probes(each, mean, {"log_std": log_std}, noise, action)
+        return probes(each, mean, beside | {"log_std": log_std}, noise, action)
 
-    found = jax.jit(lambda *given: probes(whole, given[0], {}, *given[1:]))(OUTPUTS, noise, action)
+    found = jax.jit(lambda *given: probes(whole, given[0], beside, *given[1:]))(OUTPUTS, noise, action)
     for ours, theirs in zip(found, jax.jit(jax.vmap(of_one))(MEAN, LOG_STD, noise, action), strict=True):
         np.testing.assert_allclose(ours, theirs, rtol=1e-5, atol=1e-6)
-    ours = jax.jit(jax.grad(lambda outputs: probes(whole, outputs, {}, noise, action)[0].sum()))(OUTPUTS)
+    ours = jax.jit(jax.grad(lambda outputs: probes(whole, outputs, beside, noise, action)[0].sum()))(OUTPUTS)
     slopes = jax.jit(jax.vmap(jax.grad(lambda *given: of_one(*given)[0], (0, 1))))(MEAN, LOG_STD, noise, action)
     np.testing.assert_allclose(ours, np.concatenate(slopes, -1), rtol=1e-4, atol=1e-5)
     assert (np.asarray(ours)[:, 2:] == 0).any()

@@ -226,6 +226,7 @@ ACTIONS: dict[str, Callable[[Graph, str, Any], Chosen]] = {
     "beta": beta,
     "rpo": gaussian,
     "spline": spline,
+    "full-gaussian": gaussian,
 }
 """By the names in POLICIES: (graph, the outputs' name in it `[batch, n_outputs]`, policy). Where the policy learns
 log σ, its `log_std_init` is what was learnt."""

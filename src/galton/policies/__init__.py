@@ -7,6 +7,7 @@ from galton.policies.base import Correlatable, Distribution, Divergent, Family, 
 from galton.policies.beta import Beta, BetaPolicy
 from galton.policies.clipped_gaussian import ClippedGaussian, ClippedGaussianPolicy
 from galton.policies.discretised_gaussian import AnchoredPolicy, DiscretisedGaussianPolicy
+from galton.policies.full_gaussian import FullGaussian, FullGaussianPolicy
 from galton.policies.gaussian import Gaussian, GaussianHead, GaussianPolicy
 from galton.policies.histogram import BinnedPolicy, Histogram, HistogramPolicy
 from galton.policies.ordinal import OrdinalPolicy
@@ -29,6 +30,7 @@ POLICIES: dict[str, type[Policy]] = {
     "beta": BetaPolicy,
     "rpo": RpoPolicy,
     "spline": SplinePolicy,
+    "full-gaussian": FullGaussianPolicy,
 }
 
 __all__ = [
@@ -44,6 +46,8 @@ __all__ = [
     "Distribution",
     "Divergent",
     "Family",
+    "FullGaussian",
+    "FullGaussianPolicy",
     "Gaussian",
     "GaussianHead",
     "GaussianPolicy",
