@@ -1,4 +1,4 @@
-"""The bins of a box: uniform ones (§4.1), ones whose first and last centers are bounds, or such as users place."""
+"""The bins of a box: uniform ones (§4.1), ones whose outermost centers are bounds, a grid's cells, or users' own."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -107,6 +107,13 @@ class Bins:
         """The center of each indexed bin."""
         return jnp.asarray(self.centers)[jnp.arange(len(self.low)), index]
 
+    def within(self, index: Int[Array, "*batch d"], share: Float[Array, "*batch d"]) -> Float[Array, "*batch d"]:
+        """The action so far up in each indexed bin, from 0 at its lower edge to 1 at its upper one."""
+        if self.bin_centers == "bounds":
+            lower, upper = (jnp.asarray(self.edges)[jnp.arange(len(self.low)), index + i] for i in (0, 1))
+            return lower + (upper - lower) * share
+        return self.decode(index) + self.width * (share - 0.5)
+
     def clip(self, action: Float[Array, "*batch d"]) -> Float[Array, "*batch d"]:
         """The nearest action inside the box."""
         return jnp.clip(action, self.low, self.high)
@@ -114,6 +121,35 @@ class Bins:
     def at_edge(self, action: Float[Array, "*batch d"]) -> Bool[Array, "*batch d"]:
         """Return True for entries in the first or last bin of a dimension, or beyond."""
         return (action < self.edges[:, 1]) | (action >= self.edges[:, -2])
+
+
+class GridBins(Bins):
+    """The cells of a grid over all d dimensions as the bins of a single choice, k^d of them.
+
+    The last dimension counts fastest: the cell of the bins i_1, …, i_d has the index i_1 k^(d − 1) + … + i_d. Edges and
+    width are those of a dimension's bins; n_bins is k^d, centers are `[d, k^d]`, and indices `[*batch, 1]`.
+
+    Args:
+        axes: the k bins of each dimension.
+    """
+
+    axes: Bins
+    """The k bins of each dimension."""
+
+    def __init__(self, axes: Bins) -> None:
+        d, k = axes.centers.shape
+        centers = np.stack(np.meshgrid(*axes.centers, indexing="ij")).reshape(d, -1)
+        for name, value in (vars(axes) | {"axes": axes, "n_bins": k**d, "centers": centers}).items():
+            object.__setattr__(self, name, value)
+
+    def encode(self, action: Float[Array, "*batch d"]) -> Int[Array, "*batch 1"]:
+        """The index, 0 … k^d − 1, of the cell that holds an action."""
+        d, k = self.axes.centers.shape
+        return (self.axes.encode(action) * k ** np.arange(d)[::-1]).sum(-1, keepdims=True)
+
+    def within(self, index: Int[Array, "*batch 1"], share: Float[Array, "*batch d"]) -> Float[Array, "*batch d"]:
+        """The action so far up in each dimension of the indexed cell."""
+        return self.axes.within(self.axes.encode(self.decode(index)), share)
 
 
 def stacked(rows: Sequence[Float[Array, "*batch n"]], k: int, filling: float) -> Float[Array, "*batch d k"]:

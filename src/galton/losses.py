@@ -6,18 +6,18 @@ A new one is a class of this kind, with the settings that it needs, and a line i
 """
 
 import abc
-from collections.abc import Callable
 from typing import Any, ClassVar, Literal
 
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
-from jax.nn import log_softmax, one_hot
-from jaxtyping import Array, Float, Int
+from jax.nn import log_softmax
+from jaxtyping import Array, Float
 
-from galton import targets
-from galton.bins import Bins, PlacedBins, UnevenBins, stacked
+from galton import kernels
+from galton.bins import UnevenBins
 from galton.errors import require, unknown
+from galton.kernels import Weights
 from galton.parts import Part, unusual
 from galton.policies.base import Distribution, Family
 from galton.policies.histogram import Histogram
@@ -26,8 +26,6 @@ from galton.targets import Eta
 from galton.types import Bonus, Positive
 
 Losses = Float[Array, "*batch"]
-Weights = Float[Array, "*batch d k"]
-"""Of the bins' log π."""
 
 
 def surrogate(advantage: Float[Array, "*batch"], loss: Losses) -> Float[Array, ""]:
@@ -97,10 +95,6 @@ class HLOneHot(Loss):
     def __call__(self, distribution: Histogram | Mixed, action: Float[Array, "*batch d"]) -> Losses:
         """The cross-entropy with the one-hot target: −log π of each action's bins."""
         return -distribution.log_prob_of_bins(action)
-
-
-TINY = 1e-30
-"""Nothing is divided by less."""
 
 
 class HLGauss(Loss):
@@ -181,66 +175,12 @@ class HLGauss(Loss):
 
     def gaussian_target(self, distribution: Histogram, action: Float[Array, "*batch d"]) -> Weights:
         """A Gaussian histogram of σ = η bin widths around the sampled action."""
-        bins = distribution.bins
-        if distribution.choices.is_masked or isinstance(bins, UnevenBins):
-            return self._target_of_each(distribution, bins.encode(action))
         eta = self.width(distribution)
-        if distribution.samples_centers:
-            index: Int[Array, "*batch d"] = bins.encode(action)
-            return targets.hl_gauss_of_center(bins.n_bins, index, eta, self.target_tails, bins.bin_centers)
-        return targets.hl_gauss(bins, action, eta, self.target_tails)
+        return kernels.of_action(distribution.bins, distribution, action, eta, self.target_tails)
 
     def expected_target(self, distribution: Histogram) -> Weights:
         """Kᵀπ, the mean of the targets over the policy's own actions; row j of K is the target of bin j's center."""
-        if distribution.choices.is_masked or isinstance(distribution.bins, UnevenBins):
-            return self._expected_of_each(distribution)
-        eta, centers = self.width(distribution), distribution.bins.bin_centers
-        return targets.mean_of_centers(distribution.probs, eta, self.target_tails, centers)
-
-    def _target_of_each(self, distribution: Histogram, index: Int[Array, "*batch d"]) -> Weights:
-        """The target of each dimension by itself: of a choice all mass on its value."""
-
-        def of_number(bins: Bins, i: int, eta: Eta) -> Array:
-            return targets.of_bin(bins, index[..., i], eta, self.target_tails)
-
-        whole = self._of_each(distribution, of_number, lambda n, i: one_hot(index[..., i], n))
-        if not distribution.choices.is_masked:
-            return whole
-        inside = jnp.where(distribution.allowed, whole, 0.0)
-        return inside / jnp.maximum(inside.sum(-1, keepdims=True), TINY)
-
-    def _expected_of_each(self, distribution: Histogram) -> Weights:
-        """Kᵀπ of each dimension by itself: of a choice π. Where bins are masked, a row of K is what is left of it."""
-        probs, allowed = distribution.probs, distribution.allowed.astype(distribution.logits.dtype)
-
-        def of_number(bins: Bins, i: int, eta: Eta) -> Array:
-            k = bins.n_bins
-            own, here = probs[..., i, :k], allowed[..., i, :k]
-            if not distribution.choices.is_masked and not isinstance(bins, PlacedBins):
-                return targets.mean_of_centers(own, eta, self.target_tails, bins.bin_centers)
-            index, every = jnp.arange(k), eta
-            if isinstance(eta, Array) and eta.ndim:
-                index, every = (jnp.broadcast_to(x, (*eta.shape, k)) for x in (index, eta[..., None]))
-            kernel = targets.of_bin(bins, index, every, self.target_tails)
-            left = jnp.maximum(jnp.einsum("...jk,...k->...j", kernel, here), TINY)
-            return jnp.einsum("...j,...jk->...k", own / left, kernel) * here
-
-        return self._of_each(distribution, of_number, lambda n, i: probs[..., i, :n])
-
-    def _of_each(
-        self,
-        distribution: Histogram,
-        of_number: Callable[[Bins, int, Eta], Array],
-        of_choice: Callable[[int, int], Array],
-    ) -> Weights:
-        bins, eta = distribution.bins, self.width(distribution)
-        parts = bins.dimensions if isinstance(bins, UnevenBins) else (bins,) * len(bins.low)
-        widths = jnp.moveaxis(eta, -1, 0) if isinstance(eta, Array) and eta.ndim else (eta,) * len(parts)
-        found = [
-            of_choice(part[1], i) if isinstance(part, tuple) else of_number(part, i, widths[i])
-            for i, part in enumerate(parts)
-        ]
-        return stacked(found, bins.n_bins, 0.0)
+        return kernels.expected(distribution.bins, distribution, self.width(distribution), self.target_tails)
 
 
 class HLGaussCentred(HLGauss):

@@ -19,10 +19,10 @@ RULES = ("mode", "mean", "median")
 
 def ways(name):
     """The rules of a policy over bins; the units of one that has them; else nothing to choose."""
+    if name in ("joint", "spline"):
+        return [{"deterministic_action": rule} for rule in RULES[:2]]
     if POLICIES[name].family == "histogram":
         return [{"deterministic_action": rule} for rule in RULES]
-    if name == "spline":
-        return [{"deterministic_action": rule} for rule in ("mode", "mean")]
     if issubclass(POLICIES[name], GaussianHead):
         more = [{"tanh_mean": True, "state_dependent_std": True}] if name == "gaussian" else []
         return [{"box_units": 0.0}, {"box_units": 1.0}, {"box_units": 1.0, "state_dependent_std": True}, *more]

@@ -30,6 +30,8 @@ IN_BOX = ("squashed-gaussian", "beta")
 
 def ways(policy):
     """The rules of a policy over bins; of a density, both of box_units unless it is in units of its box anyway."""
+    if policy == "joint":
+        return RULES[:2]
     return RULES if POLICIES[policy].family == "histogram" else (1.0,) if policy in IN_BOX else (0.0, 1.0)
 
 

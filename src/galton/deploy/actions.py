@@ -18,6 +18,7 @@ from galton.policies import (
     DiscretisedGaussianPolicy,
     GaussianHead,
     GaussianPolicy,
+    JointPolicy,
     OrdinalPolicy,
     SmoothedPolicy,
     SplinePolicy,
@@ -103,7 +104,7 @@ def histogram(graph: Graph, outputs: str, policy: BinnedPolicy, name: str = "log
     bins, rule = policy.bins, policy.choices.deterministic_action
     if isinstance(bins, UnevenBins):
         outputs = _padded(graph, outputs, bins)
-    logits = graph.add("Reshape", outputs, np.array([0, *bins.centers.shape]), name=name)
+    logits = graph.add("Reshape", outputs, np.array([0, -1, bins.n_bins]), name=name)
     action = _by_rule(graph, logits, bins, rule)
     if not isinstance(bins, UnevenBins) or not bins.is_choice.any():
         return Chosen(action, rule, MEANINGS[rule])
@@ -113,6 +114,13 @@ def histogram(graph: Graph, outputs: str, policy: BinnedPolicy, name: str = "log
     elif rule != "mode":
         action = _by_rule(graph, logits, bins, "mode")
     return Chosen(action, rule, f"{MEANINGS[rule]} {OF_CHOICES}" if not bins.is_choice.all() else OF_CHOICES)
+
+
+def joint(graph: Graph, outputs: str, policy: JointPolicy) -> Chosen:
+    """The mode or the mean of the cells, whose logits are the outputs."""
+    chosen = histogram(graph, outputs, policy)
+    mode = "The center of the most likely cell of the grid; of equally likely ones, the first."
+    return chosen._replace(meaning=mode) if chosen.rule == "mode" else chosen
 
 
 def mixed(graph: Graph, outputs: str, policy: MixedPolicy, numbers: Callable[[Graph, str, Any], Chosen]) -> Chosen:
@@ -227,6 +235,7 @@ ACTIONS: dict[str, Callable[[Graph, str, Any], Chosen]] = {
     "rpo": gaussian,
     "spline": spline,
     "full-gaussian": gaussian,
+    "joint": joint,
 }
 """By the names in POLICIES: (graph, the outputs' name in it `[batch, n_outputs]`, policy). Where the policy learns
 log σ, its `log_std_init` is what was learnt."""

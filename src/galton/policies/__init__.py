@@ -10,6 +10,7 @@ from galton.policies.discretised_gaussian import AnchoredPolicy, DiscretisedGaus
 from galton.policies.full_gaussian import FullGaussian, FullGaussianPolicy
 from galton.policies.gaussian import Gaussian, GaussianHead, GaussianPolicy
 from galton.policies.histogram import BinnedPolicy, Histogram, HistogramPolicy
+from galton.policies.joint import JointPolicy
 from galton.policies.ordinal import OrdinalPolicy
 from galton.policies.rpo import RpoPolicy
 from galton.policies.smoothed import SmoothedPolicy
@@ -31,6 +32,7 @@ POLICIES: dict[str, type[Policy]] = {
     "rpo": RpoPolicy,
     "spline": SplinePolicy,
     "full-gaussian": FullGaussianPolicy,
+    "joint": JointPolicy,
 }
 
 __all__ = [
@@ -53,6 +55,7 @@ __all__ = [
     "GaussianPolicy",
     "Histogram",
     "HistogramPolicy",
+    "JointPolicy",
     "Maskable",
     "MovesOutputs",
     "OrdinalPolicy",

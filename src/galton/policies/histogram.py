@@ -44,7 +44,7 @@ NOWHERE = -1e9
 
 @dataclasses.dataclass(frozen=True)
 class Histogram:
-    """Π_l softmax(logits_l) over the bins of each dimension l."""
+    """Π_l softmax(logits_l) over the bins of each dimension l; over the cells of a grid there is one softmax."""
 
     bins: Bins
     logits: Float[Array, "*batch d k"]
@@ -73,10 +73,7 @@ class Histogram:
         index = self._drawn(noise[..., :d])
         if self.choices.bin_sample == "center":
             return self.bins.decode(index)
-        if self.bins.bin_centers == "bounds":
-            lower, upper = (jnp.asarray(self.bins.edges)[jnp.arange(d), index + i] for i in (0, 1))
-            return lower + (upper - lower) * noise[..., d:]
-        return self.bins.decode(index) + self.bins.width * (noise[..., d:] - 0.5)
+        return self.bins.within(index, noise[..., d:])
 
     def _drawn(self, u: Float[Array, "*batch d"]) -> Int[Array, "*batch d"]:
         """The bins where the cumulative distributions pass u."""
@@ -283,14 +280,14 @@ class HistogramPolicy(BinnedPolicy):
         shift, scale = (jnp.reshape(x, (-1, 1)) for x in units_of(self, self.box_units))
         std = scale * jnp.exp(jnp.maximum(self.log_std_init, self.log_std_min))
         if not isinstance(self.bins, UnevenBins):
-            return _started(self.initial_policy, self.bins, shift, std).ravel(), {}
+            return started(self.initial_policy, self.bins, shift, std).ravel(), {}
         d = len(self.sizes)
         at = zip(*(jnp.broadcast_to(x, (d, 1)) for x in (shift, std)), strict=True)
         rows = zip(self.bins.dimensions, self.sizes, self.bins.is_choice, self.entries, at, strict=True)
         first = [
             jnp.zeros(size)
             if is_choice or isinstance(bins, tuple)
-            else _started(own.initial_policy, bins, *where).ravel()
+            else started(own.initial_policy, bins, *where).ravel()
             for bins, size, is_choice, own, where in rows
         ]
         return jnp.concatenate(first), {}
@@ -351,7 +348,7 @@ class HistogramPolicy(BinnedPolicy):
             return None
         std = jnp.maximum(distribution.std(), distribution.bins.width).reshape(-1, len(self.low)).mean(0)
         rates = math.sqrt(math.pi / 2) * (self.high - self.low) / 2 / jax.lax.stop_gradient(std)
-        return jnp.repeat(rates, np.array(self.sizes), total_repeat_length=self.n_outputs)
+        return jnp.repeat(rates, np.array(self.sizes), total_repeat_length=sum(self.sizes))
 
     def by_dimension(self, outputs: Float[Array, "*batch dk"]) -> Float[Array, "*batch d k"]:
         """The network's outputs with an axis for the action dimensions and one for the bins."""
@@ -361,7 +358,7 @@ class HistogramPolicy(BinnedPolicy):
         return stacked(found, self.bins.n_bins, NOWHERE)
 
 
-def _started(initial_policy: str, bins: Bins, shift: Float[Array, "*d 1"], std: Float[Array, "*d 1"]) -> Array:
+def started(initial_policy: str, bins: Bins, shift: Float[Array, "*d 1"], std: Float[Array, "*d 1"]) -> Array:
     """The first logits of some dimensions' bins; bins that were placed have a Gaussian's by their widths too."""
     if initial_policy == "uniform":
         return jnp.zeros(bins.centers.shape)
