@@ -114,6 +114,13 @@ class Bins:
             return lower + (upper - lower) * share
         return self.decode(index) + self.width * (share - 0.5)
 
+    def only(self, i: int) -> "Bins":
+        """The bins of one dimension."""
+        own = object.__new__(Bins)
+        for name, value in vars(self).items():
+            object.__setattr__(own, name, value[i : i + 1] if isinstance(value, np.ndarray) else value)
+        return own
+
     def clip(self, action: Float[Array, "*batch d"]) -> Float[Array, "*batch d"]:
         """The nearest action inside the box."""
         return jnp.clip(action, self.low, self.high)

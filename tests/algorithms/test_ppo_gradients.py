@@ -11,7 +11,7 @@ from galton import LOSSES, POLICIES, Bins
 from galton.algorithms import actor_critic, ppo
 from galton.losses import HLGauss, cross_entropy
 from galton.networks import mlp
-from galton.policies import DiscretisedGaussianPolicy, TruncatedGaussianPolicy
+from galton.policies import DiscretisedGaussianPolicy, Sequential, TruncatedGaussianPolicy
 
 from .minibatches import (
     HIGH,
@@ -139,7 +139,8 @@ def clipped_surrogates_gradient(agent, sampling, params, rows):
             target = pair.target(aims, rows.action)
             loss = cross_entropy(distribution, jax.lax.stop_gradient(target))
             loss = jnp.where(weight < 0, log_loss, loss) if pair.negative_target == "one-hot" else loss
-        return loss, log_loss, distribution.entropy().mean()
+        known = distribution.given(rows.action) if isinstance(distribution, Sequential) else distribution
+        return loss, log_loss, known.entropy().mean()
 
     def surrogate(params):
         (ours, log_loss, entropy), (sampled, sampled_log_loss, _) = measured(params), measured(sampling.params)

@@ -15,6 +15,7 @@ from ..agents import agent
 
 LOW, HIGH = np.array([-1.0, 2.0], np.float32), np.array([1.0, 6.0], np.float32)
 RULES = ("mode", "mean", "median")
+RNG = np.random.default_rng(0)
 
 
 def ways(name):
@@ -35,8 +36,9 @@ def test_the_action_of_outputs_is_that_of_their_distribution(name):
         size = {"n_bins": 9} if POLICIES[name].family == "histogram" else {}
         policy = agent({"loss": "gaussian", "policy": name} | size | way, low=LOW, high=HIGH).policy
         _, params = policy.init()
+        params |= {name: params[name] + RNG.normal(size=params[name].shape) for name in params if name != "log_std"}
         outputs = 2 * np.asarray(jax.random.normal(jax.random.key(0), (40, policy.n_outputs)))
-        graph = Graph()
+        graph = Graph(params)
         chosen = ACTIONS[name](graph, OBSERVATION, policy)
         graph.add("Min", graph.add("Max", chosen.action, LOW), HIGH, name=ACTION)
         content = encode(Decision(graph, (policy.n_outputs,), (2,), LOW, HIGH, chosen))

@@ -28,7 +28,7 @@ class A2C(Algorithm):
             outputs, estimates = actor_critic.outputs(agent, params, observation)
             fixed_values = jax.lax.stop_gradient(agent.critic.value(estimates))
             advantage = actor_critic.advantages(agent, fixed_values, next_values, batch)
-            distribution = actor_critic.as_update_sees(agent, outputs, params, key)
+            distribution = actor_critic.as_update_sees(agent, outputs, params, action, key)
             weight = agent.credit.weights(advantage)
             loss, of_negatives = agent.loss(distribution, action), agent.loss.of_negatives(distribution, action)
             loss = actor_critic.by_sign(weight, loss, of_negatives)

@@ -13,7 +13,7 @@ from galton import normalization
 from galton.algorithms.base import Agent, Scalars
 from galton.errors import require
 from galton.losses import surrogate
-from galton.policies import POLICIES, Distribution, Maskable, MovesOutputs
+from galton.policies import POLICIES, Distribution, Maskable, MovesOutputs, Sequential
 from galton.returns import gae
 from galton.types import Learner, Params, Transition
 
@@ -88,12 +88,20 @@ def outputs(
 
 
 def as_update_sees(
-    agent: Agent, outputs: Float[Array, "B n_outputs"], params: Params, key: Key[Array, ""]
+    agent: Agent,
+    outputs: Float[Array, "*batch n_outputs"],
+    params: Params,
+    action: Float[Array, "*batch d"],
+    key: Key[Array, ""] | None = None,
 ) -> Distribution:
-    """The distribution of the actor's outputs in an update: as they are, unless the policy moves them (RPO)."""
+    """The distribution of the actor's outputs in an update, given its actions where dimensions depend on others.
+
+    Outputs are as they are, unless there is a key and the policy moves them (RPO).
+    """
     policy = agent.policy
-    seen = policy.moved(outputs, key) if isinstance(policy, MovesOutputs) else outputs
-    return policy.distribution(seen, params)
+    seen = policy.moved(outputs, key) if key is not None and isinstance(policy, MovesOutputs) else outputs
+    distribution = policy.distribution(seen, params)
+    return distribution.given(action) if isinstance(distribution, Sequential) else distribution
 
 
 def require_minibatches(agent: Agent, batch_size: int) -> None:

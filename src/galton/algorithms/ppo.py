@@ -140,7 +140,7 @@ def prepare(agent: Agent, learner: Learner, batch: Transition) -> Rows:
     values = agent.critic.value(estimates)
     next_values = actor_critic.value(agent, learner.params, next_observation)
     advantage = actor_critic.advantages(agent, values, next_values, batch)
-    distribution = agent.policy.distribution(outputs, learner.params)
+    distribution = actor_critic.as_update_sees(agent, outputs, learner.params, action)
     target = agent.loss.target(distribution, action) if _is_smoothed(agent) else None
     loss, of_negatives = _loss(agent, distribution, action, target), agent.loss.of_negatives(distribution, action)
     log_prob = distribution.log_prob(action)
@@ -194,7 +194,7 @@ def _minibatch(
     def objective(params: Params) -> tuple[Array, tuple[Objective, Array, Array]]:
         outputs, estimates = actor_critic.outputs(agent, params, rows.observation)
         own_key = jax.random.fold_in(key, count(learner.optimizer))
-        distribution = actor_critic.as_update_sees(agent, outputs, params, own_key)
+        distribution = actor_critic.as_update_sees(agent, outputs, params, rows.action, own_key)
         of_negatives = agent.loss.of_negatives(distribution, rows.action)
         loss = by_sign(advantage, _loss(agent, distribution, rows.action, rows.target), of_negatives)
         sampled_loss = by_sign(advantage, rows.loss, rows.of_negatives)

@@ -12,6 +12,7 @@ from galton.bins import Bins, UnevenBins
 from galton.deploy.graph import Graph
 from galton.policies import (
     AnchoredPolicy,
+    AutoregressivePolicy,
     BetaPolicy,
     BinnedPolicy,
     ClippedGaussianPolicy,
@@ -121,6 +122,25 @@ def joint(graph: Graph, outputs: str, policy: JointPolicy) -> Chosen:
     chosen = histogram(graph, outputs, policy)
     mode = "The center of the most likely cell of the grid; of equally likely ones, the first."
     return chosen._replace(meaning=mode) if chosen.rule == "mode" else chosen
+
+
+def autoregressive(graph: Graph, outputs: str, policy: AutoregressivePolicy) -> Chosen:
+    """As the softmax policy chooses, in one dimension after the other."""
+    (d, k), rule, entries = policy.bins.centers.shape, policy.deterministic_action, list[str]()
+    hidden = graph.add("Gather", outputs, np.arange(d * k, policy.n_outputs), axis=1)
+    for i in range(d):
+        bins = policy.bins.only(i)
+        logits = graph.add("Gather", outputs, np.arange(i * k, (i + 1) * k), axis=1)
+        if i:
+            more = graph.add("MatMul", graph.add("Tanh", hidden), np.asarray(graph.params["readout"][i - 1]))
+            logits = graph.add("Add", logits, more)
+        entries.append(_by_rule(graph, graph.add("Reshape", logits, np.array([0, 1, k])), bins, rule))
+        if i < d - 1:
+            passed = graph.add("Cast", graph.add("Less", entries[-1], bins.edges[0, 1:-1]), to=1)
+            index = graph.add("Sub", k - 1.0, graph.add("ReduceSum", passed, np.array([-1]), keepdims=0))
+            rows = graph.add("Gather", np.asarray(graph.params["embedding"][i]), graph.add("Cast", index, to=7), axis=0)
+            hidden = graph.add("Add", hidden, rows)
+    return Chosen(graph.add("Concat", *entries, axis=1), rule, f"After the dimensions before it: {MEANINGS[rule]}")
 
 
 def mixed(graph: Graph, outputs: str, policy: MixedPolicy, numbers: Callable[[Graph, str, Any], Chosen]) -> Chosen:
@@ -236,6 +256,7 @@ ACTIONS: dict[str, Callable[[Graph, str, Any], Chosen]] = {
     "spline": spline,
     "full-gaussian": gaussian,
     "joint": joint,
+    "autoregressive": autoregressive,
 }
 """By the names in POLICIES: (graph, the outputs' name in it `[batch, n_outputs]`, policy). Where the policy learns
 log σ, its `log_std_init` is what was learnt."""

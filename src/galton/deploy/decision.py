@@ -49,7 +49,8 @@ def decide(model: Model) -> Decision:
     require(name in ACTIONS, f"policy is {name!r}, {nobody} galton.deploy.ACTIONS[{name!r}], {remedy}")
     told = f"network is a {kind.__name__}, {nobody} galton.deploy.BODIES[{kind.__name__}], {remedy}"
     require(kind in BODIES, told)
-    graph, params, observations = Graph(), model.learner.params, model.observations
+    params, observations = model.learner.params, model.observations
+    graph = Graph(params)
     shape, n_mask = observation_shape(observations), observations.n_mask
     flat = np.array([-1, observations.size - n_mask])
     rows = OBSERVATION if len(shape) == 1 else graph.add("Reshape", OBSERVATION, flat)

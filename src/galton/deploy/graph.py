@@ -5,6 +5,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import ArrayLike
 
+from galton.types import Params
+
 Attribute = int | float | list[int]
 
 
@@ -21,7 +23,9 @@ class Node(NamedTuple):
 class Graph:
     """Steps and constants, in the order in which they were added. Each has a name, by which later steps call it."""
 
-    def __init__(self) -> None:
+    def __init__(self, params: Params | None = None) -> None:
+        self.params = params or {}
+        """The parameters that the policy has beside its network, for what needs them."""
         self.nodes: list[Node] = []
         self.constants: dict[str, np.ndarray] = {}
 

@@ -3,7 +3,17 @@
 A new one is a class in a file and a line in POLICIES.
 """
 
-from galton.policies.base import Correlatable, Distribution, Divergent, Family, Maskable, MovesOutputs, Policy
+from galton.policies.autoregressive import Autoregressive, AutoregressivePolicy
+from galton.policies.base import (
+    Correlatable,
+    Distribution,
+    Divergent,
+    Family,
+    Maskable,
+    MovesOutputs,
+    Policy,
+    Sequential,
+)
 from galton.policies.beta import Beta, BetaPolicy
 from galton.policies.clipped_gaussian import ClippedGaussian, ClippedGaussianPolicy
 from galton.policies.discretised_gaussian import AnchoredPolicy, DiscretisedGaussianPolicy
@@ -33,11 +43,14 @@ POLICIES: dict[str, type[Policy]] = {
     "spline": SplinePolicy,
     "full-gaussian": FullGaussianPolicy,
     "joint": JointPolicy,
+    "autoregressive": AutoregressivePolicy,
 }
 
 __all__ = [
     "POLICIES",
     "AnchoredPolicy",
+    "Autoregressive",
+    "AutoregressivePolicy",
     "Beta",
     "BetaPolicy",
     "BinnedPolicy",
@@ -61,6 +74,7 @@ __all__ = [
     "OrdinalPolicy",
     "Policy",
     "RpoPolicy",
+    "Sequential",
     "SmoothedPolicy",
     "Spline",
     "SplinePolicy",

@@ -155,6 +155,18 @@ class Divergent(Protocol):
 
 
 @runtime_checkable
+class Sequential(Protocol):
+    """A distribution whose dimensions depend on the ones before; an update sees them as independent, given its actions.
+
+    The sum of their log-probabilities is the action's, and the sum of their entropies an unbiased estimate of the
+    distribution's where the action was sampled from it.
+    """
+
+    def given(self, action: Float[Array, "*batch d"]) -> Distribution:
+        """The independent distributions of each dimension after the entries of this action before it."""
+
+
+@runtime_checkable
 class MovesOutputs(Protocol):
     """A policy whose outputs an update sees moved at random; acting, evaluation and the log see them as they are."""
 

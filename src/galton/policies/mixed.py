@@ -11,7 +11,7 @@ from jaxtyping import Array, Bool, Float, Key, PyTree
 
 from galton.errors import require
 from galton.parts import Box
-from galton.policies.base import Distribution, Family, MovesOutputs, Policy
+from galton.policies.base import Distribution, Family, MovesOutputs, Policy, Sequential
 from galton.policies.histogram import NOWHERE, HistogramPolicy
 from galton.types import Params, Rule
 
@@ -36,6 +36,11 @@ class Mixed:
     def log_prob_of_bins(self, action: Float[Array, "*batch d"]) -> Float[Array, "*batch"]:
         """The same of parts that are all histograms."""
         return self._sum([part.log_prob_of_bins(action[..., np.array(places)]) for part, places in self.parts])
+
+    def given(self, action: Float[Array, "*batch d"]) -> "Mixed":
+        """The same, with the dimensions of a sequential part given the action's."""
+        found = ((part, places, action[..., np.array(places)]) for part, places in self.parts)
+        return Mixed([(part.given(own) if isinstance(part, Sequential) else part, at) for part, at, own in found])
 
     def entropy(self) -> Float[Array, "*batch"]:
         """The sum of the parts' entropies."""

@@ -37,12 +37,15 @@ def diagnose(agent: Agent, learner: Learner, batch: Transition) -> Scalars:
     next_values = actor_critic.value(agent, params, next_observation)
     advantage = actor_critic.advantages(agent, values, next_values, batch)
     returns = advantage + values
-    distribution = actor_critic.distribution(agent, params, observation)
+    own, mask = actor_critic.apart(agent, observation)
+    outputs = actor_critic.policy_outputs(agent, agent.network(params["actor"], own), mask)
+    distribution = agent.policy.distribution(outputs, params)
+    seen = actor_critic.as_update_sees(agent, outputs, params, action)
     weight = advantage if agent.credit.is_signed else agent.credit.weights(advantage)
     bias = jnp.zeros(())
     if agent.loss.is_biased:
-        pull = jnp.linalg.norm(agent.loss.bias(distribution), axis=-1)
-        of_wide = weight if agent.loss.of_negatives(distribution, action) is None else jnp.maximum(weight, 0.0)
+        pull = jnp.linalg.norm(agent.loss.bias(seen), axis=-1)
+        of_wide = weight if agent.loss.of_negatives(seen, action) is None else jnp.maximum(weight, 0.0)
         bias = jnp.abs(of_wide.mean()) * pull.mean()
     std = distribution.std()
     std = std[..., np.array(agent.box.numbers, int)] if agent.box.n_values else std
@@ -67,7 +70,8 @@ def _propositions(
     observation, mask = actor_critic.apart(agent, observation)
 
     def loss_of(outputs: Array, action: Array, weight: Array, mask: Array | None) -> Array:
-        distribution = agent.policy.distribution(actor_critic.policy_outputs(agent, outputs, mask), params)
+        outputs = actor_critic.policy_outputs(agent, outputs, mask)
+        distribution = actor_critic.as_update_sees(agent, outputs, params, action)
         return by_sign(weight, agent.loss(distribution, action), agent.loss.of_negatives(distribution, action))
 
     def policy_loss(theta: list[Params]) -> Array:
