@@ -135,3 +135,18 @@ def test_matrices_may_be_arrays_records_are_hashable_and_bad_constants_are_refus
     ):
         with pytest.raises(UsageError, match=message):
             dataclasses.replace(ENV, **constants)
+
+
+def test_with_coupled_actions_the_optimum_is_that_of_all_steps_at_once():
+    """Without noise the whole plan is one least-squares problem: min (Ψx + ΘU)ᵀ Q (Ψx + ΘU) + Uᵀ R U."""
+    T, R = 12, np.array([[1.0, 0.9], [0.9, 1.0]])
+    env = LQR(R=R, noise_std=0.0, max_episode_steps=T)
+    A, B, Q = (np.array(matrix) for matrix in (env.A, env.B, env.Q))
+    powers = [np.linalg.matrix_power(A, i) for i in range(T)]
+    states = np.concatenate(powers)
+    moved = np.block([[powers[t - s - 1] @ B if s < t else np.zeros((2, 2)) for s in range(T)] for t in range(T)])
+    Q, R = np.kron(np.eye(T), Q), np.kron(np.eye(T), R)
+    pull = moved.T @ Q @ states
+    cost = states.T @ Q @ states - pull.T @ np.linalg.solve(moved.T @ Q @ moved + R, pull)
+    assert env.optimal_return == pytest.approx(-np.trace(cost) / 3, rel=1e-10)
+    assert env.optimal_return != pytest.approx(LQR(noise_std=0.0, max_episode_steps=T).optimal_return, rel=1e-3)
