@@ -5,6 +5,8 @@ from .base import box as box
 from .brax_like import of_brax as of_brax
 from .changing import DriftingBandit as DriftingBandit
 from .changing import SwitchingLQR as SwitchingLQR
+from .correlated import RidgeBandit as RidgeBandit
+from .correlated import XorBandit as XorBandit
 from .find import find as find
 from .jax_task import JaxTask as JaxTask
 from .lqr import LQR as LQR

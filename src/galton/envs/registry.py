@@ -35,6 +35,8 @@ ENVS = {
     "acrobot": Entry("galton.envs.acrobot:Acrobot", "galton/AcrobotContinuous-v0", max_episode_steps=500),
     "drifting-bandit": Entry("galton.envs.changing:DriftingBandit", "galton/DriftingBandit-v0", max_episode_steps=1),
     "switching-lqr": Entry("galton.envs.changing:SwitchingLQR", "galton/SwitchingLQR-v0", max_episode_steps=100),
+    "xor-bandit": Entry("galton.envs.correlated:XorBandit", "galton/XorBandit-v0", max_episode_steps=1),
+    "ridge-bandit": Entry("galton.envs.correlated:RidgeBandit", "galton/RidgeBandit-v0", max_episode_steps=1),
 }
 """Our own environments, by the names that commands and `make` take; each is registered with Gymnasium too."""
 
