@@ -23,6 +23,7 @@ RANKS = """
     targets theory torch
     networks
     policies envs
+    kernels
     losses critics
     tasks presets algorithms
     words
@@ -42,8 +43,8 @@ RANKS = """
 
 # The core computes: beside the standard library it needs no more than these.
 CORE = """
-    fields types records parts bins networks optimizers returns normalization targets theory policies losses critics
-    schedules algorithms words agents
+    fields types records parts bins networks optimizers returns normalization targets theory policies kernels losses
+    critics schedules algorithms words agents
 """
 CORE_LIBRARIES = "jax numpy optax jaxtyping"
 

@@ -40,6 +40,7 @@ class Drifting(gymnasium.Env):
 def trained(policy, algorithm, d=6, steps=640, **settings):
     """A model that has learned a little: its normaliser has seen something, and its outputs depend on the state."""
     loss = "gaussian" if galton.POLICIES[policy].family == "density" else "hl-gauss"
+    d = min(d, 2) if policy == "joint" else d  # whose bins are k^d
     usual = {"n_steps": 16, "n_envs": 2, "n_bins": 21, "learning_rate": 3e-3} | OWN.get(algorithm, {})
     model = galton.Model(
         lambda: Drifting(LOW[:d], HIGH[:d]), loss, algorithm=algorithm, policy=policy, seed=1, **usual | settings

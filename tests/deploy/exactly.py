@@ -17,8 +17,11 @@ class Exact(NamedTuple):
     centers: np.ndarray
 
 
-def exactly(model, states):
-    """The action for each state, and how much rounding may change it."""
+def exactly(model, states, taken=None):
+    """The action for each state, and how much rounding may change it.
+
+    Where a dimension depends on the ones before it, these are the ones of the action that was taken.
+    """
     params, settings = model.learner.params, model.settings
     x, weight = _features(model, states.astype(np.float64))
     layer = {name: np.asarray(value, np.float64) for name, value in params["actor"][-1].items()}
@@ -59,6 +62,20 @@ def exactly(model, states):
             logits = logits + settings["residual_scale"] * parts[..., :-1]
             size = size + settings["residual_scale"] * sizes[..., :-1].max(-1)
         return _chosen(settings["deterministic_action"], logits, np.maximum(size, least), centers)
+    rule = settings["deterministic_action"]
+    if settings["policy"] == "joint":
+        cells = np.stack(np.meshgrid(*centers, indexing="ij")).reshape(d, -1)
+        return _chosen(rule, outputs[:, None], np.maximum(size.max(-1, keepdims=True), least), cells)
+    if settings["policy"] == "autoregressive":
+        logits, hidden = outputs[:, : d * k].reshape(-1, d, k).copy(), outputs[:, d * k :]
+        size = np.repeat(size.max(-1, keepdims=True), d, 1)
+        embedding, readout = (np.asarray(params[name], np.float64) for name in ("embedding", "readout"))
+        for i in range(1, d):
+            index = np.clip((taken[:, i - 1] - low[i - 1]) / (high - low)[i - 1] * k, 0, k - 1).astype(int)
+            hidden = hidden + embedding[i - 1][index]
+            logits[:, i] += np.tanh(hidden) @ readout[i - 1]
+            size[:, i] += abs(readout[i - 1]).sum(0).max() * (1 + size[:, 0])
+        return _chosen(rule, logits, np.maximum(size, least), centers)
     logits, size = outputs.reshape(-1, d, k), size.reshape(-1, d, k).max(-1)
     if settings["policy"] == "ordinal":
         size = abs(logits).sum(-1) + size
