@@ -2,7 +2,7 @@
 
 import dataclasses
 from collections.abc import Callable
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -64,13 +64,12 @@ class Autoregressive:
         There is no closed form. The actions are the same stratified draws each time. An update takes the entropy
         of what `given` makes of its own actions instead.
         """
-        return self._mean_over_actions(Histogram.entropy)
+        return self._of_actions(Histogram.entropy).mean(0)
 
     def std(self) -> Float[Array, "*batch d"]:
         """An estimate of the standard deviation, over the same actions, by the law of total variance."""
-        mean = self._mean_over_actions(Histogram.mean)
-        squares = self._mean_over_actions(lambda own: own.std() ** 2 + (own.mean() - mean) ** 2)
-        return jnp.sqrt(squares)
+        mean, std = self._of_actions(lambda own: (own.mean(), own.std()))
+        return jnp.sqrt((std**2).mean(0) + mean.var(0))
 
     def _one_by_one(self, choose: Callable[[int, Histogram], Float[Array, "*batch 1"]]) -> Float[Array, "*batch d"]:
         """The action whose entry i is chosen from the softmax of dimension i after the entries before it."""
@@ -85,15 +84,16 @@ class Autoregressive:
                 hidden = hidden + self.embedding[i][own.bins.encode(entries[-1])[..., 0]]
         return jnp.concatenate(entries, -1)
 
-    def _mean_over_actions(self, tell: Callable[[Histogram], Array]) -> Array:
+    def _of_actions(self, tell: Callable[[Histogram], Any]) -> Any:
+        """What is told of the softmaxes after each of 32 actions; one after the other, since they need much memory."""
         normal = self.first.choices.exploration == "gaussian"
 
-        def of_one(u: Float[Array, " d"]) -> Array:
+        def of_one(u: Float[Array, " d"]) -> Any:
             noise = jnp.broadcast_to(ndtri(u) if normal else u, self.first.logits.shape[:-1])
             alone = dataclasses.replace(self.first, choices=self.first.choices._replace(bin_sample="center"))
             return tell(self.given(dataclasses.replace(self, first=alone).sample(noise)))
 
-        return jax.lax.map(of_one, jnp.asarray(stratified(self.first.logits.shape[-2]))).mean(0)
+        return jax.lax.map(of_one, jnp.asarray(stratified(self.first.logits.shape[-2])))
 
 
 def stratified(d: int) -> Float[np.ndarray, "n d"]:
