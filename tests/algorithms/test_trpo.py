@@ -44,7 +44,8 @@ def test_a_fisher_product_is_that_of_the_closed_form(loss):
                 metric[:, here, here] = p * np.eye(10) - p * p.swapaxes(1, 2)
         expected = np.einsum("bip,bij,bjq->pq", jacobians, metric, jacobians) / (T * N)
         v = np.random.default_rng(0).normal(size=flat.size)
-        found = jax.flatten_util.ravel_pytree(fisher(agent, own, observation, 0.1)(unravel(jnp.asarray(v))))[0]
+        product = fisher(agent, own, observation, actor_critic.flatten(batch.action), 0.1)
+        found = jax.flatten_util.ravel_pytree(product(unravel(jnp.asarray(v))))[0]
         np.testing.assert_allclose(found, expected @ v + 0.1 * v, rtol=1e-9, atol=1e-12)
 
 

@@ -103,7 +103,7 @@ class TRPO(Algorithm):
     ) -> tuple[Params, Scalars]:
         """The parameters after the step, the critic's as they were."""
         own = {name: part for name, part in params.items() if name != "critic"}
-        old = _distribution(agent, _seen(agent, own, observation))
+        old = _distribution(agent, _seen(agent, own, observation), action)
         target = agent.loss.target(old, action)
 
         def loss(distribution: Any) -> Float[Array, " B"]:
@@ -112,14 +112,14 @@ class TRPO(Algorithm):
         sampled = loss(old)
 
         def surrogate(own: Params) -> tuple[Scalar, Scalar]:
-            new = _distribution(agent, _seen(agent, own, observation))
+            new = _distribution(agent, _seen(agent, own, observation), action)
             gain = jnp.mean(weight * jnp.exp(sampled - loss(new)))
             bonus, regularizer = agent.algorithm.ent_coef, agent.loss.regularizer(new)
             gain = gain if bonus is None else gain + bonus * jnp.mean(new.entropy())
             return gain if regularizer is None else gain - jnp.mean(regularizer), jnp.mean(old.kl(new))
 
         (before, _), gradient = jax.value_and_grad(surrogate, has_aux=True)(own)
-        product = fisher(agent, own, observation, self.cg_damping)
+        product = fisher(agent, own, observation, action, self.cg_damping)
         direction, _ = cg(product, gradient, tol=0.0, atol=1e-5, maxiter=self.cg_max_steps)
         curvature = optax.tree.vdot(direction, product(direction))
         longest = jnp.sqrt(2 * self.max_kl / jnp.maximum(curvature, 1e-30))
@@ -190,18 +190,25 @@ def _seen(agent: Agent, own: Params, observation: Float[Array, "B o"]) -> Seen:
     return outputs, {name: part for name, part in own.items() if name != "actor"}
 
 
-def _distribution(agent: Agent, seen: Seen) -> Any:
-    return agent.policy.distribution(*seen)
+def _distribution(agent: Agent, seen: Seen, action: Float[Array, "B d"]) -> Any:
+    return actor_critic.as_update_sees(agent, *seen, action)
 
 
 def fisher(
-    agent: Agent, own: Params, observation: Float[Array, "B o"], damping: float | Scalar = 0.0
+    agent: Agent,
+    own: Params,
+    observation: Float[Array, "B o"],
+    action: Float[Array, "B d"],
+    damping: float | Scalar = 0.0,
 ) -> Callable[[Params], Params]:
-    """(F + damping · I) v for a v like the policy's parameters, where F is the mean Fisher matrix of these states."""
+    """(F + damping · I) v for a v like the policy's parameters, where F is the mean Fisher matrix of these states.
+
+    Where dimensions depend on others it is that of the distributions given these actions, whose mean it is.
+    """
     seen, pulled = jax.vjp(lambda own: _seen(agent, own, observation), own)
     pushed = jax.linear_transpose(lambda slope: pulled(slope)[0], seen)  # networks have no forward mode of their own
-    old = _distribution(agent, seen)
-    slope = jax.grad(lambda seen: jnp.mean(old.kl(_distribution(agent, seen))))
+    old = _distribution(agent, seen, action)
+    slope = jax.grad(lambda seen: jnp.mean(old.kl(_distribution(agent, seen, action))))
 
     def product(v: Params) -> Params:
         curved = jax.jvp(slope, (seen,), pushed(v))[1]

@@ -75,9 +75,9 @@ class VMPO(Algorithm):
 
     def init(self, agent: Agent, params: Params) -> Memory:
         """Temperature and multipliers of 1."""
-        outputs = jnp.zeros((1, agent.policy.n_outputs))
-        policy = agent.policy.distribution(outputs, params)
-        names = jax.eval_shape(lambda: policy.kl_parts(policy))  # type: ignore[attr-defined]
+        outputs, action = (jnp.zeros((1, n)) for n in (agent.policy.n_outputs, len(agent.low)))
+        policy: Any = actor_critic.as_update_sees(agent, outputs, params, action)
+        names = jax.eval_shape(lambda: policy.kl_parts(policy))
         duals = {"temperature": jnp.zeros(()), "multipliers": {name: jnp.zeros(()) for name in names}}
         return Memory(duals, self._adam.init(duals))
 
@@ -112,8 +112,8 @@ class VMPO(Algorithm):
         def objective(both: tuple[Params, Duals]) -> tuple[Array, tuple[Objective, Scalars]]:
             params, duals = both
             outputs, estimates = actor_critic.outputs(agent, params, rows.observation)
-            distribution = agent.policy.distribution(outputs, params)
-            sampling: Any = agent.policy.distribution(rows.outputs, old)
+            distribution = actor_critic.as_update_sees(agent, outputs, params, rows.action)
+            sampling: Any = actor_critic.as_update_sees(agent, rows.outputs, old, rows.action)
             of_temperature, weight = temperature_loss(duals["temperature"], advantage, self.weights_kl)
             parts = {name: part.mean() for name, part in sampling.kl_parts(distribution).items()}
             of_kl = multiplier_loss(duals["multipliers"], parts, {"std": self.max_kl_std}, self.max_kl)

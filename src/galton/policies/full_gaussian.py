@@ -44,13 +44,11 @@ class FullGaussian(Gaussian):
         std = jnp.sqrt((self.factor**2).sum(-1)) * self.unit
         return jnp.broadcast_to(std, self.mean.shape)
 
-    def kl(self, other: "FullGaussian") -> Float[Array, "*batch"]:
-        """KL(self ‖ other) = ½ (‖M‖² + ‖z‖² − d) + Σ_l log L'_ll − log L_ll with M = L'⁻¹ L and z = L'⁻¹ (μ − μ')."""
+    def _kl_of_std(self, other: "FullGaussian") -> Float[Array, "*states"]:
+        """½ (‖M‖² − d) + Σ_l log L'_ll − log L_ll with M = L'⁻¹ L."""
         columns = jnp.moveaxis(self.factor * jnp.reshape(self.unit, (-1, 1)), -1, 0)
         squares = sum((other.in_sigmas(column) ** 2).sum(-1) for column in columns)
-        z = other.in_sigmas(self.mean - other.mean)
-        apart = (other.log_sigma - self.log_sigma).sum(-1)
-        return 0.5 * (squares + (z**2).sum(-1) - self.mean.shape[-1]) + apart
+        return 0.5 * (squares - self.mean.shape[-1]) + (other.log_sigma - self.log_sigma).sum(-1)
 
 
 def _product(matrix: Float[Array, "*#batch d d"], vector: Float[Array, "*batch d"]) -> Float[Array, "*batch d"]:
@@ -66,6 +64,7 @@ class FullGaussianPolicy(GaussianHead):
     """
 
     label: ClassVar[str] = "full Gaussian"
+    has_kl: ClassVar[bool] = True
 
     def init(self) -> tuple[Float[Array, " n_outputs"], Params]:
         """Mean 0 and L = exp(log_std_init) times the identity, in the policy's units."""

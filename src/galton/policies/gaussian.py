@@ -2,7 +2,7 @@
 
 import dataclasses
 import math
-from typing import Annotated, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -70,16 +70,17 @@ class Gaussian:
 
     def kl(self, other: "Gaussian") -> Float[Array, "*batch"]:
         """KL(self ‖ other) = Σ_l log(σ'/σ) + (σ² + (μ − μ')²) / 2σ'² − ½."""
-        return (self._kl_of_std(other) + 0.5 * other.in_sigmas(self.mean - other.mean) ** 2).sum(-1)
+        return self._kl_of_std(other) + 0.5 * (other.in_sigmas(self.mean - other.mean) ** 2).sum(-1)
 
     def kl_parts(self, other: "Gaussian") -> dict[str, Float[Array, "*batch"]]:
         """KL from the Gaussian with the other's mean alone, and from that with its σ alone (Song et al., 2020)."""
-        of_mean = 0.5 * self.in_sigmas(self.mean - other.mean) ** 2
-        return {"mean": of_mean.sum(-1), "std": jnp.broadcast_to(self._kl_of_std(other), of_mean.shape).sum(-1)}
+        of_mean = 0.5 * (self.in_sigmas(self.mean - other.mean) ** 2).sum(-1)
+        return {"mean": of_mean, "std": jnp.broadcast_to(self._kl_of_std(other), of_mean.shape)}
 
-    def _kl_of_std(self, other: "Gaussian") -> Float[Array, "*states d"]:
+    def _kl_of_std(self, other: Any) -> Float[Array, "*states"]:
+        """The divergence from the Gaussian with this mean and the other's covariance."""
         log_ratio = self.log_std - other.log_std
-        return 0.5 * jnp.expm1(2 * log_ratio) - log_ratio
+        return (0.5 * jnp.expm1(2 * log_ratio) - log_ratio).sum(-1)
 
     def std(self) -> Float[Array, "*batch d"]:
         """σ in each state."""
