@@ -97,11 +97,18 @@ def _tuples(value: object) -> object:
 
 
 def register_with_gymnasium() -> None:
-    """Make every task available to gymnasium.make."""
+    """Make every task available to gymnasium.make, and the robots that change (`galton.envs.host.gears`)."""
     for key, task in ENVS.items():
         gymnasium.register(
             task.gymnasium_id,
             entry_point="galton.envs.as_gymnasium:GymnasiumEnv",
             max_episode_steps=task.max_episode_steps,
             kwargs={"task": key},
+        )
+    for robot in ("HalfCheetah", "Ant"):
+        gymnasium.register(
+            f"galton/{robot}Gears-v0",
+            entry_point="galton.envs.host.gears:Gears",
+            max_episode_steps=1_000,
+            kwargs={"robot": f"{robot}-v5"},
         )

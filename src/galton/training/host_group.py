@@ -10,7 +10,7 @@ from jaxtyping import Array, Float, Int, PyTree, UInt
 
 from galton.algorithms import Agent
 from galton.envs.host.base import Steps
-from galton.envs.host.carried import MOMENTS, plain_data, set_moments, statistics_of
+from galton.envs.host.carried import MOMENTS, go_on, plain_data, set_moments, statistics_of
 from galton.envs.host.moves import Watch
 from galton.envs.task import Task
 from galton.errors import BrokenEnvironmentError, SharedEnvironment
@@ -288,6 +288,8 @@ class Group:
 
     def _start_anew(self) -> None:
         """Begin new episodes in the middle of a run, with seeds that its step decides."""
+        for layers in self.environments.layers:
+            go_on(layers, layers)
         self._start(self.environments.reset(_environment_seeds(self._seeds, self._shape[1], 2, self.step)))
         self._interrupted = False
 

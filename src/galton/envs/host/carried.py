@@ -74,6 +74,17 @@ def carry(trained: Layers, before: Attributes, layers: Layers) -> None:
     """Give a copy's layers all statistics that training's copy has, and the plain data that is not as it was before."""
     for layer, own, now in zip(layers, changed(trained, before), trained, strict=True):
         vars(layer).update(copy.deepcopy(own | {name: v for name, v in vars(now).items() if _is_statistics(v)}))
+    go_on(layers, trained)
+
+
+def go_on(layers: Layers, trained: Layers) -> None:
+    """Let a copy go on, at its next reset with a seed, from what outlasts episodes in training's copy.
+
+    Environments and wrappers that have such a thing have `go_on_from(other)`.
+    """
+    for layer, now in zip(layers, trained, strict=True):
+        if callable(getattr(type(layer), "go_on_from", None)):
+            layer.go_on_from(now)
 
 
 def statistics_of(layers: Layers) -> dict[str, Any]:
