@@ -11,6 +11,10 @@ from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 
 import galton
 from galton import normalization
+from galton.algorithms import Rollout
+from galton.envs import find
+from galton.parts import trimmed
+from galton.training.population import populate
 
 N = 3
 receive = jax.jit(normalization.receive)
@@ -157,6 +161,79 @@ def test_an_entry_that_never_moved_is_divided_by_its_size():
     np.testing.assert_allclose(normalization.deviation(normalizer), expected, rtol=1e-6)
     moved = np.float32([0.01, -0.29, 2.02e4, 0])
     np.testing.assert_allclose(standardise(normalizer, moved)[:3], 0.01, rtol=1e-4)
+
+
+WINDOW, GAMMA = 24.0, 0.9
+
+
+def with_a_window(samples, rewards, window):
+    """The moments after T steps of N samples, the first of which the statistics begin with."""
+    begun = normalization.begin(normalization.init(2, N, True, True), samples[0])
+    done = np.zeros(N, bool)
+
+    def step(normalizer, seen):
+        moved = normalization.from_origin(normalizer, seen[0])
+        return normalization.receive(normalizer, seen[1], done, moved, moved, GAMMA, window)[0], None
+
+    return jax.lax.scan(step, begun, (samples[1:], rewards))[0]
+
+
+def test_a_window_forgets_as_weights_in_numpy_do():
+    """Equal weights until it is full, of 24 samples or 8 steps, and one more is seen; then a step leaves 24 / 27."""
+    rng, steps = np.random.default_rng(0), 60
+    samples = (rng.normal(size=(steps, N, 2)) * [1, 50] + np.linspace(0, 30, steps)[:, None, None]).astype(np.float32)
+    rewards = rng.normal(2, 3, (steps - 1, N)).astype(np.float32)
+    found = with_a_window(samples, rewards, WINDOW)
+    returns = np.zeros((steps - 1, N))
+    for t, reward in enumerate(rewards):
+        returns[t] = reward + (GAMMA * returns[t - 1] if t else 0)
+    for moments, origin, seen in (
+        (found.observation, found.origin, samples.astype(np.float64)),
+        (found.discounted_return, 0.0, returns),
+    ):
+        n = len(seen)
+        weight = (WINDOW / (WINDOW + N)) ** (n - np.maximum(np.arange(n), WINDOW / N) - 1)
+        mean = np.average(seen.mean(1), axis=0, weights=weight)
+        variance = np.average(((seen - mean) ** 2).mean(1), axis=0, weights=weight)
+        np.testing.assert_allclose(origin + moments.mean, mean, rtol=1e-4)
+        np.testing.assert_allclose(moments.variance, variance, rtol=1e-4)
+        assert moments.n == WINDOW
+
+
+def test_an_endless_window_is_none_to_the_bit():
+    samples = np.random.default_rng(0).normal(size=(40, N, 2)).astype(np.float32)
+    rewards = samples[1:, :, 0]
+    endless, none = (with_a_window(samples, rewards, window) for window in (jnp.inf, None))
+    for one, other in zip(jax.tree.leaves(endless), jax.tree.leaves(none), strict=True):
+        np.testing.assert_array_equal(one, other)
+    assert trimmed(Rollout(normalize_reward=True)).normalize_window is None  # so programs are those without it
+
+
+@pytest.mark.parametrize("env", ["lqr", "Reacher-v5"])
+def test_a_window_goes_through_training_and_a_file(env, tmp_path):
+    words = {"net_arch": (4,), "normalize_observation": True, "normalize_reward": True, "normalize_window": 30}
+    whole = galton.A2C(env, "gaussian", n_steps=5, n_envs=2, seed=1, **words).learn(60, progress_bar=False)
+    path = whole.save(tmp_path / "model")
+    again = galton.A2C.load(path, env=env)
+    assert again.agent.rollout.normalize_window == 30
+    for model in (whole, again):
+        model.learn(40, progress_bar=False)
+        assert [float(m.n) for m in model.learner.normalizer[:2]] == [30, 30]
+    for one, other in zip(*(jax.tree.leaves(model.learner) for model in (whole, again)), strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+def test_each_run_has_a_window_of_its_own():
+    words = {"loss": "gaussian", "n_steps": 10, "normalize_observation": True}
+    windows = np.array([4.0, 16.0, np.inf])
+    found = populate(find("lqr"), galton.make_agent(normalize_window=windows, **words), [0, 0, 0])
+    found.advance(3)
+    np.testing.assert_allclose(found.learner.normalizer.observation.n, [4, 16, 31], rtol=1e-4)
+
+
+def test_a_window_that_nothing_uses_is_refused():
+    with pytest.raises(galton.UsageError, match=r"normalize_window is 9\.0; it has no use without"):
+        galton.make_agent(loss="gaussian", normalize_window=9)
 
 
 @pytest.mark.parametrize("flags", [(False, False), (True, False), (False, True)])

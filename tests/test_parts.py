@@ -34,6 +34,7 @@ from .agents import agent
             {"eta_rule": "policy", "eta_min": 3.0, "eta_max": 2.0},
             "eta_min is 3.0 and eta_max 2.0; eta_min mus",
         ),
+        (Rollout, {"normalize_window": 0.0}, "normalize_window is 0.0; it must be greater than 0, or inf for all"),
         (Rollout, {"noise_correlation": 1.0}, "noise_correlation is 1.0; it must be 0 or more, and less than 1"),
         (ALGORITHMS["ppo"], {"clip_range": None}, "clip_range is None; it must be a number"),
     ],

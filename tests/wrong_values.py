@@ -28,7 +28,9 @@ WORDS = [name for name, kind in KNOWN.annotations.items() if typing.get_origin(k
 NAMES = ["ordered", "per_entry"]
 LISTS = ["net_arch", "critic_arch"]
 COUNTS = [name for name in KNOWN.annotations if name not in (*NUMBERS, *FLAGS, *WORDS, *LISTS, *NAMES)]
-MAY_BE_NONE = ("box_units", "ent_coef", "noise_correlation", "head_scale", "diffusion", "clip_range_vf")
+MAY_BE_NONE = (
+    *("box_units", "ent_coef", "noise_correlation", "head_scale", "diffusion", "clip_range_vf", "normalize_window"),
+)
 """Numbers that an agent may have as None, which programs lack; a setting of a sweep may not."""
 WRONG = {
     "flag": (

@@ -27,7 +27,7 @@ class Moments(NamedTuple):
     mean: Float[Array, "*rest"]
     variance: Float[Array, "*rest"]
     n: Float[Array, ""]
-    """The number of samples seen, PRIOR included."""
+    """The number of samples that they count for, PRIOR included: those seen, or no more than a window."""
 
 
 class Normalizer(NamedTuple):
@@ -57,14 +57,19 @@ def init(observation_size: int, n_envs: int, observations: bool, rewards: bool) 
     )
 
 
-def update_moments(moments: Moments, batch: Float[Array, "N *rest"]) -> Moments:
-    """Chan's parallel update with the N samples of one step."""
+def update_moments(moments: Moments, batch: Float[Array, "N *rest"], window: Number | None = None) -> Moments:
+    """Chan's parallel update with the N samples of one step.
+
+    With a window w they count for w samples at most. From there on a step leaves w / (w + N) of the weight that those
+    seen before have.
+    """
     n = batch.shape[0]
     total = moments.n + n
     delta = batch.mean(0) - moments.mean
     share = n / total
+    counted = total if window is None else jnp.minimum(total, window)
     spread = batch.var(0) + delta**2 * (moments.n / total)
-    return Moments(moments.mean + share * delta, moments.variance + share * (spread - moments.variance), total)
+    return Moments(moments.mean + share * delta, moments.variance + share * (spread - moments.variance), counted)
 
 
 def _apart(normalizer: Normalizer, rows: Any) -> tuple[Any, Any]:
@@ -98,11 +103,12 @@ def from_origin_on_host(normalizer: Normalizer, raw: Float[np.ndarray, "*runs n 
     return raw.astype(np.float32, copy=False)
 
 
-def observe(normalizer: Normalizer, moved: Float[Array, "N o"]) -> Normalizer:
+def observe(normalizer: Normalizer, moved: Float[Array, "N o"], window: Number | None = None) -> Normalizer:
     """Count the observations of one step of N environments, told from the origin."""
     if not normalizer.observation:
         return normalizer
-    return normalizer._replace(observation=update_moments(normalizer.observation, _apart(normalizer, moved)[0]))
+    own, _ = _apart(normalizer, moved)
+    return normalizer._replace(observation=update_moments(normalizer.observation, own, window))
 
 
 def observation(normalizer: Normalizer, moved: Float[Array, "*batch o"]) -> Float[Array, "*batch o"]:
@@ -127,13 +133,17 @@ def deviation(normalizer: Normalizer) -> Float[Array, " o"]:
 
 
 def reward(
-    normalizer: Normalizer, raw: Float[Array, " N"], done: Bool[Array, " N"], gamma: Number
+    normalizer: Normalizer,
+    raw: Float[Array, " N"],
+    done: Bool[Array, " N"],
+    gamma: Number,
+    window: Number | None = None,
 ) -> tuple[Normalizer, Float[Array, " N"]]:
     """Count the rewards of one step and divide them by the standard deviation of the discounted return, within ±10."""
     if not normalizer.discounted_return:
         return normalizer, raw
     running = normalizer.running_return * gamma + raw
-    moments = update_moments(normalizer.discounted_return, running)
+    moments = update_moments(normalizer.discounted_return, running, window)
     scaled = jnp.clip(raw / jnp.sqrt(moments.variance + EPSILON), -CLIP, CLIP)
     return normalizer._replace(discounted_return=moments, running_return=jnp.where(done, 0.0, running)), scaled
 
@@ -145,10 +155,11 @@ def receive(
     final: Float[Array, "N o"],
     following: Float[Array, "N o"],
     gamma: Number,
+    window: Number | None = None,
 ) -> tuple[Normalizer, Float[Array, " N"], Float[Array, "N o"]]:
     """Take in one step: its rewards, the observations that end it and those, after any reset, that follow.
 
     The new statistics, normalised rewards and normalised ends; observations are told from the origin.
     """
-    normalizer, scaled = reward(observe(normalizer, following), raw, done, gamma)
+    normalizer, scaled = reward(observe(normalizer, following, window), raw, done, gamma, window)
     return normalizer, scaled, observation(normalizer, final)

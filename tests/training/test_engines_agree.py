@@ -28,6 +28,7 @@ CLOSE = {"rtol": 1e-4, "atol": 1e-5}
 NORMALIZE = {"normalize_observation": True, "normalize_reward": True}
 CASES = [
     ("a2c", "gaussian", NORMALIZE),
+    ("a2c", "gaussian", NORMALIZE | {"normalize_window": 12}),
     ("a2c", "hl-gauss", {}),
     ("ppo", "gaussian", {}),
     ("ppo", "hl-gauss-centred", NORMALIZE),

@@ -1,6 +1,7 @@
 """Algorithms have to offer this, and an agent is made of these parts."""
 
 import abc
+import math
 from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar, Literal, TypeVar
 
@@ -15,7 +16,7 @@ from galton.fields import Within
 from galton.losses import LOSSES, HLOneHot, Loss
 from galton.networks import MLP, Network
 from galton.optimizers import Adam, Optimizer
-from galton.parts import Box, Part, settings, trimmed
+from galton.parts import Box, Part, settings, trimmed, unusual
 from galton.policies import POLICIES, Policy
 from galton.policies.correlation import check_correlation
 from galton.policies.mixed import MixedPolicy, acting_on
@@ -26,6 +27,7 @@ AlgorithmT = TypeVar("AlgorithmT", bound="Algorithm")
 Scalars = dict[str, Float[Array, ""]]
 """The scalars that an update reports, by name."""
 Correlation = Annotated[Number | None, Within(lambda x: (x >= 0) & (x < 1), "0 or more, and less than 1")]
+Window = Annotated[Number | None, Within(lambda x: x > 0, "greater than 0, or inf for all that was seen")]
 
 
 class Rollout(Part):
@@ -39,6 +41,9 @@ class Rollout(Part):
     """Standardise observations by running statistics, clipped to ±10."""
     normalize_reward: bool = False
     """Divide rewards by the running standard deviation of the discounted return, clipped to ±10."""
+    normalize_window: Window = math.inf
+    """The steps, of all environments together, that running statistics count for at most: what was seen before loses
+    its weight as exp(−steps since / normalize_window), about. inf: all that was seen counts alike."""
     resets: Literal["fresh", "pool", "first"] = "fresh"
     """The beginnings of episodes in JAX: each in a state of its own, of which n_steps · n_envs are drawn
     for each rollout; in one of reset_pool states that are drawn for it; or where the copy's first episode began. The
@@ -50,9 +55,12 @@ class Rollout(Part):
     The noise of each step by itself is distributed as without it."""
 
     def check_own(self) -> None:
-        """Raise UsageError for a pool that nothing uses."""
+        """Raise UsageError for a pool or a window that nothing uses."""
         unused = self.resets != "pool" and self.reset_pool != Rollout.reset_pool
         require(not unused, f"reset_pool is {self.reset_pool}; it has no use with resets at {self.resets!r}")
+        window = "" if self.normalize_observation or self.normalize_reward else unusual(self.normalize_window, math.inf)
+        remedy = "it has no use without normalize_observation or normalize_reward"
+        require(not window, f"normalize_window is {window}; {remedy}")
 
     @property
     def size(self) -> int:

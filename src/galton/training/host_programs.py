@@ -107,7 +107,8 @@ def _act(
 def _receive(
     agent: Agent, normalizer: Normalizer, reward: Array, done: Array, final: Array, following: Array
 ) -> tuple[Normalizer, Array, Array]:
-    return normalization.receive(normalizer, reward, done, final, following, agent.algorithm.gamma)
+    gamma, window = agent.algorithm.gamma, agent.rollout.normalize_window
+    return normalization.receive(normalizer, reward, done, final, following, gamma, window)
 
 
 def _receive_and_act(

@@ -124,6 +124,7 @@ def rollout(
             observed(normalizer, states),
             observed(normalizer, following.env),
             agent.algorithm.gamma,
+            agent.rollout.normalize_window,
         )
         told = Transition(observation, action, reward, next_observation, terminated, truncated)
         return (following, normalizer), (told, Finished(done, collected, length), jax.vmap(task.metrics)(states))
