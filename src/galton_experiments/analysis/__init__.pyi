@@ -1,6 +1,8 @@
 from . import plots as plots
 from .bands import mean_band as mean_band
 from .comparison import rest_of as rest_of
+from .recovery import dynamic_regret as dynamic_regret
+from .recovery import phases as phases
 from .recovery import recoveries as recoveries
 from .scales import AXES as AXES
 from .scales import fit_curves as fit_curves

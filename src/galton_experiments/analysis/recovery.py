@@ -1,7 +1,9 @@
-"""Recovery times say how long runs take to come back after their task has changed."""
+"""What runs do where their task changes: how long they take to come back, each phase by itself, and their regret."""
+
+from collections.abc import Iterator
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from scipy import stats
 
 
@@ -24,12 +26,49 @@ def recoveries(
         An entry for each change behind which there is a log point, of R times.
     """
     found = []
-    for change in range(period, int(steps[-1]), period):
-        here = (steps > change) & (steps < change + period)
-        if not here.any():
+    for change, here in _inside(steps, period):
+        if change == 0:
             continue
         back, since = returns[:, here] >= level, steps[here] - change
         is_back = np.asarray(back.any(1))
         times = np.where(is_back, since[back.argmax(1)], since[-1])
         found.append(stats.CensoredData.right_censored(times, ~is_back))
     return found
+
+
+def phases(
+    values: Float[np.ndarray, "R L"], steps: Int[np.ndarray, " L"], period: int
+) -> list[Float[np.ndarray, "R _"]]:
+    """A column of the log, cut into the phases of a task that changes; a log point at a change is in neither.
+
+    Of returns, `phase.mean(1)` is what each run got in a phase, to be held beside the first phase of a fresh start. Of
+    the entropy, `phase[:, -1]` is what was left of it before the change.
+
+    Args:
+        values: the column's value of each run at each log point.
+        steps: those that a copy of the environment had taken by then, ascending.
+        period: steps of a copy from one change to the next; the first is after as many.
+
+    Returns:
+        The values of each phase in which there is a log point.
+    """
+    return [values[:, here] for _, here in _inside(steps, period)]
+
+
+def dynamic_regret(regret: Float[np.ndarray, "R L"], steps: Int[np.ndarray, " L"]) -> Float[np.ndarray, "R L"]:
+    """The regret of all steps until each log point, beside the best policy of each moment.
+
+    Args:
+        regret: `env_regret` of each run, which is a mean over the steps since the log point before.
+        steps: those that a copy of the environment had taken by then, ascending.
+    """
+    summed: Float[np.ndarray, "R L"] = np.cumsum(regret * np.diff(steps, prepend=0), 1)
+    return summed
+
+
+def _inside(steps: Int[np.ndarray, " L"], period: int) -> Iterator[tuple[int, Bool[np.ndarray, " L"]]]:
+    """Where each phase begins, and which log points are inside; none without one."""
+    for begin in range(0, int(steps[-1]), period):
+        here = (steps > begin) & (steps < begin + period)
+        if here.any():
+            yield begin, here
