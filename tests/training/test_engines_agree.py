@@ -28,10 +28,10 @@ CLOSE = {"rtol": 1e-4, "atol": 1e-5}
 NORMALIZE = {"normalize_observation": True, "normalize_reward": True}
 CASES = [
     ("a2c", "gaussian", NORMALIZE),
-    ("a2c", "gaussian", NORMALIZE | {"normalize_window": 12}),
     ("a2c", "hl-gauss", {}),
     ("ppo", "gaussian", {}),
     ("ppo", "hl-gauss-centred", NORMALIZE),
+    ("a2c", "gaussian", NORMALIZE | {"normalize_window": 12}),
     ("a2c", "gaussian", {"noise_correlation": 0.8}),
     ("ppo", "hl-gauss", {"noise_correlation": 0.8}),
 ]
