@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from galton.bins import Bins, UnevenBins
+from galton.bins import Bins, GridBins, UnevenBins
 from galton.deploy.graph import Graph
 from galton.policies import (
     AnchoredPolicy,
@@ -105,7 +105,8 @@ def histogram(graph: Graph, outputs: str, policy: BinnedPolicy, name: str = "log
     bins, rule = policy.bins, policy.choices.deterministic_action
     if isinstance(bins, UnevenBins):
         outputs = _padded(graph, outputs, bins)
-    logits = graph.add("Reshape", outputs, np.array([0, -1, bins.n_bins]), name=name)
+    rows = 1 if isinstance(bins, GridBins) else len(bins.centers)
+    logits = graph.add("Reshape", outputs, np.array([0, rows, bins.n_bins]), name=name)
     action = _by_rule(graph, logits, bins, rule)
     if not isinstance(bins, UnevenBins) or not bins.is_choice.any():
         return Chosen(action, rule, MEANINGS[rule])

@@ -70,9 +70,12 @@ def test_a_preset_brings_its_loss_and_its_settings_and_so_does_the_gaussian_besi
     }
 
 
-def test_without_a_preset_beside_it_or_of_this_algorithm_gaussian_is_the_loss(compared, of_model):
+def test_without_a_preset_beside_it_gaussian_is_the_loss(compared, of_model):
     assert compared[1] == {name: of_model(PAPER, name) for name in ("gaussian", "hl-gauss")}
-    assert [*compared[2]] == ["hl-gauss, preset best", "gaussian"]
+
+
+def test_a_preset_of_another_algorithm_is_refused(compared):
+    assert compared[2] == "preset is 'best', which is for ppo, not 'a2c'; take one of these algorithms"
 
 
 def test_the_earlier_name_of_a_preset_is_that_preset(compared, of_model):
