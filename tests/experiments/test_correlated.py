@@ -5,10 +5,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from galton.envs import RidgeBandit, XorBandit
 
-FOUND = json.loads((Path(__file__).parents[2] / "results" / "benchmarks" / "correlated.json").read_text())
+ROOT = Path(__file__).parents[2]
+FOUND = json.loads((ROOT / "results" / "benchmarks" / "correlated.json").read_text())
+HEADS = {"gaussian": "Gaussian", "full-gaussian": "full Gaussian"} | {
+    f"{policy}, {loss}": f"{label}, {name}"
+    for policy, label in {"histogram": "softmax", "joint": "joint softmax", "autoregressive": "autoregressive"}.items()
+    for loss, name in {"hl-one-hot": "HL-1-Hot", "hl-gauss-centred": "centred HL-Gauss"}.items()
+}
 
 
 def test_bounds_are_those_of_the_tasks():
@@ -27,3 +34,14 @@ def test_factored_heads_stay_below_their_bound_and_only_correlated_ones_pass_it(
         factored = head.startswith(("gaussian", "histogram"))
         assert max(values) < of["factored" if factored else "optimum"] + 1e-3
         assert factored or np.mean(values) > of["factored"]
+
+
+@pytest.mark.parametrize("head", HEADS)
+def test_the_page_has_the_numbers_of_the_file(head):
+    cells = []
+    for name in ("xor-bandit", "ridge-bandit"):
+        values = FOUND[name]["values"].get(head)
+        spread = values and stats.t.ppf(0.975, len(values) - 1) * stats.sem(values)
+        cells.append(f"{np.mean(values):.3f} ± {spread:.3f}".replace("-", "−") if values else "—")
+    row = f"| {HEADS[head]} | {' | '.join(cells)} |"
+    assert row in (ROOT / "docs" / "correlated_actions.md").read_text().splitlines()
