@@ -1,12 +1,13 @@
 """Which head comes back where the task changes? Five heads, each with the best of 12 draws, on four tasks that change.
 
 A2C with a linear policy and k = 50. The bandit's optimum jumps from .5 to −.5 and back after each 1,000 updates of 5
-steps, goes up and down as a cosine in as many, or walks .5; the regulator's inputs are reversed after each 400 updates
-of 8 · 25 steps. A head's draws are of the learning rate and of one number of its own, at the same twelve points of a
-Latin hypercube. The draw with the best mean on seeds 0 to 2 is trained on 20 others, which is all that is told.
+steps, goes up and down as a cosine in as many, or walks .5; the regulator's inputs are reversed after each 1,600
+updates of 8 · 25 steps. A head's draws are of the learning rate and of one number of its own, at the same twelve points
+of a Latin hypercube. The draw with the best mean on seeds 0 to 2 is trained on 20 others, which is all that is told.
 
-A return is told as its share of the way from random actions, 0, to the optimum, 1, and as −1 where it is below that or
-the run has diverged. A score is the mean over training of the deterministic policy's; a run is back where it is .9.
+A return is told as its share of the way to the optimum, 1, from 0: that of random actions in the bandit, and of doing
+nothing in the regulator. It is −1 where it is below that or the run has diverged. A score is the mean over training of
+the deterministic policy's; a run is back where it is .9.
 
 Where the task jumps there are two controls with the same draw: the task that stays, and the memory of Adam emptied at
 each change. A third is a fresh start of equal length, which is the first phase: each later one is that task or its
@@ -25,7 +26,7 @@ import numpy as np
 from scipy.stats import qmc
 
 import galton
-from galton.envs import DriftingBandit, JaxTask, SwitchingLQR
+from galton.envs import LQR, DriftingBandit, JaxTask, SwitchingLQR
 from galton.training.population import populate
 from galton_experiments.analysis import dynamic_regret, phases, recoveries
 
@@ -46,13 +47,15 @@ HEADS = {
 """Settings, and the number that is drawn with its bounds: where it is a logarithm, those of σ itself."""
 
 BANDIT = {"n_steps": 5}, (3e-3, 1.0), 1_000
-REGULATOR = {"n_steps": 25, "n_envs": 8}, (1e-3, 1e-1), 400
+REGULATOR = {"n_steps": 25, "n_envs": 8}, (1e-3, 1e-1), 1_600
 """The rollout, the bounds of the learning rate and the updates of a phase."""
 TASKS = {
     **{change: (BANDIT, DriftingBandit(change=change, period=5_000)) for change in ("jump", "sine", "walk")},
-    "lqr": (REGULATOR, SwitchingLQR(period=10_000)),
+    "lqr": (REGULATOR, SwitchingLQR(period=40_000)),
 }
 STILL = {"jump": DriftingBandit(change="still"), "lqr": SwitchingLQR(period=10**9)}
+NOTHING = {"lqr": LQR().rest_return}
+"""The return that counts as 0 where it is not that of random actions."""
 
 
 def draws(head, task):
@@ -72,7 +75,7 @@ def trained(head, task, drawn, seeds, env=None, empties=False):
     agent = galton.make_agent(**(HEADS[head][0] | each), **rollout, net_arch=())
     population = populate(JaxTask(env), agent, [*seeds] * n)
     shares, logs = [], []
-    worst, best = STILL.get(task, STILL["jump"]).random_return, env.optimal_return
+    worst, best = NOTHING.get(task, STILL["jump"].random_return), env.optimal_return
     for point in range(1, PHASES * LOGS + 1):
         population.advance(updates // LOGS)
         share = (population.evaluate(25 if task != "lqr" else 5).mean(1) - worst) / (best - worst)
