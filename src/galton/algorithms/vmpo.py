@@ -70,7 +70,7 @@ class VMPO(Algorithm):
     """The same of a Gaussian's σ, where V-MPO bounds it apart from that of the mean."""
     weights_kl: Positive = 0.1
     """The divergence of the better half's weights from equal ones that the temperature is learnt for, ε_η."""
-    dual_learning_rate: Positive = 0.01
+    dual_learning_rate: Positive = 0.1
     """Adam's step size for the logarithms of temperature and multipliers."""
 
     def init(self, agent: Agent, params: Params) -> Memory:
