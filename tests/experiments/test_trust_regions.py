@@ -44,4 +44,4 @@ def test_what_the_page_says_beside_its_table():
     np.testing.assert_allclose(*clear.values(), [0.9, 3.5], atol=0.05)
     over = [np.mean(FOUND[method]["lqr"]["kl"]) for method in of_vmpo]
     assert 1.2 < max(over) < 1.25
-    assert max(np.mean(FOUND[method]["bandit"]["kl"]) for method in of_vmpo) == pytest.approx(1.8, abs=0.05)
+    assert max(np.mean(FOUND[method]["bandit"]["kl"]) for method in of_vmpo) == pytest.approx(1.9, abs=0.05)
