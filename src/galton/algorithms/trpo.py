@@ -181,7 +181,7 @@ class Step(NamedTuple):
 
 
 Seen = tuple[Float[Array, "B n_outputs"], Params]
-"""What a policy makes its distributions of: the network's outputs, and its own parameters."""
+"""A policy makes its distributions of these: the network's outputs, and its own parameters."""
 
 
 def _seen(agent: Agent, own: Params, observation: Float[Array, "B o"]) -> Seen:

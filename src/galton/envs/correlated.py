@@ -6,60 +6,15 @@ The value of a policy is E r + α H with its entropy H, in nats, and the weight 
 import dataclasses
 import math
 
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Key
+from jaxtyping import Array, Float
 
-from galton.envs.base import box
+from galton.envs.bandit import OneStep
 from galton.errors import require, require_integer
 
 
-class _OneStep:
-    """The one state and the box that both have in common; they say what an action is worth."""
-
-    max_episode_steps = 1
-    observation_low = box(0.0, 1)
-    observation_high = box(1.0, 1)
-    d: int
-    noise_std: float
-
-    def worth(self, action: Float[Array, "*batch d"]) -> Float[Array, "*batch"]:
-        """The expected reward of an action."""
-        raise NotImplementedError
-
-    @property
-    def action_low(self) -> Float[np.ndarray, " d"]:
-        """The lower bound, −1 in every dimension."""
-        return box(-1.0, self.d)
-
-    @property
-    def action_high(self) -> Float[np.ndarray, " d"]:
-        """The upper bound, 1 in every dimension."""
-        return box(1.0, self.d)
-
-    def reset(self, key: Key[Array, ""]) -> Float[Array, " 1"]:
-        """The one state that there is."""
-        del key
-        return jnp.ones(1)
-
-    def noise(self, key: Key[Array, ""]) -> Float[Array, ""]:
-        """The noise ε of the reward."""
-        return self.noise_std * jax.random.normal(key)
-
-    def step(
-        self, state: Float[Array, " 1"], action: Float[Array, " d"], noise: Float[Array, ""]
-    ) -> tuple[Float[Array, " 1"], Float[Array, ""], Bool[Array, ""]]:
-        """Reward the action and end."""
-        return state, self.worth(action) + noise, jnp.array(True)
-
-    def observe(self, state: Float[Array, " 1"]) -> Float[Array, " 1"]:
-        """The observation, which is the constant 1."""
-        return state
-
-
 @dataclasses.dataclass(frozen=True)
-class XorBandit(_OneStep):
+class XorBandit(OneStep):
     """One state, one step, reward 1 if the two entries' signs differ and else 0, plus ε ~ N(0, noise_std²).
 
     Actions are in [−1, 1]². Without a bonus a factored policy can be best, with all of its mass in one quarter of the
@@ -69,6 +24,7 @@ class XorBandit(_OneStep):
     noise_std: float = 0.1
     """The standard deviation of the reward's noise, ε."""
 
+    bound = 1.0
     d = 2
     optimal_return = 1.0
     random_return = 0.5
@@ -99,7 +55,7 @@ class XorBandit(_OneStep):
 
 
 @dataclasses.dataclass(frozen=True)
-class RidgeBandit(_OneStep):
+class RidgeBandit(OneStep):
     """One state, one step, reward −½ (a − c)ᵀ Q (a − c) + ε with ε ~ N(0, noise_std²), actions in [−1, 1]^d.
 
     Q has the eigenvalue `along` on the diagonal (1, …, 1) and `across` on all that is perpendicular to it. So what is
@@ -109,14 +65,15 @@ class RidgeBandit(_OneStep):
     d: int = 2
     """The number of dimensions of an action."""
     along: float = 1.0
-    """How steeply the reward falls along the ridge."""
+    """The eigenvalue of Q along the ridge."""
     across: float = 25.0
-    """How steeply it falls across."""
+    """The eigenvalue of Q across the ridge."""
     center: float = 0.2
     """The entries of c, the best action."""
     noise_std: float = 0.1
     """The standard deviation of the reward's noise, ε."""
 
+    bound = 1.0
     optimal_return = 0.0
 
     def __post_init__(self) -> None:
@@ -129,7 +86,7 @@ class RidgeBandit(_OneStep):
 
     @property
     def curvature(self) -> Float[np.ndarray, "d d"]:
-        """The matrix Q."""
+        """The matrix Q of the reward, by the eigenvalues along and across."""
         return self.across * np.eye(self.d) + (self.along - self.across) / self.d
 
     @property

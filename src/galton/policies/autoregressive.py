@@ -85,7 +85,7 @@ class Autoregressive:
         return jnp.concatenate(entries, -1)
 
     def _of_actions(self, tell: Callable[[Histogram], Any]) -> Any:
-        """What is told of the softmaxes after each of 32 actions; one after the other, since they need much memory."""
+        """The softmaxes after each of 32 actions tell this; one after the other, since they need much memory."""
         normal = self.first.choices.exploration == "gaussian"
 
         def of_one(u: Float[Array, " d"]) -> Any:
@@ -133,6 +133,6 @@ class AutoregressivePolicy(HistogramPolicy):
         return Autoregressive(super().distribution(logits, params), features, params["embedding"], params["readout"])
 
     def head_rates(self, distribution: Histogram) -> Float[Array, " n_outputs"] | None:
-        """Those of the softmax policy, and 1 for the features."""
+        """The rates of the softmax policy, and 1 for the features."""
         rates = super().head_rates(distribution)
         return None if rates is None else jnp.concatenate([rates, jnp.ones(self.prefix_width)])

@@ -1,4 +1,4 @@
-"""What runs do where their task changes: how long they take to come back, each phase by itself, and their regret."""
+"""Logs of runs whose task changes tell how long these take to come back, what a phase was like, and the regret."""
 
 from collections.abc import Iterator
 
@@ -67,7 +67,7 @@ def dynamic_regret(regret: Float[np.ndarray, "R L"], steps: Int[np.ndarray, " L"
 
 
 def _inside(steps: Int[np.ndarray, " L"], period: int) -> Iterator[tuple[int, Bool[np.ndarray, " L"]]]:
-    """Where each phase begins, and which log points are inside; none without one."""
+    """The beginning of each phase and the log points inside; a phase without one is left out."""
     for begin in range(0, int(steps[-1]), period):
         here = (steps > begin) & (steps < begin + period)
         if here.any():

@@ -63,7 +63,7 @@ class Gears(gymnasium.Env[np.ndarray, np.ndarray]):
         self.t = self._begin = 0
 
     def factors(self, t: int) -> tuple[Float[np.ndarray, " u"], float]:
-        """What gears, one for each actuator, and friction are multiplied by in the step after t others."""
+        """The factors of the gears, one for each actuator, and that of friction, in the step after t others."""
         gears = np.ones(self.robot.model.nu)
         if self.change == "cosine":
             return gears * np.cos(2 * np.pi * (t % self.period) / self.period), 1.0
@@ -116,7 +116,7 @@ class Gears(gymnasium.Env[np.ndarray, np.ndarray]):
         return self.robot.render()
 
     def close(self) -> None:
-        """Close Gymnasium's environment."""
+        """Close the environment of Gymnasium's inside."""
         self.robot.close()
 
     def _turn(self) -> None:
