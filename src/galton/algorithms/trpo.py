@@ -114,7 +114,7 @@ class TRPO(Algorithm):
         def surrogate(own: Params) -> tuple[Scalar, Scalar]:
             new = _distribution(agent, _seen(agent, own, observation), action)
             gain = jnp.mean(weight * jnp.exp(sampled - loss(new)))
-            bonus, regularizer = agent.algorithm.ent_coef, agent.loss.regularizer(new)
+            bonus, regularizer = self.ent_coef, agent.loss.regularizer(new)
             gain = gain if bonus is None else gain + bonus * jnp.mean(new.entropy())
             return gain if regularizer is None else gain - jnp.mean(regularizer), jnp.mean(old.kl(new))
 
@@ -156,7 +156,7 @@ class TRPO(Algorithm):
                 return jnp.mean(agent.critic.loss(agent.network(params["critic"], rows[0]), rows[1]))
 
             value_loss, gradient = jax.value_and_grad(objective)(learner.params)
-            gradient = jax.tree.map(lambda g: agent.algorithm.vf_coef * g, gradient)
+            gradient = jax.tree.map(lambda g: self.vf_coef * g, gradient)
             params, optimizer, norm = agent.optimizer.step(learner.params, learner.optimizer, gradient)
             kept = learner.params | {"critic": params["critic"]}
             return learner._replace(params=kept, optimizer=optimizer), (value_loss, norm)

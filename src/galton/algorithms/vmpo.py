@@ -79,7 +79,7 @@ class VMPO(Algorithm):
         policy: Any = actor_critic.as_update_sees(agent, outputs, params, action)
         names = jax.eval_shape(lambda: policy.kl_parts(policy))
         duals = {"temperature": jnp.zeros(()), "multipliers": {name: jnp.zeros(()) for name in names}}
-        return Memory(duals, self._adam.init(duals))
+        return Memory(duals, _ADAM.init(duals))
 
     def update(self, agent: Agent, learner: Learner, batch: Transition, key: Key[Array, ""]) -> tuple[Learner, Scalars]:
         """The learner after all minibatches, and what they tell, means over them."""
@@ -125,15 +125,15 @@ class VMPO(Algorithm):
         both = learner.params, memory.duals
         (gradient, of_duals), (own, told) = jax.grad(objective, has_aux=True)(both)
         learner, of_step = actor_critic.step(agent, learner, gradient, own)
-        move, adam = self._adam.update(of_duals, memory.optimizer)
+        move, adam = _ADAM.update(of_duals, memory.optimizer)
         moved = jax.tree.map(lambda dual, by: dual - self.dual_learning_rate * by, memory.duals, move)
         multipliers = jnp.stack(jax.tree.leaves(memory.duals["multipliers"]))
         told |= {"vmpo_temperature": jnp.exp(memory.duals["temperature"]), "kl_multiplier": jnp.exp(multipliers).mean()}
         return learner.remembering(algorithm=Memory(moved, adam)), of_step | told
 
-    @property
-    def _adam(self) -> optax.GradientTransformation:
-        return optax.scale_by_adam()
+
+_ADAM = optax.scale_by_adam()
+"""The step of the dual variables is made by this."""
 
 
 def temperature_loss(
