@@ -10,7 +10,7 @@ import pytest
 from safetensors.numpy import load_file
 
 from galton import A2C, PPO, UsageError, make_agent, train
-from galton.algorithms import ppo
+from galton.algorithms import minibatches, ppo
 
 from ..swing import stateful_swing
 from .minibatches import SIZE, N, T, agent_of, fit, moved, orders_of, prepare, rollout_of
@@ -194,7 +194,7 @@ def test_the_change_of_a_value_is_clipped_for_the_squared_error_alone():
 def test_minibatches_are_in_the_order_that_jax_draws(size):
     """Some sizes are sorted once, some twice; models of earlier versions go on with these orders."""
     keys = jax.random.split(jax.random.key(size), 3)
-    drawn = jax.jit(jax.vmap(lambda key: ppo.permutation(key, size)))(keys)
+    drawn = jax.jit(jax.vmap(lambda key: minibatches.permutation(key, size)))(keys)
     theirs = jax.vmap(lambda key: jax.random.permutation(key, size))(keys)
     np.testing.assert_array_equal(drawn, theirs)
     assert drawn.dtype == theirs.dtype

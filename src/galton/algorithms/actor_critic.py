@@ -104,16 +104,6 @@ def as_update_sees(
     return distribution.given(action) if isinstance(distribution, Sequential) else distribution
 
 
-def require_minibatches(agent: Agent, batch_size: int) -> None:
-    """Raise UsageError unless minibatches of this size divide a rollout."""
-    n_steps, n_envs, size = agent.rollout.n_steps, agent.rollout.n_envs, agent.rollout.size
-    require(
-        size % batch_size == 0,
-        f"batch_size is {batch_size}, but a rollout has n_steps · n_envs = {n_steps} · {n_envs} = {size} steps; choose "
-        "numbers so that it has a whole number of minibatches",
-    )
-
-
 def require_kl(agent: Agent) -> None:
     """Raise UsageError for a policy that can't say how far another one is from it."""
     policy = agent.policy.head

@@ -22,13 +22,12 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, Key
 
-from galton.algorithms import actor_critic
+from galton.algorithms import actor_critic, minibatches
 from galton.algorithms.actor_critic import Objective, by_sign, flatten
 from galton.algorithms.base import CARRIED_OUT, Agent, Algorithm, Scalars
 from galton.critics import SquaredErrorCritic
 from galton.errors import require
 from galton.fields import Within
-from galton.losses import cross_entropy
 from galton.optimizers import count
 from galton.parts import unusual
 from galton.types import Count, Learner, Number, Params, Transition
@@ -96,13 +95,12 @@ class PPO(Algorithm):
     def update(self, agent: Agent, learner: Learner, batch: Transition, key: Key[Array, ""]) -> tuple[Learner, Scalars]:
         """The learner after all minibatches, and what they tell."""
         rows = prepare(agent, learner, batch)
-        size = len(rows.advantage)
-        orders = jax.vmap(lambda key: permutation(key, size))(jax.random.split(key, self.n_epochs))
+        orders = minibatches.orders(key, self.n_epochs, len(rows.advantage))
         return fit(agent, learner, rows, orders, jax.random.fold_in(key, _OF_MOVES))
 
     def check(self, agent: Agent) -> None:
         """Raise UsageError unless the minibatches divide a rollout."""
-        actor_critic.require_minibatches(agent, self.batch_size)
+        minibatches.require_whole(agent, self.batch_size)
         require(
             not agent.credit.normalize_advantage or self.batch_size > 1,
             "normalize_advantage needs more than one step in a minibatch: raise batch_size",
@@ -116,23 +114,6 @@ class PPO(Algorithm):
         agent.entropy.check(self.batch_size, "batch_size")
 
 
-def permutation(key: Key[Array, ""], size: int) -> Int[Array, " {size}"]:
-    """The permutation that jax.random.permutation(key, size) draws, in a quarter of its time on a CPU.
-
-    That sorts by random numbers of 32 bits, as often as ties of a single sort would matter. XLA is slow to sort one
-    array by another, and quick to sort whole numbers: here they hold the random number, and below it the place.
-    """
-    order = jnp.arange(size)
-    for _ in range(math.ceil(3 * math.log(size) / math.log(2**32 - 1))):
-        key, own = jax.random.split(key)
-        bits = jax.random.bits(own, (size,), jnp.uint32)
-        with jax.enable_x64(True):
-            both = (bits.astype(jnp.uint64) << jnp.uint64(32)) | jnp.arange(size, dtype=jnp.uint64)
-            places = jax.lax.sort(both, is_stable=False).astype(jnp.uint32)
-        order = order[places]
-    return order
-
-
 def prepare(agent: Agent, learner: Learner, batch: Transition) -> Rows:
     """Advantages, returns, log-probabilities and targets under the parameters that sampled the rollout."""
     observation, next_observation, action = map(flatten, (batch.observation, batch.next_observation, batch.action))
@@ -142,7 +123,8 @@ def prepare(agent: Agent, learner: Learner, batch: Transition) -> Rows:
     advantage = actor_critic.advantages(agent, values, next_values, batch)
     distribution = actor_critic.as_update_sees(agent, outputs, learner.params, action)
     target = agent.loss.target(distribution, action) if _is_smoothed(agent) else None
-    loss, of_negatives = _loss(agent, distribution, action, target), agent.loss.of_negatives(distribution, action)
+    loss = minibatches.loss(agent, distribution, action, target)
+    of_negatives = agent.loss.of_negatives(distribution, action)
     log_prob = distribution.log_prob(action)
     kept = None if _of(agent).clip_range_vf is None else values
     return Rows(observation, action, advantage, advantage + values, log_prob, loss, target, of_negatives, kept)
@@ -156,13 +138,6 @@ def _is_smoothed(agent: Agent) -> bool:
 def _of(agent: Agent) -> PPO:
     assert isinstance(agent.algorithm, PPO)
     return agent.algorithm
-
-
-def _loss(
-    agent: Agent, distribution: Any, action: Float[Array, "B d"], target: Float[Array, "B d k"] | None
-) -> Float[Array, " B"]:
-    """The agent's loss, with a target that is there already or the loss's own."""
-    return agent.loss(distribution, action) if target is None else cross_entropy(distribution, target)
 
 
 def fit(
@@ -196,7 +171,7 @@ def _minibatch(
         own_key = jax.random.fold_in(key, count(learner.optimizer))
         distribution = actor_critic.as_update_sees(agent, outputs, params, rows.action, own_key)
         of_negatives = agent.loss.of_negatives(distribution, rows.action)
-        loss = by_sign(advantage, _loss(agent, distribution, rows.action, rows.target), of_negatives)
+        loss = by_sign(advantage, minibatches.loss(agent, distribution, rows.action, rows.target), of_negatives)
         sampled_loss = by_sign(advantage, rows.loss, rows.of_negatives)
         log_ratio = jax.lax.stop_gradient(distribution.log_prob(rows.action) - rows.log_prob)
         ratio = jnp.exp(jax.lax.stop_gradient(sampled_loss - loss) if _is_smoothed(agent) else log_ratio)

@@ -20,12 +20,10 @@ import optax
 from jax.scipy.sparse.linalg import cg
 from jaxtyping import Array, Bool, Float, Int, Key
 
-from galton.algorithms import actor_critic
+from galton.algorithms import actor_critic, minibatches
 from galton.algorithms.actor_critic import flatten
 from galton.algorithms.base import Agent, Algorithm, Scalars
-from galton.algorithms.ppo import permutation
 from galton.fields import Within
-from galton.losses import cross_entropy
 from galton.types import Count, Learner, NotNegative, Number, Params, Positive, Transition
 
 Scalar = Float[Array, ""]
@@ -67,8 +65,7 @@ class TRPO(Algorithm):
 
     def update(self, agent: Agent, learner: Learner, batch: Transition, key: Key[Array, ""]) -> tuple[Learner, Scalars]:
         """The learner after the policy's step and the critic's, and what they tell."""
-        keys = jax.random.split(key, self.n_critic_updates)
-        return self.fit(agent, learner, batch, jax.vmap(lambda key: permutation(key, batch.reward.size))(keys))
+        return self.fit(agent, learner, batch, minibatches.orders(key, self.n_critic_updates, batch.reward.size))
 
     def fit(
         self, agent: Agent, learner: Learner, batch: Transition, orders: Int[Array, "updates B"]
@@ -91,7 +88,7 @@ class TRPO(Algorithm):
     def check(self, agent: Agent) -> None:
         """Raise UsageError for a policy that can't tell its divergence, or minibatches that don't divide a rollout."""
         actor_critic.require_kl(agent)
-        actor_critic.require_minibatches(agent, self.batch_size)
+        minibatches.require_whole(agent, self.batch_size)
 
     def _policy_step(
         self,
@@ -105,15 +102,11 @@ class TRPO(Algorithm):
         own = {name: part for name, part in params.items() if name != "critic"}
         old = _distribution(agent, _seen(agent, own, observation), action)
         target = agent.loss.target(old, action)
-
-        def loss(distribution: Any) -> Float[Array, " B"]:
-            return agent.loss(distribution, action) if target is None else cross_entropy(distribution, target)
-
-        sampled = loss(old)
+        sampled = minibatches.loss(agent, old, action, target)
 
         def surrogate(own: Params) -> tuple[Scalar, Scalar]:
             new = _distribution(agent, _seen(agent, own, observation), action)
-            gain = jnp.mean(weight * jnp.exp(sampled - loss(new)))
+            gain = jnp.mean(weight * jnp.exp(sampled - minibatches.loss(agent, new, action, target)))
             bonus, regularizer = self.ent_coef, agent.loss.regularizer(new)
             gain = gain if bonus is None else gain + bonus * jnp.mean(new.entropy())
             return gain if regularizer is None else gain - jnp.mean(regularizer), jnp.mean(old.kl(new))

@@ -20,10 +20,9 @@ import jax.numpy as jnp
 import optax
 from jaxtyping import Array, Float, Key, PyTree
 
-from galton.algorithms import actor_critic, credit
+from galton.algorithms import actor_critic, credit, minibatches
 from galton.algorithms.actor_critic import Objective, flatten
 from galton.algorithms.base import Agent, Algorithm, Scalars
-from galton.algorithms.ppo import permutation
 from galton.errors import require
 from galton.types import Count, Learner, Params, Positive, Transition
 
@@ -91,18 +90,17 @@ class VMPO(Algorithm):
         advantage = actor_critic.advantages(agent, values, next_values, batch)
         rows = Rows(observation, action, advantage, advantage + values, outputs)
 
-        def epoch(learner: Learner, key: Key[Array, ""]) -> tuple[Learner, Scalars]:
-            order = permutation(key, len(advantage)).reshape(-1, self.batch_size)
-            batches = jax.tree.map(lambda x: x[order], rows)
+        def epoch(learner: Learner, order: Array) -> tuple[Learner, Scalars]:
+            batches = jax.tree.map(lambda x: x[order.reshape(-1, self.batch_size)], rows)
             return jax.lax.scan(lambda learner, rows: self._minibatch(agent, old, learner, rows), learner, batches)
 
-        learner, told = jax.lax.scan(epoch, learner, jax.random.split(key, self.n_epochs))
+        learner, told = jax.lax.scan(epoch, learner, minibatches.orders(key, self.n_epochs, len(advantage)))
         return learner, {name: values.mean() for name, values in told.items()}
 
     def check(self, agent: Agent) -> None:
         """Raise UsageError for a policy that can't tell its divergence, or minibatches that don't divide a rollout."""
         actor_critic.require_kl(agent)
-        actor_critic.require_minibatches(agent, self.batch_size)
+        minibatches.require_whole(agent, self.batch_size)
         require(self.batch_size > 1, "batch_size is 1; V-MPO learns from the better half of a minibatch: raise it")
 
     def _minibatch(self, agent: Agent, old: Params, learner: Learner, rows: Rows) -> tuple[Learner, Scalars]:
