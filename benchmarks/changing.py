@@ -16,13 +16,12 @@ mirror image, and no head knows the one from the other when it begins.
     python benchmarks/changing.py [--out results/benchmarks/changing.json]   # goes on from what is there
 """
 
-import argparse
-import json
+import functools
 import time
-from pathlib import Path
 
 import jax
 import numpy as np
+from kept import study
 from scipy.stats import qmc
 
 import galton
@@ -125,17 +124,8 @@ def judged(head, task):
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--out", type=Path, default=Path("results/benchmarks/changing.json"))
-    options = parser.parse_args()
-    found = json.loads(options.out.read_text()) if options.out.exists() else {}
-    for task in TASKS:
-        for head in HEADS:
-            if task not in found.setdefault(head, {}):
-                found[head][task] = judged(head, task)
-                options.out.write_text(json.dumps(found) + "\n")
-            line = found[head][task]
-            print(f"| {task} | {head} | {np.mean(line['scores']):.3f} | {line['minutes']} min |", flush=True)
+    jobs = {(head, task): functools.partial(judged, head, task) for task in TASKS for head in HEADS}
+    study(__doc__, "changing", jobs, lambda line: f"{np.mean(line['scores']):.3f} | {line['minutes']} min")
 
 
 if __name__ == "__main__":

@@ -6,17 +6,13 @@ enumeration, of Gaussians in closed form. Beside it are the optimum of all polic
 ridge the entropy of bins is told as a density's. A Gaussian has no optimum on the xor bandit, whose box doesn't bound
 its entropy. Ten fresh seeds for each.
 
-    python benchmarks/correlated.py [--out results/benchmarks/correlated.json]
+    python benchmarks/correlated.py [--out results/benchmarks/correlated.json]   # goes on from what is there
 """
-
-import argparse
-import json
-from pathlib import Path
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from scipy import stats
+from kept import interval, study
 
 import galton
 from galton.algorithms import actor_critic
@@ -82,22 +78,14 @@ def bounds(name):
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--out", type=Path, default=Path("results/benchmarks/correlated.json"))
-    options = parser.parse_args()
-    found = {}
+    jobs = {}
     for name in ENVS:
-        optimum, factored = bounds(name)
-        found[name] = {"optimum": optimum, "factored": factored, "values": {}}
-        print(f"{name}: optimum {optimum:.4f}, factored {factored:.4f}")
+        for place, bound in enumerate(("optimum", "factored")):
+            jobs[name, bound] = lambda name=name, place=place: bounds(name)[place]
         for head, words in HEADS.items():
-            if name == "xor-bandit" and words["loss"] == "gaussian":
-                continue
-            own = values(name, words, SEEDS)
-            found[name]["values"][head] = own.round(5).tolist()
-            spread = stats.t.ppf(0.975, len(own) - 1) * stats.sem(own)
-            print(f"| {name} | {head} | {own.mean():.4f} ± {spread:.4f} |", flush=True)
-            options.out.write_text(json.dumps(found) + "\n")
+            if name != "xor-bandit" or words["loss"] != "gaussian":
+                jobs[name, "values", head] = lambda name=name, words=words: values(name, words, SEEDS).round(5).tolist()
+    study(__doc__, "correlated", jobs, lambda found: interval(found, 4) if isinstance(found, list) else f"{found:.4f}")
 
 
 if __name__ == "__main__":
