@@ -51,6 +51,12 @@ def test_a_task_that_stays_costs_less_regret_than_one_that_changes():
             assert np.mean(lines[task]["no change"]["regret"]) < np.mean(lines[task]["regret"]), head
 
 
+def last_recovery(head, task):
+    """The updates from the last change until each run is back, or until the last look at those that are not."""
+    times, updates = FOUND[head][task]["updates_until_back"][-1], {"jump": 1_000, "lqr": 1_600}[task]
+    return stats.CensoredData(times, right=[updates * 24 // 25] * (20 - len(times)))
+
+
 @pytest.mark.parametrize("head", FOUND)
 def test_the_page_has_the_numbers_of_the_file(head):
     of = FOUND[head]
@@ -58,7 +64,12 @@ def test_the_page_has_the_numbers_of_the_file(head):
     scores = [np.array(told["scores"]) for told in columns]
     spreads = [stats.t.ppf(0.975, 19) * stats.sem(one) for one in scores]
     cells = " | ".join(f"{one.mean():.3f} ± {spread:.3f}" for one, spread in zip(scores, spreads, strict=True))
-    cells = f"{cells} | {of['lqr']['never_back'][-1]:.0%}".replace("-", "−")
+    for task in ("jump", "lqr"):
+        cells += f" | {of[task]['never_back'][-1]:.0%}"
+        if head != "centred HL-Gauss, diffusion":
+            p = stats.logrank(last_recovery("centred HL-Gauss, diffusion", task), last_recovery(head, task)).pvalue
+            cells += " (< 0.001)" if p < 0.001 else f" ({p:.2f})"
+    cells = cells.replace("-", "−")
     label = head[0].upper() + head[1:].replace("floor", "floor under σ")
     assert f"| {label} | {cells} |" in (ROOT / "docs" / "changing_tasks.md").read_text().splitlines()
 
