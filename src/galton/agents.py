@@ -5,6 +5,7 @@ from typing import Any
 
 from galton import schedules
 from galton.algorithms import Agent, Rollout
+from galton.algorithms.base import name_of
 from galton.errors import require
 from galton.parts import Part, Schedule, settings, unusual
 from galton.policies import POLICIES
@@ -75,8 +76,7 @@ def words_of(agent: Agent) -> Fields:
 
 def policy_name(agent: Agent) -> str:
     """The key in POLICIES of an agent's policy; the name of its class where it is not there."""
-    policy = type(agent.policy.head)
-    return next((str(name) for name, kind in POLICIES.items() if kind is policy), policy.__name__)
+    return name_of(agent.policy.head, POLICIES)
 
 
 def written(words: Words) -> Fields:

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Key, PyTree
 
 from galton import normalization
-from galton.algorithms.base import Agent, Scalars
+from galton.algorithms.base import Agent, Scalars, name_of
 from galton.errors import require
 from galton.losses import surrogate
 from galton.policies import POLICIES, Distribution, Maskable, MovesOutputs, Sequential
@@ -38,8 +38,15 @@ def init(key: Key[Array, ""], agent: Agent, observation_size: int) -> Learner:
 
 def distribution(agent: Agent, params: Params, observation: Float[Array, "*batch o"]) -> Distribution:
     """π(· | s), from observations that are normalised already where they are to be."""
+    return agent.policy.distribution(actor_outputs(agent, params, observation), params)
+
+
+def actor_outputs(
+    agent: Agent, params: Params, observation: Float[Array, "*batch o"]
+) -> Float[Array, "*batch n_outputs"]:
+    """Return the actor's answer to these observations, as its policy takes it."""
     own, mask = apart(agent, observation)
-    return agent.policy.distribution(policy_outputs(agent, agent.network(params["actor"], own), mask), params)
+    return policy_outputs(agent, agent.network(params["actor"], own), mask)
 
 
 def apart(
@@ -106,11 +113,10 @@ def as_update_sees(
 
 def require_kl(agent: Agent) -> None:
     """Raise UsageError for a policy that can't say how far another one is from it."""
-    policy = agent.policy.head
-    name = next((name for name, kind in POLICIES.items() if kind is type(policy)), type(policy).__name__)
+    policy, label = agent.policy.head, agent.algorithm.label
     require(
         policy.has_kl,
-        f"policy is {name!r}, which has no KL divergence for {agent.algorithm.label} to bound; choose from "
+        f"policy is {name_of(policy, POLICIES)!r}, which has no KL divergence for {label} to bound; choose from "
         f"{', '.join(name for name, kind in POLICIES.items() if kind.has_kl)}",
     )
 

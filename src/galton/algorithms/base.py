@@ -172,14 +172,14 @@ class Agent(Part):
         fitting = [name for name, kind in POLICIES.items() if loss.family in ("density", kind.family)]
         require(
             loss.family in ("density", policy.family),
-            f"policy is {_name(policy, POLICIES)!r}, but the loss {_name(loss, LOSSES)!r} needs a {loss.family}; "
+            f"policy is {name_of(policy, POLICIES)!r}, but the loss {name_of(loss, LOSSES)!r} needs a {loss.family}; "
             f"choose from {', '.join(fitting)}",
         )
 
     def _check_choices(self) -> None:
         """Raise UsageError for what the algorithm does not carry out."""
         negative_target = getattr(self.loss, "negative_target", "same")
-        weighting = _name(self.credit, CREDITS)
+        weighting = name_of(self.credit, CREDITS)
         chosen = {
             "negative_target": (negative_target, "same"),
             "weighting": (weighting, "advantage"),
@@ -204,8 +204,8 @@ class Agent(Part):
         by_likelihood = self.loss.family == "density" or isinstance(self.loss, HLOneHot)
         require(
             by_likelihood or not isinstance(policy, MixedPolicy),
-            f"policy is {_name(self.policy, POLICIES)!r} and loss {_name(self.loss, LOSSES)!r}, and some actions are "
-            "choices; take policy 'histogram', whose bins a wide target can reach, or loss 'hl-one-hot'",
+            f"policy is {name_of(self.policy, POLICIES)!r} and loss {name_of(self.loss, LOSSES)!r}, and some actions "
+            "are choices; take policy 'histogram', whose bins a wide target can reach, or loss 'hl-one-hot'",
         )
         return trimmed(self.replace(policy=policy))
 
@@ -235,6 +235,6 @@ class Agent(Part):
         return self if rule is None else self.replace(policy=self.policy.acting_by(rule))
 
 
-def _name(part: Part, registry: Mapping[str, type[Part]]) -> str:
+def name_of(part: Part, registry: Mapping[str, type[Part]]) -> str:
     """The name of a part in its registry, or else that of its class."""
     return next((name for name, kind in registry.items() if kind is type(part)), type(part).__name__)

@@ -178,9 +178,9 @@ Seen = tuple[Float[Array, "B n_outputs"], Params]
 
 
 def _seen(agent: Agent, own: Params, observation: Float[Array, "B o"]) -> Seen:
-    inside, mask = actor_critic.apart(agent, observation)
-    outputs = actor_critic.policy_outputs(agent, agent.network(own["actor"], inside), mask)
-    return outputs, {name: part for name, part in own.items() if name != "actor"}
+    return actor_critic.actor_outputs(agent, own, observation), {
+        name: part for name, part in own.items() if name != "actor"
+    }
 
 
 def _distribution(agent: Agent, seen: Seen, action: Float[Array, "B d"]) -> Any:

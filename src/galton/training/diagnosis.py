@@ -37,8 +37,7 @@ def diagnose(agent: Agent, learner: Learner, batch: Transition) -> Scalars:
     next_values = actor_critic.value(agent, params, next_observation)
     advantage = actor_critic.advantages(agent, values, next_values, batch)
     returns = advantage + values
-    own, mask = actor_critic.apart(agent, observation)
-    outputs = actor_critic.policy_outputs(agent, agent.network(params["actor"], own), mask)
+    outputs = actor_critic.actor_outputs(agent, params, observation)
     distribution = agent.policy.distribution(outputs, params)
     seen = actor_critic.as_update_sees(agent, outputs, params, action)
     weight = advantage if agent.credit.is_signed else agent.credit.weights(advantage)
