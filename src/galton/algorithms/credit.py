@@ -8,7 +8,7 @@ from typing import ClassVar
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from galton.parts import Part
 from galton.types import Positive
@@ -19,6 +19,11 @@ Rows = Float[Array, " B"]
 def standardise(advantage: Rows) -> Rows:
     """Mean 0 and standard deviation 1 in this batch, as SB3's `normalize_advantage`."""
     return (advantage - advantage.mean()) / (advantage.std(ddof=1) + 1e-8)
+
+
+def better_half(advantage: Rows) -> Bool[Array, " B"]:
+    """Whether an action is in the better half: among the middle one of an odd number, and what equals the worst."""
+    return advantage >= jnp.sort(advantage)[len(advantage) // 2]
 
 
 class Credit(Part):
@@ -72,9 +77,7 @@ class VMPO(PositiveCredit):
 
     def of_standardised(self, advantage: Rows) -> Rows:
         """The better half shares B by a softmax; the others get nothing."""
-        n = len(advantage)
-        better = advantage >= jnp.sort(advantage)[n // 2]
-        return n * jax.nn.softmax(advantage / self.temperature, where=better)
+        return len(advantage) * jax.nn.softmax(advantage / self.temperature, where=better_half(advantage))
 
 
 CREDITS: dict[str, type[Credit]] = {"advantage": Credit, "awr": AWR, "v-mpo": VMPO}

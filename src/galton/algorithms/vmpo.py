@@ -139,7 +139,7 @@ def temperature_loss(
 ) -> tuple[Float[Array, ""], Float[Array, " B"]]:
     """η ε_η + η log mean exp(A / η) over the better half, and the weights B ψ, through which no gradient flows."""
     temperature = jnp.exp(log_temperature)
-    better = advantage >= jnp.sort(advantage)[len(advantage) // 2]
+    better = credit.better_half(advantage)
     log_mean = jax.nn.logsumexp(advantage / temperature, where=better) - jnp.log(better.sum())
     weight = credit.VMPO(temperature=jax.lax.stop_gradient(temperature)).of_standardised(advantage)
     return temperature * (weights_kl + log_mean), weight
