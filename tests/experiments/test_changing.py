@@ -60,7 +60,7 @@ def last_recovery(head, task):
 @pytest.mark.parametrize("head", FOUND)
 def test_the_page_has_the_numbers_of_the_file(head):
     of = FOUND[head]
-    columns = [of[task] for task in TASKS] + [of[task]["no change"] for task in ("jump", "lqr")]
+    columns = [*(of[task] for task in ("jump", "sine", "lqr")), of["lqr"]["no change"]]
     scores = [np.array(told["scores"]) for told in columns]
     spreads = [stats.t.ppf(0.975, 19) * stats.sem(one) for one in scores]
     cells = " | ".join(f"{one.mean():.3f} ± {spread:.3f}" for one, spread in zip(scores, spreads, strict=True))
@@ -68,24 +68,26 @@ def test_the_page_has_the_numbers_of_the_file(head):
         cells += f" | {of[task]['never_back'][-1]:.0%}"
         if head != "centred HL-Gauss, diffusion":
             p = stats.logrank(last_recovery("centred HL-Gauss, diffusion", task), last_recovery(head, task)).pvalue
-            cells += " (< 0.001)" if p < 0.001 else f" ({p:.2f})"
+            cells += " (<0.001)" if p < 0.001 else f" ({p:.2f})"
     cells = cells.replace("-", "−")
     label = head[0].upper() + head[1:].replace("floor", "floor under σ")
     assert f"| {label} | {cells} |" in (ROOT / "docs" / "changing_tasks.md").read_text().splitlines()
 
 
 def test_what_the_page_says_beside_its_table():
+    for of in FOUND.values():
+        assert min(np.mean(of["walk"]["scores"]), np.mean(of["jump"]["no change"]["scores"])) > 0.96
     jump, lqr = ({head: of[task] for head, of in FOUND.items()} for task in ("jump", "lqr"))
     entropy = {head: np.mean(of["entropy_before"], 1) for head, of in jump.items()}
     assert (entropy["centred HL-Gauss, diffusion"].round(1) >= 6.4).all()
     np.testing.assert_allclose(entropy["HL-1-Hot"][:3], [0.2, 0.02, 0.04], atol=0.01)
     floor, diffused = (lqr[head] for head in ("Gaussian, floor", "centred HL-Gauss, diffusion"))
-    np.testing.assert_allclose(np.mean(floor["phases"], 1), [0.88, 0.45, 0.65, 0.47], atol=0.0051)
-    np.testing.assert_allclose(np.mean(diffused["phases"], 1), [0.87, 0.31, 0.49, 0.42], atol=0.0051)
+    for leader in (floor, diffused):
+        first, *later = np.mean(leader["phases"], 1)
+        assert first > max(later)
     assert diffused["never_back"] == jump["centred HL-Gauss, diffusion"]["never_back"] == [0, 0, 0]
     means = {head: [np.mean(of[task]["scores"]) for task in TASKS] for head, of in FOUND.items()}
     ahead = np.greater(means["centred HL-Gauss, diffusion"], means["Gaussian, floor"])
     assert ahead.tolist() == [True, True, True, False]
     emptied = {head: np.mean(of["emptied"]["scores"]) for head, of in jump.items()}
     np.testing.assert_allclose([means["HL-1-Hot"][0], emptied["HL-1-Hot"]], [0.33, 0.70], atol=0.005)
-    assert max(emptied, key=emptied.get) == "centred HL-Gauss, diffusion"
