@@ -7,10 +7,10 @@ that HL-Gauss has η = .25 on the LQR: the grid's choice there is .01, which is 
 - exponential (footnote 2): the weight exp(A/τ), at most 20, in place of A, and nothing else changed.
 - normalised (§4.3): the Gaussian's gradient with norm .5 and not only clipped, actor's and critic's joined or apart.
 - bounds (§4.3, Propositions 1 and 2): both sides for each action that HalfCheetah is trained on, in three settings.
-- coarse (§7): PPO's preset of classification with 3 to 25 bins; the target's width in the action stays the preset's.
+- coarse (§7): A2C's preset of classification, whose target's width follows the policy's, with 3 to 25 bins.
 - crossed (§5.2.3): a policy explores and learns, another learns from its data alone; and Gaussian Exploration.
 
-    python -m benchmarks.text_claims [studies] [--out results/benchmarks/text_claims.json]   # those that are not there
+    python -m benchmarks.text_claims [studies] [--out results/benchmarks/text_claims.json]   # goes on from there
 """
 
 import argparse
@@ -51,7 +51,6 @@ WINNERS = {
 LENGTH = {"bandit": (2_000, 50), "lqr": (250_000, 10)}
 """The steps of a task and how many runs it has; on the LQR half of App. C.2's steps."""
 BANDIT = {"n_steps": 5, "net_arch": ()}
-HEADS = ("hl-one-hot", "hl-gauss")
 
 
 def ends(env, n_runs, steps, n_logs=20, episodes=25, each=1, **words):
@@ -76,31 +75,7 @@ def on_task(task, loss, each=1, **words):
     return ends(task, n_runs, steps, each=each, loss=loss, **own | words)
 
 
-def sampling():
-    """Uniform sampling inside a bin beside its center."""
-    return {
-        f"{task}, {loss}, {k}, {how}": on_task(task, loss, n_bins=k, bin_sample=how)
-        for task, loss in (("bandit", "hl-one-hot"), ("bandit", "hl-gauss"), ("lqr", "hl-one-hot"))
-        for k in (5, 10, 25)
-        for how in ("center", "uniform")
-    }
-
-
 TEMPERATURES = (0.3, 1.0, 3.0)
-
-
-def exponential():
-    """The exponential weight beside the advantage itself."""
-    found = {}
-    for task in LENGTH:
-        for loss in HEADS:
-            found[f"{task}, {loss}, A"] = on_task(task, loss)
-            others = on_task(task, loss, each=3, weighting="awr", temperature=TEMPERATURES)
-            for i, temperature in enumerate(TEMPERATURES):
-                found[f"{task}, {loss}, {temperature}"] = {name: [rows[i]] for name, rows in others.items()}
-    return found
-
-
 _NORMALISE, _ADAM = optax.normalize_by_update_norm(0.5), optax.scale_by_adam(eps=1e-5)
 
 
@@ -123,15 +98,6 @@ class NormalisedApart(Adam):
         return optax.chain(optax.partition({True: _NORMALISE, False: _NORMALISE}, of), _ADAM)
 
 
-def normalised():
-    """The Gaussian on the LQR with a gradient that is clipped, or normalised."""
-    kinds = {"clipped": Adam, "normalised": Normalised, "normalised apart": NormalisedApart}
-    return {
-        name: ends("lqr", 40, 500_000, loss="gaussian", optimizer=kind(**WINNERS["lqr", "gaussian"]))
-        for name, kind in kinds.items()
-    }
-
-
 class Measured(A2C):
     """A2C that tells both sides of Propositions 1 and 2 for the actions of each rollout, before it learns from them."""
 
@@ -152,43 +118,28 @@ class Measured(A2C):
 
 
 CHEETAH = "HalfCheetah-v5"
-NORMALISED = {"normalize_observation": True, "normalize_reward": True, "n_envs": 8}
 
 
-def bounds():
-    """Both sides of the propositions on HalfCheetah, each loss in three settings."""
-    found, steps, logs = {}, 50_000, 25
-    for loss in ("gaussian", *HEADS):
-        settings = {"usual": {}, "selected": WINNERS[CHEETAH, loss], "normalised": NORMALISED}
-        for name, words in settings.items():
-            agent = galton.make_agent(loss=loss, algorithm=Measured(), **words)
-            seeds = range(FIRST, FIRST + 5)
-            result = galton.train(CHEETAH, agent, seeds, steps, n_logs=logs, n_eval_episodes=0)
-            told = {name: np.float64(result.log.scalars[name]) for name in Measured.scalars[len(A2C.scalars) :]}
-            updates = int(result.steps[0]) // agent.rollout.size
-            found[f"{name}, {loss}"] = {
-                "samples": int(result.steps[-1]) * len(seeds),
-                "above": round(float(np.nansum(told.pop("above")) * updates)),
-                **{name: curve.mean(1).round(4).tolist() for name, curve in told.items()},
-                **{f"sd_{name}": told[name].std(1).round(4).tolist() for name in ("bound", "bound_printed")},
-            }
-            print(name, loss, {key: np.mean(value) for key, value in found[f"{name}, {loss}"].items()}, flush=True)
-    return found
-
-
-BINS = (3, 5, 7, 11, 25)
-WIDTH = 4.48 * 2 / 49
-"""The σ of the preset's target, in units of an action between −1 and 1."""
-
-
-def coarse(task, n_runs, steps, episodes):
-    """PPO's preset of classification with so many bins."""
-    preset = dict(PRESETS["classification"]["ppo"].settings) | {"deterministic_action": "mode"}
-    preset |= {"algorithm": "ppo", "loss": "hl-gauss-centred"}
+def bounds(loss, words):
+    """Both sides of the propositions on HalfCheetah, means over training and how much the bounds vary in it."""
+    agent = galton.make_agent(loss=loss, algorithm=Measured(), **words)
+    seeds = range(FIRST, FIRST + 5)
+    result = galton.train(CHEETAH, agent, seeds, 50_000, n_logs=25, n_eval_episodes=0)
+    told = {name: np.float64(result.log.scalars[name]) for name in Measured.scalars[len(A2C.scalars) :]}
+    updates = int(result.steps[0]) // agent.rollout.size
     return {
-        str(k): ends(task, n_runs, steps, 10, episodes, **preset | {"n_bins": k, "eta": WIDTH * (k - 1) / 2})
-        for k in BINS
+        "samples": int(result.steps[-1]) * len(seeds),
+        "above": round(float(np.nansum(told.pop("above")) * updates)),
+        **{name: curve.mean(1).round(4).tolist() for name, curve in told.items()},
+        **{f"sd_{name}": told[name].std(1).round(4).tolist() for name in ("bound", "bound_printed")},
     }
+
+
+PRESET = {
+    **PRESETS["classification"]["a2c"].settings,
+    "loss": "hl-gauss-centred",
+    "deterministic_action": "mode",
+}
 
 
 def log_mass(distribution, bins, action):
@@ -250,42 +201,66 @@ def scores(agent, learner, task, key):
     return finished.undiscounted_return[-1].mean(), evaluate(key, task, agent, learner, 100).mean()
 
 
-def crossed():
-    """Who explores and who learns on the LQR; and the paper's two conditions for HL-1-Hot."""
-    task, losses, found = JaxTask(make("lqr")), ("gaussian", "hl-one-hot"), {}
-    steps, n_runs = LENGTH["lqr"]
-    own = [galton.make_agent(loss=loss, **WINNERS["lqr", loss]).on(task.actions.box) for loss in losses]
+LOSSES = ("gaussian", "hl-one-hot")
+
+
+def crossed(explores):
+    """The policy that explores the LQR, and those that learn from its data alone, by the loss of each."""
+    task, (steps, n_runs) = JaxTask(make("lqr")), LENGTH["lqr"]
+    agents = [galton.make_agent(loss=loss, **WINNERS["lqr", loss]).on(task.actions.box) for loss in (explores, *LOSSES)]
+
+    def begin(key):
+        keys = jax.random.split(key, len(agents))
+        size = task.observations.size
+        return [actor_critic.init(key, agent, size) for key, agent in zip(keys, agents, strict=True)]
+
     keys = jax.vmap(jax.random.key)(jnp.arange(FIRST, FIRST + n_runs))
-    for explorer, of in zip(own, losses, strict=True):
-        agents = [explorer, *own]
-
-        def begin(key, agents=agents):
-            keys = jax.random.split(key, len(agents))
-            size = task.observations.size
-            return [actor_critic.init(key, agent, size) for key, agent in zip(keys, agents, strict=True)]
-
-        first = jax.jit(functools.partial(jax.lax.map, begin))(keys)
-        train = functools.partial(exploring, agents, task, steps // explorer.rollout.size)
-        for learns, told in zip(("itself", *losses), jax.jit(jax.vmap(train))(keys, first), strict=True):
-            training, mode = (_rows(each, 1) for each in told)
-            found[f"{of} explores, {learns} learns"] = {"training": training, "mode": mode}
-    for name, words in {
-        "softmax exploration": {},
-        "Gaussian Exploration": {"exploration": "gaussian"},
-        "Init Gaussian": {"initial_policy": "gaussian"},
-    }.items():
-        found[name] = on_task("lqr", "hl-one-hot", **words)
-    return found
+    first = jax.jit(functools.partial(jax.lax.map, begin))(keys)
+    train = functools.partial(exploring, agents, task, steps // agents[0].rollout.size)
+    told = jax.jit(jax.vmap(train))(keys, first)
+    return {
+        learns: {"training": _rows(training, 1), "mode": _rows(mode, 1)}
+        for learns, (training, mode) in zip(("itself", *LOSSES), told, strict=True)
+    }
 
 
+BANDIT_HEADS = (("bandit", "hl-one-hot"), ("bandit", "hl-gauss"))
+EXPONENTIAL = {"each": len(TEMPERATURES), "weighting": "awr", "temperature": TEMPERATURES}
 STUDIES = {
-    "sampling": sampling,
-    "exponential": exponential,
-    "normalised": normalised,
-    "bounds": bounds,
-    "coarse, LQR": functools.partial(coarse, "lqr", 10, 150_000, 25),
-    "coarse, HalfCheetah": functools.partial(coarse, CHEETAH, 5, 300_000, 10),
-    "crossed": crossed,
+    "sampling": {
+        f"{task}, {loss}, {k}, {how}": functools.partial(on_task, task, loss, n_bins=k, bin_sample=how)
+        for task, loss in (*BANDIT_HEADS, ("lqr", "hl-one-hot"))
+        for k in (5, 10, 25)
+        for how in ("center", "uniform")
+    },
+    "exponential": {
+        f"{task}, {loss}, {weight}": functools.partial(on_task, task, loss, **words)
+        for task, loss in (*BANDIT_HEADS, ("lqr", "hl-one-hot"), ("lqr", "hl-gauss"))
+        for weight, words in {"A": {}, "exp": EXPONENTIAL}.items()
+    },
+    "normalised": {
+        name: functools.partial(ends, "lqr", 40, 500_000, loss="gaussian", optimizer=kind(**WINNERS["lqr", "gaussian"]))
+        for name, kind in {"clipped": Adam, "normalised": Normalised, "normalised apart": NormalisedApart}.items()
+    },
+    "bounds": {
+        f"{name}, {loss}": functools.partial(bounds, loss, words)
+        for loss in ("gaussian", "hl-one-hot", "hl-gauss")
+        for name, words in {
+            "usual": {},
+            "selected": WINNERS[CHEETAH, loss],
+            "normalised": {"normalize_observation": True, "normalize_reward": True, "n_envs": 8},
+        }.items()
+    },
+    "coarse": {
+        f"{size[0]}, {k}": functools.partial(ends, *size, **PRESET | {"n_bins": k})
+        for size in (("lqr", 10, 300_000, 10, 25), (CHEETAH, 5, 300_000, 5, 5))
+        for k in (3, 5, 7, 11, 25)
+    },
+    "crossed": {
+        **{f"{loss} explores": functools.partial(crossed, loss) for loss in LOSSES},
+        "Gaussian Exploration": functools.partial(on_task, "lqr", "hl-one-hot", exploration="gaussian"),
+        "Init Gaussian": functools.partial(on_task, "lqr", "hl-one-hot", initial_policy="gaussian"),
+    },
 }
 
 
@@ -294,15 +269,15 @@ def main():
     parser.add_argument("studies", nargs="*", default=[*STUDIES], choices=STUDIES)
     parser.add_argument("--out", type=Path, default=Path("results/benchmarks/text_claims.json"))
     options = parser.parse_args()
-    for name in options.studies:
-        if name in (json.loads(options.out.read_text()) if options.out.exists() else {}):
-            continue
-        start = time.perf_counter()
-        found = STUDIES[name]()
-        known = json.loads(options.out.read_text()) if options.out.exists() else {}
-        kept = known | {name: found}
-        options.out.write_text(json.dumps({each: kept[each] for each in STUDIES if each in kept}) + "\n")
-        print(f"{name}: {(time.perf_counter() - start) / 60:.1f} min", flush=True)
+    found = json.loads(options.out.read_text()) if options.out.exists() else {}
+    for study in options.studies:
+        known = found.setdefault(study, {})
+        for name, run in STUDIES[study].items():
+            if name not in known:
+                start = time.perf_counter()
+                known[name] = run()
+                options.out.write_text(json.dumps(found) + "\n")
+                print(f"{study}: {name}, {time.perf_counter() - start:.0f} s", flush=True)
 
 
 if __name__ == "__main__":
