@@ -6,6 +6,10 @@ bins as deterministic action. A method's eight draws are of the learning rate an
 others, which is all that is told: the deterministic policy's return after the last update, 20 episodes for each seed,
 and the divergence of updates over its bound, the mean of a whole run.
 
+On robots least squares, HL-1-Hot and HL-Gauss are trained with the numbers of `benchmarks/ppo_scores.py`, and bins with
+a head scale of 4: one seed of HalfCheetah at 200,000 steps chooses among the same draws, and five others are told, with
+20 episodes each, at a million steps of HalfCheetah and of Walker2d.
+
     python benchmarks/trust_regions.py [--out results/benchmarks/trust_regions.json]   # goes on from what is there
 """
 
@@ -21,7 +25,7 @@ from scipy.stats import qmc
 import galton
 
 DRAWS, CHOSEN_ON, FRESH = 8, range(2), range(8000, 8010)
-STEPS = {"bandit": 20_480, "lqr": 51_200}
+STEPS = {"bandit": 20_480, "lqr": 51_200, "acrobot": 102_400}
 ROLLOUT = {"n_envs": 8, "n_steps": 64, "batch_size": 128, "gae_lambda": 0.95, "decay_steps": np.inf}
 BINS = {"n_bins": 25, "deterministic_action": "mean"}
 LOSSES = {
@@ -37,6 +41,24 @@ ALGORITHMS = {
 }
 METHODS = {f"{algorithm}, {loss}": (algorithm, loss) for algorithm in ALGORITHMS for loss in LOSSES}
 
+ROBOTS, ROBOT_STEPS, ROBOT_SEEDS = ("HalfCheetah-v5", "Walker2d-v5"), 1_000_000, range(8000, 8005)
+CHOSEN_AT, CHOSEN_BY = 200_000, [100]
+ROBOT_METHODS = ("TRPO, least squares", "V-MPO, least squares", "V-MPO, HL-1-Hot", "V-MPO, HL-Gauss")
+ROBOT = {
+    "n_steps": 256,
+    "batch_size": 64,
+    "normalize_observation": True,
+    "normalize_reward": True,
+    "box_units": 1,
+}
+OF_ROBOTS = {
+    "least squares": {"log_std_init": -0.5},
+    "HL-1-Hot": {"n_bins": 41, "head_scale": 4},
+    "HL-Gauss": {"n_bins": 41, "head_scale": 4},
+    "TRPO": {"n_critic_updates": 10},
+    "V-MPO": {"n_epochs": 10},
+}
+
 
 def draws(algorithm):
     """The settings of each draw, each number `[8]`."""
@@ -47,27 +69,33 @@ def draws(algorithm):
     return {"learning_rate": rate, name: own} | ({"max_kl_std": own / 10} if algorithm == "V-MPO" else {})
 
 
-def trained(task, algorithm, loss, drawn, seeds):
+def trained(task, algorithm, loss, drawn, seeds, steps):
     """The last returns `[draws, seeds]`, and the mean divergence of updates over its bound, NaN for PPO."""
     n = len(drawn["learning_rate"])
     each = {name: np.repeat(np.float32(values), len(seeds)) for name, values in drawn.items()}
-    agent = galton.make_agent(**ROLLOUT, **LOSSES[loss], **ALGORITHMS[algorithm][0], **each)
-    result = galton.train(task, agent, [*seeds] * n, STEPS[task], n_logs=10, n_eval_episodes=20)
+    robot = ROBOT | OF_ROBOTS[algorithm] | OF_ROBOTS[loss] if task in ROBOTS else {}
+    agent = galton.make_agent(**ROLLOUT | LOSSES[loss] | ALGORITHMS[algorithm][0] | robot, **each)
+    result = galton.train(task, agent, [*seeds] * n, steps, n_logs=10, n_eval_episodes=20)
     returns = np.where(result.diverged_at < 0, result.log.evaluation_return[:, -1], -np.inf)
     bounds = each.get("max_kl", np.full(len(returns), np.nan))
     kl = result.log.scalars["kl"].mean(1) / bounds if algorithm != "PPO" else bounds
     return returns.reshape(n, -1), kl.reshape(n, -1)
 
 
-def judged(task, algorithm, loss):
-    """The chosen draw, and what it does on the fresh seeds."""
+def judged(task, algorithm, loss, on_robot):
+    """The chosen draw, and what it does on the fresh seeds; `on_robot` is what the first robot told, if any did."""
     start, drawn = time.perf_counter(), draws(algorithm)
-    tuned = trained(task, algorithm, loss, drawn, CHOSEN_ON)[0].mean(1)
-    chosen = {name: values[[tuned.argmax()]] for name, values in drawn.items()}
-    returns, kl = trained(task, algorithm, loss, chosen, FRESH)
+    if on_robot is None:
+        where = (ROBOTS[0], CHOSEN_BY, CHOSEN_AT) if task in ROBOTS else (task, CHOSEN_ON, STEPS[task])
+        tuned = trained(where[0], algorithm, loss, drawn, *where[1:])[0].mean(1).round(3).tolist()
+    else:
+        tuned = on_robot["tuned"]
+    chosen = {name: values[[np.argmax(tuned)]] for name, values in drawn.items()}
+    fresh = (ROBOT_SEEDS, ROBOT_STEPS) if task in ROBOTS else (FRESH, STEPS[task])
+    returns, kl = trained(task, algorithm, loss, chosen, *fresh)
     return {
         "draw": {name: float(value[0]) for name, value in chosen.items()},
-        "tuned": tuned.round(3).tolist(),
+        "tuned": tuned,
         "returns": np.float64(returns[0]).round(3).tolist(),
         "kl": np.float64(kl[0]).round(4).tolist() if algorithm != "PPO" else None,
         "minutes": round((time.perf_counter() - start) / 60, 1),
@@ -77,15 +105,16 @@ def judged(task, algorithm, loss):
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--out", type=Path, default=Path("results/benchmarks/trust_regions.json"))
+    parser.add_argument("--tasks", nargs="+", default=[*STEPS, *ROBOTS], help="all, where none are named")
     options = parser.parse_args()
     found = json.loads(options.out.read_text()) if options.out.exists() else {}
-    for task in STEPS:
-        for name, method in METHODS.items():
+    for task in options.tasks:
+        for name in ROBOT_METHODS if task in ROBOTS else METHODS:
             if task not in found.setdefault(name, {}):
-                found[name][task] = judged(task, *method)
+                found[name][task] = judged(task, *METHODS[name], found[name].get(ROBOTS[0]) if task in ROBOTS else None)
                 options.out.write_text(json.dumps(found) + "\n")
             line = found[name][task]
-            spread = stats.t.ppf(0.975, len(FRESH) - 1) * stats.sem(line["returns"])
+            spread = stats.t.ppf(0.975, len(line["returns"]) - 1) * stats.sem(line["returns"])
             told = f"{np.mean(line['returns']):.2f} ± {spread:.2f}"
             print(
                 f"| {task} | {name} | {told} | {line['kl'] and np.mean(line['kl'])} | {line['minutes']} min |",

@@ -122,25 +122,36 @@ class Torch:
             self.of_duals.step()
 
 
+@pytest.mark.parametrize("max_kl", [10.0, 1e-3])
 @pytest.mark.parametrize("loss", ["gaussian", pytest.param("hl-one-hot", marks=pytest.mark.slow)])
-def test_an_update_is_torchs(loss):
+def test_an_update_is_torchs_as_far_as_its_bounds_go(loss, max_kl):
     words = {"net_arch": (8,), "gamma": 0.9, "gae_lambda": 0.8, "learning_rate": 0.02, "n_epochs": 4, **OWN}
-    agent, learner, batch = setup(loss, dual_learning_rate=0.1, **words)
+    bounds = {"max_kl": max_kl, "max_kl_std": max_kl / 5}
+    agent, learner, batch = setup(loss, dual_learning_rate=0.1, **words, **bounds)
     learner, batch = jax.tree.map(lambda x: x.astype(float) if x.dtype == np.float32 else x, (learner, batch))
     theirs = Torch(agent, learner, loss)
     theirs.train(batch, 4)
     after, told = jax.jit(agent.algorithm.update)(agent, learner, batch, jax.random.key(0))
-    for found, expected, first in zip(
-        *map(jax.tree.leaves, (after.params, theirs.params, learner.params)), strict=True
-    ):
-        assert np.abs(found - first).max() > 1e-3
-        np.testing.assert_allclose(found, expected.detach().numpy(), rtol=0, atol=1e-8)
+    for name, params in after.params.items():
+        share = 1 if name == "critic" else told["step_share"]
+        for found, expected, first in zip(
+            *map(jax.tree.leaves, (params, theirs.params[name], learner.params[name])), strict=True
+        ):
+            assert np.abs(found - first).max() > 1e-3
+            np.testing.assert_allclose(found, first + share * (expected.detach().numpy() - first), rtol=0, atol=1e-8)
+    moved = Torch(agent, after, loss)
+    observation = torch.tensor(np.array(batch.observation, float).reshape(T * N, -1))
+    with torch.no_grad():
+        old, new = (side.policy(observation) for side in (Torch(agent, learner, loss), moved))
+        parts = theirs.divergences(old, new)
+    over = max(float(kl) / theirs.bounds[name] for name, kl in parts.items())
+    assert told["step_share"] == 1 if max_kl == 10 else 0.5 < over <= 1
+    np.testing.assert_allclose(told["kl"], distributions.kl_divergence(old, new).sum(-1).mean(), rtol=1e-7)
     duals = after.memory["algorithm"].duals
     ours = {"temperature": duals["temperature"], **duals["multipliers"]}
     for name, dual in theirs.duals.items():
         assert abs(ours[name]) > 1e-3
         np.testing.assert_allclose(ours[name], dual.detach(), atol=1e-8)
-    assert told["kl"] > 1e-3
 
 
 @pytest.mark.parametrize(

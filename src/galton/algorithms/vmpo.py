@@ -10,6 +10,9 @@ more terms of the objective learn how far that goes.
   Gaussian's mean and σ have one each; a softmax over bins has one, for its KL divergence is a closed form in one piece.
 
 The dual variables log η and log α have an Adam of their own, so that they never leave the positive numbers.
+
+Multipliers hold a bound in the mean at best. So the actor's part of an update that ends out of bounds is shortened,
+along the line from the old parameters, until all divergences are in theirs. This is ours.
 """
 
 from collections.abc import Mapping
@@ -28,6 +31,9 @@ from galton.types import Count, Learner, Params, Positive, Transition
 
 Duals = dict[str, Any]
 """The logarithms of the temperature and of each multiplier, scalars: `temperature` and `multipliers`."""
+
+
+Scalar = Float[Array, ""]
 
 
 class Memory(NamedTuple):
@@ -49,12 +55,27 @@ class Rows(NamedTuple):
     """The actor's, under the parameters that sampled the rollout."""
 
 
+class Step(NamedTuple):
+    """A share of the actor's step that was tried last."""
+
+    share: Scalar
+    over: Scalar
+    """The largest divergence over its bound."""
+    kl: Scalar
+
+
 class VMPO(Algorithm):
     """n_epochs passes over a rollout `[T, N]`, each in minibatches of batch_size in an order drawn from the key."""
 
     name: ClassVar[str] = "v-mpo"
     label: ClassVar[str] = "VMPO"
-    scalars: ClassVar[tuple[str, ...]] = (*actor_critic.SCALARS, "kl", "vmpo_temperature", "kl_multiplier")
+    scalars: ClassVar[tuple[str, ...]] = (
+        *actor_critic.SCALARS,
+        "kl",
+        "step_share",
+        "vmpo_temperature",
+        "kl_multiplier",
+    )
     defaults: ClassVar[Mapping[str, Any]] = {"learning_rate": 3e-4, "n_steps": 2048, "gae_lambda": 0.95}
     log_interval: ClassVar[int] = 1
     side_by_side: ClassVar[bool] = False
@@ -95,7 +116,8 @@ class VMPO(Algorithm):
             return jax.lax.scan(lambda learner, rows: self._minibatch(agent, old, learner, rows), learner, batches)
 
         learner, told = jax.lax.scan(epoch, learner, minibatches.orders(key, self.n_epochs, len(advantage)))
-        return learner, {name: values.mean() for name, values in told.items()}
+        params, of_step = self._shortened(agent, old, learner.params, rows)
+        return learner._replace(params=params), {name: values.mean() for name, values in told.items()} | of_step
 
     def check(self, agent: Agent) -> None:
         """Raise UsageError for a policy that can't tell its divergence, or minibatches that don't divide a rollout."""
@@ -103,30 +125,56 @@ class VMPO(Algorithm):
         minibatches.require_whole(agent, self.batch_size)
         require(self.batch_size > 1, "batch_size is 1; V-MPO learns from the better half of a minibatch: raise it")
 
+    def _shortened(self, agent: Agent, old: Params, new: Params, rows: Rows) -> tuple[Params, Scalars]:
+        """The new parameters, or where these are out of bounds the actor's at a share of its step that is not."""
+        critic = {"critic": new["critic"]}
+        sampling: Any = actor_critic.as_update_sees(agent, rows.outputs, old, rows.action)
+
+        def moved(share: Scalar) -> Params:
+            return optax.incremental_update(new, old, share) | critic
+
+        def tried(share: Scalar) -> Step:
+            outputs, _ = actor_critic.outputs(agent, moved(share), rows.observation)
+            distribution: Any = actor_critic.as_update_sees(agent, outputs, moved(share), rows.action)
+            parts = sampling.kl_parts(distribution)
+            over = [part.mean() / self._bounds.get(name, self.max_kl) for name, part in parts.items()]
+            return Step(share, jnp.stack(over).max(), sampling.kl(distribution).mean())
+
+        def shorter(step: Step) -> Step:  # near the old policy a divergence grows like the square of a step
+            return tried(step.share * jnp.sqrt(0.95 / step.over))
+
+        first = tried(jnp.ones(()))
+        step = jax.lax.while_loop(lambda step: (step.over > 1) & (step.share > 1e-6), shorter, first)
+        return moved(step.share), {"kl": step.kl, "step_share": step.share}
+
+    @property
+    def _bounds(self) -> Mapping[str, Any]:
+        """The divergences that have a bound of their own."""
+        return {"std": self.max_kl_std}
+
     def _minibatch(self, agent: Agent, old: Params, learner: Learner, rows: Rows) -> tuple[Learner, Scalars]:
         memory: Memory = learner.memory["algorithm"]
         advantage = agent.credit.weights(rows.advantage)
 
-        def objective(both: tuple[Params, Duals]) -> tuple[Array, tuple[Objective, Scalars]]:
+        def objective(both: tuple[Params, Duals]) -> tuple[Array, Objective]:
             params, duals = both
             outputs, estimates = actor_critic.outputs(agent, params, rows.observation)
             distribution = actor_critic.as_update_sees(agent, outputs, params, rows.action)
             sampling: Any = actor_critic.as_update_sees(agent, rows.outputs, old, rows.action)
             of_temperature, weight = temperature_loss(duals["temperature"], advantage, self.weights_kl)
             parts = {name: part.mean() for name, part in sampling.kl_parts(distribution).items()}
-            of_kl = multiplier_loss(duals["multipliers"], parts, {"std": self.max_kl_std}, self.max_kl)
+            of_kl = multiplier_loss(duals["multipliers"], parts, self._bounds, self.max_kl)
             loss, critic_loss = agent.loss(distribution, rows.action), agent.critic.loss(estimates, rows.returns)
             own = actor_critic.objective(agent, learner, distribution, loss, weight, critic_loss)
-            told = {"kl": sampling.kl(distribution).mean()}
-            return own.total + of_temperature + of_kl, (own, told)
+            return own.total + of_temperature + of_kl, own
 
         both = learner.params, memory.duals
-        (gradient, of_duals), (own, told) = jax.grad(objective, has_aux=True)(both)
+        (gradient, of_duals), own = jax.grad(objective, has_aux=True)(both)
         learner, of_step = actor_critic.step(agent, learner, gradient, own)
         move, adam = _ADAM.update(of_duals, memory.optimizer)
         moved = jax.tree.map(lambda dual, by: dual - self.dual_learning_rate * by, memory.duals, move)
         multipliers = jnp.stack(jax.tree.leaves(memory.duals["multipliers"]))
-        told |= {"vmpo_temperature": jnp.exp(memory.duals["temperature"]), "kl_multiplier": jnp.exp(multipliers).mean()}
+        told = {"vmpo_temperature": jnp.exp(memory.duals["temperature"]), "kl_multiplier": jnp.exp(multipliers).mean()}
         return learner.remembering(algorithm=Memory(moved, adam)), of_step | told
 
 
