@@ -1,14 +1,14 @@
 """What V-MPO and TRPO learn with each loss, beside PPO, at equal tuning; and whether the bounds on the KL hold.
 
 8 environments × 64 steps, 5 epochs in minibatches of 128, a learning rate that falls to 0, k = 25 and the mean of the
-bins as deterministic action. A method's eight draws are of the learning rate and of its own bound (`max_kl`; PPO's
-`clip_range`), at the same points of a Latin hypercube. The draw with the best mean on seeds 0 and 1 is trained on ten
-others, which is all that is told: the deterministic policy's return after the last update, 20 episodes for each seed,
-and the divergence of updates over its bound, the mean of a whole run.
+bins as deterministic action. A method's eight draws are of the learning rate and of its own number at the same points
+of a Latin hypercube: `max_kl`, PPO's `clip_range`, and for AWR, which is PPO with these weights, `temperature`. The
+draw with the best mean on seeds 0 and 1 is trained on ten others, which is all that is told: the deterministic
+policy's return after the last update, 20 episodes for each seed, and the divergence of updates over its bound, the
+mean of a run.
 
-On robots least squares, HL-1-Hot and HL-Gauss are trained with the numbers of `benchmarks/ppo_scores.py`, and bins with
-a head scale of 4: one seed of HalfCheetah at 200,000 steps chooses among the same draws, and five others are told, with
-20 episodes each, at a million steps of HalfCheetah and of Walker2d.
+On robots methods have the numbers of `benchmarks/ppo_scores.py`, and bins a head scale of 4. One seed of HalfCheetah
+at 200,000 steps chooses among the same draws. Five others are told, a million steps of HalfCheetah and of Walker2d.
 
     python benchmarks/trust_regions.py [--out results/benchmarks/trust_regions.json]   # goes on from what is there
 """
@@ -38,25 +38,22 @@ ALGORITHMS = {
     "PPO": ({"algorithm": "ppo", "n_epochs": 5}, "clip_range", (0.05, 0.5)),
     "TRPO": ({"algorithm": "trpo", "n_critic_updates": 5}, "max_kl", (0.002, 0.1)),
     "V-MPO": ({"algorithm": "v-mpo", "n_epochs": 5}, "max_kl", (0.002, 0.1)),
+    "AWR": ({"algorithm": "ppo", "weighting": "awr"}, "temperature", (0.1, 3)),
 }
-METHODS = {f"{algorithm}, {loss}": (algorithm, loss) for algorithm in ALGORITHMS for loss in LOSSES}
+METHODS = [f"{algorithm}, {loss}" for algorithm in ("PPO", "TRPO", "V-MPO") for loss in LOSSES]
 
 ROBOTS, ROBOT_STEPS, ROBOT_SEEDS = ("HalfCheetah-v5", "Walker2d-v5"), 1_000_000, range(8000, 8005)
 CHOSEN_AT, CHOSEN_BY = 200_000, [100]
-ROBOT_METHODS = ("TRPO, least squares", "V-MPO, least squares", "V-MPO, HL-1-Hot", "V-MPO, HL-Gauss")
-ROBOT = {
-    "n_steps": 256,
-    "batch_size": 64,
-    "normalize_observation": True,
-    "normalize_reward": True,
-    "box_units": 1,
-}
+OF_VMPO = ("V-MPO, least squares", "V-MPO, HL-1-Hot", "V-MPO, HL-Gauss")
+ROBOT_METHODS = ("TRPO, least squares", *OF_VMPO, "AWR, least squares")
+ROBOT = {"n_steps": 256, "batch_size": 64, "normalize_observation": True, "normalize_reward": True, "box_units": 1}
 OF_ROBOTS = {
     "least squares": {"log_std_init": -0.5},
     "HL-1-Hot": {"n_bins": 41, "head_scale": 4},
     "HL-Gauss": {"n_bins": 41, "head_scale": 4},
     "TRPO": {"n_critic_updates": 10},
     "V-MPO": {"n_epochs": 10},
+    "AWR": {"n_epochs": 10},
 }
 
 
@@ -78,7 +75,7 @@ def trained(task, algorithm, loss, drawn, seeds, steps):
     result = galton.train(task, agent, [*seeds] * n, steps, n_logs=10, n_eval_episodes=20)
     returns = np.where(result.diverged_at < 0, result.log.evaluation_return[:, -1], -np.inf)
     bounds = each.get("max_kl", np.full(len(returns), np.nan))
-    kl = result.log.scalars["kl"].mean(1) / bounds if algorithm != "PPO" else bounds
+    kl = result.log.scalars["kl"].mean(1) / bounds if "max_kl" in drawn else bounds
     return returns.reshape(n, -1), kl.reshape(n, -1)
 
 
@@ -97,7 +94,7 @@ def judged(task, algorithm, loss, on_robot):
         "draw": {name: float(value[0]) for name, value in chosen.items()},
         "tuned": tuned,
         "returns": np.float64(returns[0]).round(3).tolist(),
-        "kl": np.float64(kl[0]).round(4).tolist() if algorithm != "PPO" else None,
+        "kl": np.float64(kl[0]).round(4).tolist() if "max_kl" in chosen else None,
         "minutes": round((time.perf_counter() - start) / 60, 1),
     }
 
@@ -111,7 +108,9 @@ def main():
     for task in options.tasks:
         for name in ROBOT_METHODS if task in ROBOTS else METHODS:
             if task not in found.setdefault(name, {}):
-                found[name][task] = judged(task, *METHODS[name], found[name].get(ROBOTS[0]) if task in ROBOTS else None)
+                found[name][task] = judged(
+                    task, *name.split(", "), found[name].get(ROBOTS[0]) if task in ROBOTS else None
+                )
                 options.out.write_text(json.dumps(found) + "\n")
             line = found[name][task]
             spread = stats.t.ppf(0.975, len(line["returns"]) - 1) * stats.sem(line["returns"])
