@@ -19,10 +19,15 @@ def study(doc: str, name: str, jobs: Mapping[tuple[str, ...], Callable], tell: C
         tell: the text of an entry in its line.
     """
     parser = argparse.ArgumentParser(description=doc, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("only", nargs="*", help="do the jobs whose place has one of these words; all without any")
     parser.add_argument("--out", type=Path, default=Path(f"results/benchmarks/{name}.json"))
-    out = parser.parse_args().out
-    found = json.loads(out.read_text()) if out.exists() else {}
+    options = parser.parse_args()
+    if unknown := set(options.only) - {word for place in jobs for word in place}:
+        parser.error(f"no job has {', '.join(sorted(unknown))} in its place")
+    out, found = options.out, json.loads(options.out.read_text()) if options.out.exists() else {}
     for (*groups, last), job in jobs.items():
+        if options.only and not {*groups, last} & set(options.only):
+            continue
         entries = found
         for group in groups:
             entries = entries.setdefault(group, {})

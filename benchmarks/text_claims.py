@@ -14,11 +14,7 @@ that HL-Gauss has η = .25 on the LQR: the grid's choice there is .01, which is 
     python -m benchmarks.text_claims [studies] [--out results/benchmarks/text_claims.json]   # goes on from there
 """
 
-import argparse
 import functools
-import json
-import time
-from pathlib import Path
 
 import jax
 import jax.numpy as jnp
@@ -26,6 +22,7 @@ import numpy as np
 import optax
 
 import galton
+from benchmarks.kept import study
 from galton.algorithms import actor_critic
 from galton.algorithms.a2c import A2C
 from galton.envs import JaxTask, make
@@ -266,19 +263,8 @@ STUDIES = {
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("studies", nargs="*", default=[*STUDIES], choices=STUDIES)
-    parser.add_argument("--out", type=Path, default=Path("results/benchmarks/text_claims.json"))
-    options = parser.parse_args()
-    found = json.loads(options.out.read_text()) if options.out.exists() else {}
-    for study in options.studies:
-        known = found.setdefault(study, {})
-        for name, run in STUDIES[study].items():
-            if name not in known:
-                start = time.perf_counter()
-                known[name] = run()
-                options.out.write_text(json.dumps(found) + "\n")
-                print(f"{study}: {name}, {time.perf_counter() - start:.0f} s", flush=True)
+    jobs = {(name, entry): run for name, entries in STUDIES.items() for entry, run in entries.items()}
+    study(__doc__, "text_claims", jobs, lambda found: ", ".join(found))
 
 
 if __name__ == "__main__":

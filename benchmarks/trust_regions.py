@@ -13,13 +13,11 @@ at 200,000 steps chooses among the same draws. Five others are told, a million s
     python benchmarks/trust_regions.py [--out results/benchmarks/trust_regions.json]   # goes on from what is there
 """
 
-import argparse
-import json
+import functools
 import time
-from pathlib import Path
 
 import numpy as np
-from scipy import stats
+from kept import interval, study
 from scipy.stats import qmc
 
 import galton
@@ -79,20 +77,23 @@ def trained(task, algorithm, loss, drawn, seeds, steps):
     return returns.reshape(n, -1), kl.reshape(n, -1)
 
 
-def judged(task, algorithm, loss, on_robot):
-    """The chosen draw, and what it does on the fresh seeds; `on_robot` is what the first robot told, if any did."""
-    start, drawn = time.perf_counter(), draws(algorithm)
-    if on_robot is None:
-        where = (ROBOTS[0], CHOSEN_BY, CHOSEN_AT) if task in ROBOTS else (task, CHOSEN_ON, STEPS[task])
-        tuned = trained(where[0], algorithm, loss, drawn, *where[1:])[0].mean(1).round(3).tolist()
-    else:
-        tuned = on_robot["tuned"]
-    chosen = {name: values[[np.argmax(tuned)]] for name, values in drawn.items()}
+@functools.cache
+def tuned(task, algorithm, loss):
+    """The mean return of each draw; one robot's draw is chosen for all."""
+    seeds, steps = (CHOSEN_BY, CHOSEN_AT) if task in ROBOTS else (CHOSEN_ON, STEPS[task])
+    return trained(task, algorithm, loss, draws(algorithm), seeds, steps)[0].mean(1).round(3).tolist()
+
+
+def judged(task, algorithm, loss):
+    """The chosen draw, and what it does on the fresh seeds."""
+    start = time.perf_counter()
+    means = tuned(ROBOTS[0] if task in ROBOTS else task, algorithm, loss)
+    chosen = {name: values[[np.argmax(means)]] for name, values in draws(algorithm).items()}
     fresh = (ROBOT_SEEDS, ROBOT_STEPS) if task in ROBOTS else (FRESH, STEPS[task])
     returns, kl = trained(task, algorithm, loss, chosen, *fresh)
     return {
         "draw": {name: float(value[0]) for name, value in chosen.items()},
-        "tuned": tuned,
+        "tuned": means,
         "returns": np.float64(returns[0]).round(3).tolist(),
         "kl": np.float64(kl[0]).round(4).tolist() if "max_kl" in chosen else None,
         "minutes": round((time.perf_counter() - start) / 60, 1),
@@ -100,25 +101,13 @@ def judged(task, algorithm, loss, on_robot):
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--out", type=Path, default=Path("results/benchmarks/trust_regions.json"))
-    parser.add_argument("--tasks", nargs="+", default=[*STEPS, *ROBOTS], help="all, where none are named")
-    options = parser.parse_args()
-    found = json.loads(options.out.read_text()) if options.out.exists() else {}
-    for task in options.tasks:
-        for name in ROBOT_METHODS if task in ROBOTS else METHODS:
-            if task not in found.setdefault(name, {}):
-                found[name][task] = judged(
-                    task, *name.split(", "), found[name].get(ROBOTS[0]) if task in ROBOTS else None
-                )
-                options.out.write_text(json.dumps(found) + "\n")
-            line = found[name][task]
-            spread = stats.t.ppf(0.975, len(line["returns"]) - 1) * stats.sem(line["returns"])
-            told = f"{np.mean(line['returns']):.2f} ± {spread:.2f}"
-            print(
-                f"| {task} | {name} | {told} | {line['kl'] and np.mean(line['kl'])} | {line['minutes']} min |",
-                flush=True,
-            )
+    jobs = {
+        (name, task): functools.partial(judged, task, *name.split(", "))
+        for task in (*STEPS, *ROBOTS)
+        for name in (ROBOT_METHODS if task in ROBOTS else METHODS)
+    }
+    tell = lambda line: f"{interval(line['returns'], 2)} | {line['kl'] and np.mean(line['kl'])} | {line['minutes']} min"  # noqa: E731
+    study(__doc__, "trust_regions", jobs, tell)
 
 
 if __name__ == "__main__":

@@ -9,6 +9,7 @@ from galton.fields import AtLeast, Within
 
 Params = dict[str, Any]
 """A nested dictionary of arrays."""
+Scalar = Float[Array, ""]
 Count = Annotated[int, AtLeast(1)]
 """A number of things of which there must be at least one."""
 Rule = Literal["mode", "mean", "median"]

@@ -145,7 +145,7 @@ def test_an_update_is_torchs_as_far_as_its_bounds_go(loss, max_kl):
         old, new = (side.policy(observation) for side in (Torch(agent, learner, loss), moved))
         parts = theirs.divergences(old, new)
     over = max(float(kl) / theirs.bounds[name] for name, kl in parts.items())
-    assert told["step_share"] == 1 if max_kl == 10 else 0.5 < over <= 1
+    assert told["step_share"] == 1 if max_kl == 10 else told["step_share"] < 1 and 0.5 < over <= 1
     np.testing.assert_allclose(told["kl"], distributions.kl_divergence(old, new).sum(-1).mean(), rtol=1e-7)
     duals = after.memory["algorithm"].duals
     ours = {"temperature": duals["temperature"], **duals["multipliers"]}

@@ -22,7 +22,7 @@ def standardise(advantage: Rows) -> Rows:
 
 
 def better_half(advantage: Rows) -> Bool[Array, " B"]:
-    """Whether an action is in the better half: among the middle one of an odd number, and what equals the worst."""
+    """The better half of actions has True: the middle one of an odd number too, and all that equal its worst."""
     return advantage >= jnp.sort(advantage)[len(advantage) // 2]
 
 

@@ -31,7 +31,7 @@ from galton.errors import require
 from galton.fields import Within
 from galton.parts import Part
 from galton.policies import Distribution, Policy
-from galton.types import NotNegative, Number, Positive
+from galton.types import NotNegative, Number, Positive, Scalar
 
 SCALE, GAIN = 0.2, 10.0
 """α with nothing in the sinh but 1, nearly, and how much a nat that is missing adds there."""
@@ -40,7 +40,6 @@ MOST = 100.0
 REACH = float(np.arcsinh(MOST / SCALE))
 """The bound of the dual variable either way: the value at which it alone makes α equal MOST."""
 
-Scalar = Float[Array, ""]
 Dual = Any
 """The dual variable; () where no entropy is held."""
 

@@ -24,9 +24,8 @@ from galton.algorithms import actor_critic, minibatches
 from galton.algorithms.actor_critic import flatten
 from galton.algorithms.base import Agent, Algorithm, Scalars
 from galton.fields import Within
-from galton.types import Count, Learner, NotNegative, Number, Params, Positive, Transition
+from galton.types import Count, Learner, NotNegative, Number, Params, Positive, Scalar, Transition
 
-Scalar = Float[Array, ""]
 ShareBelow1 = Annotated[Number, Within(lambda x: (x > 0) & (x < 1), "greater than 0, and less than 1")]
 
 

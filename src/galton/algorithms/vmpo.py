@@ -27,13 +27,10 @@ from galton.algorithms import actor_critic, credit, minibatches
 from galton.algorithms.actor_critic import Objective, flatten
 from galton.algorithms.base import Agent, Algorithm, Scalars
 from galton.errors import require
-from galton.types import Count, Learner, Params, Positive, Transition
+from galton.types import Count, Learner, Params, Positive, Scalar, Transition
 
 Duals = dict[str, Any]
 """The logarithms of the temperature and of each multiplier, scalars: `temperature` and `multipliers`."""
-
-
-Scalar = Float[Array, ""]
 
 
 class Memory(NamedTuple):
@@ -127,15 +124,15 @@ class VMPO(Algorithm):
 
     def _shortened(self, agent: Agent, old: Params, new: Params, rows: Rows) -> tuple[Params, Scalars]:
         """The new parameters, or where these are out of bounds the actor's at a share of its step that is not."""
-        critic = {"critic": new["critic"]}
         sampling: Any = actor_critic.as_update_sees(agent, rows.outputs, old, rows.action)
 
         def moved(share: Scalar) -> Params:
-            return optax.incremental_update(new, old, share) | critic
+            return optax.incremental_update(new, old, share) | {"critic": new["critic"]}
 
         def tried(share: Scalar) -> Step:
-            outputs, _ = actor_critic.outputs(agent, moved(share), rows.observation)
-            distribution: Any = actor_critic.as_update_sees(agent, outputs, moved(share), rows.action)
+            params = moved(share)
+            outputs = actor_critic.actor_outputs(agent, params, rows.observation)
+            distribution: Any = actor_critic.as_update_sees(agent, outputs, params, rows.action)
             parts = sampling.kl_parts(distribution)
             over = [part.mean() / self._bounds.get(name, self.max_kl) for name, part in parts.items()]
             return Step(share, jnp.stack(over).max(), sampling.kl(distribution).mean())
