@@ -36,6 +36,19 @@ def test_factored_heads_stay_below_their_bound_and_only_correlated_ones_pass_it(
         assert factored or np.mean(values) > of["factored"]
 
 
+def test_on_a_robot_no_gain_is_clear():
+    of = {head: returns["deterministic"] for head, returns in FOUND["HalfCheetah-v5"].items()}
+    for more, less, expected in (
+        ("autoregressive, hl-one-hot", "histogram, hl-one-hot", "−131 [−708, 446]"),
+        ("full-gaussian", "gaussian", "1,071 [−858, 3,000]"),
+    ):
+        low, high = stats.ttest_ind(of[more], of[less], equal_var=False).confidence_interval()
+        told = f"{np.mean(of[more]) - np.mean(of[less]):,.0f} [{low:,.0f}, {high:,.0f}]".replace("-", "−")
+        assert low < 0 < high
+        assert told == expected
+        assert told in (ROOT / "docs" / "correlated_actions.md").read_text()
+
+
 @pytest.mark.parametrize("head", HEADS)
 def test_the_page_has_the_numbers_of_the_file(head):
     cells = []
