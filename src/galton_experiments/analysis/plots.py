@@ -2,6 +2,7 @@
 
 import io
 import itertools
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -32,6 +33,8 @@ _DASH_DOT: LineStyle = (0.0, (5.0, 1.2, 1.2, 1.2))
 """Of what is not the paper's: gaps short enough to be followed where curves lie upon one another."""
 _HANDLE, _LETTER = 0.07, 0.0088
 """The inches that a legend's entry takes, without its name and for each letter of it, by point of the font's size."""
+_PLACES, _NUMBER = re.compile(rb'\b[dxy]="[^"]*"|\btranslate\([^)]*\)'), re.compile(rb"-?\d+\.\d+")
+"""What says where something is in an SVG, and a number there."""
 _STYLE: Any = {
     "axes.spines.top": False,
     "axes.spines.right": False,
@@ -228,8 +231,12 @@ def images(figure: Figure) -> dict[str, bytes]:
 
 
 def svg(figure: Figure) -> bytes:
-    """The figure as an SVG, the same bytes for the same figure."""
+    """The figure as an SVG, the same bytes for the same figure; places are in hundredths of a point."""
     file = io.BytesIO()
     with mpl.rc_context(_STYLE):
         figure.savefig(file, format="svg", metadata={"Date": None})
-    return file.getvalue()
+    return _PLACES.sub(lambda place: _NUMBER.sub(_in_hundredths, place[0]), file.getvalue())
+
+
+def _in_hundredths(number: re.Match[bytes]) -> bytes:
+    return b"%.8g" % (round(float(number[0]), 2) + 0.0)

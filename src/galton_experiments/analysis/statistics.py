@@ -9,6 +9,7 @@ from jaxtyping import Float, Int
 from scipy import stats
 
 from galton.errors import require
+from galton_experiments.analysis.plain import rounded
 from galton_experiments.analysis.ranks import least_paired_p, least_rank_sum_p, paired_rank_sum, rank_sum
 
 Numbers = np.float64 | Float[np.ndarray, "*rest"]
@@ -32,7 +33,7 @@ class Interval(NamedTuple):
         if np.isnan(self.mean):
             return "—"
         below, above = float(self.mean) - float(self.low), float(self.high) - float(self.mean)
-        mean, low, high, half = (format(float(x), spec).replace("-", "−") for x in (*self, (below + above) / 2))
+        mean, low, high, half = (format(rounded(x), spec).replace("-", "−") for x in (*self, (below + above) / 2))
         if np.isnan(below + above):
             return mean
         askew = abs(above - below) > 0.1 * (above + below)

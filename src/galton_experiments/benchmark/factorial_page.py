@@ -108,7 +108,7 @@ def drawn(found: Found) -> Table:
         for i, fields in enumerate(found.draws[method.name]):
             of_tasks = (tables.number(float(of[method.name][i]), forms[task]) for task, of in returns.items())
             name = f"{i}, {anchors[i]}" if i < len(anchors) else f"{i}"
-            rows.append([method.label, name, f"{scores[i]:.2f}", *of_tasks, tables.drawn_as_text(fields)])
+            rows.append([method.label, name, tables.number(scores[i], ".2f"), *of_tasks, tables.drawn_as_text(fields)])
     return Table(["method", "draw", "score", *(task.label for task in found.protocol.tasks), "what it drew"], rows)
 
 

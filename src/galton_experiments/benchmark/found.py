@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from galton_experiments.analysis.plain import plain
+from galton_experiments.analysis.plain import plain, rounded
 from galton_experiments.benchmark.draws import Draws
 from galton_experiments.benchmark.factorial import Answers, answers
 from galton_experiments.benchmark.protocol import Protocol
@@ -69,11 +69,13 @@ class Found:
             if self.protocol.design == "factorial"
             else {"selected": self.selected, "best_of": self.best_of}
         )
-        parts = {
+        given = {
             "benchmark": self.protocol.digest,
             "title": self.protocol.title,
             "file": self.protocol.record,
             "draws": self.draws,
+        }
+        results = {
             **by_design,
             "scores_of_draws": {
                 task: {method: runs.mean(1) for method, runs in of_method.items()}
@@ -82,4 +84,4 @@ class Found:
             "diverged_draws": {m.name: sum(runs.diverged(m.name, "draw") for runs in self.tuning) for m in methods},
             "stages": self.standings,
         }
-        return {name: plain(part) for name, part in parts.items()}
+        return plain(given) | plain(results, rounded)

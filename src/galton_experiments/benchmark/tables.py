@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from galton.records import Fields
+from galton_experiments.analysis.plain import rounded
 from galton_experiments.analysis.statistics import Numbers
 from galton_experiments.benchmark.found import Found
 from galton_experiments.benchmark.priors import Priors
@@ -197,13 +198,11 @@ def form(returns: Sequence[Numbers | float]) -> str:
 
 def number(value: float, form: str) -> str:
     """A number that may be unknown, as a table has it."""
-    return "—" if math.isnan(value) else f"{value:{form}}".replace("-", "−")
+    return "—" if math.isnan(value) else f"{rounded(value):{form}}".replace("-", "−")
 
 
 def _p(versus: Versus) -> str:
-    if math.isnan(versus.p):
-        return "—"
-    return f"{versus.p:.3f}" if versus.p >= 0.001 else "< 0.001"
+    return "< 0.001" if versus.p < 0.001 else number(versus.p, ".3f")
 
 
 def best_of(found: Found) -> Table:
@@ -211,7 +210,7 @@ def best_of(found: Found) -> Table:
     n = found.protocol.budget.settings
     sizes = sorted({size for size in (1, 2, 4, 8, 16, 32, 64) if size < n} | {n})
     rows = [
-        [method.label, *(f"{found.best_of[method.name].shared[size - 1]:.3f}" for size in sizes)]
+        [method.label, *(number(found.best_of[method.name].shared[size - 1], ".3f") for size in sizes)]
         for method in found.protocol.methods
     ]
     return Table(["method", *(f"of {size}" for size in sizes)], rows)

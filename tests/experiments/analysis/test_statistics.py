@@ -177,6 +177,12 @@ def test_intervals_read_as_mean_and_half_width_or_as_both_ends():
     assert f"{Interval(*np.full(3, -np.inf)):.1f}" == "−inf"
 
 
+def test_a_tie_is_written_alike_whatever_the_order_in_which_a_processor_added():
+    means = np.float64(0.1 + 0.2 + 0.3) / 16, np.float64(0.3 + 0.2 + 0.1) / 16
+    assert f"{means[0]:.3f}" != f"{means[1]:.3f}"
+    assert {f"{Interval(mean, mean, mean):.3f}" for mean in means} == {"0.037 ± 0.000"}
+
+
 def test_pairs_of_unequal_numbers_are_refused():
     with pytest.raises(UsageError, match="a has 10 runs and b 3; pairs need as many"):
         compare(np.zeros(10), np.zeros(3), paired=True)
