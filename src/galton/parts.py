@@ -140,7 +140,7 @@ class Part:
                 object.__setattr__(self, name, kept)
         if not any(isinstance(leaf, _COMPUTED) for leaf in jax.tree.leaves(self)):
             with jax.ensure_compile_time_eval():  # inside of a program as well
-                (self if isinstance(self, Schedule) else at(self, 0)).check_own()
+                (self if isinstance(self, Schedule) else at(self, 0.0)).check_own()
 
     def check_own(self) -> None:
         """Raise UsageError for fields that don't go together."""

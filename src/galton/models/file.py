@@ -70,7 +70,7 @@ def learner_of(found: saved.Saved) -> Learner:
     """The learner of a file's model; CheckpointError if the arrays are not those of its settings, or not finite."""
     try:
         checkpoint.check_numbers(found.arrays, "run/learner/", never_negative=("count", "nu", "variance", "n"))
-        agent, size = at(found.agent, 0), found.observations.size
+        agent, size = at(found.agent, 0.0), found.observations.size
         one = jax.eval_shape(lambda key: actor_critic.init(key, agent, size), jax.random.key(0))
         like = {"run": {"learner": jax.tree.map(lambda x: jax.ShapeDtypeStruct((1, *x.shape), x.dtype), one)}}
         # NamedTuples and dictionaries have the same names in a checkpoint.

@@ -40,7 +40,7 @@ class Group:
         self._shape = (len(seeds), agent.rollout.n_envs)
         self._whole = (len(seeds), agent.rollout.n_steps, agent.rollout.n_envs)
         self._sizes = task.observations.size, len(agent.low)
-        self._programs, self._acting = (host_programs(jax.tree.structure(each)) for each in (agent, at(agent, 0)))
+        self._programs, self._acting = (host_programs(jax.tree.structure(each)) for each in (agent, at(agent, 0.0)))
         self._is_scheduled = self._acting is not self._programs
         self._normalizes = agent.rollout.normalize_observation or agent.rollout.normalize_reward
         self.evaluator = Evaluator(task, len(seeds), n_threads)
@@ -202,7 +202,7 @@ class Group:
 
     def evaluate(self, n_episodes: int, rule: Rule | None = None) -> Float[np.ndarray, "P n_episodes"]:
         """Undiscounted returns of whole episodes of the deterministic policy."""
-        learner, structure = self.runs.learner, jax.tree.structure(at(self._agent.acting_by(rule), 0))
+        learner, structure = self.runs.learner, jax.tree.structure(at(self._agent.acting_by(rule), 0.0))
         now, exploit = self._now, host_programs(structure).exploit
 
         def act(observation: np.ndarray) -> np.ndarray:

@@ -70,7 +70,7 @@ def begin(
     The names are those of the numbers that its environment tells of itself.
     """
     init_key, episodes_key, key, evaluation_key = keys_of(seed)
-    learner = actor_critic.init(init_key, at(agent, 0), observation_size)
+    learner = actor_critic.init(init_key, at(agent, 0.0), observation_size)
     empty = nothing((*agent.scalars, *metrics))
     return RunState(learner, key, evaluation_key, jnp.int32(0), jnp.int32(-1), empty), episodes_key
 

@@ -72,6 +72,6 @@ def _sizes(network: Network) -> str:
 
 
 def _n_parameters(network: Network, n_in: int, n_out: int, *, of_critic: bool) -> int:
-    of_one = at(jax.tree.map(lambda number: np.ravel(number)[0], network), 0)
+    of_one = at(jax.tree.map(lambda number: np.ravel(number)[0], network), 0.0)
     made = jax.eval_shape(lambda key: of_one.init(key, n_in, n_out, 1.0, of_critic), jax.random.key(0))
     return sum(math.prod(leaf.shape) for leaf in jax.tree.leaves(made))
