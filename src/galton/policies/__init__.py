@@ -15,11 +15,12 @@ from galton.policies.base import (
     Sequential,
 )
 from galton.policies.beta import Beta, BetaPolicy
+from galton.policies.binned import BinnedPolicy, HistogramPolicy
 from galton.policies.clipped_gaussian import ClippedGaussian, ClippedGaussianPolicy
 from galton.policies.discretised_gaussian import AnchoredPolicy, DiscretisedGaussianPolicy
 from galton.policies.full_gaussian import FullGaussian, FullGaussianPolicy
 from galton.policies.gaussian import Gaussian, GaussianHead, GaussianPolicy
-from galton.policies.histogram import BinnedPolicy, Histogram, HistogramPolicy
+from galton.policies.histogram import Histogram
 from galton.policies.joint import JointPolicy
 from galton.policies.ordinal import OrdinalPolicy
 from galton.policies.rpo import RpoPolicy

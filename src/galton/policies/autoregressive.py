@@ -10,7 +10,8 @@ import numpy as np
 from jax.scipy.special import ndtri
 from jaxtyping import Array, Bool, Float
 
-from galton.policies.histogram import Histogram, HistogramPolicy
+from galton.policies.binned import HistogramPolicy
+from galton.policies.histogram import Histogram
 from galton.types import Count, Params
 
 PREFIXES = 32

@@ -8,8 +8,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from galton.policies.binned import BinnedPolicy
 from galton.policies.gaussian import units_of
-from galton.policies.histogram import BinnedPolicy, Histogram
+from galton.policies.histogram import Histogram
 from galton.types import NotNegative, Params
 
 

@@ -11,8 +11,9 @@ from jaxtyping import Array, Float, Key
 from galton.bins import Bins, GridBins
 from galton.errors import require
 from galton.parts import Box
+from galton.policies.binned import BinnedPolicy, started
 from galton.policies.gaussian import units_of
-from galton.policies.histogram import BinnedPolicy, Histogram, started
+from galton.policies.histogram import Histogram
 from galton.types import Params
 
 MOST_DIMENSIONS, MOST_CELLS = 3, 20_000

@@ -12,7 +12,8 @@ from jaxtyping import Array, Bool, Float, Key, PyTree
 from galton.errors import require
 from galton.parts import Box
 from galton.policies.base import Distribution, Family, MovesOutputs, Policy, Sequential
-from galton.policies.histogram import NOWHERE, HistogramPolicy
+from galton.policies.binned import HistogramPolicy
+from galton.policies.histogram import NOWHERE
 from galton.types import Params, Rule
 
 Part = tuple[Any, tuple[int, ...]]

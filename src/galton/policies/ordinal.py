@@ -5,7 +5,8 @@ from typing import ClassVar
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from galton.policies.histogram import Histogram, HistogramPolicy
+from galton.policies.binned import HistogramPolicy
+from galton.policies.histogram import Histogram
 from galton.types import Params
 
 

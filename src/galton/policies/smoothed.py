@@ -6,7 +6,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from galton import targets
-from galton.policies.histogram import Histogram, HistogramPolicy
+from galton.policies.binned import HistogramPolicy
+from galton.policies.histogram import Histogram
 from galton.types import Params, Positive
 
 
