@@ -13,7 +13,8 @@ from jaxtyping import install_import_hook
 
 if os.environ.get("CHECKED"):  # make test-types
     jaxtyping.Array = jaxtyping.Array | np.ndarray  # functions of JAX take NumPy's arrays too
-    install_import_hook(["galton", "galton_experiments", "studies"], "beartype.beartype")
+    checker = "beartype.beartype(conf=beartype.BeartypeConf(is_pep484_tower=True))"  # an int is a float
+    install_import_hook(["galton", "galton_experiments", "studies"], checker)
 
 import galton
 from galton.training.programs import make_room

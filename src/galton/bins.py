@@ -159,7 +159,7 @@ class GridBins(Bins):
         return self.axes.within(self.axes.encode(self.decode(index)), share)
 
 
-def stacked(rows: Sequence[Float[Array, "*batch n"]], k: int, filling: float) -> Float[Array, "*batch d k"]:
+def stacked(rows: Sequence[Float[Array, "*batch _"]], k: int, filling: float) -> Float[Array, "*batch d k"]:
     """One row for each of d dimensions, those that are shorter than k filled up behind."""
     widths = [[(0, 0)] * (row.ndim - 1) + [(0, k - row.shape[-1])] for row in rows]
     return jnp.stack(

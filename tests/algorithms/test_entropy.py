@@ -70,7 +70,7 @@ def test_the_target_goes_from_start_to_end_linearly_in_its_logarithm(steps, step
     held, free = HeldEntropy(entropy_start=0.4, entropy_end=0.1, entropy_steps=steps), Entropy()
     now = held.at(jnp.float32(step), jnp.array(False))
     assert float(now.entropy_start) == pytest.approx(share, rel=1e-6)
-    assert free.at(jnp.int32(step), jnp.array(True)) is free
+    assert free.at(jnp.float32(step), jnp.array(True)) is free
 
 
 def actors_gradient(agent, learner, batch):

@@ -108,7 +108,7 @@ class VMPO(Algorithm):
         advantage = actor_critic.advantages(agent, values, next_values, batch)
         rows = Rows(observation, action, advantage, advantage + values, outputs)
 
-        def epoch(learner: Learner, order: Array) -> tuple[Learner, Scalars]:
+        def epoch(learner: Learner, order: Array) -> tuple[Learner, dict[str, Array]]:
             batches = jax.tree.map(lambda x: x[order.reshape(-1, self.batch_size)], rows)
             return jax.lax.scan(lambda learner, rows: self._minibatch(agent, old, learner, rows), learner, batches)
 
