@@ -30,7 +30,7 @@ def of_action(bins: Bins, own: Histogram, action: Float[Array, "*batch d"], eta:
 
 @functools.singledispatch
 def expected(bins: Bins, own: Histogram, eta: Eta, tails: Tails) -> Weights:
-    """Kᵀπ, the mean of the targets over the histogram's own actions; row j of K is the target of bin j's center."""
+    """Kᵀπ, the mean of the targets over the histogram's own actions at centers; row j of K is the target of bin j's."""
     if own.choices.is_masked:
         return _each_expected(bins, own, eta, tails)
     return targets.mean_of_centers(own.probs, eta, tails, bins.bin_centers)

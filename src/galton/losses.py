@@ -188,7 +188,7 @@ class HLGaussCentred(HLGauss):
 
     HL-Gauss pulls towards its own smoothing Kᵀπ whenever the baseline is off, because the targets' mean Kᵀπ is
     not π. With q − Kᵀπ as the weights (K: row j is the target of bin j's center) that pull is gone: a constant
-    added to the advantage changes nothing on average, and K = I gives HL-1-Hot.
+    added to the advantage changes nothing on average, as long as actions are bin centers, and K = I gives HL-1-Hot.
     """
 
     label: ClassVar[str] = "Centred HL-Gauss (ours)"
@@ -222,7 +222,7 @@ def as_log_prob(loss: Loss, distribution: Distribution, action: Float[Array, "*b
     the same for PyTorch.
     """
     own = loss(distribution, action)
-    found: Losses = lax.stop_gradient(distribution.log_prob(action) + own) - own
+    found: Losses = lax.stop_gradient(distribution.log_prob(action)) - (own - lax.stop_gradient(own))
     return found
 
 

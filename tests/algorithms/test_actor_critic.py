@@ -1,8 +1,12 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 
-from galton.algorithms import actor_critic
+import galton
+from galton.algorithms import actor_critic, minibatches
+from galton.parts import Box
+from galton.types import Transition
 
 from .rollouts import setup
 
@@ -82,3 +86,27 @@ def test_actor_and_critic_are_clipped_apart_or_joined():
         for name, of in norms.items():
             moment = np.concatenate([np.ravel(leaf) for leaf in jax.tree.leaves(after.optimizer.mu[name])])
             np.testing.assert_allclose(np.linalg.norm(moment), 0.1 * 0.5 * long[name] / of, rtol=1e-4)
+
+
+@pytest.mark.parametrize("algorithm", ["ppo", "trpo", "v-mpo"])
+def test_nothing_is_learnt_from_what_comes_after_a_gradient_that_is_not_finite(algorithm, monkeypatch):
+    words = {"algorithm": algorithm, "loss": "gaussian", "n_steps": 8, "batch_size": 2, "net_arch": ()}
+    agent = galton.make_agent(**words, normalize_advantage=False).on(Box.of([-1.0], [1.0]))
+    learner = actor_critic.init(jax.random.key(0), agent, 1)
+    rows = jnp.linspace(0.1, 0.8, 8)[:, None, None]
+    sick = rows.at[0].set(jnp.inf)  # the action of the first minibatch, which the policy's step of TRPO sees whole
+    orders = jnp.arange(8)[None]
+    monkeypatch.setattr(minibatches, "orders", lambda *_: orders)
+
+    def update(action):
+        over = jnp.ones((8, 1), bool)
+        batch = Transition(rows, action, 1 - rows[..., 0], rows, over, ~over)
+        return agent.algorithm.update(agent, learner, batch, jax.random.key(1))
+
+    after, told = update(sick)
+    assert not np.isfinite(told["grad_norm"])
+    jax.tree.map(np.testing.assert_array_equal, after.params, learner.params)
+    after, told = update(rows)
+    assert np.isfinite(told["grad_norm"])
+    for name in ("actor", "critic"):
+        assert (np.asarray(after.params[name][-1]["bias"]) != learner.params[name][-1]["bias"]).any()

@@ -60,6 +60,13 @@ def test_target_kl_leaves_everything_as_it_was_from_the_first_minibatch_over_it_
     without, _ = fit(with_target_kl(agent, np.inf), learner, rows, orders)
     assert int(without.optimizer.count) == orders.size // SIZE
 
+    # The norm is the mean over what moved something.
+    _, once = fit(strict, learner, rows, orders[:1, :SIZE])
+    twice = np.tile(orders[:1, :SIZE], 2)
+    _, told = fit(with_target_kl(agent, 1e-12), learner, rows, twice)
+    assert float(told["n_minibatches"]) == 1
+    np.testing.assert_allclose(told["grad_norm"], once["grad_norm"], rtol=1e-6)
+
 
 @pytest.mark.skipif("CHECKED" in os.environ, reason="there is no learner")
 def test_every_epoch_has_an_order_of_its_own(monkeypatch):

@@ -61,3 +61,30 @@ def test_it_moves_the_last_layer_alone_and_leaves_it_where_a_step_is_left_off():
         np.testing.assert_allclose(moved, rates * usually, rtol=1e-3, atol=1e-9)
     others = [{"hidden": params["actor"][:-1], "critic": params["critic"]} for params in after.values()]
     jax.tree.map(np.testing.assert_array_equal, *others)
+
+
+def test_a_gradient_that_is_not_finite_moves_nothing_where_the_rate_is_no_number_either():
+    agent = agent_of()
+    learner = actor_critic.init(jax.random.key(0), agent, 3)
+    gradient = jax.tree.map(lambda x: jnp.full_like(x, jnp.nan), learner.params)
+    parts = actor_critic.Objective(*jnp.zeros(4), jnp.full(2 * K, jnp.nan))
+    after, told = actor_critic.step(agent, learner, gradient, parts)
+    assert np.isnan(told["grad_norm"])
+    jax.tree.map(np.testing.assert_array_equal, after.params, learner.params)
+
+
+@pytest.mark.parametrize("policy", ["ordinal", "smoothed", "autoregressive"])
+def test_heads_beside_a_choice_have_their_rate_and_the_choice_has_one(policy):
+    """The numbers' rates are those of the same head without a choice."""
+    box = Box.of([-1.0, 0.0, 0.0], [1.0, 3.0, 4.0], [0, 0, 5])
+    words = {"policy": policy, "loss": "hl-one-hot", "n_bins": K, "head_rate": "per-std"}
+    both, alone = (galton.make_agent(**words).on(each) for each in (box, BOX))
+    outputs = jax.random.normal(jax.random.key(0), (6, both.policy.n_outputs))
+
+    def rates(agent, outputs, action):
+        params = actor_critic.init(jax.random.key(0), agent, 3).params
+        return agent.policy.head_rates(actor_critic.as_update_sees(agent, outputs, params, action))
+
+    action = jnp.array([0.5, 0.5, 3.0])
+    expected = rates(alone, outputs[:, : alone.policy.n_outputs], jnp.tile(action[:2], (6, 1)))
+    np.testing.assert_allclose(rates(both, outputs, jnp.tile(action, (6, 1))), [*expected, *np.ones(5)], rtol=1e-6)

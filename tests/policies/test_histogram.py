@@ -133,6 +133,12 @@ def test_the_log_density_of_gaussian_exploration_is_that_gaussians_and_finite():
     np.testing.assert_allclose(entropy[1:], [0, 2 * np.log(40)], rtol=1e-6, atol=1e-6)  # the sum over dimensions
 
 
+def test_the_log_density_of_a_certain_policys_gaussian_exploration_has_no_slope():
+    bins, logits = Bins(-1.0, 1.0, 5), jnp.array([[0.0, 0.0, 120.0, 0.0, 0.0]])
+    slope = jax.grad(lambda x: Histogram(bins, x, Choices(exploration="gaussian")).log_prob(jnp.array([0.1])))(logits)
+    np.testing.assert_array_equal(slope, np.zeros((1, 5)))
+
+
 START = jax.jit(lambda policy: jax.nn.softmax(policy.by_dimension(policy.init()[0])))
 
 

@@ -82,3 +82,16 @@ def test_what_a_box_of_many_sigmas_leaves_of_the_tails_can_be_drawn():
     action, log_prob = draw(np.float32(mean), np.float32(u))
     assert ((abs(action - mean) > 4) & (abs(action - mean) < 6.5)).all()
     assert np.isfinite(log_prob).all()
+
+
+def test_a_mean_on_a_bound_has_the_slope_of_means_beside_it():
+    """Of the truncated Gaussian it is (a − μ) / σ² + (φ(h) − φ(l)) / (σ Z), with h and l the bounds in σ."""
+    policy = TruncatedGaussianPolicy(box_units=0).on(Box.of([0.0], [1.0]))
+    sigma = np.exp(-1.0)
+    params = {"log_std": jnp.full(1, -1.0)}
+    slope = jax.grad(lambda mean: policy.distribution(mean, params).log_prob(jnp.array([0.5])))
+    for mean in (0.0, 1.0):
+        low, high = -mean / sigma, (1 - mean) / sigma
+        mass = stats.norm.cdf(high) - stats.norm.cdf(low)
+        expected = (0.5 - mean) / sigma**2 + (stats.norm.pdf(high) - stats.norm.pdf(low)) / (sigma * mass)
+        np.testing.assert_allclose(slope(jnp.full(1, mean)), [expected], rtol=1e-5)

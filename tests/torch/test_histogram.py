@@ -112,6 +112,8 @@ def test_half_precision_and_rounding_leave_the_box_whole(low):
     assert np.float32(low) <= drawn.min() < drawn.max() <= np.float32(high)
     index = found._encode(drawn)
     torch.testing.assert_close(found.centers[0][index], drawn, rtol=0, atol=0)
+    at_the_end = Histogram(torch.zeros(1000, 1, 41).index_fill(2, torch.tensor([40]), 17.0), low, high)
+    assert bool((at_the_end.deterministic_sample <= at_the_end.high).all())
     logits = torch.randn(5, 2, 41, requires_grad=True)
     action = Histogram(logits).sample()
 

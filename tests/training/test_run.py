@@ -7,7 +7,7 @@ import pytest
 
 from galton.algorithms import A2C
 from galton.envs import LQR
-from galton.schedules import Linear
+from galton.schedules import Linear, Step
 from galton.training.log import Finished, nothing, summarise, tally
 from galton.training.run import begin, learn, read_log, restored, rollout_key, step_of, stored, without_keys
 from galton.types import Transition
@@ -172,3 +172,19 @@ def test_columns_are_everything_in_one_order_which_jax_keeps():
     assert list(log.columns()) == names
     assert list(jax.tree.map(np.asarray, log).columns()) == names
     assert isinstance(log.scalars, collections.OrderedDict)
+
+
+def test_an_update_sees_the_policy_that_sampled_its_batch_where_the_policy_has_a_schedule():
+    seen = []
+
+    class Spy(A2C):
+        def update(self, agent, learner, batch, key):
+            seen.append((float(agent.policy.head_scale), float(agent.loss.eta)))
+            return learner, dict.fromkeys(self.scalars, jnp.zeros(()))
+
+    words = WORDS | {"loss": "hl-gauss", "head_scale": Step(1.0, 4.0, 8.0), "eta": Step(1.0, 2.0, 8.0)}
+    scheduled = agent(words, **BOX).replace(algorithm=Spy())
+    run = begin(scheduled, 2, jnp.uint32(0))[0]
+    for _ in range(2):
+        run = learn(scheduled, run, batch(), FINISHED)
+    assert seen == [(1.0, 2.0), (4.0, 2.0)]

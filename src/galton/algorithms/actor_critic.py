@@ -194,7 +194,8 @@ def step(
     if parts.head_rates is not None:
         *hidden, new = params["actor"]
         old = learner.params["actor"][-1]
-        last = jax.tree.map(lambda old, new: old + parts.head_rates * (new - old), old, new)
+        rates = jnp.where(jnp.isfinite(grad_norm), parts.head_rates, 0.0)  # else it may be NaN where nothing moves
+        last = jax.tree.map(lambda old, new: old + rates * (new - old), old, new)
         params = params | {"actor": [*hidden, last]}
     if going is not True:
         old = (learner.params, learner.optimizer)

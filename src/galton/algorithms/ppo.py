@@ -143,7 +143,7 @@ def _of(agent: Agent) -> PPO:
 def fit(
     agent: Agent, learner: Learner, rows: Rows, orders: Int[Array, "epochs B"], key: Key[Array, ""] | None = None
 ) -> tuple[Learner, Scalars]:
-    """A step on each minibatch of each epoch, until one's KL divergence is over 1.5 · target_kl.
+    """A step on each minibatch of each epoch, until one's KL divergence is over 1.5 · target_kl, or its gradient NaN.
 
     The key is for policies that move their outputs; each minibatch has its own, by the optimizer's count of steps. By
     default it is that of seed 0.
@@ -188,6 +188,7 @@ def _minibatch(
     going = looking & ~(approximate_kl > 1.5 * algorithm.target_kl)  # one that is not a number shows in the gradient
     learner, told = actor_critic.step(agent, learner, gradient, parts, going)
     clipped = jnp.clip(ratio, 1 - algorithm.clip_range, 1 + algorithm.clip_range)
+    finite = jnp.isfinite(told["grad_norm"])
     told |= {
         "grad_norm": jnp.where(going, told["grad_norm"], 0.0),
         "policy_loss": -jnp.mean(jnp.minimum(advantage * ratio, advantage * clipped)),
@@ -197,7 +198,7 @@ def _minibatch(
         "ratio_max": ratio.max(),
         "n_minibatches": going.astype(jnp.float32),
     }
-    return (learner, going), (looking, told)
+    return (learner, going & finite), (looking, told)
 
 
 def gated(
@@ -216,6 +217,7 @@ def _summarise(looked_at: Bool[Array, "epochs batches"], told: Told) -> Scalars:
     last = looked_at & (jnp.arange(len(looked_at)) == looked_at.any(1).sum() - 1)[:, None]
     means = {name: _mean(values, looked_at) for name, values in told.items()}
     return means | {
+        "grad_norm": told["grad_norm"].sum() / jnp.maximum(told["n_minibatches"].sum(), 1),
         "approx_kl": _mean(told["approx_kl"], last),
         "ratio_max": jnp.where(looked_at, told["ratio_max"], 0.0).max(),
         "n_minibatches": told["n_minibatches"].sum(),

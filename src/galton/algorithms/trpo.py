@@ -23,6 +23,7 @@ from jaxtyping import Array, Bool, Float, Int, Key
 from galton.algorithms import actor_critic, minibatches
 from galton.algorithms.actor_critic import flatten
 from galton.algorithms.base import Agent, Algorithm, Scalars
+from galton.errors import require
 from galton.fields import Within
 from galton.types import Count, Learner, NotNegative, Number, Params, Positive, Scalar, Transition
 
@@ -76,7 +77,8 @@ class TRPO(Algorithm):
         advantage = actor_critic.advantages(agent, values, next_values, batch)
         params, told = self._policy_step(agent, learner.params, observation, action, agent.credit.weights(advantage))
         learner = learner._replace(params=params)
-        learner, of_critic = self._critic_steps(agent, learner, observation, advantage + values, orders)
+        finite = jnp.isfinite(told["grad_norm"])
+        learner, of_critic = self._critic_steps(agent, learner, observation, advantage + values, orders, finite)
         return learner, told | of_critic | {"grad_norm": jnp.hypot(told["grad_norm"], of_critic["grad_norm"])}
 
     def at(self, step: Scalar, frozen: Bool[Array, ""]) -> "TRPO":
@@ -87,6 +89,8 @@ class TRPO(Algorithm):
     def check(self, agent: Agent) -> None:
         """Raise UsageError for a policy that can't tell its divergence, or minibatches that don't divide a rollout."""
         actor_critic.require_kl(agent)
+        rate = getattr(agent.policy.head, "head_rate", "constant")
+        require(rate == "constant", f"head_rate is {rate!r}, and TRPO's step of the policy has no rate; leave it out")
         minibatches.require_whole(agent, self.batch_size)
 
     def _policy_step(
@@ -140,22 +144,26 @@ class TRPO(Algorithm):
         observation: Float[Array, "B o"],
         returns: Float[Array, " B"],
         orders: Int[Array, "updates B"],
+        going: Bool[Array, ""],
     ) -> tuple[Learner, Scalars]:
         own = actor_critic.apart(agent, observation)[0]
 
-        def step(learner: Learner, rows: tuple[Array, Array]) -> tuple[Learner, tuple[Scalar, Scalar]]:
+        def step(carry: tuple[Learner, Array], rows: tuple[Array, Array]) -> tuple[tuple[Learner, Array], Any]:
+            learner, going = carry
+
             def objective(params: Params) -> Scalar:
                 return jnp.mean(agent.critic.loss(agent.network(params["critic"], rows[0]), rows[1]))
 
             value_loss, gradient = jax.value_and_grad(objective)(learner.params)
             gradient = jax.tree.map(lambda g: self.vf_coef * g, gradient)
             params, optimizer, norm = agent.optimizer.step(learner.params, learner.optimizer, gradient)
-            kept = learner.params | {"critic": params["critic"]}
-            return learner._replace(params=kept, optimizer=optimizer), (value_loss, norm)
+            moved = learner._replace(params=learner.params | {"critic": params["critic"]}, optimizer=optimizer)
+            learner = jax.tree.map(lambda new, kept: jnp.where(going, new, kept), moved, learner)
+            return (learner, going & jnp.isfinite(norm)), (value_loss, norm)
 
-        learner, (losses, norms) = jax.lax.scan(
-            lambda learner, order: step(learner, (own[order], returns[order])),
-            learner,
+        (learner, _), (losses, norms) = jax.lax.scan(
+            lambda carry, order: step(carry, (own[order], returns[order])),
+            (learner, going),
             orders.reshape(-1, self.batch_size),
         )
         return learner, {"value_loss": losses.mean(), "grad_norm": norms.mean()}

@@ -108,11 +108,12 @@ class VMPO(Algorithm):
         advantage = actor_critic.advantages(agent, values, next_values, batch)
         rows = Rows(observation, action, advantage, advantage + values, outputs)
 
-        def epoch(learner: Learner, order: Array) -> tuple[Learner, dict[str, Array]]:
+        def epoch(carry: tuple[Learner, Array], order: Array) -> tuple[tuple[Learner, Array], dict[str, Array]]:
             batches = jax.tree.map(lambda x: x[order.reshape(-1, self.batch_size)], rows)
-            return jax.lax.scan(lambda learner, rows: self._minibatch(agent, old, learner, rows), learner, batches)
+            return jax.lax.scan(lambda carry, rows: self._minibatch(agent, old, carry, rows), carry, batches)
 
-        learner, told = jax.lax.scan(epoch, learner, minibatches.orders(key, self.n_epochs, len(advantage)))
+        orders = minibatches.orders(key, self.n_epochs, len(advantage))
+        (learner, _), told = jax.lax.scan(epoch, (learner, jnp.array(True)), orders)
         params, of_step = self._shortened(agent, old, learner.params, rows)
         return learner._replace(params=params), {name: values.mean() for name, values in told.items()} | of_step
 
@@ -149,7 +150,11 @@ class VMPO(Algorithm):
         """The divergences that have a bound of their own."""
         return {"std": self.max_kl_std}
 
-    def _minibatch(self, agent: Agent, old: Params, learner: Learner, rows: Rows) -> tuple[Learner, Scalars]:
+    def _minibatch(
+        self, agent: Agent, old: Params, carry: tuple[Learner, Array], rows: Rows
+    ) -> tuple[tuple[Learner, Array], Scalars]:
+        """One step, unless a gradient before it was not finite: (learner, going) → the same, and what it tells."""
+        learner, going = carry
         memory: Memory = learner.memory["algorithm"]
         advantage = agent.credit.weights(rows.advantage)
 
@@ -167,12 +172,13 @@ class VMPO(Algorithm):
 
         both = learner.params, memory.duals
         (gradient, of_duals), own = jax.grad(objective, has_aux=True)(both)
-        learner, of_step = actor_critic.step(agent, learner, gradient, own)
+        learner, of_step = actor_critic.step(agent, learner, gradient, own, going)
+        going &= jnp.isfinite(of_step["grad_norm"])
         move, adam = _ADAM.update(of_duals, memory.optimizer)
         moved = jax.tree.map(lambda dual, by: dual - self.dual_learning_rate * by, memory.duals, move)
         multipliers = jnp.stack(jax.tree.leaves(memory.duals["multipliers"]))
         told = {"vmpo_temperature": jnp.exp(memory.duals["temperature"]), "kl_multiplier": jnp.exp(multipliers).mean()}
-        return learner.remembering(algorithm=Memory(moved, adam)), of_step | told
+        return (learner.remembering(algorithm=Memory(moved, adam)), going), of_step | told
 
 
 _ADAM = optax.scale_by_adam()

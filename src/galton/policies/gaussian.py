@@ -107,7 +107,7 @@ class GaussianHead(Policy):
     log_std_init: Finite = 0.0
     """The first log σ."""
     log_std_min: Floor = -math.inf
-    """A floor under log σ; −inf is none."""
+    """A floor under log σ; −inf is none. One that does not depend on the state never leaves it again."""
     box_units: Units = 0.0
     """1: mean and σ are in half-widths of the action box around its center; 0: in the environment's own units."""
     state_dependent_std: bool = False

@@ -77,7 +77,7 @@ class Histogram:
         left out.
         """
         if self.choices.exploration == "gaussian":
-            std = jnp.maximum(self.std(), 1e-6 * self.bins.width)  # a policy that is certain has none
+            std = jnp.sqrt(jnp.maximum(self.variance(), (1e-6 * self.bins.width) ** 2))  # certain policies have none
             z = (action - self.mean()) / std
             return (-0.5 * z**2 - jnp.log(std) - 0.5 * math.log(2 * math.pi)).sum(-1)
         index = self.bins.encode(action)[..., None]
@@ -107,7 +107,11 @@ class Histogram:
 
     def std(self) -> Float[Array, "*batch d"]:
         """The effective σ: the standard deviation of the bin centers under π."""
-        return jnp.sqrt((self.probs * (self.bins.centers - self.mean()[..., None]) ** 2).sum(-1))
+        return jnp.sqrt(self.variance())
+
+    def variance(self) -> Float[Array, "*batch d"]:
+        """The variance of the bin centers under π."""
+        return (self.probs * (self.bins.centers - self.mean()[..., None]) ** 2).sum(-1)
 
     def at_edge(self, action: Float[Array, "*batch d"]) -> Bool[Array, "*batch d"]:
         """Return True for entries in the first or last bin of a dimension, or beyond."""

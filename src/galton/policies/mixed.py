@@ -110,6 +110,11 @@ class MixedPolicy(Policy):
         numbers = [(self.numbers, self._box.numbers)] if self._box.numbers else []
         return [*numbers, (self.of_choices, self._box.choices)]
 
+    def head_rates(self, distribution: Mixed) -> Float[Array, " n_outputs"] | None:
+        """The numbers' own, and 1 for choices."""
+        rates = self.numbers.head_rates(distribution.parts[0][0]) if self._box.numbers else None
+        return None if rates is None else jnp.concatenate([rates, jnp.ones(self.of_choices.n_outputs)])
+
     @property
     def uniform_entropy(self) -> float:
         """The mean over all entries."""

@@ -95,7 +95,7 @@ def inside(
     high: Float[Array | np.ndarray, "*ends"],
 ) -> Inside:
     """Measure N(mean, std²) in [low, high]; what has fewer axes than the mean is the same along its first ones."""
-    edge = jnp.clip(mean, low, high)
+    edge = jnp.where(mean < low, low, jnp.where(mean > high, high, mean))  # on a bound clip has half the slope
     zeta = jnp.minimum(jnp.abs(mean - edge) / std, FAR)
     return Inside(edge, zeta, piece(zeta, (edge - low) / std), piece(zeta, -(edge - high) / std))
 

@@ -78,7 +78,7 @@ def center_shares(n_bins: int, centers: Centers, like: Tensor) -> Float[Tensor, 
 
 
 def encode(share: Float[Tensor, "*batch d"], n_bins: int, centers: Centers) -> Int[Tensor, "*batch d"]:
-    """The bin that holds each action, which is told as its place in a box from 0 to 1."""
+    """The bin that holds each action, which is told as its place in a box from 0 to 1; on an edge by rounding."""
     place = share * (n_bins - 1) + 0.5 if centers == "bounds" else share * n_bins
     return place.floor().clamp(0, n_bins - 1).long()
 

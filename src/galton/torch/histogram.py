@@ -118,7 +118,7 @@ class Histogram(Distribution):
     @property
     def deterministic_sample(self) -> Float[Tensor, "*batch d"]:
         """The action without exploration, by TorchRL's name: as `deterministic` says, `mean` or `mode`."""
-        return self.mean if self.deterministic == "mean" else self.mode
+        return self.mean.clamp(self.low, self.high) if self.deterministic == "mean" else self.mode
 
     def sample(self, sample_shape: Shape = torch.Size()) -> Float[Tensor, "*sample d"]:  # noqa: B008
         """Draw actions, each the center of a bin; no gradient flows through them."""

@@ -115,6 +115,7 @@ class _Deterministic(nn.Module):
 
     def forward(self, mlp_output: Tensor) -> Tensor:
         if self.is_mean:
-            return (torch.softmax(self.head_scale * mlp_output, -1) * self.centers).sum(-1)
+            mean = (torch.softmax(self.head_scale * mlp_output, -1) * self.centers).sum(-1)
+            return torch.clamp(mean, self.centers[:, 0], self.centers[:, -1])
         index = mlp_output.argmax(-1, keepdim=True)
         return self.centers.expand(mlp_output.shape).gather(-1, index)[..., 0]

@@ -102,7 +102,10 @@ def learn(
     key = jax.random.fold_in(rollout_key(agent, run), _OF_UPDATES)
     step = step_of(agent, updates)
     now = at(agent, step)
-    now = now.replace(**{name: getattr(now, name).at(step, frozen) for name in ("algorithm", "entropy", "optimizer")})
+    now = now.replace(
+        policy=at(agent.policy, step_of(agent, run.updates)),  # the one that sampled the batch
+        **{name: getattr(now, name).at(step, frozen) for name in ("algorithm", "entropy", "optimizer")},
+    )
     learner, told = now.algorithm.update(now, run.learner, batch, key)
     finite = jnp.isfinite(told["grad_norm"])
     before, after = (of.memory["algorithm"] for of in (run.learner, learner))
