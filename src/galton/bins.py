@@ -264,9 +264,7 @@ class UnevenBins(Bins):
         for name, value in (own | {"dimensions": tuple(dimensions), "etas": etas}).items():
             object.__setattr__(self, name, value)
 
-    def encode(self, action: Float[Array, "*batch d"]) -> Int[Array, "*batch d"]:
-        """The index of the bin that holds each entry of an action: the number of inner edges at or below it."""
-        return (action[..., None] >= jnp.asarray(self.edges[:, 1:-1])).sum(-1)
+    encode = PlacedBins.encode
 
     def at_edge(self, action: Float[Array, "*batch d"]) -> Bool[Array, "*batch d"]:
         """Return True for entries in the first or last bin of a number, or beyond."""

@@ -64,7 +64,6 @@ def regression_bound(
     The paper divides the squared error by 2σ, so its scale is σ; for the Gaussian's own log-likelihood, which
     divides by 2σ², it is σ².
     """
-    bound: Array = (
-        jnp.abs(jnp.asarray(action - mean) / scale) * jnp.abs(advantage) * (lipschitz + jnp.linalg.norm(features))
+    return gradient_bound(
+        jnp.asarray(advantage), jnp.asarray(lipschitz), features, jnp.asarray([(action - mean) / scale])
     )
-    return bound
