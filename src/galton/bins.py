@@ -103,7 +103,7 @@ class Bins:
         below, above = (inner[jnp.arange(len(self.low)), near + i] for i in (0, 1))
         return near - (action < below) + (action >= above)
 
-    def decode(self, index: Int[Array, "*batch d"]) -> Float[Array, "*batch d"]:
+    def decode(self, index: Int[Array, "*batch softmaxes"]) -> Float[Array, "*batch d"]:
         """The center of each indexed bin."""
         return jnp.asarray(self.centers)[jnp.arange(len(self.low)), index]
 

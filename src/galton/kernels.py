@@ -12,7 +12,7 @@ from galton.bins import Bins, GridBins, PlacedBins, UnevenBins, stacked
 from galton.policies.histogram import Histogram
 from galton.targets import Eta, Tails
 
-Weights = Float[Array, "*batch d k"]
+Weights = Float[Array, "*batch softmaxes k"]
 """Of the bins' log π; over the cells of a grid `[*batch, 1, k^d]`."""
 TINY = 1e-30
 """Nothing is divided by less."""
@@ -37,7 +37,9 @@ def expected(bins: Bins, own: Histogram, eta: Eta, tails: Tails) -> Weights:
 
 
 @of_action.register(GridBins)
-def _(bins: GridBins, own: Histogram, action: Float[Array, "*batch d"], eta: Eta, tails: Tails) -> Weights:
+def _(
+    bins: GridBins, own: Histogram, action: Float[Array, "*batch d"], eta: Eta, tails: Tails
+) -> Float[Array, "*batch 1 cells"]:
     """The product of the dimensions' targets."""
     rows = of_action(bins.axes, own, action, eta, tails)
     cells = rows[..., 0, :]
@@ -47,7 +49,7 @@ def _(bins: GridBins, own: Histogram, action: Float[Array, "*batch d"], eta: Eta
 
 
 @expected.register(GridBins)
-def _(bins: GridBins, own: Histogram, eta: Eta, tails: Tails) -> Weights:
+def _(bins: GridBins, own: Histogram, eta: Eta, tails: Tails) -> Float[Array, "*batch 1 cells"]:
     """Each dimension's K along its axis."""
     d, k = bins.axes.centers.shape
     cells, shape = own.probs.reshape(*own.probs.shape[:-2], *[k] * d), own.probs.shape

@@ -41,7 +41,7 @@ class Between(Schedule):
         """Both numbers, between which all others lie."""
         return self.start, self.end
 
-    def done(self, step: Float[Array, ""] | float) -> Float[Array, "*runs"]:
+    def done(self, step: Float[Array, "*runs"] | float) -> Float[Array, "*runs"]:
         """The share of the way that is behind at this step."""
         return jnp.clip((step - jnp.asarray(self.begin)) / self.steps, 0.0, 1.0)
 
@@ -63,7 +63,7 @@ class Linear(Between):
 
     label = "linear"
 
-    def __call__(self, step: Float[Array, ""] | float) -> Float[Array, "*runs"]:
+    def __call__(self, step: Float[Array, "*runs"] | float) -> Float[Array, "*runs"]:
         """The number at this step."""
         number: Array = self.start + (jnp.asarray(self.end) - self.start) * self.done(step)
         return number
@@ -74,7 +74,7 @@ class Cosine(Between):
 
     label = "cosine"
 
-    def __call__(self, step: Float[Array, ""] | float) -> Float[Array, "*runs"]:
+    def __call__(self, step: Float[Array, "*runs"] | float) -> Float[Array, "*runs"]:
         """The number at this step."""
         left = (1 + jnp.cos(jnp.pi * self.done(step))) / 2
         number: Array = self.end + (jnp.asarray(self.start) - self.end) * left
@@ -101,7 +101,7 @@ class Step(Schedule):
             for value in (each.values() if isinstance(each, Schedule) else [each])
         )
 
-    def __call__(self, step: Float[Array, ""] | float) -> Float[Array, "*runs"]:
+    def __call__(self, step: Float[Array, "*runs"] | float) -> Float[Array, "*runs"]:
         """The number at this step."""
         before, after = (
             each(step) if isinstance(each, Schedule) else jnp.asarray(each) for each in (self.before, self.after)

@@ -22,7 +22,7 @@ FEW = 256
 Fourier transforms are from here on, for thousands the matrix is."""
 
 
-def one_hot(bins: Bins, action: Float[Array, "*batch d"]) -> Float[Array, "*batch d k"]:
+def one_hot(bins: Bins, action: Float[Array, "*batch d"]) -> Float[Array, "*batch softmaxes k"]:
     """All mass on the bin that holds the action: q_a(i) = [a in bin i]."""
     return jax.nn.one_hot(bins.encode(action), bins.n_bins, dtype=action.dtype)
 

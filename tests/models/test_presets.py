@@ -171,7 +171,7 @@ def test_a_decay_over_all_that_is_trained_reaches_0_after_the_last_update():
     """SB3's linear schedule, but that the rate of an update is that of its first step: a single update learns."""
     for decay_steps, expected in ((jnp.inf, [0.3, 0.2, 0.1]), (80, [0.075, 0, 0])):
         adam = Adam(learning_rate=0.3, decay_steps=decay_steps).falling(begin=40, end=100, rollout=20)
-        at = [adam.learning_rate * adam.remaining(jnp.int32(step)) for step in (60, 80, 100)]
+        at = [adam.learning_rate * adam.remaining(jnp.float32(step)) for step in (60, 80, 100)]
         np.testing.assert_allclose(at, expected, rtol=1e-5)
 
 

@@ -78,9 +78,9 @@ def test_an_update_has_a_key_of_its_own():
 
 def test_the_learning_rate_falls_to_zero_with_the_last_update_and_a_decayed_update_is_one_with_that_rate():
     decaying = AGENT.optimizer.replace(decay_steps=40.0)
-    shares = [float(decaying.remaining(jnp.int32(step))) for step in (8, 16, 32, 40, 48)]
+    shares = [float(decaying.remaining(jnp.float32(step))) for step in (8, 16, 32, 40, 48)]
     np.testing.assert_allclose(shares, [0.8, 0.6, 0.2, 0.0, 0.0], atol=1e-6)
-    assert float(AGENT.optimizer.remaining(jnp.int32(10**6))) == 1
+    assert float(AGENT.optimizer.remaining(jnp.float32(10**6))) == 1
     decayed = update(new(), batch(), learning_rate=1e-2, decay_steps=32.0)
     plain = update(new(), batch(), learning_rate=1e-2 * 24 / 32)
     for a, b in zip(jax.tree.leaves(decayed.learner), jax.tree.leaves(plain.learner), strict=True):

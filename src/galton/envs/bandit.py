@@ -46,7 +46,7 @@ class OneStep(abc.ABC):
         return self.noise_std * jax.random.normal(key)
 
     def step(
-        self, state: Float[Array, " 1"], action: Float[Array, " d"], noise: Float[Array, ""]
+        self, state: Float[Array, " 1"], action: Float[Array, " d"], noise: Float[Array, ""] | float
     ) -> tuple[Float[Array, " 1"], Float[Array, ""], Bool[Array, ""]]:
         """Reward the action and end."""
         return state, self.worth(action) + noise, jnp.array(True)

@@ -112,7 +112,7 @@ class DriftingBandit(_Changing):
         return self.noise_std * jax.random.normal(key)
 
     def step(
-        self, state: Moment, action: Float[Array, " d"], noise: Float[Array, ""]
+        self, state: Moment, action: Float[Array, " d"], noise: Float[Array, ""] | float
     ) -> tuple[Moment, Float[Array, ""], Bool[Array, ""]]:
         """Reward the action, end, and move the optimum."""
         regret = 4 * jnp.mean((action - state.optimum) ** 2)

@@ -131,7 +131,7 @@ class Histogram(Distribution):
                 raise
             return self._center(drawn)
 
-    def log_prob(self, value: Float[Tensor, "*batch d"]) -> Float[Tensor, "*batch"]:
+    def log_prob(self, value: Float[Tensor, "*sample d"]) -> Float[Tensor, "*whole"]:
         """The value is log π of the bins that hold an action, the gradient that of −loss in the logits.
 
         Raises:

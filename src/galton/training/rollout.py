@@ -99,7 +99,7 @@ def rollout(
     def observed(normalizer: normalization.Normalizer, states: PyTree[Array]) -> Array:
         return normalization.from_origin(normalizer, jax.vmap(task.observe)(states))
 
-    def step(carry: Carry, noise: Noise) -> tuple[Carry, tuple[Transition, Finished, Scalars]]:
+    def step(carry: Carry, noise: Noise) -> tuple[Carry, tuple[Transition, Finished, dict[str, Array]]]:
         episodes, normalizer = carry
         observation = normalization.observation(normalizer, observed(normalizer, episodes.env))
         explored, z = continued(

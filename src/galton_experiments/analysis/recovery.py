@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float, Int, Real
 from scipy import stats
 
 
@@ -36,9 +36,7 @@ def recoveries(
     return found
 
 
-def phases(
-    values: Float[np.ndarray, "R L"], steps: Int[np.ndarray, " L"], period: int
-) -> list[Float[np.ndarray, "R _"]]:
+def phases(values: Real[np.ndarray, "R L"], steps: Int[np.ndarray, " L"], period: int) -> list[Real[np.ndarray, "R _"]]:
     """A column of the log, cut into the phases of a task that changes; a log point at a change is in neither.
 
     Of returns, `phase.mean(1)` is what each run got in a phase, to be held beside the first phase of a fresh start. Of
