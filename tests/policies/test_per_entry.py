@@ -110,7 +110,6 @@ def test_a_first_gaussian_over_placed_bins_has_its_moments():
         ({"bin_centers": (0, -1)}, "bin_centers is .0, -1.; each must lie above the one before"),
         ({"bin_centers": {0: (0, 2)}}, "bin_centers is .0, 2.; they must lie within the bounds, -1 and 1"),
         ({"bin_centers": {0: (0,)}}, "bin_centers is .0,.; give two numbers or more"),
-        ({"per_entry": ["0.bin_centers=[-1, 0, 1]", "0.n_bins=8"]}, "entry 0 8 bins and 3 centers; leave its n_bins"),
         ({"initial_policy": {0: "wide"}}, "is 'wide'; choose from uniform"),
         ({"per_entry": ["0.gamma=1"]}, "write entry.setting=value"),
         ({"per_entry": ["n_bins=5"]}, "say of which entry, or give a list"),

@@ -107,15 +107,10 @@ def resolved(words: Sequence[str], box: Box, usual: Entry) -> tuple[Entry, ...]:
         )
         for place, value in zip(places, values, strict=True):
             found[place] = found[place]._replace(**{own.setting: _checked(word, own.setting, value)})
-    for i, entry in enumerate(found):
-        if not isinstance(entry.bin_centers, str):
-            n = len(entry.bin_centers)
-            require(
-                entry.n_bins in (n, usual.n_bins),
-                f"per_entry gives entry {i} {entry.n_bins} bins and {n} centers; leave its n_bins out",
-            )
-            found[i] = entry._replace(n_bins=n)
-    return tuple(found)
+    return tuple(
+        entry if isinstance(entry.bin_centers, str) else entry._replace(n_bins=len(entry.bin_centers))
+        for entry in found
+    )
 
 
 def etas(entries: Sequence[Entry]) -> np.ndarray | None:
