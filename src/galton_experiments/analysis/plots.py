@@ -34,7 +34,7 @@ _DASH_DOT: LineStyle = (0.0, (5.0, 1.2, 1.2, 1.2))
 _HANDLE, _LETTER = 0.07, 0.0088
 """The inches that a legend's entry takes, without its name and for each letter of it, by point of the font's size."""
 _PLACES, _NUMBER = re.compile(rb'\b[dxy]="[^"]*"|\btranslate\([^)]*\)'), re.compile(rb"-?\d+\.\d+")
-"""What says where something is in an SVG, and a number there."""
+"""The attributes of an SVG that place something, and a number in them."""
 _STYLE: Any = {
     "axes.spines.top": False,
     "axes.spines.right": False,
