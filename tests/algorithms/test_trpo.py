@@ -113,7 +113,6 @@ def test_a_run_that_has_diverged_stays_where_it_is():
             "policy is 'beta', which has no KL divergence for TRPO to bound; choose from gaussian",
         ),
         ({"batch_size": 7}, "batch_size is 7, but a rollout has n_steps · n_envs = 2048 · 1 = 2048 steps"),
-        ({"loss": "hl-gauss", "head_rate": "per-std"}, "head_rate is 'per-std', and TRPO's step of the policy has no"),
         ({"weighting": "awr"}, "weighting is 'awr', which algorithm 'trpo' does not carry out"),
         (
             {"line_search_shrinking_factor": 1.0},

@@ -23,7 +23,6 @@ from jaxtyping import Array, Bool, Float, Int, Key
 from galton.algorithms import actor_critic, minibatches
 from galton.algorithms.actor_critic import flatten
 from galton.algorithms.base import Agent, Algorithm, Scalars
-from galton.errors import require
 from galton.fields import Within
 from galton.types import Count, Learner, NotNegative, Number, Params, Positive, Scalar, Transition
 
@@ -89,8 +88,6 @@ class TRPO(Algorithm):
     def check(self, agent: Agent) -> None:
         """Raise UsageError for a policy that can't tell its divergence, or minibatches that don't divide a rollout."""
         actor_critic.require_kl(agent)
-        rate = getattr(agent.policy.head, "head_rate", "constant")
-        require(rate == "constant", f"head_rate is {rate!r}, and TRPO's step of the policy has no rate; leave it out")
         minibatches.require_whole(agent, self.batch_size)
 
     def _policy_step(

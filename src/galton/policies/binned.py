@@ -113,7 +113,7 @@ class HistogramPolicy(BinnedPolicy):
     head_rate: Literal["constant", "per-std"] = "constant"
     """The last layer's learning rate: the others', or that over 0.8 σ with the policy's own standard deviation in each
     dimension, in half-widths of the box and a bin or more. Under Adam and with wide targets the mean then moves about
-    as far as a Gaussian's."""
+    as far as a Gaussian's. TRPO's step has no rate, and takes no notice of it."""
 
     @property
     def bins(self) -> Bins:
