@@ -34,6 +34,8 @@ class Factorial(NamedTuple):
     """The same P on each task."""
     top_quarter: Interval
     """P of the best quarter of each method's draws, selected on the other tasks, [methods]."""
+    top_quarter_by_task: Float[np.ndarray, "methods tasks"]
+    """The same P on each task that is left out."""
     same_draw: Interval
     """P where both methods have the same draw, averaged over all draws, [methods]; no draw is selected."""
     best_of: Interval
@@ -100,8 +102,7 @@ def _found(
     found = {name: np.mean([split[name] for split in splits], axis=0) for name in splits[0]}
     share = again.tasks / scores.shape[2]
     for name in ("one_setting", "per_task", "top_quarter"):
-        by_task = found.pop(f"{name}_by_task") if name == "top_quarter" else found[f"{name}_by_task"]
-        found[name] = np.einsum("bmk,bk->bm", by_task, share)
+        found[name] = np.einsum("bmk,bk->bm", found[f"{name}_by_task"], share)
     weights = _weights(rng, len(share), scores.shape[2], scores.shape[3])
     counts = (again.draws[:, :, None] == np.arange(scores.shape[1])).mean(1)
     same = _pairs(scores, scores[base])

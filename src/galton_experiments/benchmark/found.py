@@ -64,11 +64,7 @@ class Found:
     def record(self) -> dict[str, Any]:
         """All numbers, for JSON; what is not known is null."""
         methods = self.protocol.methods
-        by_design: dict[str, Any] = (
-            {"factorial": self.factorial}
-            if self.protocol.design == "factorial"
-            else {"selected": self.selected, "best_of": self.best_of}
-        )
+        in_stages = self.protocol.design == "stages"
         given = {
             "benchmark": self.protocol.digest,
             "title": self.protocol.title,
@@ -76,7 +72,8 @@ class Found:
             "draws": self.draws,
         }
         results = {
-            **by_design,
+            "selected": self.selected,
+            **({"best_of": self.best_of} if in_stages else {"factorial": self.factorial}),
             "scores_of_draws": {
                 task: {method: runs.mean(1) for method, runs in of_method.items()}
                 for task, of_method in self.scores.items()

@@ -78,7 +78,7 @@ def test_the_answers_are_those_of_plain_loops(n_seeds, values):
             np.testing.assert_allclose(getattr(found, name).mean, of, err_msg=name)
         gain = wanted["best_of"] - wanted["best_of"][1]
         np.testing.assert_allclose(found.best_of_gain.mean, gain, atol=1e-12)
-        for name in ("one_setting", "per_task"):
+        for name in ("one_setting", "per_task", "top_quarter"):
             np.testing.assert_allclose(getattr(found, f"{name}_by_task").mean(1), wanted[name])
 
 

@@ -112,11 +112,14 @@ def test_the_page_and_the_record_have_all_answers():
     above = factorial_page.above(known)
     assert isinstance(above, Table)
     assert [row[0] for row in above.rows] == ["bins"] * 4 + ["ppo"] * 4
+    assert [row[1] for row in factorial_page.above_by_task(known).rows[::2]] == [
+        row[1] for row in above.rows if row[1] != "same draw"
+    ]
     record = json.loads(json.dumps(known.record()))
-    assert "selected" not in record
+    assert record["selected"]["shared"].keys() == {"gaussian", "bins", "ppo"}
     assert record["factorial"]["equal_steps"]["one_setting"]["mean"][0] == 0.5
     said = sentences(known)
-    assert said[0].startswith("With one setting for all tasks bins is above Gaussian with P = ")
+    assert said[0].startswith("With the best quarter of draws bins is above Gaussian with P = ")
     assert said[-1].endswith("There are 3 tasks, too few for anything to be clear.")
     rows = factorial_page.drawn(known).rows
     runs = {name: known.tuning[0].finals(name, "draw") for name in ("gaussian", "bins", "ppo")}
