@@ -6,6 +6,7 @@ import os
 import signal
 
 import hypothesis
+import jax
 import jaxtyping
 import numpy as np
 import pytest
@@ -61,6 +62,13 @@ def pytest_terminal_summary(terminalreporter):
 def trust(request):
     """What a test calls in the end with what it measured of a promise: see `tests/trust.py`."""
     return functools.partial(note, FOLDER, request.node.nodeid)
+
+
+@pytest.fixture
+def double():
+    """JAX counts in float64."""
+    with jax.enable_x64(True):
+        yield
 
 
 @pytest.fixture(autouse=True, scope="module")

@@ -186,32 +186,6 @@ def test_an_id_may_name_the_module_that_registers_it(tmp_path):
     assert done.returncode == 0, done.stderr
 
 
-@pytest.mark.slow  # test_resume.py asks the same of what the command calls
-def test_a_resumed_run_equals_one_without_a_break(tmp_path):
-    """On a task with states, to the byte; what an unfinished process logged after its last save is not kept."""
-    whole, broken = tmp_path / "whole", tmp_path / "broken"
-    options = ["--logs", "8", "--eval-episodes", "2", "--algorithm", "a2c", "--loss", "hl-gauss", "--n-bins", "10"]
-    options += ["--normalize-observation"]
-    assert galton("train", "lqr", "--steps", "800", *options, "--out", whole).returncode == 0
-    assert galton("train", "lqr", "--steps", "400", *options[2:], "--logs", "4", "--out", broken).returncode == 0
-    metrics = broken / "metrics.jsonl"
-    metrics.write_text(metrics.read_text() + '{"time/total_timesteps": 500}\n')
-    done = galton("train", "lqr", "--steps", "800", *options, "--out", broken, "--resume")
-    assert done.returncode == 0, done.stderr
-
-    def known(path):
-        lines = [json.loads(line) for line in (path / "metrics.jsonl").read_text().splitlines()]
-        return [{k: v for k, v in line.items() if k not in ("time/fps", "time/time_elapsed")} for line in lines]
-
-    assert known(whole) == known(broken)
-    assert len(known(whole)) == 8
-    for (_, a), (_, b) in [(read(whole / name), read(broken / name)) for name in ("model.safetensors",)]:
-        assert all((a[name] == b[name]).all() for name in a | b)
-    wrong = galton("train", "lqr", "--steps", "900", *options, "--eta", "0.5", "--out", broken, "--resume")
-    assert wrong.returncode == 2
-    assert "give the same options to resume it" in wrong.stderr
-
-
 @pytest.mark.slow
 def test_an_interrupted_run_is_saved_and_goes_on(tmp_path):
     out = tmp_path / "run"
@@ -293,12 +267,7 @@ def test_compare_writes_table_figure_and_numbers(tmp_path):
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("number", "delay"),
-    [
-        (signal.SIGINT, 0.5),
-        pytest.param(signal.SIGINT, 3, marks=pytest.mark.slow),
-        pytest.param(signal.SIGINT, 10, marks=pytest.mark.slow),
-        pytest.param(signal.SIGTERM, 2, marks=pytest.mark.slow),
-    ],
+    [(signal.SIGINT, 0.5), (signal.SIGINT, 3), (signal.SIGINT, 10), (signal.SIGTERM, 2)],
 )
 def test_an_interrupt_leaves_nothing_half_written(number, delay, tmp_path):
     """While it compiles, and while it trains."""

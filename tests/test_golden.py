@@ -1,13 +1,8 @@
-"""Models and runs of earlier versions go on as they did: tests/golden/README.md.
-
-`python -m tests.test_golden` tells whether training gives the same bits here as where the files were made.
-"""
+"""Models and runs of earlier versions go on as they did: tests/golden/README.md."""
 
 import json
 import shutil
-import sys
 import warnings
-from pathlib import Path
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -17,9 +12,9 @@ import galton
 from galton import A2C, InexactResume
 from galton.agents import read
 
+from . import swing
 from .golden.files import CLOSE, V1, arrays, by_path, check_close, check_settings, command, record
 
-HERE = Path(__file__).parent
 CHECKPOINTS = record("checkpoints.json")
 LONG = (
     "bandit-one-hot",
@@ -37,23 +32,12 @@ def path_of(name):
     return V1 / "checkpoints" / f"{name}.safetensors"
 
 
-def environment(name):
-    if name != "stateful_swing":
-        return name
-    sys.path.insert(0, str(HERE))
-    try:
-        import swing
-    finally:
-        sys.path.pop(0)
-    return swing.stateful_swing
-
-
 def go_on(name):
     """A model's log and parameters after learning more."""
     known, logs = CHECKPOINTS[name], []
     with warnings.catch_warnings():
         warnings.simplefilter("error", InexactResume)
-        model = A2C.load(path_of(name), environment(known["env"]))
+        model = A2C.load(path_of(name), getattr(swing, known["env"], known["env"]))
 
     def note(model, log):
         if model.num_timesteps % model.log_interval == 0:  # the end of `learn` was no log point then
@@ -170,32 +154,9 @@ def trained(name):
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "name",
-    [
-        pytest.param(n, marks=pytest.mark.optimised if n in OPTIMISED else [pytest.mark.slow] * (n in LONG))
-        for n in POPULATIONS
-    ],
+    [pytest.param(n, marks=[pytest.mark.optimised] * (n in OPTIMISED)) for n in POPULATIONS],
 )
 def test_populations_train_as_they_did(name):
     log, params = trained(name)
     check_close(log, arrays("bits.npz", f"{name}/log/"))
     check_close(params, arrays("bits.npz", f"{name}/params/"))
-
-
-def tell_bits():
-    """Print for each case whether its numbers are the golden ones to the last bit, or how far they are apart."""
-    cases = [("checkpoints.npz", name, "after", go_on) for name in EXACT]
-    cases += [("bits.npz", name, "params", trained) for name in POPULATIONS]
-    for file, name, kind, make in cases:
-        log, params = make(name)
-        found = {f"log/{key}": values for key, values in log.items()}
-        found |= {f"{kind}/{key}": values for key, values in params.items()}
-        golden = {key: values for key, values in arrays(file, f"{name}/").items() if not key.startswith("before/")}
-        apart = [key for key, values in golden.items() if found[key].tobytes() != values.tobytes()]
-        gap = max((np.nanmax(np.abs(found[key] - golden[key])) for key in apart), default=0.0)
-        verdict = f"{len(apart)} of {len(golden)} arrays differ, by {gap:.2g} at most" if apart else "equal to the bit"
-        print(f"{file} {name}: {verdict}")
-
-
-if __name__ == "__main__":
-    galton.use_all_cores()
-    tell_bits()

@@ -12,13 +12,9 @@ from galton.losses import HLGauss, HLGaussCentred
 from galton.policies.histogram import Histogram
 from galton.policies.smoothed import SmoothedPolicy
 
+pytestmark = pytest.mark.usefixtures("double")
+
 SIZES = [(2, 0.3), (10, 0.25), (10, 2.0), (50, 4.48), (100, 20.0)]
-
-
-@pytest.fixture(autouse=True)
-def in_float64():
-    with jax.enable_x64(True):
-        yield
 
 
 def kernel(k, eta, tails="reflected", centers="inside"):

@@ -11,6 +11,8 @@ from galton import A2C, LOSSES, InexactResume, UsageError
 from galton.envs import LQR
 from galton.saving import checkpoint
 
+from . import swing
+
 HERE = Path(__file__).parent
 CHILD = f"""
 import json, pathlib, sys
@@ -40,21 +42,10 @@ BEFORE, AFTER = 7 * SIZE, 8 * SIZE
 """Updates on both sides of the cut, which lies in the middle of a log interval of 5."""
 
 
-def find(env):
-    if "swing" not in env:
-        return env
-    sys.path.insert(0, str(HERE))
-    try:
-        import swing
-    finally:
-        sys.path.pop(0)
-    return getattr(swing, env)
-
-
 def train(env, loss, path):
     """A run without a cut that is also saved at the cut: its logs and its file."""
     logs = []
-    model = A2C(find(env), loss, **SETTINGS, seed=5)
+    model = A2C(getattr(swing, env, env), loss, **SETTINGS, seed=5)
     learn = {"callback": lambda model, log: logs.append(log), "progress_bar": False, "log_interval": 5}
     model.learn(BEFORE, **learn)
     assert len(logs) == 2  # after 5 updates and at the end
@@ -113,7 +104,7 @@ def test_a_run_that_goes_on_in_a_new_process_equals_one_without_a_cut_byte_for_b
 def test_an_environment_that_can_not_tell_its_state_goes_on_in_new_episodes_with_a_warning(tmp_path):
     train("swing", "hl-gauss", tmp_path / "model.cut")
     with pytest.warns(InexactResume, match=r"swing goes on from the start of new episodes: its environments can't"):
-        model = A2C.load(tmp_path / "model.cut", env=find("swing"))
+        model = A2C.load(tmp_path / "model.cut", env=swing.swing)
     saved = checkpoint.read(tmp_path / "model.cut")[1]
     assert not any(name.startswith("environments") for name in saved)
     np.testing.assert_array_equal(
@@ -123,7 +114,7 @@ def test_an_environment_that_can_not_tell_its_state_goes_on_in_new_episodes_with
     model.learn(AFTER, progress_bar=False)
     assert model.num_timesteps == BEFORE + AFTER
     with pytest.warns(InexactResume, match="the checkpoint has no state"):
-        A2C.load(tmp_path / "model.cut", env=find("stateful_swing")).learn(SIZE, progress_bar=False)
+        A2C.load(tmp_path / "model.cut", env=swing.stateful_swing).learn(SIZE, progress_bar=False)
 
 
 @pytest.mark.slow

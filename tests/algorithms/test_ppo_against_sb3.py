@@ -220,7 +220,7 @@ def test_sb3s_ppo_with_the_distribution_in_torch_is_galtons(monkeypatch, loss, w
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("loss", ["gaussian", pytest.param("hl-one-hot", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("loss", ["gaussian", "hl-one-hot"])
 def test_rollouts_with_a_learning_rate_that_decays_equal_sb3s(monkeypatch, loss):
     sides = Sides(monkeypatch, loss, total=4 * T * N)
     for left in (0.75, 0.5, 0.25, 0.0):

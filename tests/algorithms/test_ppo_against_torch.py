@@ -15,6 +15,8 @@ from galton.words import vocabulary
 
 from .minibatches import HIGH, LOW, NUMBERS, SIZE, K, N, T, agent_of, fit, moved, orders_of, prepare, rollout_of
 
+pytestmark = pytest.mark.usefixtures("double")
+
 HEADS = {"beta": "gaussian", "squashed-gaussian": "gaussian", "ordinal": "hl-one-hot", "rpo": "gaussian"}
 """Each with the loss that is −log π of it."""
 N_VALUES = 15
@@ -25,12 +27,6 @@ H = types.SimpleNamespace(**vocabulary().usual | NUMBERS | OWN | OF_VALUES)
 """All numbers of theirs, by name."""
 LOWS, HIGHS = torch.tensor(LOW), torch.tensor(HIGH)
 NODES, WEIGHTS = (torch.tensor(x) for x in np.polynomial.hermite_e.hermegauss(120))
-
-
-@pytest.fixture(autouse=True)
-def double():
-    with jax.enable_x64(True):
-        yield
 
 
 def beta(outputs, params):
@@ -153,13 +149,10 @@ def update(head, critic, params, batch, orders, moves):
 
 
 CASES = [(name, "squared-error") for name in HEADS] + [("beta", critic) for critic in TARGETS]
-FAST = ("beta", "hl-gauss")
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("name", "critic"), [pytest.param(*case, marks=[] if case == FAST else pytest.mark.slow) for case in CASES]
-)
+@pytest.mark.parametrize(("name", "critic"), CASES)
 def test_an_update_is_torchs(name, critic):
     of_critic = {"critic": critic, "n_value_bins": N_VALUES, **OF_VALUES} if critic in TARGETS else {}
     agent = agent_of(name, HEADS[name], normalize_advantage=True, **OWN, **of_critic)

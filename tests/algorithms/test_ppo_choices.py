@@ -2,7 +2,6 @@
 
 import itertools
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -11,6 +10,8 @@ from galton.algorithms import ppo
 
 from .minibatches import agent_of, check_equal, check_the_first_minibatch_is_a2cs
 from .test_ppo_gradients import clipped_surrogates_gradient, deep, gradient
+
+pytestmark = pytest.mark.usefixtures("double")
 
 CHOICES = {
     "awr": {"weighting": "awr"},
@@ -27,12 +28,6 @@ def words_of(name, ratio):
     """What an agent with one of CHOICES is made with."""
     temperature = {"temperature": 0.7} if "weighting" in CHOICES[name] else {}
     return {"eta": 1.0, "ratio": ratio} | temperature | CHOICES[name]
-
-
-@pytest.fixture(autouse=True)
-def double():
-    with jax.enable_x64(True):
-        yield
 
 
 ALL = list(itertools.product(CHOICES, [("hl-gauss", "smoothed"), ("hl-gauss-centred", "true")]))

@@ -30,6 +30,8 @@ from .minibatches import (
     rollout_of,
 )
 
+pytestmark = pytest.mark.usefixtures("double")
+
 FITTING = [
     (policy, loss)
     for loss, entry in LOSSES.items()
@@ -45,12 +47,6 @@ def cases(pairs, quick, ratios=("smoothed", "true")):
 
 
 LIKELIHOODS = [(policy, loss) for policy, loss in FITTING if loss in ("gaussian", "hl-one-hot")]
-
-
-@pytest.fixture(autouse=True)
-def double():
-    with jax.enable_x64(True):
-        yield
 
 
 @functools.cache

@@ -13,15 +13,11 @@ from galton.algorithms.vmpo import multiplier_loss, temperature_loss
 
 from .rollouts import HIGH, LOW, N, T, setup
 
+pytestmark = pytest.mark.usefixtures("double")
+
 OWN = {"algorithm": "v-mpo", "batch_size": T * N}
 ADVANTAGE = np.random.default_rng(0).gamma(1.5, 2.0, 64) - 3
 BETTER = np.sort(ADVANTAGE)[32:]
-
-
-@pytest.fixture(autouse=True)
-def double():
-    with jax.enable_x64(True):
-        yield
 
 
 def divergence_of_weights(temperature):

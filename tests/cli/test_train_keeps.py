@@ -255,6 +255,14 @@ def test_a_resumed_run_in_another_environment_is_refused_and_left_alone(earlier,
     assert content(out) == earlier
 
 
+def test_a_resumed_run_with_another_setting_is_refused_and_left_alone(earlier, tmp_path):
+    out = tmp_path / "run"
+    put_in(out, earlier)
+    with pytest.raises(UsageError, match="give the same options to resume it"):
+        galton_train(out, training=small(200, eta=0.5), resume=True)
+    assert content(out) == earlier
+
+
 def test_a_path_is_printed_as_it_is(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(Model, "learn", lambda model, *_, **__: model)
     monkeypatch.chdir(tmp_path)

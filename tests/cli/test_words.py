@@ -1,49 +1,18 @@
 """Messages in the words of the command line, and what comes near a wrong word."""
 
-import dataclasses
 import json
 import re
 import subprocess
 import sys
-from typing import Annotated
 
 import pytest
-import tyro
 
 from galton import UsageError
 from galton.cli import train, watch
-from galton.cli._words import Fills, in_its_words, options_of, resaid
+from galton.cli._words import in_its_words, resaid
 from galton.errors import did_you_mean, unknown
 from galton_experiments.commands import compare
 from galton_experiments.commands.sweep import run as sweep
-
-
-@dataclasses.dataclass
-class Inner:
-    n_steps: int = 1
-    loss: str = "a"
-
-
-@dataclasses.dataclass
-class Outer:
-    """Options with a place, with a name, and under another name than that of the argument."""
-
-    env: tyro.conf.Positional[Annotated[str, Fills("environment")]]
-    inner: Inner
-    losses: Annotated[tuple[str, ...], Fills("loss")] = ()
-    save_every: int = 1
-
-
-def test_a_record_knows_which_option_fills_which_argument():
-    assert options_of(Outer) == {
-        "env": "env",
-        "environment": "env",
-        "losses": "--losses",
-        "loss": "--losses",
-        "save_every": "--save-every",
-        "n_steps": "--n-steps",
-    }
-
 
 HELP = """
 import contextlib, importlib, io, json
@@ -109,7 +78,7 @@ def test_an_error_stays_what_it_is_but_for_its_words():
     class SpecialError(UsageError):
         """A kind of its own."""
 
-    with pytest.raises(SpecialError, match=r"^--n-steps is 3$"), in_its_words(Outer):
+    with pytest.raises(SpecialError, match=r"^--n-steps is 3$"), in_its_words(train.Options):
         raise SpecialError("n_steps is 3")
     with pytest.raises(UsageError, match=r"^n_steps is 3$"), in_its_words(None):
         raise UsageError("n_steps is 3")

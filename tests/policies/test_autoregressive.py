@@ -59,12 +59,6 @@ def enumerated(outputs, params):
 OUTPUTS = RNG.normal(size=D * K + M)
 
 
-@pytest.fixture
-def double():
-    with jax.enable_x64(True):
-        yield
-
-
 @pytest.mark.usefixtures("double")
 def test_probabilities_are_the_formulas_and_sum_to_one():
     policy, params = policy_of(), params_of()

@@ -7,15 +7,11 @@ import pytest
 
 from galton.policies import ClippedGaussian, Gaussian, SquashedGaussian
 
+pytestmark = pytest.mark.usefixtures("double")
+
 LOW, HIGH = np.array([-1.0]), np.array([1.5])
 Z = np.linspace(-8, 8, 40_001)
 WEIGHT = np.exp(-0.5 * Z**2) / np.exp(-0.5 * Z**2).sum()
-
-
-@pytest.fixture(autouse=True)
-def double():
-    with jax.enable_x64(True):
-        yield
 
 
 def gradients(make, mean, log_std, action):

@@ -27,12 +27,6 @@ def two(policy, outputs=None, **words):
     return made, [made.distribution(*both) for both in zip(outputs, params, strict=True)]
 
 
-@pytest.fixture
-def double():
-    with jax.enable_x64(True):
-        yield
-
-
 @pytest.mark.parametrize("words", [{}, {"box_units": 1.0}, {"state_dependent_std": True}], ids=str)
 def test_gaussians_is_torchs_and_its_parts_move_one_of_mean_and_std(double, words):
     _, (p, q) = two("gaussian", **words)

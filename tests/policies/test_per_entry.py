@@ -30,7 +30,7 @@ def test_a_list_has_a_value_for_each_number_and_a_dictionary_one_by_name_or_plac
     assert on(n_bins=(5, 9)).policy.sizes == (5, 9)
     assert on(n_bins={1: 9}).policy.sizes == (100, 9)
     assert on(per_entry=["1.n_bins=9"]).policy.sizes == (7, 9)
-    agent = on(NAMED, n_bins={"arm": 5, "3": 4} if False else {"arm": 5, "2": 9})
+    agent = on(NAMED, n_bins={"arm": 5, "2": 9})
     assert agent.policy.sizes == (5, 5, 9, 3)
     assert on(NAMED, bin_centers=(0, 0.5, 1)).policy.sizes == (3, 3, 3, 3)
     assert words_of(agent)["per_entry"] == ("arm.n_bins=5", "2.n_bins=9")

@@ -2,7 +2,6 @@ import json
 import os
 import pickle
 import zipfile
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -122,31 +121,35 @@ def test_how_a_header_is_laid_out_is_of_no_matter(tmp_path, small):
 
 
 class Bomb:
+    def __init__(self, crater):
+        self.crater = crater
+
     def __reduce__(self):
-        return os.system, ("touch /tmp/galton-was-here",)
+        return os.system, (f"touch {self.crater}",)
 
 
-def zipped(path):
+def zipped(path, crater):
     with zipfile.ZipFile(path, "w") as archive:
-        archive.writestr("../data.pkl", pickle.dumps(Bomb()))
+        archive.writestr("../data.pkl", pickle.dumps(Bomb(crater)))
     return path.read_bytes()
 
 
-def npz(path):
+def npz(path, crater):
     with path.open("wb") as file:
-        np.savez(file, allow_pickle=True, x=np.array([Bomb()], object))
+        np.savez(file, allow_pickle=True, x=np.array([Bomb(crater)], object))
     return path.read_bytes()
 
 
 def test_pickles_and_archives_are_refused_and_do_not_run(tmp_path):
+    crater = tmp_path / "it-was-here"
     for protocol in range(pickle.HIGHEST_PROTOCOL + 1):
-        bomb = pickle.dumps(Bomb(), protocol)
+        bomb = pickle.dumps(Bomb(crater), protocol)
         framed = frame(bomb), with_metadata(bomb.decode("latin-1")), len(bomb).to_bytes(8, "little") + bomb
         for content in (bomb, *framed):
             refuse(tmp_path / "file", content)
     for make in (zipped, npz):
-        refuse(tmp_path / "file", make(tmp_path / "archive"))
-    assert not Path("/tmp/galton-was-here").exists()
+        refuse(tmp_path / "file", make(tmp_path / "archive", crater))
+    assert not crater.exists()
 
 
 DEEP = b"[" * 100_000

@@ -1,15 +1,12 @@
-import ast
 import errno
 import io
 import os
 import platform
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 
-import galton
 from galton.saving import files
 
 
@@ -105,41 +102,3 @@ def test_a_line_that_does_not_fit_leaves_the_file_as_it_was(room, there, tmp_pat
     assert path.read_bytes() == there
     files.append_line(path, line)
     assert path.read_bytes().splitlines()[-1] == line.encode()
-
-
-WRITERS = {"write_text", "write_bytes", "savefig", "write_table", "open", "dump", "touch", "symlink_to"}
-WRITING = {
-    "galton/saving/files.py": {"write_bytes", "open"},  # this is the mechanism
-    "galton/callbacks.py": {"open"},  # a log: it is appended to, a line at a time
-    "galton/training/programs_on_disk.py": {"touch"},  # an empty file
-    "galton/cli/main.py": {"open"},  # os.devnull
-    "galton_experiments/commands/compare.py": {"write_table"},  # into a scratch file of `files.replacing`
-    "galton_experiments/sweep/parquet.py": {"write_table"},  # into memory
-    "galton_experiments/analysis/plots.py": {"savefig"},  # into memory
-}
-READERS = {"read_text", "read_bytes", "cat_file"}
-READING = {
-    "galton/training/programs_on_disk.py": {
-        "read_text",
-        "read_bytes",
-    },  # /proc, and what this user's processes compiled
-    "galton/training/programs.py": {"read_text", "read_bytes"},  # /proc
-    "galton/devices.py": {"read_text"},  # /sys
-    "galton/extras.py": {"read_text"},  # what pip notes of an installation
-    "galton_experiments/page/page.py": {"read_text"},  # of this package
-    "galton_experiments/page/quotes.py": {"read_text"},  # documents of Galton's own, for its developers
-    "galton_experiments/sweep/store.py": {"cat_file"},  # of an object store, which has nothing but files
-}
-
-
-def test_files_are_written_by_one_mechanism_and_what_may_be_a_strangers_is_read_by_one_function():
-    """What writes by itself can leave half of a file, and what reads by itself may wait for a pipe for ever."""
-    root, written, read = Path(galton.__file__).parents[1], {}, {}
-    for path in (*root.glob("galton/**/*.py"), *root.glob("galton_experiments/**/*.py")):
-        calls = [node.func for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.Call)]
-        names = {getattr(call, "attr", getattr(call, "id", None)) for call in calls}
-        for found, wanted in ((written, WRITERS), (read, READERS)):
-            if names & wanted:
-                found[path.relative_to(root).as_posix()] = names & wanted
-    assert written == WRITING
-    assert read == READING

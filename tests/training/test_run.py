@@ -129,7 +129,7 @@ def test_schedules_go_on_beyond_32_bits():
 
 
 NAMES = ("grad_norm", "entropy")
-FINISHED = Finished(
+ENDED = Finished(
     jnp.array([[False, True], [True, False], [False, True]]),
     jnp.array([[1.0, 10.0], [4.0, 0.5], [2.0, -3.0]]),
     jnp.array([[1, 7], [2, 1], [1, 3]]),
@@ -142,9 +142,9 @@ def of_two_updates():
         {"entropy": jnp.float32(1), "grad_norm": jnp.float32(3)},
         {"entropy": jnp.float32(2), "grad_norm": jnp.float32(5)},
     )
-    nobody = FINISHED._replace(done=jnp.zeros((3, 2), bool))
+    nobody = ENDED._replace(done=jnp.zeros((3, 2), bool))
     sums = nothing(NAMES)
-    for finished, scalars in zip((FINISHED, nobody), told, strict=True):
+    for finished, scalars in zip((ENDED, nobody), told, strict=True):
         sums = jax.tree.map(jnp.add, sums, tally(finished, scalars))
     return sums
 
@@ -159,7 +159,7 @@ def test_a_log_has_means_over_the_episodes_that_ended_and_over_the_updates():
 
 
 def test_without_an_episode_its_return_and_length_are_not_known():
-    sums = tally(FINISHED._replace(done=jnp.zeros((3, 2), bool)), dict.fromkeys(NAMES, jnp.float32(1)))
+    sums = tally(ENDED._replace(done=jnp.zeros((3, 2), bool)), dict.fromkeys(NAMES, jnp.float32(1)))
     log = summarise(sums, NAMES, {})
     assert log.n_episodes == 0
     assert np.isnan([log.training_return, log.episode_length]).all()

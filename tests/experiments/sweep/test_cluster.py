@@ -167,16 +167,6 @@ def test_no_scheduler_and_missing_files_are_told(tmp_path, monkeypatch):
         pass
 
 
-@pytest.mark.slow
-def test_a_sweep_that_cannot_be_carried_out_leaves_no_folder(tmp_path):
-    command = [sys.executable, "-m", "galton", "sweep", "bandit", "--trials", "1", "--out", tmp_path / "out"]
-    command += ["--scheduler", "tls://127.0.0.1:1", "--tls", "keys"]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120, cwd=tmp_path)
-    assert (done.returncode, done.stderr.count("\n")) == (2, 1), done.stderr
-    assert "holds no ca.pem" in done.stderr
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_a_scheduler_that_does_not_answer_leaves_no_plan(tmp_path, monkeypatch):
     """Which the next call, of another grid perhaps, would meet."""
     monkeypatch.setattr(cluster, "PATIENCE", 0.5)

@@ -154,7 +154,7 @@ def is_worker(process_id):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_an_interrupt_is_clean_and_says_how_to_go_on(tmp_path, grid, programs, reference, number):
     out = tmp_path / "out"
     process = start(out, grid, programs)
@@ -171,20 +171,6 @@ def test_an_interrupt_is_clean_and_says_how_to_go_on(tmp_path, grid, programs, r
     assert not list(out.glob(f"**/{SCRATCH}*"))
     finish(out, grid, programs)
     assert (out / results.FILE).read_bytes() == reference
-
-
-@pytest.mark.slow
-def test_a_second_sweep_on_the_folder_is_refused_at_once(tmp_path, grid, programs):
-    out = tmp_path / "out"
-    first = start(out, grid, programs)
-    while not (out / "plan.parquet").exists():
-        time.sleep(0.05)
-    _, errors = (second := start(out, grid, programs)).communicate(timeout=60)
-    assert second.returncode == 2
-    assert "another process runs a sweep" in errors
-    assert first.poll() is None
-    os.killpg(first.pid, signal.SIGKILL)
-    first.communicate()
 
 
 @pytest.mark.slow

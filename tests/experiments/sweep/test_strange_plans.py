@@ -78,6 +78,10 @@ RECORDS = {
     "trials of text": (lambda record: record.update(trials="3"), "trials"),
     "imports of a number": (constants(imports=7), "TypeError"),
     "another field": (constants(extra=7), "which this version of Galton does not know"),
+    "another setting": (
+        lambda record: record["settings"]["same"].update(newer=1),
+        "which this version of Galton does not know",
+    ),
     "a list for the plan": (lambda record: record.clear(), "KeyError"),
 }
 
