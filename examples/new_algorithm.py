@@ -31,7 +31,6 @@ class AWR(galton.Algorithm):
         return {"size": jnp.ones(())}
 
     def update(self, agent, learner, batch, key):
-        del key
         observation, following, action = map(flatten, (batch.observation, batch.next_observation, batch.action))
         values = actor_critic.value(agent, learner.params, observation)
         next_values = actor_critic.value(agent, learner.params, following)

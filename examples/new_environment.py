@@ -31,12 +31,10 @@ class Pendulum:
 
     def noise(self, key):
         """None."""
-        del key
         return ()
 
     def step(self, state, action, noise):
         """0.05 s."""
-        del noise
         angle, velocity = state
         wrapped = (angle + jnp.pi) % (2 * jnp.pi) - jnp.pi
         cost = wrapped**2 + 0.1 * velocity**2 + 0.001 * action[0] ** 2

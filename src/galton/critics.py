@@ -28,7 +28,6 @@ class Critic(Part, abc.ABC):
 
     def check(self, normalize_reward: bool) -> None:
         """Raise UsageError where it doesn't fit the rewards that it sees."""
-        del normalize_reward
 
     @property
     @abc.abstractmethod

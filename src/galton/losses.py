@@ -60,7 +60,6 @@ class Loss(Part, abc.ABC):
 
     def bias(self, distribution: Any) -> Weights | float:
         """Return what an error of the baseline adds to the mean logit gradient, for each unit that it is off."""
-        del distribution
         return 0.0
 
     def of_negatives(self, distribution: Any, action: Float[Array, "*batch d"]) -> Losses | None:
@@ -210,7 +209,6 @@ class HLGaussCentred(HLGauss):
 
     def bias(self, distribution: Histogram) -> Weights | float:
         """Nothing: centring takes it away."""
-        del distribution
         return 0.0
 
 

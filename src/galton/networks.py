@@ -48,7 +48,6 @@ class Network(Part, abc.ABC):
 
     def lipschitz(self, layers: Layers, observation: Float[Array, " o"]) -> Float[Array, ""] | None:
         """The least l with ‖∇_φ w_jᵀ f_φ(s)‖ ≤ l for every output j; None for a network of which nobody has said it."""
-        del layers, observation
         return None
 
 
@@ -143,7 +142,6 @@ class FlaxNetwork(Network):
 
     def init(self, key: Key[Array, ""], n_in: int, n_out: int, last_scale: float, of_critic: bool) -> Layers:
         """The module's own first variables, and a last layer on its features."""
-        del of_critic
         first, last = jax.random.split(key)
         x = jnp.zeros(n_in)
         variables = self.module.init(first, x)

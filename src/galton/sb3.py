@@ -128,7 +128,6 @@ class _Spaces(Env):
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> Any:
         """UsageError, which says what can be stepped."""
-        del seed, options
         raise UsageError(
             "the environment of get_env() tells spaces alone, for the model's own is training's; make another to step, "
             "or play episodes with model.evaluate"

@@ -11,7 +11,8 @@ import pytest
 import galton
 from galton import UsageError
 from galton.envs import DriftingBandit, JaxTask, SwitchingLQR, make
-from galton.envs.changing import gains, reflected
+from galton.envs.changing import reflected
+from galton.envs.lqr import riccati
 from galton.training.population import populate
 
 CHANGES = ("reversal", "rotation", "radius", "cost")
@@ -83,7 +84,7 @@ def test_regret_is_the_distance_of_a_policys_cost_from_the_optimum(change, phase
     """Without noise, exactly: Bellman's equation says it step by step, here in float64."""
     lqr = SwitchingLQR(change=change).phases[phase]
     A, B, Q, R = (np.array(getattr(lqr, name)) for name in "ABQR")
-    of_steps, weights = gains(lqr)
+    of_steps, weights, _ = zip(*riccati(lqr)[::-1], strict=True)
     rng, x = np.random.default_rng(0), np.array([0.7, -0.3])
 
     def cost_from(x, controller):

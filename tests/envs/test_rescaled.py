@@ -1,11 +1,13 @@
 """An environment in other units of the action."""
 
+import gymnasium
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import galton
+from galton.envs import JaxTask
 from galton.envs.find import find
 from galton.envs.lqr import LQR
 from galton.errors import UsageError
@@ -53,6 +55,12 @@ def test_what_is_done_is_the_action_over_the_scale():
         np.testing.assert_array_equal(ours, theirs)
     np.testing.assert_array_equal(wide.actions.high, [4.0, 4.0])
     assert wide.record == plain
+
+    class Spaced(LQR):
+        action_space = gymnasium.spaces.Box(-1, 1, (2,))
+
+    found = JaxTask(Spaced(), 4.0).step(state, 4 * action, noise)[0]
+    np.testing.assert_array_equal(found, plain.step(state, action, noise)[0])
     task = find("Pendulum-v1", action_scale=2.0)
     assert (task.actions.space.low, task.actions.space.high) == (-4.0, 4.0)
     twins = task.make(1), find("Pendulum-v1").make(1)

@@ -9,7 +9,7 @@ from galton.algorithms import A2C
 from galton.envs import LQR
 from galton.schedules import Linear, Step
 from galton.training.log import Finished, nothing, summarise, tally
-from galton.training.run import begin, learn, read_log, restored, rollout_key, step_of, stored, without_keys
+from galton.training.run import begin, learn, read_log, restored, rollout_key, step_of, stored
 from galton.types import Transition
 
 from ..agents import agent
@@ -46,7 +46,7 @@ def numbers(key):
 
 
 def test_a_seed_is_a_run_with_keys_apart_for_training_evaluation_and_first_episodes():
-    assert bits(without_keys(new(1))) == bits(without_keys(new(1)))
+    assert bits(stored(AGENT, new(1))) == bits(stored(AGENT, new(1)))
     assert bits(new(1).learner) != bits(new(2).learner)
     assert numbers(new(1).key) != numbers(new(2).key)
     run, episodes_key = begin(AGENT, 2, jnp.uint32(0))
@@ -111,7 +111,7 @@ def test_a_log_empties_the_books_and_knows_nothing_of_a_diverged_run(scale):
 
 def test_keys_survive_as_plain_numbers_and_counts_as_environment_steps():
     run = new(7)._replace(updates=jnp.int32(10**9), diverged_at=jnp.int32(3))
-    kept = stored(AGENT, jax.tree.map(np.asarray, without_keys(run)))
+    kept = jax.tree.map(np.asarray, stored(AGENT, run))
     assert (int(kept.step), int(kept.diverged_at)) == (8 * 10**9, 24)
     back = restored(AGENT, kept)
     assert numbers(rollout_key(AGENT, back)) == numbers(rollout_key(AGENT, run))

@@ -97,7 +97,6 @@ class Algorithm(Part, abc.ABC):
 
     def init(self, agent: "Agent", params: Params) -> PyTree[Array]:
         """An algorithm begins with this memory, which is `learner.memory["algorithm"]` from there on."""
-        del agent, params
         return ()
 
     @abc.abstractmethod
@@ -111,7 +110,6 @@ class Algorithm(Part, abc.ABC):
 
     def at(self: AlgorithmT, step: Float[Array, ""], frozen: Bool[Array, ""]) -> AlgorithmT:
         """The algorithm of the update at this step, which moves no parameter of a frozen run but by the optimizer."""
-        del step, frozen
         return self
 
     def check(self, agent: "Agent") -> None:

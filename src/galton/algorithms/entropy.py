@@ -58,7 +58,6 @@ class Entropy(Part):
 
     def check(self, rows: int, remedy: str) -> None:
         """Raise UsageError unless a gradient step has rows enough."""
-        del rows, remedy
 
     def init(self) -> Dual:
         """The first dual variable."""
@@ -66,7 +65,6 @@ class Entropy(Part):
 
     def at(self, step: Float[Array, ""], frozen: Bool[Array, ""]) -> "Entropy":
         """The entropy to hold at the update at this step; a frozen run's dual variable stays."""
-        del step, frozen
         return self
 
     def coefficient(
@@ -78,17 +76,14 @@ class Entropy(Part):
         weight: Float[Array, " B"],
     ) -> Number | None:
         """The weight of the entropy in a gradient step; None is 0."""
-        del policy, dual, distribution, weight
         return ent_coef
 
     def follow(self, policy: Policy, dual: Dual, entropy: Scalar, going: Bool[Array, ""]) -> Dual:
         """The dual variable after a step at this entropy."""
-        del policy, entropy, going
         return dual
 
     def told(self, policy: Policy, dual: Dual, entropy: Scalar) -> dict[str, Scalar]:
         """The numbers that are told of a step, under the names of `scalars`."""
-        del policy, dual, entropy
         return {}
 
 

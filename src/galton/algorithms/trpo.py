@@ -82,7 +82,6 @@ class TRPO(Algorithm):
 
     def at(self, step: Scalar, frozen: Bool[Array, ""]) -> "TRPO":
         """The same algorithm, whose policy stays where it is in a frozen run."""
-        del step
         return self.replace(max_kl=jnp.where(frozen, 0.0, self.max_kl))
 
     def check(self, agent: Agent) -> None:
@@ -100,12 +99,12 @@ class TRPO(Algorithm):
     ) -> tuple[Params, Scalars]:
         """The parameters after the step, the critic's as they were."""
         own = {name: part for name, part in params.items() if name != "critic"}
-        old = _distribution(agent, _seen(agent, own, observation), action)
+        old: Any = actor_critic.as_update_sees(agent, *_seen(agent, own, observation), action)
         target = agent.loss.target(old, action)
         sampled = minibatches.loss(agent, old, action, target)
 
         def surrogate(own: Params) -> tuple[Scalar, Scalar]:
-            new = _distribution(agent, _seen(agent, own, observation), action)
+            new = actor_critic.as_update_sees(agent, *_seen(agent, own, observation), action)
             gain = jnp.mean(weight * jnp.exp(sampled - minibatches.loss(agent, new, action, target)))
             bonus, regularizer = self.ent_coef, agent.loss.regularizer(new)
             gain = gain if bonus is None else gain + bonus * jnp.mean(new.entropy())
@@ -177,18 +176,9 @@ class Step(NamedTuple):
     is_good: Bool[Array, ""]
 
 
-Seen = tuple[Float[Array, "B n_outputs"], Params]
-"""A policy makes its distributions of these: the network's outputs, and its own parameters."""
-
-
-def _seen(agent: Agent, own: Params, observation: Float[Array, "B o"]) -> Seen:
-    return actor_critic.actor_outputs(agent, own, observation), {
-        name: part for name, part in own.items() if name != "actor"
-    }
-
-
-def _distribution(agent: Agent, seen: Seen, action: Float[Array, "B d"]) -> Any:
-    return actor_critic.as_update_sees(agent, *seen, action)
+def _seen(agent: Agent, own: Params, observation: Float[Array, "B o"]) -> tuple[Float[Array, "B n_outputs"], Params]:
+    """A policy makes its distributions of these: the network's outputs, and its own parameters."""
+    return actor_critic.actor_outputs(agent, own, observation), {name: own[name] for name in own if name != "actor"}
 
 
 def fisher(
@@ -204,8 +194,8 @@ def fisher(
     """
     seen, pulled = jax.vjp(lambda own: _seen(agent, own, observation), own)
     pushed = jax.linear_transpose(lambda slope: pulled(slope)[0], seen)  # networks have no forward mode of their own
-    old = _distribution(agent, seen, action)
-    slope = jax.grad(lambda seen: jnp.mean(old.kl(_distribution(agent, seen, action))))
+    old: Any = actor_critic.as_update_sees(agent, *seen, action)
+    slope = jax.grad(lambda seen: jnp.mean(old.kl(actor_critic.as_update_sees(agent, seen[0], seen[1], action))))
 
     def product(v: Params) -> Params:
         curved = jax.jvp(slope, (seen,), pushed(v))[1]

@@ -135,7 +135,7 @@ class VMPO(Algorithm):
             outputs = actor_critic.actor_outputs(agent, params, rows.observation)
             distribution: Any = actor_critic.as_update_sees(agent, outputs, params, rows.action)
             parts = sampling.kl_parts(distribution)
-            over = [part.mean() / self._bounds.get(name, self.max_kl) for name, part in parts.items()]
+            over = [part.mean() / (self.max_kl_std if name == "std" else self.max_kl) for name, part in parts.items()]
             return Step(share, jnp.stack(over).max(), sampling.kl(distribution).mean())
 
         def shorter(step: Step) -> Step:  # near the old policy a divergence grows like the square of a step
@@ -144,11 +144,6 @@ class VMPO(Algorithm):
         first = tried(jnp.ones(()))
         step = jax.lax.while_loop(lambda step: (step.over > 1) & (step.share > 1e-6), shorter, first)
         return moved(step.share), {"kl": step.kl, "step_share": step.share}
-
-    @property
-    def _bounds(self) -> Mapping[str, Any]:
-        """The divergences that have a bound of their own."""
-        return {"std": self.max_kl_std}
 
     def _minibatch(
         self, agent: Agent, old: Params, carry: tuple[Learner, Array], rows: Rows
@@ -165,7 +160,7 @@ class VMPO(Algorithm):
             sampling: Any = actor_critic.as_update_sees(agent, rows.outputs, old, rows.action)
             of_temperature, weight = temperature_loss(duals["temperature"], advantage, self.weights_kl)
             parts = {name: part.mean() for name, part in sampling.kl_parts(distribution).items()}
-            of_kl = multiplier_loss(duals["multipliers"], parts, self._bounds, self.max_kl)
+            of_kl = multiplier_loss(duals["multipliers"], parts, {"std": self.max_kl_std}, self.max_kl)
             loss, critic_loss = agent.loss(distribution, rows.action), agent.critic.loss(estimates, rows.returns)
             own = actor_critic.objective(agent, learner, distribution, loss, weight, critic_loss)
             return own.total + of_temperature + of_kl, own

@@ -35,14 +35,12 @@ class Acrobot:
 
     def noise(self, key: Key[Array, ""]) -> tuple[()]:
         """No noise, (), since the dynamics are deterministic."""
-        del key
         return ()
 
     def step(
         self, state: Float[Array, " 4"], action: Float[Array, " 1"], noise: tuple[()]
     ) -> tuple[Float[Array, " 4"], Float[Array, ""], Bool[Array, ""]]:
         """One Runge-Kutta step of 0.2 s."""
-        del noise
         torque = jnp.clip(action[0], -1.0, 1.0)
         k1 = _derivative(state, torque)
         k2 = _derivative(state + DT / 2 * k1, torque)

@@ -22,6 +22,10 @@ class OneStep(abc.ABC):
     d: int
     noise_std: float
 
+    def __post_init__(self) -> None:
+        require_integer("d", self.d, 1)
+        require(0 <= self.noise_std < float("inf"), f"noise_std is {self.noise_std}; it must be 0 or more")
+
     @abc.abstractmethod
     def worth(self, action: Float[Array, "*batch d"]) -> Float[Array, "*batch"]:
         """The expected reward of an action."""
@@ -38,7 +42,6 @@ class OneStep(abc.ABC):
 
     def reset(self, key: Key[Array, ""]) -> Float[Array, " 1"]:
         """The one state that there is."""
-        del key
         return jnp.ones(1)
 
     def noise(self, key: Key[Array, ""]) -> Float[Array, ""]:
@@ -72,10 +75,6 @@ class Bandit(OneStep):
     optimal_return = 25.0
     random_return = 25.0 - (25.0 + 100.0 / 3)
     """E (a − 5)² = 5² + Var a."""
-
-    def __post_init__(self) -> None:
-        require_integer("d", self.d, 1)
-        require(0 <= self.noise_std < float("inf"), f"noise_std is {self.noise_std}; it must be 0 or more")
 
     def worth(self, action: Float[Array, "*batch d"]) -> Float[Array, "*batch"]:
         """25 − (1/d) Σ (a_i − 5)²."""

@@ -87,8 +87,7 @@ def _kept(env: Any) -> Kept:
 def _places(state: Any, name: str) -> list[int]:
     """The places of one field's leaves among all leaves of a state."""
     numbers = jax.tree.unflatten(jax.tree.structure(state), range(len(jax.tree.leaves(state))))
-    found: list[int] = jax.tree.leaves(getattr(numbers, name))
-    return found
+    return jax.tree.leaves(getattr(numbers, name))
 
 
 @dataclasses.dataclass(frozen=True, repr=False)
@@ -126,14 +125,12 @@ class BraxLike(OtherRecord):
 
     def noise(self, key: Key[Array, ""]) -> tuple[()]:
         """Nothing: a state holds the key of what is random."""
-        del key
         return ()
 
     def step(
         self, state: tuple[Array, ...], action: Float[Array, " d"], noise: tuple[()]
     ) -> tuple[tuple[Array, ...], Float[Array, ""], Bool[Array, ""]]:
         """One step of the bare environment."""
-        del noise
         after = self.held.env.step(self.kept.whole(state), action)
         return self.kept.taken(after), jnp.asarray(after.reward, float), after.done > 0.5
 

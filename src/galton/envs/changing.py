@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int, Key
 
 from galton.envs.base import box
-from galton.envs.lqr import LQR
+from galton.envs.lqr import LQR, riccati
 from galton.errors import require, require_integer
 
 
@@ -103,7 +103,6 @@ class DriftingBandit(_Changing):
 
     def reset(self, key: Key[Array, ""]) -> Moment:
         """The one state that there is, before any change."""
-        del key
         zero = jnp.int32(0)
         return Moment(jnp.ones(1), zero, zero, jnp.full(self.d, self.size), jnp.zeros(()))
 
@@ -164,6 +163,9 @@ class SwitchingLQR(_Changing):
     max_episode_steps: int = 100
     """The length of every episode."""
 
+    action_low, action_high = box(-1.0, 2), box(1.0, 2)
+    observation_low, observation_high = LQR().observation_low, LQR().observation_high
+
     def __post_init__(self) -> None:
         kinds = ("reversal", "rotation", "radius", "cost")
         require(self.change in kinds, f"change is {self.change!r}; choose from {', '.join(kinds)}")
@@ -187,27 +189,8 @@ class SwitchingLQR(_Changing):
     def _solved(self) -> tuple[np.ndarray, ...]:
         """A, B, Q, R, the optimal gains and the weights of regret, each with both phases first."""
         matrices = [np.array([getattr(lqr, name) for lqr in self.phases]) for name in "ABQR"]
-        return *matrices, *(np.array(both) for both in zip(*map(gains, self.phases), strict=True))
-
-    @property
-    def action_low(self) -> Float[np.ndarray, " m"]:
-        """The lower bound, −1 in both dimensions."""
-        return box(-1.0, 2)
-
-    @property
-    def action_high(self) -> Float[np.ndarray, " m"]:
-        """The upper bound, 1 in both dimensions."""
-        return box(1.0, 2)
-
-    @property
-    def observation_low(self) -> Float[np.ndarray, " n"]:
-        """The state is unbounded: the least float32."""
-        return self.phases[0].observation_low
-
-    @property
-    def observation_high(self) -> Float[np.ndarray, " n"]:
-        """The state is unbounded: the greatest float32."""
-        return self.phases[0].observation_high
+        steps = [riccati(lqr)[::-1] for lqr in self.phases]
+        return *matrices, *(np.array([[step[i] for step in phase] for phase in steps]) for i in (0, 1))
 
     @property
     def optimal_return(self) -> float:
@@ -248,19 +231,3 @@ class SwitchingLQR(_Changing):
     def observe(self, state: Moment) -> Float[Array, " n"]:
         """The agent sees the regulator's state, and not the phase."""
         return state.state
-
-
-def gains(lqr: LQR) -> tuple[Float[np.ndarray, "T m n"], Float[np.ndarray, "T m m"]]:
-    """For each step of an episode K and M: u* = −K x is the best action, and (u − u*)ᵀ M (u − u*) what another costs.
-
-    Riccati's recursion backwards from P = 0, with M = R + Bᵀ P B.
-    """
-    A, B, Q, R = (np.array(matrix) for matrix in (lqr.A, lqr.B, lqr.Q, lqr.R))  # noqa: N806
-    P, found = np.zeros_like(A), []  # noqa: N806
-    for _ in range(lqr.max_episode_steps):
-        weight = R + B.T @ P @ B
-        gain = np.linalg.solve(weight, B.T @ P @ A)
-        found.append((gain, weight))
-        P = Q + A.T @ P @ (A - B @ gain)  # noqa: N806
-    gain, weight = (np.array(each[::-1]) for each in zip(*found, strict=True))
-    return gain, weight

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from galton.envs.bandit import OneStep
-from galton.errors import require, require_integer
+from galton.errors import require
 
 
 @dataclasses.dataclass(frozen=True)
@@ -28,9 +28,6 @@ class XorBandit(OneStep):
     d = 2
     optimal_return = 1.0
     random_return = 0.5
-
-    def __post_init__(self) -> None:
-        require(0 <= self.noise_std < float("inf"), f"noise_std is {self.noise_std}; it must be 0 or more")
 
     def worth(self, action: Float[Array, "*batch 2"]) -> Float[Array, "*batch"]:
         """1 if the signs differ, and else 0."""
@@ -77,12 +74,11 @@ class RidgeBandit(OneStep):
     optimal_return = 0.0
 
     def __post_init__(self) -> None:
-        require_integer("d", self.d, 1)
+        super().__post_init__()
         for name in ("along", "across"):
             value = getattr(self, name)
             require(0 < value < float("inf"), f"{name} is {value}; it must be greater than 0")
         require(-1 <= self.center <= 1, f"center is {self.center}; it must lie in [−1, 1]")
-        require(0 <= self.noise_std < float("inf"), f"noise_std is {self.noise_std}; it must be 0 or more")
 
     @property
     def curvature(self) -> Float[np.ndarray, "d d"]:

@@ -42,8 +42,7 @@ class Gymnax(OtherRecord):
 
     def reset(self, key: Key[Array, ""]) -> tuple[Array, PyTree[Array]]:
         """The first observation and state."""
-        found: tuple[Array, PyTree[Array]] = self.env.reset_env(key, self.params)
-        return found
+        return self.env.reset_env(key, self.params)
 
     def noise(self, key: Key[Array, ""]) -> Key[Array, ""]:
         """The key of the step, since gymnax draws inside of it."""

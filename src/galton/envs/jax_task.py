@@ -94,8 +94,7 @@ class JaxTask:
 
     def carried(self, ended: PyTree[Array], fresh: PyTree[Array]) -> PyTree[Array]:
         """The first state of the next episode: a fresh one, with what the record carries over into it."""
-        following: PyTree[Array] = self.record.carried(ended, fresh) if self.is_carried else fresh
-        return following
+        return self.record.carried(ended, fresh) if self.is_carried else fresh
 
     def metrics(self, state: PyTree[Array]) -> dict[str, Float[Array, ""]]:
         """The numbers that the record tells of a state for the log, by the names of its columns."""
@@ -110,7 +109,6 @@ class JaxTask:
 
     def make(self, n_copies: int, n_threads: int = 1) -> "RecordEnvironments":
         """As many copies as they get seeds, to step from Python: each step is a call of a compiled program."""
-        del n_copies, n_threads
         return RecordEnvironments(self)
 
     def step(
@@ -118,10 +116,8 @@ class JaxTask:
     ) -> tuple[PyTree[Array], Float[Array, ""], Bool[Array, ""]]:
         """One step of the record under a policy's action, as the record's space has it, clipped into its box."""
         if getattr(self.record, "action_space", None) is not None:
-            return self.record.step(state, self.actions.in_jax(action), noise)
+            return self.record.step(state, self.actions.to_env(action), noise)
         low, high, scale = self.record.action_low, self.record.action_high, np.float32(self.action_scale)
-        if scale == 1:
-            return self.record.step(state, jnp.clip(action, low, high), noise)
         return self.record.step(state, jnp.clip(action, low * scale, high * scale) / scale, noise)
 
     def __eq__(self, other: object) -> bool:
@@ -214,7 +210,6 @@ class RecordEnvironments:
 
     def set_state(self, state: dict[str, np.ndarray]) -> None:
         """Always a UsageError, since `get_state` tells none."""
-        del state
         raise UsageError("a record stepped from Python can't be put into a state")
 
     def close(self) -> None:
@@ -245,8 +240,7 @@ def _step(
 
     def renewed(states: PyTree[Array]) -> PyTree[Array]:
         fresh = jax.vmap(task.carried)(states, jax.vmap(env.reset)(reset_keys))
-        chosen: PyTree[Array] = jax.tree.map(lambda f, s: jax.vmap(jnp.where)(ended, f, s), fresh, states)
-        return chosen
+        return jax.tree.map(lambda f, s: jax.vmap(jnp.where)(ended, f, s), fresh, states)
 
     states = jax.lax.cond(ended.any(), renewed, lambda states: states, states)
     return (

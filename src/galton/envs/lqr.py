@@ -104,15 +104,10 @@ class LQR:
     def optimal_return(self) -> float:
         """E −Σ_t cost under the optimal controller: exact where it stays inside the box, else an upper bound.
 
-        Riccati's recursion backwards from P_T = 0; the cost to go from x at step t is xᵀP_t x + c_t.
+        The cost to go from x at step t is xᵀP_t x + c_t.
         """
-        A, B, Q, R = (np.array(matrix) for matrix in (self.A, self.B, self.Q, self.R))  # noqa: N806
-        P, c = np.zeros_like(A), 0.0  # noqa: N806
-        for _ in range(self.max_episode_steps):
-            c += self.noise_std**2 * np.trace(P)
-            gain = np.linalg.solve(R + B.T @ P @ B, B.T @ P @ A)
-            P = Q + A.T @ P @ (A - B @ gain)  # noqa: N806
-        return -float(np.trace(P) / 3 + c)
+        *later, first = (P for _, _, P in riccati(self))
+        return -float(np.trace(first) / 3 + sum(self.noise_std**2 * np.trace(P) for P in later))
 
     @functools.cached_property
     def random_return(self) -> float:
@@ -132,3 +127,18 @@ class LQR:
             total -= np.trace(Q @ second_moment) + variance * np.trace(R)
             second_moment = A @ second_moment @ A.T + variance * B @ B.T + self.noise_std**2 * np.eye(len(A))
         return float(total)
+
+
+def riccati(lqr: LQR) -> list[tuple[Float[np.ndarray, "m n"], Float[np.ndarray, "m m"], Float[np.ndarray, "n n"]]]:
+    """K, M = R + Bᵀ P' B and P of each step, from the last to the first: Riccati's recursion from P' = 0 after it.
+
+    u* = −K x is the best action, (u − u*)ᵀ M (u − u*) what another costs, and xᵀ P x the cost to go, but for noise.
+    """
+    A, B, Q, R = (np.array(matrix) for matrix in (lqr.A, lqr.B, lqr.Q, lqr.R))  # noqa: N806
+    P, found = np.zeros_like(A), []  # noqa: N806
+    for _ in range(lqr.max_episode_steps):
+        weight = R + B.T @ P @ B
+        gain = np.linalg.solve(weight, B.T @ P @ A)
+        P = Q + A.T @ P @ (A - B @ gain)  # noqa: N806
+        found.append((gain, weight, P))
+    return found

@@ -34,14 +34,12 @@ class MountainCar:
 
     def noise(self, key: Key[Array, ""]) -> tuple[()]:
         """No noise, (), since the car is deterministic."""
-        del key
         return ()
 
     def step(
         self, state: Float[Array, " 2"], action: Float[Array, " 1"], noise: tuple[()]
     ) -> tuple[Float[Array, " 2"], Float[Array, ""], Bool[Array, ""]]:
         """Push, roll, stop at the left wall."""
-        del noise
         position, velocity = state
         force = jnp.clip(action[0], -1.0, 1.0)
         velocity = velocity + (force * POWER - GRAVITY * jnp.cos(3 * position))

@@ -31,7 +31,7 @@ def make(name: str, **options: Any) -> Any:
     except TypeError:
         raise UsageError(f"env_kwargs is {options} for {name!r}; give numbers, texts and tuples of them") from None
     with needed(f"environment {name!r}", MODULES.get(library, library)):
-        return MAKERS[library](task, dict(options))
+        return MAKERS[library](task, **dict(sorted(options.items())))
 
 
 def _known(library: str, task: str, names: Sequence[str]) -> None:
@@ -47,14 +47,15 @@ def _made(name: str, maker: Callable[[], Any]) -> Any:
         raise UsageError(f"environment {name!r} can't be made: {type(error).__name__}: {error}") from error
 
 
-def _gymnax(task: str, options: dict[str, Any]) -> Gymnax:
+@functools.cache
+def _gymnax(task: str, /, max_episode_steps: int | None = None, **constants: Any) -> Gymnax:
     import gymnax
 
     name = f"gymnax:{task}"
     _known("gymnax", task, gymnax.registered_envs)
-    env, params = _gymnax_env(task)
-    limit = options.pop("max_episode_steps", int(params.max_steps_in_episode))
-    params = _made(name, lambda: params.replace(**options))
+    env, usual = gymnax.make(task)
+    limit = int(usual.max_steps_in_episode) if max_episode_steps is None else max_episode_steps
+    params = _made(name, lambda: usual.replace(**constants))
     space, own = env.action_space(params), params.replace(max_steps_in_episode=limit)
     kind = type(space).__name__
     require(kind in ("Box", "Discrete"), f"environment {name!r} has actions {kind}; Galton acts in Box and Discrete")
@@ -65,72 +66,38 @@ def _gymnax(task: str, options: dict[str, Any]) -> Gymnax:
 
 
 @functools.cache
-def _gymnax_env(task: str) -> tuple[Any, Any]:
-    import gymnax
-
-    found: tuple[Any, Any] = gymnax.make(task)
-    return found
-
-
-def _brax(task: str, options: dict[str, Any]) -> BraxLike:
+def _brax(task: str, /, max_episode_steps: int = 1000, observation: str | None = None, **own: Any) -> BraxLike:
     from brax import envs
 
+    name = f"brax:{task}"
     _known("brax", task, [*envs._envs])
-    return _brax_record(task, tuple(sorted(options.items())))
+    return of_brax(_made(name, lambda: envs.get_environment(task, **own)), name, max_episode_steps, observation)
 
 
 @functools.cache
-def _brax_record(task: str, options: tuple[tuple[str, Any], ...]) -> BraxLike:
-    from brax import envs
-
-    own, name = dict(options), f"brax:{task}"
-    limit, part = own.pop("max_episode_steps", 1000), own.pop("observation", None)
-    return of_brax(_made(name, lambda: envs.get_environment(task, **own)), name, limit, part)
-
-
-def _playground(task: str, options: dict[str, Any]) -> BraxLike:
+def _playground(
+    task: str, /, max_episode_steps: int | None = None, observation: str | None = None, **own: Any
+) -> BraxLike:
     from mujoco_playground import registry
 
+    name = f"playground:{task}"
     _known("playground", task, registry.ALL_ENVS)
-    return _playground_record(task, tuple(sorted(options.items())))
+    usual = registry.get_default_config(task).episode_length
+    limit = usual if max_episode_steps is None else max_episode_steps
+    env = _made(name, lambda: registry.load(task, config_overrides={"impl": "jax"} | own))
+    return of_brax(env, name, limit, observation)
 
 
 @functools.cache
-def _playground_record(task: str, options: tuple[tuple[str, Any], ...]) -> BraxLike:
-    from mujoco_playground import registry
-
-    own, name = dict(options), f"playground:{task}"
-    part = own.pop("observation", None)
-    limit = own.pop("max_episode_steps", registry.get_default_config(task).episode_length)
-    overrides = {"impl": "jax"} | own
-    env = _made(name, lambda: registry.load(task, config_overrides=overrides))
-    return of_brax(env, name, limit, part)
-
-
-def _mjx(task: str, options: dict[str, Any]) -> BraxLike:
-    from galton.envs.mjx import TASKS
+def _mjx(task: str, /, max_episode_steps: int = 1000, **own: Any) -> BraxLike:
+    from galton.envs.mjx import TASKS, Runner
 
     _known("mjx", task, TASKS)
-    return _mjx_record(task, tuple(sorted(options.items())))
-
-
-@functools.cache
-def _mjx_record(task: str, options: tuple[tuple[str, Any], ...]) -> BraxLike:
-    from galton.envs.mjx import Runner
-
-    own = dict(options)
-    limit = own.pop("max_episode_steps", 1000)
-    name = f"mjx:{task}"
-    require(not own, f"env_kwargs has {', '.join(own)} for {name!r}, which takes max_episode_steps alone")
-    return of_brax(Runner(task), name, limit)
+    require(not own, f"env_kwargs has {', '.join(own)} for 'mjx:{task}', which takes max_episode_steps alone")
+    return of_brax(Runner(task), f"mjx:{task}", max_episode_steps)
 
 
 MODULES = {"playground": "mujoco_playground", "mjx": "mujoco.mjx"}
 """The modules of libraries that have other names."""
-MAKERS: dict[str, Callable[[str, dict[str, Any]], Any]] = {
-    "gymnax": _gymnax,
-    "brax": _brax,
-    "playground": _playground,
-    "mjx": _mjx,
-}
+MAKERS: dict[str, Callable[..., Any]] = {"gymnax": _gymnax, "brax": _brax, "playground": _playground, "mjx": _mjx}
 """The libraries whose tasks go by library:task."""

@@ -156,7 +156,6 @@ class Model(Base):
         Raises:
             UsageError: an observation that the space can't hold.
         """
-        del episode_start
         rows, single = self.observations.rows(observation, action_masks)
         if deterministic:
             action = exploit(self._now, self.learner, rows)

@@ -93,7 +93,6 @@ class Policy(Part, abc.ABC):
 
     def head_rates(self, distribution: Any) -> Float[Array, " n_outputs"] | None:
         """The learning rate of the last layer is multiplied by this number for each output; None: it is the others'."""
-        del distribution
         return None
 
     @property
@@ -119,7 +118,6 @@ class Policy(Part, abc.ABC):
 
     def acting_by(self: PolicyT, rule: Rule) -> PolicyT:
         """The policy whose deterministic action is this one; a density has one alone."""
-        del rule
         return self
 
     @property

@@ -139,6 +139,5 @@ class BetaPolicy(Policy):
 
     def distribution(self, outputs: Float[Array, "*batch n_outputs"], params: Params) -> Beta:
         """Beta distributions with α and β from the first and second output of each dimension."""
-        del params
         shapes = 1 + jax.nn.softplus(outputs.reshape(*outputs.shape[:-1], len(self._box.low), 2))
         return Beta(shapes[..., 0], shapes[..., 1], self.low, self.high)

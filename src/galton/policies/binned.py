@@ -155,7 +155,6 @@ class HistogramPolicy(BinnedPolicy):
 
     def distribution(self, outputs: Float[Array, "*batch dk"], params: Params) -> Histogram:
         """Softmax policies with these logits."""
-        del params
         return Histogram(self.bins, self.by_dimension(outputs), self.choices)
 
     def check_own(self) -> None:

@@ -67,8 +67,7 @@ def continued(
     assert isinstance(policy, Correlatable)
     assert correlation is not None
     step = functools.partial(_step, policy.noise_marginals, correlation)
-    following: tuple[PyTree[Array], PyTree[Array]] = jax.vmap(step)(drawn, before, begins)
-    return following
+    return jax.vmap(step)(drawn, before, begins)
 
 
 def _step(

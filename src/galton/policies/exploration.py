@@ -1,4 +1,4 @@
-"""A softmax policy can explore and start as a Gaussian does in these ways, two of which are the controls of §5.2.3."""
+"""A softmax policy can start as the Gaussian policy does in these ways, one of which is a control of §5.2.3."""
 
 import jax.numpy as jnp
 from jaxtyping import Array, Float
@@ -26,15 +26,3 @@ def init_clipped_gaussian_logits(bins: Bins, mean: PerDimension, std: PerDimensi
     return jnp.concatenate(
         [log_tail((mean - edges[:, 1:2]) / std), between, log_tail((edges[:, -2:-1] - mean) / std)], -1
     )
-
-
-def gaussian_action(
-    bins: Bins, probs: Float[Array, "*batch d k"], noise: Float[Array, "*batch d"]
-) -> Float[Array, "*batch d"]:
-    """Gaussian Exploration: an action from the Gaussian with the mean and variance of the bin centers under the policy.
-
-    Unclipped; `noise` is standard normal.
-    """
-    mean = (probs * bins.centers).sum(-1)
-    variance = (probs * (bins.centers - mean[..., None]) ** 2).sum(-1)
-    return mean + jnp.sqrt(variance) * noise

@@ -132,8 +132,9 @@ class GaussianHead(Policy):
         return "normal"
 
     def noise(self, key: Key[Array, ""], shape: tuple[int, ...]) -> Float[Array, "*batch d"]:
-        """Standard normal numbers, one per action dimension."""
-        return jax.random.normal(key, (*shape, len(self._box.low)))
+        """Numbers of this marginal, one per action dimension."""
+        draw = jax.random.normal if self.noise_marginals == "normal" else jax.random.uniform
+        return draw(key, (*shape, len(self._box.low)))
 
     def mean_and_log_std(
         self, outputs: Float[Array, "*batch n_outputs"], params: Params

@@ -10,7 +10,6 @@ from jaxtyping import Array, Bool, Float, Int
 
 from galton import targets
 from galton.bins import Bins, UnevenBins
-from galton.policies.exploration import gaussian_action
 from galton.types import Rule
 
 Exploration = Literal["softmax", "gaussian"]
@@ -59,7 +58,7 @@ class Histogram:
         """An action, from the noise that HistogramPolicy.noise drew for this configuration."""
         d = self.logits.shape[-2]
         if self.choices.exploration == "gaussian":
-            return gaussian_action(self.bins, self.probs, noise)
+            return self.mean() + self.std() * noise  # Gaussian Exploration (§5.2.3), which is not clipped
         index = self._drawn(noise[..., :d])
         if self.choices.bin_sample == "center":
             return self.bins.decode(index)

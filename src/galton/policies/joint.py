@@ -84,7 +84,6 @@ class JointPolicy(BinnedPolicy):
 
     def distribution(self, outputs: Float[Array, "*batch n_outputs"], params: Params) -> Histogram:
         """The softmax over the cells with these logits."""
-        del params
         return Histogram(self.bins, outputs[..., None, :], self.choices)
 
 

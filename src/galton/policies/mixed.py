@@ -143,12 +143,11 @@ class MixedPolicy(Policy):
     @property
     def noise_marginals(self) -> tuple[PyTree[str], ...]:
         """The marginals of the numbers' noise where there are numbers, and of the choices'."""
-        found: tuple[PyTree[str], ...] = tuple(getattr(part, "noise_marginals") for part, _ in self._parts)  # noqa: B009
-        return found
+        return tuple(getattr(part, "noise_marginals") for part, _ in self._parts)  # noqa: B009
 
     def noise(self, key: Key[Array, ""], shape: tuple[int, ...]) -> tuple[PyTree[Array], ...]:
         """The noise of each part, of a key of its own."""
-        return tuple(part.noise(own, shape) for (part, _), own in zip(self._parts, _keys(key), strict=False))
+        return tuple(part.noise(jax.random.fold_in(key, i), shape) for i, (part, _) in enumerate(self._parts))
 
     def moved(self, outputs: Float[Array, "*batch n_outputs"], key: Key[Array, ""]) -> Float[Array, "*batch n_outputs"]:
         """The outputs as an update is to see them, where the numbers' head moves its own."""
@@ -170,10 +169,6 @@ class MixedPolicy(Policy):
         split = jnp.split(outputs, np.cumsum(sizes)[:-1], -1)
         found = zip(self._parts, split, strict=True)
         return Mixed([(part.distribution(own, params), places) for (part, places), own in found])
-
-
-def _keys(key: Key[Array, ""]) -> Sequence[Key[Array, ""]]:
-    return [jax.random.fold_in(key, i) for i in range(2)]
 
 
 def acting_on(policy: Policy, box: Box) -> Policy:

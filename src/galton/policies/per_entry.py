@@ -37,16 +37,11 @@ class Entry(NamedTuple):
         return Bins(low, high, self.n_bins, self.bin_centers)
 
 
-class Own(NamedTuple):
-    """A setting, the entry that has it, and its value there; entry "" has a list of values, one for each number."""
+def read(word: str) -> tuple[str, str, Any]:
+    """The entry, the setting and its value there that a word says; UsageError for one that says none.
 
-    entry: str
-    setting: str
-    value: Any
-
-
-def read(word: str) -> Own:
-    """The setting that a word says; UsageError for one that says none."""
+    Entry "" has a list of values, one for each number.
+    """
     name, equals, text = word.partition("=")
     *entry, setting = name.strip().rsplit(".", 1)
     require(
@@ -58,7 +53,7 @@ def read(word: str) -> Own:
         value = ast.literal_eval(text.strip())
     except (ValueError, SyntaxError, MemoryError, RecursionError):
         value = text.strip()
-    return Own("".join(entry), setting, value if entry else list(_listed(word, value)))
+    return "".join(entry), setting, value if entry else list(_listed(word, value))
 
 
 def told(name: str, value: Any) -> list[str]:
@@ -93,23 +88,21 @@ def resolved(words: Sequence[str], box: Box, usual: Entry) -> tuple[Entry, ...]:
     """
     found = [usual] * len(box.low)
     for word in words:
-        own = read(word)
-        places = box.numbers if own.entry in ("", EVERY) else box.called(own.entry)
+        entry, setting, given = read(word)
+        places = box.numbers if entry in ("", EVERY) else box.called(entry)
         require(
             bool(places) and set(places) <= set(box.numbers),
-            f"per_entry has {word!r}, and {own.entry!r} is no number of the action; its entries are "
-            f"{', '.join(box.told)}",
+            f"per_entry has {word!r}, and {entry!r} is no number of the action; its entries are {', '.join(box.told)}",
         )
-        values = [own.value] * len(places) if own.entry else own.value
+        values = [given] * len(places) if entry else given
         require(
             len(values) == len(places),
             f"per_entry has {word!r}, {len(values)} values, and the action has {len(places)} numbers",
         )
         for place, value in zip(places, values, strict=True):
-            found[place] = found[place]._replace(**{own.setting: _checked(word, own.setting, value)})
+            found[place] = found[place]._replace(**{setting: _checked(word, setting, value)})
     return tuple(
-        entry if isinstance(entry.bin_centers, str) else entry._replace(n_bins=len(entry.bin_centers))
-        for entry in found
+        own if isinstance(own.bin_centers, str) else own._replace(n_bins=len(own.bin_centers)) for own in found
     )
 
 
@@ -121,7 +114,7 @@ def etas(entries: Sequence[Entry]) -> np.ndarray | None:
 
 def most_bins(policy: object) -> int:
     """The largest number of bins that an entry can have under this policy, before a box is known."""
-    own = [word.value for word in map(read, getattr(policy, "per_entry", ())) if word.setting == "n_bins"]
+    own = [value for _, setting, value in map(read, getattr(policy, "per_entry", ())) if setting == "n_bins"]
     each = [n for value in own for n in (value if isinstance(value, list) else [value])]
     return int(max([getattr(policy, "n_bins", 1), *(n for n in each if isinstance(n, int))]))
 

@@ -156,7 +156,6 @@ class SplinePolicy(Policy):
 
     def distribution(self, outputs: Float[Array, "*batch n_outputs"], params: Params) -> Spline:
         """The densities whose logarithms have these coefficients."""
-        del params
         coefficients = outputs.reshape(*outputs.shape[:-1], len(self._box.low), self.n_splines)
         return Spline(coefficients, self.low, self.high, self.deterministic_action)
 

@@ -3,9 +3,8 @@
 import dataclasses
 from typing import ClassVar
 
-import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Key
+from jaxtyping import Array, Bool, Float
 
 from galton.policies.base import Marginal, near_edge
 from galton.policies.gaussian import Gaussian, GaussianHead
@@ -81,10 +80,6 @@ class TruncatedGaussianPolicy(GaussianHead):
     def noise_marginals(self) -> Marginal:
         """The noise is uniform, for the inverse of the distribution function."""
         return "uniform"
-
-    def noise(self, key: Key[Array, ""], shape: tuple[int, ...]) -> Float[Array, "*batch d"]:
-        """Uniform numbers, one per action dimension."""
-        return jax.random.uniform(key, (*shape, len(self._box.low)))
 
     def distribution(self, outputs: Float[Array, "*batch n_outputs"], params: Params) -> TruncatedGaussian:
         """The Gaussian, cut off."""

@@ -20,7 +20,6 @@ class HistogramMixin:
     """
 
     def __init__(self, *, n_bins: int = 41, low: Any = -1.0, high: Any = 1.0, role: str = "", **words: Any) -> None:
-        del role
         self._h_n_bins, self._h_words = n_bins, {"low": low, "high": high} | words
         self._h_distribution: Histogram | None = None
         d = max(torch.as_tensor(bound).numel() for bound in (low, high))
@@ -42,10 +41,8 @@ class HistogramMixin:
 
     def get_entropy(self, *, role: str = "") -> Tensor:
         """The entropy of each row of the last batch, `[N, 1]`."""
-        del role
         return torch.tensor(0.0) if self._h_distribution is None else self._h_distribution.entropy()[..., None]
 
     def distribution(self, *, role: str = "") -> Histogram | None:
         """The distribution of the last batch."""
-        del role
         return self._h_distribution

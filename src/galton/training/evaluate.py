@@ -67,7 +67,6 @@ class Kept:
 
     def make(self, n_copies: int, n_threads: int = 1) -> HostEnvironments:
         """The copies that there are."""
-        del n_threads
         assert n_copies == self.given
         return self._envs
 

@@ -21,7 +21,7 @@ from galton.training.evaluate import LIMIT_IT, LONG
 from galton.training.host_evaluation import Evaluator
 from galton.training.host_programs import host_programs
 from galton.training.log import Finished, Log
-from galton.training.run import RunState, Snapshot, Tree, in_steps, over_all, reseeded, restored, stored, without_keys
+from galton.training.run import RunState, Snapshot, Tree, in_steps, over_all, reseeded, restored, stored
 from galton.training.yardsticks import Yardsticks
 from galton.types import Learner, Params, Rule, Transition
 
@@ -232,8 +232,7 @@ class Group:
         if self._agent.rollout.noise_correlation is not None:
             own["noise"] = jax.tree.map(np.asarray, self._noise)
         state = None if self._interrupted or self._watch.others_moved() else self._state()
-        run = jax.tree.map(np.asarray, without_keys(self.runs))
-        snapshot: Snapshot = {"run": stored(self._agent, run)}
+        snapshot: Snapshot = {"run": jax.tree.map(np.asarray, stored(self._agent, self.runs))}
         if state is not None:
             snapshot["environments"] = own | {key: self._split(value) for key, value in state.items()}
         elif statistics := self._statistics():
@@ -299,8 +298,7 @@ class Group:
         self._watch.begin()
 
     def _place(self, tree: Tree) -> Tree:
-        placed: Tree = jax.device_put(tree, self._device)
-        return placed
+        return jax.device_put(tree, self._device)
 
     def _split(self, rows: np.ndarray) -> np.ndarray:
         """One row per copy as an array `[P, copies of a run, ...]`."""

@@ -39,7 +39,6 @@ from galton.training.run import (
     rollout_key,
     step_of,
     stored,
-    without_keys,
 )
 from galton.training.size import check_programs
 from galton.training.yardsticks import Yardsticks, yardsticks_on
@@ -214,8 +213,8 @@ class DevicePopulation:
 
     def snapshot(self) -> Snapshot:
         """Runs and environments, from which `restore` goes on exactly."""
-        run, episodes = self._fetch(self._state._replace(run=without_keys(self._state.run)))
-        return {"run": stored(self._given, run), "environments": episodes}
+        run = stored(self._given, self._state.run)
+        return self._fetch({"run": run, "environments": self._state.episodes})
 
     def restore(self, snapshot: Snapshot) -> None:
         """Go back to a snapshot of a population of the same shape."""
@@ -226,16 +225,13 @@ class DevicePopulation:
         """Do nothing, since environments in JAX hold nothing open."""
 
     def _place(self, tree: Tree) -> Tree:
-        placed: Tree = jax.device_put(tree, self._layout.of_runs)
-        return placed
+        return jax.device_put(tree, self._layout.of_runs)
 
     def _placed(self, state: DeviceState) -> DeviceState:
-        placed: DeviceState = jax.device_put(state, _shardings(self._layout, state))
-        return placed
+        return jax.device_put(state, _shardings(self._layout, state))
 
     def _fetch(self, tree: Tree) -> Tree:
-        fetched: Tree = jax.tree.map(lambda x: np.asarray(x)[: self._n_runs], tree)
-        return fetched
+        return jax.tree.map(lambda x: np.asarray(x)[: self._n_runs], tree)
 
 
 class _Programs(NamedTuple):
@@ -301,8 +297,7 @@ def _shape(x: Any, sharding: NamedSharding | None) -> jax.ShapeDtypeStruct:
 
 def _shapes(tree: Tree, sharding: NamedSharding | None = None) -> Tree:
     """The shapes of numbers, which programs are compiled for, all split over devices in the same way, or not."""
-    shapes: Tree = jax.tree.map(lambda x: _shape(x, sharding), tree)
-    return shapes
+    return jax.tree.map(lambda x: _shape(x, sharding), tree)
 
 
 def _seeds(agent: Agent) -> jax.ShapeDtypeStruct:

@@ -150,5 +150,4 @@ class HostPopulation:
 
     @staticmethod
     def _join(parts: list[Tree]) -> Tree:
-        joined: Tree = jax.tree.map(lambda *leaves: np.concatenate([np.asarray(leaf) for leaf in leaves]), *parts)
-        return joined
+        return jax.tree.map(lambda *leaves: np.concatenate([np.asarray(leaf) for leaf in leaves]), *parts)

@@ -155,19 +155,15 @@ def reseeded(run: RunState, seeds: UInt[np.ndarray, " R"]) -> RunState:
     return run._replace(key=keys[:, 2], evaluation_key=keys[:, 3])
 
 
-def without_keys(run: RunState) -> RunState:
-    """The run with its keys as plain numbers, which can be fetched from a device."""
-    return run._replace(key=jax.random.key_data(run.key), evaluation_key=jax.random.key_data(run.evaluation_key))
-
-
 def stored(agent: Agent, run: RunState) -> StoredRun:
-    """A fetched run without keys as a file holds it."""
-    step = in_steps(agent, run.updates)
-    return StoredRun(run.learner, run.key, run.evaluation_key, step, in_steps(agent, run.diverged_at), run.tally)
+    """The run as a file holds it, with its keys as plain numbers, which can be fetched from a device."""
+    key, evaluation_key = map(jax.random.key_data, (run.key, run.evaluation_key))
+    step, diverged_at = (in_steps(agent, updates) for updates in (run.updates, run.diverged_at))
+    return StoredRun(run.learner, key, evaluation_key, step, diverged_at, run.tally)
 
 
 def restored(agent: Agent, run: StoredRun) -> RunState:
-    """Undo `without_keys` and `stored`."""
+    """Undo `stored`."""
     key, evaluation_key = (jax.random.wrap_key_data(jnp.asarray(k)) for k in (run.key, run.evaluation_key))
     updates, diverged_at = (jnp.asarray(at // agent.rollout.size, jnp.int32) for at in (run.step, run.diverged_at))
     return RunState(run.learner, key, evaluation_key, updates, diverged_at, run.tally)

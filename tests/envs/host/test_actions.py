@@ -120,7 +120,7 @@ def test_a_nest_of_spaces_is_one_vector_of_numbers_and_indices():
     np.testing.assert_array_equal(first["gears"][1], [0, 1])
     assert first["gears"][2] == 1
     assert second["gears"][2] == -2
-    in_jax = jax.jit(jax.vmap(actions.in_jax))(rows)
+    in_jax = jax.jit(jax.vmap(actions.to_env))(rows)
     jax.tree.map(np.testing.assert_array_equal, in_jax, jax.tree.map(np.asarray, actions.to_env(rows)))
 
 

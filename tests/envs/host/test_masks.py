@@ -188,6 +188,22 @@ def test_an_odd_mask_is_refused_with_copy_and_step(mask, message):
         galton.A2C(Odd, n_steps=16, n_envs=1, net_arch=(8,), seed=0).learn(64)
 
 
+def test_a_mask_that_a_vector_environment_does_not_tell_is_missed():
+    class Silent(Shop):
+        def step(self, action):
+            return *super().step(action)[:4], {}
+
+    with pytest.raises(BrokenEnvironmentError, match="copy 0, step 1: the action mask is None"):
+        galton.A2C(
+            gymnasium.vector.SyncVectorEnv(
+                [lambda: Silent("info")] * 2, autoreset_mode=gymnasium.vector.AutoresetMode.SAME_STEP
+            ),
+            n_steps=16,
+            net_arch=(8,),
+            seed=0,
+        ).learn(64)
+
+
 def test_a_mask_of_no_use_is_refused_at_once():
     class Odd(Shop):
         def _move(self):

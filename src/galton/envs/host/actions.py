@@ -93,17 +93,16 @@ class Actions:
         """A policy's actions as the space has them, numbers clipped into the exact bounds; copies."""
         return _taken(self.space, np.asarray(action))
 
-    def to_env(self, action: Float[np.ndarray, "*batch d"]) -> Any:
-        """The environment's own actions: numbers over the scale, clipped into its own bounds, in its own precision."""
+    def to_env(self, action: Float[np.ndarray | jax.Array, "*batch d"]) -> Any:
+        """The environment's own actions: numbers over the scale, clipped into its own bounds, in its own precision.
+
+        Inside of a program integers are int32.
+        """
         return _taken(self.own, action if self.scale == 1 else action / np.float32(self.scale))
 
     def one(self, actions: Any, i: int) -> Any:
         """The i-th of a batch that `clip` or `to_env` gave; a Discrete's is an int."""
         return _one(self.own, actions, i)
-
-    def in_jax(self, action: jax.Array) -> Any:
-        """The environment's own action, inside of a program: integers are int32."""
-        return _taken(self.own, action)
 
 
 def _scaled(space: Any, scale: float) -> Any:

@@ -81,7 +81,6 @@ class GymnasiumTask:
 
     def make(self, n_copies: int, n_threads: int = 1) -> "GymnasiumEnvs":
         """So many copies, in one thread; of an environment that was there, the first is itself."""
-        del n_threads
         envs: list[Env] = []
         with self._closing_at_failure(envs):
             envs.extend(self._spare.pop() if self._spare else self._make_another() for _ in range(n_copies))

@@ -49,7 +49,6 @@ class _First:
 
     def find_spec(self, name: str, path: object = None, target: object = None) -> None:
         """Find nothing, but be called before this module is imported."""
-        del path, target
         if name == "gymnasium.envs.mujoco":
             with contextlib.suppress(Exception):  # it is not there, or can't be loaded, which Gymnasium tells
                 importlib.import_module("mujoco")

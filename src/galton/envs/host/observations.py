@@ -2,7 +2,6 @@
 
 import dataclasses
 import functools
-from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -11,6 +10,7 @@ from gymnasium.spaces.utils import flatdim, flatten
 from gymnasium.vector.utils import batch_space, iterate
 from jaxtyping import Float, Shaped
 
+from galton.envs.host.actions import leaves
 from galton.envs.host.answers import as_float32, as_numbers, shown
 from galton.envs.host.base import Space
 from galton.errors import BrokenEnvironmentError, UsageError, require
@@ -35,7 +35,7 @@ class Observations:
         remedy = "wrap the environment so that it observes a Box, or a Dict or Tuple of them"
         observations = f"{self.name} observes {self.space}"
         require(
-            all(isinstance(leaf, Box | Discrete | MultiDiscrete | MultiBinary) for leaf in _leaves(self.space)),
+            all(isinstance(leaf, Box | Discrete | MultiDiscrete | MultiBinary) for _, leaf in leaves(self.space)),
             f"{observations}; only Box, Discrete, MultiDiscrete, MultiBinary, and Dict and Tuple of them, can be "
             f"flattened: {remedy}",
         )
@@ -49,13 +49,13 @@ class Observations:
     @property
     def has_image(self) -> bool:
         """Say whether a Box of bytes in three dimensions is in it, as images are."""
-        boxes = [leaf for leaf in _leaves(self.space) if isinstance(leaf, Box)]
+        boxes = [leaf for _, leaf in leaves(self.space) if isinstance(leaf, Box)]
         return any(box.dtype == np.uint8 and len(box.shape) == 3 for box in boxes)
 
     @functools.cached_property
     def dtype(self) -> np.dtype[np.floating[Any]]:
         """Vectors hold float32 where that has all numbers of the space, else float64."""
-        kinds = [leaf.dtype for leaf in _leaves(self.space) if isinstance(leaf, Box)]
+        kinds = [leaf.dtype for _, leaf in leaves(self.space) if isinstance(leaf, Box)]
         return np.dtype(np.float32 if all(np.can_cast(kind, np.float32) for kind in kinds) else np.float64)
 
     def flatten(self, raw: object, where: str) -> Float[np.ndarray, " o"]:
@@ -102,7 +102,7 @@ class Observations:
         assert allowed is not None
         return np.concatenate([rows, allowed.reshape(len(rows), -1).astype(rows.dtype)], -1), single
 
-    def _rows(self, observation: object) -> tuple[Float[np.ndarray, "n o"], bool]:
+    def _rows(self, observation: Any) -> tuple[Float[np.ndarray, "n o"], bool]:
         try:
             if isinstance(self.space, Box):
                 values = np.asarray(observation)
@@ -110,7 +110,10 @@ class Observations:
                 require(single or values.shape[1:] == self.space.shape, f"its shape is {values.shape}")
                 require(values.dtype.kind in "fiub", f"its type is {values.dtype}")
                 return self.checked(values, "it", "predict").reshape(-1, self.size - self.n_mask), single
-            found = list(_parts(observation, self.space))
+            found = [
+                (functools.reduce(lambda part, key: part[key], keys, observation), leaf)
+                for keys, leaf in leaves(self.space)
+            ]
             single = np.ndim(found[0][0]) == len(found[0][1].shape or ())
             if not single:
                 lengths = {len(part) for part, _ in found}
@@ -144,21 +147,3 @@ def _check_parts(space: Space, raw: Any, name: str, where: str) -> None:
             raise ValueError(f"{name} is {shown(raw)}, which must be {space.dtype}")
     elif not space.contains(raw):
         raise ValueError(f"{name} is {shown(raw)}, which is not in {space}")
-
-
-def _leaves(space: Any) -> Iterator[Any]:
-    """The spaces without parts of their own that a space is made of."""
-    if isinstance(space, Dict | Tuple):
-        for part in space.spaces.values() if isinstance(space, Dict) else space.spaces:
-            yield from _leaves(part)
-    else:
-        yield space
-
-
-def _parts(observation: Any, space: Space) -> Iterator[tuple[Any, Space]]:
-    """An observation has one of these for each of those spaces."""
-    if isinstance(space, Dict | Tuple):
-        for key, part in space.spaces.items() if isinstance(space, Dict) else enumerate(space.spaces):
-            yield from _parts(observation[key], part)
-    else:
-        yield observation, space

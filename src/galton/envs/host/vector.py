@@ -1,7 +1,6 @@
 """Vector environments that the user made, Gymnasium's and Stable-Baselines3's, every answer checked."""
 
 import dataclasses
-import functools
 import warnings
 from collections.abc import Callable
 from typing import Any
@@ -51,7 +50,9 @@ class VectorTask:
         spaces: list[Any] = [getattr(source, f"{kind}{name}_space", None) for name in ("action", "observation")]
         self.actions = Actions(self.name, spaces[0])
         self.observations = Observations(self.name, spaces[1])
-        first = VectorEnvs(self).first_mask() if self.actions.box.choices or _has_method(source) else None
+        self.has_masks = _has_method(source)
+        """True if its copies have a method `action_masks`."""
+        first = VectorEnvs(self).first_mask() if self.actions.box.choices or self.has_masks else None
         if first is not None:
             n_mask = masks.n_entries(self.name, first, self.actions.box)
             self.actions = dataclasses.replace(self.actions, n_mask=n_mask)
@@ -59,7 +60,6 @@ class VectorTask:
 
     def make(self, n_copies: int, n_threads: int = 1) -> "VectorEnvs":
         """The vector environment itself, which has as many copies as it has."""
-        del n_threads
         require(
             n_copies == self.given,
             f"{n_copies} copies are wanted of {self.name}, which has {self.given}, and it can't be copied; set n_envs "
@@ -74,7 +74,7 @@ class VectorEnvs:
 
     def __init__(self, task: VectorTask) -> None:
         self._name, self._envs = task.name, task.source
-        self._actions, self._observations = task.actions, task.observations
+        self._actions, self._observations, self._has_method = task.actions, task.observations, task.has_masks
         of_gymnasium = isinstance(self._envs, VectorEnv)
         self._reset, self._step = (reset_gymnasium, step_gymnasium) if of_gymnasium else (reset_sb3, step_sb3)
         copies = getattr(self._envs.unwrapped, "envs", ())  # those in other processes nobody else can hold
@@ -87,8 +87,8 @@ class VectorEnvs:
 
     @property
     def reset_infos(self) -> Any:
-        """The infos of an SB3 VecEnv's last resets."""
-        return getattr(self._envs, "reset_infos", [{}] * self._envs.num_envs)
+        """The infos of an SB3 VecEnv's last resets, which the wrappers around it have empty."""
+        return getattr(self._envs.unwrapped, "reset_infos", [{}] * self._envs.num_envs)
 
     @property
     def layers(self) -> list[list[Any]]:
@@ -105,22 +105,16 @@ class VectorEnvs:
     def first_mask(self) -> object:
         """The mask of the first copy after a reset, or None."""
         _, infos = self._reset(self, list(range(self._envs.num_envs)))
-        told = self._masks(infos)
-        return None if told is None else told[0]
-
-    @functools.cached_property
-    def _has_method(self) -> bool:
-        return _has_method(self._envs)
+        return self._masks(infos)[0]
 
     def _masks(self, infos: Any) -> Any:
-        """The masks of all copies in their present states; None if they tell none."""
+        """The masks of all copies in their present states; None for one that tells none."""
         if self._has_method:
             vector = isinstance(self._envs, VectorEnv)
             return self._envs.unwrapped.call(masks.METHOD) if vector else self._envs.env_method(masks.METHOD)
         if isinstance(infos, dict):
-            return infos.get(masks.KEY)
-        told = [info.get(masks.KEY) for info in infos]
-        return told if all(one is not None for one in told) else None
+            return infos.get(masks.KEY, [None] * self._envs.num_envs)
+        return [info.get(masks.KEY) for info in infos]
 
     def _with_masks(self, rows: Float[np.ndarray, "M n"], infos: Any = None) -> Float[np.ndarray, "M o"]:
         """The observations, and behind each its mask where the environment tells masks; else all is allowed."""
@@ -145,7 +139,6 @@ class VectorEnvs:
 
     def set_state(self, state: dict[str, np.ndarray]) -> None:
         """Always a UsageError, since `get_state` tells none."""
-        del state
         raise UsageError(f"{self._name} can't be put into a state; vector environments don't tell theirs")
 
     def close(self) -> None:
