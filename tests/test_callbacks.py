@@ -330,7 +330,7 @@ def test_json_lines_are_appended_with_null_for_what_is_not_known(model, tmp_path
     for line, log in zip(lines[1:], logs, strict=True):
         read = json.loads(line, parse_constant=refuse)
         assert read == {name: value if math.isfinite(value) else None for name, value in log.items()}
-    JSONLines(path)(Fake(), {"a": math.nan, "b": -math.inf, "c": 2})
+    JSONLines(path)(Fake(), {"a": math.nan, "b": -math.inf, "c": np.float32(2)})
     assert json.loads(path.read_text().splitlines()[-1]) == {"a": None, "b": None, "c": 2}
 
 

@@ -210,7 +210,7 @@ class JSONLines:
         """Append this log point to the file as a whole line, or raise UsageError and leave the file as it was."""
         known = {name: value if math.isfinite(value) else None for name, value in log.items()}
         with files.named("path", self.path):
-            files.append_line(self.path, json.dumps(known))
+            files.append_line(self.path, json.dumps(known, default=float))  # NumPy's numbers too
 
 
 class TensorBoard:

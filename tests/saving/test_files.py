@@ -60,7 +60,10 @@ def test_clearing_takes_what_dead_processes_left_and_nothing_else(tmp_path):
     for folder in (tmp_path, tmp_path / "in"):
         for name in (*names.values(), "mine"):
             (folder / name).write_bytes(b"half")
+    names[2**70] = f"{files.SCRATCH}{platform.node()}-{2**70}-ab"  # no number of a process
+    (tmp_path / "in" / names[2**70]).write_bytes(b"half")
     files.clear(tmp_path)
+    (tmp_path / "in" / names[2**70]).unlink()
     for folder in (tmp_path, tmp_path / "in"):
         assert {path.name for path in folder.iterdir()} - {"in"} == {names[os.getpid()], "mine"}
 

@@ -59,7 +59,17 @@ def test_the_folder_of_a_run_lies_in_runs_whatever_environment_loss_and_algorith
 
 
 def test_registered_names_are_as_they_are_and_odd_ones_are_made_plain():
-    for name in (*LOSSES, *ALGORITHMS, *ENVS, "Pendulum-v1", "HalfCheetah-v5", "galton_x.y-v0", "conic", "nullable.x"):
+    for name in (
+        *LOSSES,
+        *ALGORITHMS,
+        *ENVS,
+        "Pendulum-v1",
+        "HalfCheetah-v5",
+        "galton_x.y-v0",
+        "conic",
+        "nullable.x",
+        "Falcon",
+    ):
         assert plain_name(name) == name
     assert Compare("lqr", small()).out is None
     for name in ODD:

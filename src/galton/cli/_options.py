@@ -100,7 +100,7 @@ LONGEST, SHORTER = 100, 40
 """Bytes of an id, and of another name, in that of a folder; file systems end at 255, and locks need some of them."""
 
 
-DEVICES = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(?=\.|$)", re.IGNORECASE)
+DEVICES = re.compile(r"^(con|prn|aux|nul|com\d|lpt\d)(?=\.|$)", re.IGNORECASE)
 """The beginning of a name that Windows keeps for devices."""
 
 

@@ -151,5 +151,5 @@ def clear(folder: Path) -> None:
                 os.kill(int(match[1]), 0)
             except ProcessLookupError:
                 scratch.unlink(missing_ok=True)
-            except OSError:
+            except (OSError, OverflowError):
                 continue

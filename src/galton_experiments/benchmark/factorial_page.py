@@ -67,7 +67,9 @@ def above(found: Found) -> Table:
         times = [*found.factorial.times.get(method.name, {}).values()]
         of_step = f"{np.exp(np.mean(np.log(times))):.2f}" if times else "—"
         for way, words in _WAYS.items():
-            rows.append([method.label, words, *(f"{p:.2f}" for p in _both(found, method, way)), of_step])
+            rows.append(
+                [method.label, words, *(f"{_p(found, method, way, timed):.2f}" for timed in (False, True)), of_step]
+            )
     return Table(["method", "setting", "equal steps", "equal time", "time of a step"], rows)
 
 
@@ -187,11 +189,6 @@ def _p(found: Found, method: Method, way: str, timed: bool = False) -> Interval:
     """P(above the baseline), NaN where no time of a step is known."""
     row = _row(found, method, way, timed)
     return row if isinstance(row, Interval) else Interval(*[np.float64(np.nan)] * 3)
-
-
-def _both(found: Found, method: Method, way: str) -> tuple[Interval, Interval]:
-    """P at equal steps and at equal time."""
-    return _p(found, method, way), _p(found, method, way, timed=True)
 
 
 def _at(interval: Interval, *place: int) -> Interval:

@@ -43,7 +43,7 @@ def begin(store: Store, protocol: Protocol) -> Draws:
     except FileNotFoundError:
         store.write(FILE, written(record))
         return drawn
-    except (ValueError, KeyError, TypeError) as error:
+    except (ValueError, KeyError, TypeError, RecursionError) as error:
         raise UsageError(f"out is {store.url}, whose {FILE} was damaged ({error}); name another folder") from None
     if digest != protocol.digest:
         told = "; ".join(differences(file, record["file"])[:3]) or "its tables or their entries stand in another order"
@@ -171,10 +171,12 @@ def _done(
 def made(store: Store) -> dict[str, Any]:
     """Read how each part was made, by its name, as far as the folder knows."""
     try:
-        return json.loads(store.read(MADE))
+        found = json.loads(store.read(MADE))
+        require(isinstance(found, dict), "it holds no table")
+        return found
     except FileNotFoundError:
         return {}
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise UsageError(f"out is {store.url}, whose {MADE} is damaged ({error}); remove that file") from None
 
 

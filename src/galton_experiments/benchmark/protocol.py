@@ -240,10 +240,11 @@ def _check_factorial(protocol: Protocol) -> None:
         raise UsageError(
             f"tasks.{task.name} is held out, but {told}, and leaves each task out once; take held_out away"
         )
+    given = {"budget": protocol.record.get("budget", {})}
+    given |= {f"tasks.{name}": table for name, table in protocol.record["tasks"].items()}
     for name in ("fresh_seeds", "fresh_steps"):
-        for where, table in (("budget", "budget"), *((f"tasks.{task.name}", task.name) for task in protocol.tasks)):
-            record = protocol.record.get("budget", {}) if table == "budget" else protocol.record["tasks"][table]
-            require(name not in record, f"{where} has {name}, but {told}; take it out")
+        for where, table in given.items():
+            require(name not in table, f"{where} has {name}, but {told}; take it out")
     require(len(protocol.tasks) > 1, f"tasks has one, but {told}, and leaves each task out once; add another")
     n = protocol.budget.seeds
     require(

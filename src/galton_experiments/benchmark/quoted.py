@@ -29,10 +29,11 @@ def tables(file: Path, folder: str) -> Callable[[str], str | None]:
         known[f"{name}: returns, fresh, a setting for each task"] = _returns(found, "fresh", "per-task")
     if all(", " in method.label for method in found.protocol.methods) and "fresh" in found.standings:
         known |= {f"{name}: crossed, {task}": _crossed(found, task) for task in found.standings["fresh"].tasks}
-    of_some: dict[str, Callable[[Sequence[str]], str]] = {
-        f"{name}: all tasks": lambda names: _of_methods(found, names),
-        f"{name}: above": lambda names: _above(found, names),
-    }
+    of_some: dict[str, Callable[[Sequence[str]], str]] = {}
+    if found.standings:
+        of_some[f"{name}: all tasks"] = lambda names: _of_methods(found, names)
+    if {"fresh", "held-out"} <= found.standings.keys():
+        of_some[f"{name}: above"] = lambda names: _above(found, names)
 
     def table(wanted: str) -> str | None:
         kind, _, names = wanted.rpartition(": ")

@@ -2,18 +2,17 @@
 
 import dataclasses
 import json
-import math
 import re
 import tomllib
 from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
-from typing import Any, Literal, TypeVar
+from typing import Any, TypeVar
 
-from galton.errors import UsageError, require, require_integer, unknown
+from galton.errors import UsageError, is_number, require, require_integer, require_word
 from galton.fields import annotations, checked
 from galton.saving import files
 from galton.words import vocabulary
-from galton_experiments.benchmark.priors import Priors, Record, check_names, read_table
+from galton_experiments.benchmark.priors import MOST, Priors, Record, check_names, read_table
 from galton_experiments.benchmark.protocol import Budget, Method, Protocol, Selection, Task, check
 
 TABLES = ("budget", "selection", "fixed", "prior", "anchors", "methods", "tasks")
@@ -27,16 +26,13 @@ Importing = Callable[[Sequence[str]], None]
 """A function that imports the modules of these names."""
 
 
-def _nothing(modules: Sequence[str]) -> None:
-    """Import nothing: modules are there already, or not needed to read the results."""
-
-
-def read(path: Path, importing: Importing = _nothing) -> Protocol:
+def read(path: Path, importing: Importing = lambda _: None) -> Protocol:
     """The protocol in a file.
 
     Args:
         path: the file.
-        importing: imports the modules that the file names, which may register algorithms, losses or environments.
+        importing: imports the modules that the file names, which may register algorithms, losses or environments; by
+            default nothing, for modules are there already, or not needed to read the results.
 
     Raises:
         UsageError: no such file, no TOML, or what it says can't be done; the message names the place in the file.
@@ -68,7 +64,7 @@ def load(path: Path, before: Collection[Path] = ()) -> dict[str, Any]:
     return load(base, (path.resolve(), *before)) | record
 
 
-def of_record(record: Record, title: str = "benchmark", importing: Importing = _nothing) -> Protocol:
+def of_record(record: Record, title: str = "benchmark", importing: Importing = lambda _: None) -> Protocol:
     """The protocol that a record describes.
 
     Args:
@@ -83,14 +79,14 @@ def of_record(record: Record, title: str = "benchmark", importing: Importing = _
     importing(imports)
     budget = _record("budget", record.get("budget", {}), Budget())
     methods = {name: _method(name, given) for name, given in _tables(record, "methods").items()}
-    baseline = record.get("baseline", next(iter(methods)))
-    if not isinstance(baseline, str) or baseline not in methods:
-        raise unknown("baseline", baseline, methods)
+    baseline, design = record.get("baseline", next(iter(methods))), record.get("design", "stages")
+    require_word("baseline", baseline, [*methods])
+    require_word("design", design, ("stages", "factorial"))
     protocol = Protocol(
         record,
         title,
         seed,
-        _design(record.get("design", "stages")),
+        design,
         methods[baseline],
         imports,
         budget,
@@ -145,13 +141,8 @@ def _method(name: str, given: object) -> Method:
     fixed = read_table(f"{where}.fixed", table.get("fixed", {}), drawn=False)
     search = read_table(f"{where}.search", table.get("search", {}), drawn=True)
     anchors = _anchors(f"{where}.anchors", table.get("anchors", {}))
-    return Method(name, _label(where, name, table), fixed, search, anchors, _time(f"{where}.time", table.get("time")))
-
-
-def _design(given: object) -> Literal["stages", "factorial"]:
-    if given == "stages" or given == "factorial":
-        return given
-    raise unknown("design", given, ("stages", "factorial"))
+    time = None if "time" not in table else _positive(f"{where}.time", table["time"])
+    return Method(name, _label(where, name, table), fixed, search, anchors, time)
 
 
 def _anchors(where: str, given: object) -> dict[str, Priors]:
@@ -161,15 +152,9 @@ def _anchors(where: str, given: object) -> dict[str, Priors]:
     return {name: read_table(f"{where}.{name}", fields, drawn=False) for name, fields in given.items()}
 
 
-def _time(where: str, given: object) -> float | None:
-    """Read the time of a step as a multiple of the baseline's, where the file says it."""
-    return None if given is None else _positive(where, given)
-
-
-def _positive(where: str, given: object) -> float:
-    if isinstance(given, int | float) and not isinstance(given, bool) and math.isfinite(given) and given > 0:
-        return float(given)
-    raise UsageError(f"{where} is {given!r}; it must be a finite number above 0")
+def _positive(where: str, given: Any) -> float:
+    require(is_number(given) and 0 < given < MOST, f"{where} is {given!r}; it must be a finite number above 0")
+    return float(given)
 
 
 def _task(name: str, given: object, budget: Budget) -> Task:

@@ -4,7 +4,6 @@ import contextlib
 from collections.abc import Callable, Iterator
 from concurrent.futures import CancelledError, Executor
 from pathlib import Path
-from typing import NamedTuple
 
 from galton.errors import UsageError, require
 from galton.extras import needed
@@ -18,22 +17,11 @@ LOST = (distributed.scheduler.KilledWorker, CancelledError, distributed.client.F
 """The errors that a future raises whose workers died."""
 
 
-class Carrier(NamedTuple):
-    """An executor, and a function that says how many shards it can work on now."""
-
-    executor: Executor
-    width: Callable[[], int]
-
-
-def check(tls: Path | None) -> None:
-    """Raise UsageError for keys that are missing."""
-    if tls is not None:
-        _security(tls)
-
-
 @contextlib.contextmanager
-def connect(address: str, tls: Path | None = None) -> Iterator[Carrier]:
-    """Connect to a scheduler that runs; each thread of its workers is one place.
+def connect(address: str, tls: Path | None = None) -> Iterator[tuple[Executor, Callable[[], int]]]:
+    """Connect to a scheduler that runs: an executor, and a function that says how many shards it can work on now.
+
+    Each thread of the scheduler's workers is one place.
 
     Args:
         address: such as tcp://host:8786, or tls://.
@@ -42,19 +30,15 @@ def connect(address: str, tls: Path | None = None) -> Iterator[Carrier]:
     Raises:
         UsageError: no scheduler answers there, or a file is missing.
     """
-    security = None if tls is None else _security(tls)
+    keys = security(tls)
     require(
         tls is None or address.startswith("tls://"), f"scheduler is {address!r}; with tls it must begin with tls://"
     )
     try:
-        client = distributed.Client(address, security=security, timeout=PATIENCE)
+        client = distributed.Client(address, security=keys, timeout=PATIENCE)
     except (OSError, TimeoutError, ValueError, TypeError) as error:
         raise UsageError(f"scheduler is {address!r}, where none answers: {error}") from None
-    with client:
-        yield _carrier(client)
 
-
-def _carrier(client: distributed.Client) -> Carrier:
     def width() -> int:
         try:
             return sum(client.nthreads().values())
@@ -64,10 +48,14 @@ def _carrier(client: distributed.Client) -> Carrier:
                 "same command again, which goes on where this one stopped"
             ) from None
 
-    return Carrier(client.get_executor(pure=False), width)
+    with client:
+        yield client.get_executor(pure=False), width
 
 
-def _security(folder: Path) -> distributed.Security:
+def security(folder: Path | None) -> distributed.Security | None:
+    """Return the keys in a folder, if one is given; UsageError for those that are missing."""
+    if folder is None:
+        return None
     files = {name: folder / f"{name}.pem" for name in ("ca", "cert", "key")}
     for path in files.values():
         require(path.is_file(), f"tls is {folder}, which holds no {path.name}; it needs ca.pem, cert.pem and key.pem")

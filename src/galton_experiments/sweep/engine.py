@@ -3,7 +3,7 @@
 import collections
 import concurrent.futures
 import time
-from collections.abc import Callable, Collection, Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Executor, Future
 from typing import NamedTuple, Protocol, runtime_checkable
 
@@ -22,17 +22,6 @@ SWEEPS = "sweeps"
 """The folder of the runs of stages."""
 TICK = 0.2
 """Seconds between two looks at who is there to work."""
-
-
-@runtime_checkable
-class Watcher(Protocol):
-    """Who is told of finished shards while a sweep runs."""
-
-    def resumed(self, reports: list[Report]) -> None:
-        """Take note of the shards that were done before."""
-
-    def finished(self, report: Report) -> None:
-        """Take note of a shard that has just been done."""
 
 
 @runtime_checkable
@@ -77,7 +66,7 @@ def sweep(
             workers(store, plan)
         else:
             with processes(places) as executor:
-                run(store, plan, executor, lambda: len(places), Silent())
+                run(store, plan, executor, lambda: len(places))
         table = Trained(store, plan).table()
         results.save(store, table.replace_schema_metadata(None))
         return table
@@ -129,14 +118,11 @@ def prepare(store: Store, study: Study, shard_width: int | None, extend: bool) -
     Raises:
         UsageError: the place holds the plan of another sweep.
     """
-    try:
-        known = Plan.load(store)
-    except UsageError:
-        if FILE in store.names(""):
-            raise
+    if FILE not in store.names(""):
         plan = Plan.create(study, shard_width)
         plan.save(store)
         return plan
+    known = Plan.load(store)
     if shard_width not in (None, known.shard_width):
         raise UsageError(
             f"shard_width is {shard_width}, but the plan in {store.url} has {known.shard_width}; name another folder"
@@ -169,7 +155,7 @@ def run(
     plan: Plan,
     executor: Executor,
     width: Callable[[], int],
-    watcher: Watcher,
+    tell: Callable[[list[Report], bool], None] = lambda *_: None,
     lost: tuple[type[BaseException], ...] = (),
 ) -> None:
     """Train the shards that are not done yet. The lock must be held.
@@ -179,13 +165,16 @@ def run(
         plan: as it is there.
         executor: what carries shards.
         width: how many shards it can work on now.
-        watcher: is told of what happens.
+        tell: is given the shards that were done before, with True, and then each that has just been done, with False.
         lost: what a future of the executor raises whose worker died; its shard is done again, up to ATTEMPTS times.
 
     Raises:
         BrokenEnvironmentError, UsageError: a shard failed; those that were done stay.
     """
-    pending = _left(store, plan, watcher)
+    reports = verified(store, plan)
+    tell(reports, True)
+    done = {report.index for report in reports}
+    pending = _Pending(plan, (i for i in range(plan.n_shards) if i not in done))
     running: dict[Future[Report], int] = {}
     free: list[Program] = []
     died: tuple[type[BaseException], ...] = (WorkerDiedError, *lost)
@@ -194,31 +183,19 @@ def run(
             while pending and len(running) < width():
                 index = pending.pop(free.pop() if free else None)
                 running[executor.submit(work, store.url, index, plan.names[index])] = index
-            for future in _ended(running):
+            if not running:
+                time.sleep(TICK)  # nobody is there to work yet
+            ended = concurrent.futures.wait(running, timeout=TICK, return_when=concurrent.futures.FIRST_COMPLETED).done
+            for future in ended:
                 index = running.pop(future)
                 try:
-                    watcher.finished(future.result())
+                    tell([future.result()], False)
                     free.append(plan.firsts[index].program)
                 except died as error:
                     pending.again(index, error)
     finally:
         for future in running:
             future.cancel()
-
-
-def _left(store: Store, plan: Plan, watcher: Watcher) -> "_Pending":
-    """The shards that are not done yet; the watcher is told of those that are."""
-    reports = verified(store, plan)
-    watcher.resumed(reports)
-    done = {report.index for report in reports}
-    return _Pending(plan, (i for i in range(plan.n_shards) if i not in done))
-
-
-def _ended(running: Collection[Future[Report]]) -> set[Future[Report]]:
-    """The futures that have ended, after a wait of a TICK at most."""
-    if not running:
-        time.sleep(TICK)  # nobody is there to work yet
-    return concurrent.futures.wait(running, timeout=TICK, return_when=concurrent.futures.FIRST_COMPLETED).done
 
 
 class _Pending:
@@ -264,13 +241,3 @@ class _Pending:
                 f'if __name__ == "__main__": ({error})'
             ) from error
         self.push(index)
-
-
-class Silent:
-    """A watcher for sweeps that nobody looks at: it does nothing."""
-
-    def resumed(self, reports: list[Report]) -> None:
-        """Take no notice of shards that were done before."""
-
-    def finished(self, report: Report) -> None:
-        """Take no notice of a shard that has just been done."""

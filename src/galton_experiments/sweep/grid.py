@@ -23,7 +23,7 @@ MOST_SETTINGS = 100_000
 
 
 def expand(blocks: Iterable[Mapping[str, object]], base: Mapping[str, object]) -> tuple[Setting, ...]:
-    """Each block's product: a list is an axis (net_arch's, a list of lists), anything else is fixed.
+    """Each block's product: a list is an axis (net_arch's, a list of lists, as others' whose value is one).
 
     Args:
         blocks: settings by name.
@@ -63,7 +63,7 @@ def bases(points: Sequence[Mapping[str, object]], given: Sequence[Mapping[str, o
 def _axis(name: str, value: object) -> Sequence[object]:
     if not isinstance(value, list | tuple):
         return [value]
-    if name in ("net_arch", "critic_arch"):
+    if name in ("net_arch", "critic_arch", "ordered", "per_entry"):
         return value if value and isinstance(value[0], list | tuple) else [value]
     require(len(value) > 0, f"{name} is an empty list; give at least one value")
     return value

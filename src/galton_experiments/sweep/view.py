@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor
 
 import numpy as np
-from rich.console import Console
+from rich.console import Console, Group
 from rich.live import Live
 from rich.progress_bar import ProgressBar
 from rich.table import Table
@@ -29,29 +29,20 @@ class View:
         self._steps_before = self._runs_before = 0
         self._returns: dict[int, list[float]] = {}
 
-    def resumed(self, reports: list[Report]) -> None:
-        """Count shards that were done before; speed and time left don't."""
+    def tell(self, reports: list[Report], before: bool) -> None:
+        """Count shards that are done; those that were done before have no part in speed and time left."""
         for report in reports:
-            self._add(report)
-        self._runs_before, self._steps_before = self._runs, self._steps
+            self._runs += len(report.setting)
+            self._steps += report.steps
+            for setting, value in zip(report.setting, report.final_training_return, strict=True):
+                self._returns.setdefault(setting, []).append(value)
+        if before:
+            self._runs_before, self._steps_before = self._runs, self._steps
 
-    def finished(self, report: Report) -> None:
-        """Count a shard that has just been done."""
-        self._add(report)
-
-    def _add(self, report: Report) -> None:
-        self._runs += len(report.setting)
-        self._steps += report.steps
-        for setting, value in zip(report.setting, report.final_training_return, strict=True):
-            self._returns.setdefault(setting, []).append(value)
-
-    def __rich__(self) -> Table:
+    def __rich__(self) -> Group:
         """Draw progress, speed, time left, and the best setting of each loss so far."""
         bar = ProgressBar(total=self._plan.n_runs, completed=self._runs, width=60)
-        rows = Table.grid()
-        for row in (self.line(), bar, self._best()):
-            rows.add_row(row)
-        return rows
+        return Group(self.line(), bar, self._best())
 
     def line(self) -> str:
         """Say progress, speed and time left in one line."""
@@ -93,29 +84,21 @@ def carry(
     width: Callable[[], int],
     lost: tuple[type[BaseException], ...] = (),
 ) -> None:
-    """Carry a plan out as `engine.run` does, and show how far it is.
+    """Carry a plan out as `engine.run` does, and show how far it is: on a terminal all the time, else at the end.
 
     Raises:
         KeyboardInterrupt: Ctrl-C; it says how many shards are done, which stay.
     """
+    console, view = Console(markup=False, emoji=False, highlight=False), View(plan)
+    drawn = Live(view, console=console, refresh_per_second=2) if console.is_terminal else contextlib.nullcontext()
     try:
-        with live(Console(markup=False, emoji=False, highlight=False), plan) as view:
-            engine.run(store, plan, executor, width, view, lost=lost)
+        with drawn:
+            engine.run(store, plan, executor, width, view.tell, lost)
     except KeyboardInterrupt:
         done = len(finished(store, plan))
         raise KeyboardInterrupt(f"{done:,} of {plan.n_shards:,} shards are done") from None
-
-
-@contextlib.contextmanager
-def live(console: Console, plan: Plan) -> Iterator[View]:
-    """The view, drawn again and again on a terminal; elsewhere its line alone, at the end."""
-    view = View(plan)
-    if console.is_terminal:
-        with Live(view, console=console, refresh_per_second=2):
-            yield view
-    else:
-        yield view
-        console.print(view.line(), highlight=False)
+    if not console.is_terminal:
+        console.print(view.line())
 
 
 def _duration(seconds: float) -> str:

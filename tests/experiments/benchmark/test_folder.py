@@ -41,13 +41,10 @@ class Here:
 
     def __call__(self, store, plan):
         with ThreadPoolExecutor(1) as threads:
-            engine.run(store, plan, threads, lambda: 1, self)
+            engine.run(store, plan, threads, lambda: 1, self.count)
 
-    def resumed(self, reports):
-        pass
-
-    def finished(self, shard):
-        self.done += 1
+    def count(self, reports, before):
+        self.done += len(reports) * (not before)
         if self.done >= self._most:
             raise KeyboardInterrupt
 
@@ -170,9 +167,10 @@ def test_other_draws_and_other_runs_are_refused(reference, tmp_path):
     file.write_text(json.dumps(record))
     with pytest.raises(UsageError, match=r"other draws of the same file, as another version of SciPy .*: bins.*eta"):
         benchmark(folder)
-    file.write_text("{")
-    with pytest.raises(UsageError, match=f"whose {FILE} was damaged"):
-        benchmark(folder)
+    for text in ("{", "[" * 100_000):
+        file.write_text(text)
+        with pytest.raises(UsageError, match=f"whose {FILE} was damaged"):
+            benchmark(folder)
     shutil.copy(reference / FILE, file)
     shutil.copy(folder / DATA / "fresh-bandit.parquet", folder / DATA / "tuning-bandit.parquet")
     with pytest.raises(UsageError, match="its stage is 'fresh', not 'tuning'; remove it to make it again"):

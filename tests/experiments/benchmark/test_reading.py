@@ -125,10 +125,12 @@ WRONG += [
     ({"anchors": {"usual": {"loss": "gaussian"}}}, "anchors.usual has loss, which is the methods'"),
     ({"methods__bins__time": 1.5}, 'methods.bins has time, which goes with design = "factorial"'),
     ({"methods__bins__time": -1}, "methods.bins.time is -1; it must be a finite number above 0"),
+    ({"methods__bins__time": 10**400}, "methods.bins.time is 1000"),
     (FACTORIAL | {"methods__gaussian__time": 1.5}, "methods.gaussian has time, but is the baseline"),
     (FACTORIAL | {"tasks__four__held_out": True}, "tasks.four is held out, but a factorial design"),
     (FACTORIAL | {"budget__fresh_seeds": 3}, "budget has fresh_seeds, but a factorial design"),
     (FACTORIAL | {"tasks__noisy__fresh_steps": 3}, "tasks.noisy has fresh_steps, but a factorial design"),
+    (FACTORIAL | {"tasks__budget": {"env": "bandit", "fresh_steps": 3}}, "tasks.budget has fresh_steps, but a fact"),
     (FACTORIAL | {"tasks__noisy": None, "tasks__four": None}, "tasks has one, but a factorial design"),
     (FACTORIAL | {"budget__seeds": 1}, "budget.seeds is 1, but a factorial design"),
 ]

@@ -70,20 +70,20 @@ def reference(tmp_path_factory):
     from galton_experiments.sweep.executors import Processes, one_per_core
 
     with Processes(one_per_core(2)) as executor:
-        engine.run(store, plan, executor, lambda: 2, engine.Silent())
+        engine.run(store, plan, executor, lambda: 2)
     results.save(store, results.collect(store, plan))
     return store.read(results.FILE)
 
 
-class Saboteur(engine.Silent):
+class Saboteur:
     """One worker killed and one stopped as soon as each has something to do."""
 
     def __init__(self, workers):
         self.workers, self.done = workers, 0
 
-    def finished(self, report):
-        self.done += 1
-        if self.done == 2:
+    def __call__(self, reports, before):
+        self.done += len(reports)
+        if self.done == 2 and not before:
             self.workers[0].send_signal(signal.SIGKILL)
             self.workers[1].send_signal(signal.SIGSTOP)
 

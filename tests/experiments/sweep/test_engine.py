@@ -39,15 +39,12 @@ class Inline(Executor):
         return future
 
 
-class Recorder(engine.Silent):
+class Recorder:
     def __init__(self):
         self.before, self.now = [], []
 
-    def resumed(self, reports):
-        self.before = [report.index for report in reports]
-
-    def finished(self, report):
-        self.now.append(report.index)
+    def __call__(self, reports, before):
+        (self.before if before else self.now).extend(report.index for report in reports)
 
 
 def sweep(url, study=STUDY, executor=None, width=1, extend=False):

@@ -41,6 +41,9 @@ def test_lists_are_axes_and_the_rest_is_fixed():
     assert {s["net_arch"] for s in settings if s["loss"] == "gaussian"} == {(8, 8)}
     assert {s["net_arch"] for s in settings if s["loss"] == "hl-gauss"} == {(8,), ()}
     assert expand(blocks + blocks, {}) == expand(blocks, {})
+    ordered = expand([{"loss": "hl-gauss", "ordered": [["gear"], []]}], {})
+    assert [s["ordered"] for s in ordered] == [("gear",), ()]
+    assert expand([{"loss": "hl-gauss", "ordered": ["gear"]}], {}) == ordered[:1]
 
 
 def test_what_some_of_a_grid_have_a_use_for_is_left_out_for_the_others():

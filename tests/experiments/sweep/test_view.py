@@ -26,9 +26,9 @@ def shown(view):
 
 def test_a_setting_that_diverged_is_not_the_best_so_far(monkeypatch):
     view = View(Plan.create(Study("bandit", SETTINGS, 1, 100)))
-    view.finished(report(0, float("nan")))
+    view.tell([report(0, float("nan"))], False)
     assert "nan" not in shown(view)
-    view.finished(report(1, -3.0))
+    view.tell([report(1, -3.0)], False)
     assert "learning rate 0.2" in shown(view)
     assert "-3.00" in shown(view)
 

@@ -6,14 +6,16 @@ from collections.abc import Sequence
 from typing import Annotated
 
 import tyro
+from rich.table import Table
 
 from galton.cli._progress import plain_console
 from galton.cli._reading import import_typed
 from galton.errors import UsageError
 from galton.extras import import_all
-from galton_experiments.commands._sweep_view import winners
+from galton.losses import find_loss
 from galton_experiments.sweep import results
 from galton_experiments.sweep.plan import Plan
+from galton_experiments.sweep.results import Best
 from galton_experiments.sweep.store import Store
 
 
@@ -69,3 +71,18 @@ def conclude(store: Store, plan: Plan) -> None:
         plain_console().print(winners(results.best_settings(plan.study, table)))
     runs = f"{table.num_rows:,}" if table.num_rows == plan.n_runs else f"{table.num_rows:,} of {plan.n_runs:,}"
     print(f"{runs} runs: {store.url}/{results.FILE}")
+
+
+def winners(best: dict[str, Best]) -> Table:
+    """A table of the best settings, a row for each loss."""
+    from galton_experiments.analysis.statistics import mean_interval  # scipy takes a second, which `status` needn't
+
+    table = Table(title="best setting per loss, by mean final training return: mean and 95% CI")
+    for heading in ("loss", "setting", "training return", "evaluation return", "of settings"):
+        table.add_column(heading, justify="left" if heading in ("loss", "setting") else "right")
+    for loss, winner in best.items():
+        training, evaluation = (
+            f"{mean_interval(values):,.2f}" for values in (winner.final_training_return, winner.final_evaluation_return)
+        )
+        table.add_row(find_loss(loss).label, winner.setting.brief(), training, evaluation, str(winner.n_settings))
+    return table

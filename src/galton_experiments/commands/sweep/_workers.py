@@ -26,20 +26,15 @@ class Workers:
     tls: Path | None = None
     """A folder with ca.pem, cert.pem and key.pem: encrypt and authenticate all that goes to workers and back."""
 
-    @property
-    def far(self) -> bool:
-        """Say whether they are anywhere else than in processes of this command."""
-        return self.scheduler is not None
-
     def check(self) -> None:
         """Raise UsageError for options that don't go together, and for what they need and is not installed."""
-        here = "processes here, without"
-        go_with(self, ("workers",), not (self.gpus or self.far), f"{here} gpus or scheduler")
-        go_with(self, ("gpus",), not self.far, f"{here} scheduler")
-        go_with(self, ("tls",), self.far, "a scheduler")
+        here, far = "processes here, without", self.scheduler is not None
+        go_with(self, "workers", not (self.gpus or far), f"{here} gpus or scheduler")
+        go_with(self, "gpus", not far, f"{here} scheduler")
+        go_with(self, "tls", far, "a scheduler")
         self.places()
-        if self.far:
-            importlib.import_module("galton_experiments.sweep.cluster").check(self.tls)
+        if far:
+            importlib.import_module("galton_experiments.sweep.cluster").security(self.tls)
 
     def places(self) -> list[Place]:
         """Return the places where the processes of this machine live."""
@@ -58,8 +53,7 @@ class Workers:
             yield lambda store, plan: carry(Store(store.absolute), plan, executor, width, cluster.LOST)
 
 
-def go_with(options: object, names: tuple[str, ...], they_do: bool, what: str) -> None:
-    """Raise UsageError where one of these options was given and does not go with the others."""
-    for name in names:
-        value = getattr(options, name)
-        require(they_do or value == getattr(type(options), name), f"{name} is {value}; it goes with {what}")
+def go_with(options: object, name: str, they_do: bool, what: str) -> None:
+    """Raise UsageError where this option was given and does not go with the others."""
+    value = getattr(options, name)
+    require(they_do or value == getattr(type(options), name), f"{name} is {value}; it goes with {what}")

@@ -55,40 +55,34 @@ class Options:
     training: TrainingOptions = dataclasses.field(default_factory=Training)
 
     @property
-    def base(self) -> Setting:
-        """The setting that the grid varies."""
-        return Setting(self.training.words)
-
-    @property
     def folder(self) -> str:
         """The folder or address of plan and results, by default one named after the sweep."""
         return self.out or str(Path("runs", f"sweep-{folder_name(self.env, self.algorithm)}"))
-
-    def study(self, settings: tuple[Setting, ...]) -> Study:
-        """The study that trains these settings as the options say."""
-        training = self.training
-        return Study(
-            self.env,
-            settings,
-            self.trials,
-            training.steps,
-            training.logs,
-            training.eval_episodes,
-            training.env_kwargs,
-            self.seed,
-            self.imports,
-            self.common_seeds,
-            self.eval_mean,
-        )
 
 
 def main(arguments: Sequence[str]) -> None:
     """Plan the sweep, train what is not done yet, and write and show the results."""
     options = parse(Options, "sweep", arguments)
-    options.training.find(options.env)
+    training = options.training
+    training.find(options.env)
     store = Store(options.folder)
-    _check(options)
-    study = options.study(find_grid(options.grid, options.env, options.base.record(), options.n_settings))
+    go_with(options, "n_settings", options.grid == "random", "grid 'random'")
+    options.workers.check()
+    if options.shard_width is not None:
+        require_integer("shard_width", options.shard_width, 1)
+    study = Study(
+        options.env,
+        find_grid(options.grid, options.env, Setting(training.words).record(), options.n_settings),
+        options.trials,
+        training.steps,
+        training.logs,
+        training.eval_episodes,
+        training.env_kwargs,
+        options.seed,
+        options.imports,
+        options.common_seeds,
+        options.eval_mean,
+    )
     if options.plan_only:
         with store.lock():
             plan = engine.prepare(store, study, options.shard_width, options.extend)
@@ -99,11 +93,3 @@ def main(arguments: Sequence[str]) -> None:
             plan = engine.prepare(store, study, options.shard_width, options.extend)
             carry_out(store, plan)
         conclude(store, plan)
-
-
-def _check(options: Options) -> None:
-    """Raise UsageError for options that don't go together, and for what they need and is not installed."""
-    go_with(options, ("n_settings",), options.grid == "random", "grid 'random'")
-    options.workers.check()
-    if options.shard_width is not None:
-        require_integer("shard_width", options.shard_width, 1)
