@@ -190,6 +190,15 @@ def test_a_policy_of_ones_own_says_how_its_action_is_computed(monkeypatch, tmp_p
     assert found == pytest.approx(model.predict(observations, deterministic=True)[0], abs=1e-6)
 
 
+def test_the_contract_names_an_algorithm_of_ones_own(tmp_path):
+    class Mine(galton.algorithms.A2C):
+        label = "Mine"
+
+    model = galton.Model("lqr", "gaussian", algorithm=Mine(), n_steps=4, net_arch=(), n_envs=1)
+    file = deploy.export(model, tmp_path / "policy")
+    assert json.loads(file.with_suffix(".json").read_text())["source"]["algorithm"] == "Mine"
+
+
 ODD_STEPS = {
     "no operator": lambda graph, outputs: graph.add("Frobnicate", outputs),
     "no such name": lambda graph, outputs: graph.add("Neg", "inputs"),

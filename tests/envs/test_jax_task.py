@@ -34,6 +34,20 @@ def test_steps_are_the_records_and_actions_are_clipped():
     np.testing.assert_array_equal(steps.observation, steps.final_observation)
 
 
+@pytest.mark.parametrize("kind", [jnp.array, list, tuple])
+def test_bounds_may_be_arrays_of_any_kind(kind):
+    class Own(LQR):
+        action_low, action_high = (kind([np.float32(bound)] * 2) for bound in (-1, 1))
+        observation_low, observation_high = (kind([np.float32(bound)] * 2) for bound in (-9, 9))
+
+    task = find(Own())
+    assert task.actions.box == JaxTask(LQR()).actions.box
+    assert task.observations.space.high.tolist() == [9, 9]
+    state, noise = task.record.reset(jax.random.key(0)), jnp.zeros(2)
+    clipped, beyond = (task.step(state, jnp.array(action), noise)[0] for action in ([1.0, -1.0], [5.0, -5.0]))
+    np.testing.assert_array_equal(clipped, beyond)
+
+
 def test_an_episode_is_cut_at_its_limit_and_another_begins_and_what_terminates_is_not_truncated():
     envs = RecordEnvironments(JaxTask(LQR(max_episode_steps=3)))
     envs.reset(SEEDS)

@@ -73,7 +73,7 @@ def test_a_gradient_that_is_not_finite_moves_nothing_where_the_rate_is_no_number
     jax.tree.map(np.testing.assert_array_equal, after.params, learner.params)
 
 
-@pytest.mark.parametrize("policy", ["ordinal", "smoothed", "autoregressive"])
+@pytest.mark.parametrize("policy", ["histogram", "ordinal", "smoothed", "autoregressive"])
 def test_heads_beside_a_choice_have_their_rate_and_the_choice_has_one(policy):
     """The numbers' rates are those of the same head without a choice."""
     box = Box.of([-1.0, 0.0, 0.0], [1.0, 3.0, 4.0], [0, 0, 5])

@@ -207,6 +207,7 @@ def test_first_policies_are_galtons(centers, std):
     [
         ({"low": -np.inf}, "low is .*-inf.* bins need finite bounds"),
         ({"low": 1.0, "high": 1.0}, "each low must lie below its high"),
+        ({"low": 1e7, "high": 1e7 + 1}, "5 bins between them are too narrow for float32"),
         ({"low": [0.0, 0.0, 0.0]}, r"low has shape \(3,\); the logits .* have d = 2"),
         ({"low": "none"}, "low is 'none'; it must be a number"),
         ({"logits": torch.zeros(2, 1)}, "the number of bins is 1; it must be an integer of at least 2"),
@@ -223,6 +224,10 @@ def test_first_policies_are_galtons(centers, std):
 def test_what_makes_no_distribution_is_refused(words, message):
     with pytest.raises(galton.UsageError, match=message):
         Histogram(**{"logits": torch.zeros(2, 5), "validate_args": True} | words)
+
+
+def test_bounds_keep_their_digits_in_float64():
+    assert Histogram(torch.zeros(1, 5, dtype=torch.float64), low=0.1, high=0.7).high.item() == 0.7
 
 
 def test_an_action_outside_of_the_box_is_refused():

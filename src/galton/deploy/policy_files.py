@@ -172,11 +172,10 @@ def _acted(space: Space) -> Iterator[dict[str, object]]:
 
 
 def _source(model: Model) -> dict[str, object]:
-    settings = model.settings
+    parts = {kind: model.settings[kind] for kind in ("algorithm", "loss")}
     return {
         "env": model.env_name,
-        "algorithm": settings["algorithm"],
-        "loss": settings["loss"] if isinstance(settings["loss"], str) else type(settings["loss"]).__name__,
+        **{kind: part if isinstance(part, str) else type(part).__name__ for kind, part in parts.items()},
         "policy": policy_name(model.agent),
         "seed": int(model.seed),
         "steps": int(model.num_timesteps),

@@ -41,12 +41,12 @@ class GymnasiumEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         fresh, carried = self._reset(self._key()), getattr(self.record, "carried", None)
         goes_on = carried is not None and seed is None and self._state is not None
         self._state = self.record.carried(self._state, fresh) if goes_on else fresh  # type: ignore[attr-defined]
-        return np.asarray(self._observe(self._state)), {}
+        return np.array(self._observe(self._state)), {}
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, object]]:
         """One step; the time limit is Gymnasium's TimeLimit wrapper's."""
         self._state, reward, terminated = self._step(self._state, action, self._key())
-        return np.asarray(self._observe(self._state)), float(reward), bool(terminated), False, {}
+        return np.array(self._observe(self._state)), float(reward), bool(terminated), False, {}
 
     def _key(self) -> jax.Array:
         return jax.random.key(int(self.np_random.integers(2**31)))

@@ -17,6 +17,9 @@ from galton.envs.host.moves import Moves
 from galton.envs.host.observations import Observations
 from galton.errors import UsageError
 
+ENDS = ("low", "high")
+"""The ends of a box, as a record's bounds are called."""
+
 
 @jax.tree_util.register_pytree_node_class
 class JaxTask:
@@ -65,14 +68,18 @@ class JaxTask:
         """The actions that policies take, as the environment has them and as a vector."""
         own = getattr(self.record, "action_space", None)
         if own is None:
-            own = Box(self.record.action_low, self.record.action_high)
+            own = self._box("action")
         return Actions(self.name, own, self.action_scale, self._n_mask)
 
     @property
     def observations(self) -> Observations:
         """The observations that a copy shows."""
-        own = Box(self.record.observation_low, self.record.observation_high)
-        return Observations(self.name, own, self._n_mask)
+        return Observations(self.name, self._box("observation"), self._n_mask)
+
+    def _box(self, kind: str) -> Box:
+        """The box between bounds that may be arrays of any kind, lists or numbers."""
+        low, high = (np.asarray(getattr(self.record, f"{kind}_{end}"), np.float32) for end in ENDS)
+        return Box(np.atleast_1d(low), np.atleast_1d(high))
 
     @property
     def _n_mask(self) -> int:
@@ -117,7 +124,8 @@ class JaxTask:
         """One step of the record under a policy's action, as the record's space has it, clipped into its box."""
         if getattr(self.record, "action_space", None) is not None:
             return self.record.step(state, self.actions.to_env(action), noise)
-        low, high, scale = self.record.action_low, self.record.action_high, np.float32(self.action_scale)
+        scale = np.float32(self.action_scale)
+        low, high = (jnp.asarray(getattr(self.record, f"action_{end}"), jnp.float32) for end in ENDS)
         return self.record.step(state, jnp.clip(action, low * scale, high * scale) / scale, noise)
 
     def __eq__(self, other: object) -> bool:

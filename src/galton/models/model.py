@@ -12,6 +12,7 @@ from galton import sb3
 from galton.agents import read
 from galton.algorithms import Agent, Algorithm, find_algorithm
 from galton.envs.find import find
+from galton.envs.host import masks
 from galton.envs.task import Task, check_copies, check_same_spaces
 from galton.errors import require, require_integer
 from galton.losses import Loss
@@ -154,9 +155,12 @@ class Model(Base):
         went in.
 
         Raises:
-            UsageError: an observation that the space can't hold.
+            UsageError: an observation that the space can't hold, or masks that allow nothing.
         """
         rows, single = self.observations.rows(observation, action_masks)
+        if action_masks is not None:
+            entry = masks.forbidden(rows[:, rows.shape[1] - self.actions.n_mask :], self.actions.box)
+            require(entry is None, f"action_masks allows no value of entry {entry} of the action; allow one at least")
         if deterministic:
             action = exploit(self._now, self.learner, rows)
         else:

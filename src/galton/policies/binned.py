@@ -198,11 +198,16 @@ class HistogramPolicy(BinnedPolicy):
         return jnp.where(jnp.concatenate(whole, -1) > 0, outputs, NOWHERE)
 
     def head_rates(self, distribution: Histogram) -> Float[Array, " dk"] | None:
-        """√(π/2) half-widths over σ, the mean of the batch's, for all bins of a dimension; without a gradient."""
+        """√(π/2) half-widths over σ, the mean of the batch's, for all bins of a dimension; 1 for a choice's values.
+
+        They have no gradient.
+        """
         if self.head_rate == "constant":
             return None
         std = jnp.maximum(distribution.std(), distribution.bins.width).reshape(-1, len(self.low)).mean(0)
         rates = math.sqrt(math.pi / 2) * (self.high - self.low) / 2 / jax.lax.stop_gradient(std)
+        if isinstance(self.bins, UnevenBins):
+            rates = jnp.where(self.bins.is_choice, 1.0, rates)
         return jnp.repeat(rates, np.array(self.sizes), total_repeat_length=sum(self.sizes))
 
     def by_dimension(self, outputs: Float[Array, "*batch dk"]) -> Float[Array, "*batch d k"]:

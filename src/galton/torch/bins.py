@@ -48,25 +48,32 @@ def box(
     d, bounds = logits.shape[-2], []
     for name, bound in (("low", low), ("high", high)):
         try:
-            given = torch.as_tensor(bound)
+            given = bound if isinstance(bound, Tensor) else torch.as_tensor(bound, dtype=torch.float64)
         except (TypeError, ValueError, RuntimeError):
             raise UsageError(f"{name} is {bound!r}; it must be a number, or one for each of {d} dimensions") from None
         fits = given.ndim == 0 or tuple(given.shape) == (d,)
         require(fits, f"{name} has shape {tuple(given.shape)}; the logits [..., d, k] have d = {d} dimensions")
         bounds.append(given.expand(d))
     if not torch.compiler.is_compiling() and (validate or not isinstance(low, Tensor) or not isinstance(high, Tensor)):
-        _check_box(*bounds)
-    first, last = (bound.to(logits.device, exact(logits)) for bound in bounds)
+        _check_box(bounds[0], bounds[1], logits)
+    first, last = (bound.to(exact(logits)).to(logits.device) for bound in bounds)
     return first, last
 
 
-def _check_box(low: Float[Tensor, " d"], high: Float[Tensor, " d"]) -> None:
+def _check_box(low: Float[Tensor, " d"], high: Float[Tensor, " d"], logits: Float[Tensor, "*batch d k"]) -> None:
     infinite = is_true((~(torch.isfinite(low) & torch.isfinite(high))).any())
     if infinite or is_true((low >= high).any()):
         remedy = "bins need finite bounds: scale the actions into a box first"
         raise UsageError(
             f"low is {low.tolist()} and high {high.tolist()}; "
             + (remedy if infinite else "each low must lie below its high")
+        )
+    n_bins, dtype = logits.shape[-1], exact(logits)
+    spacing = torch.finfo(dtype).eps * torch.maximum(low.abs(), high.abs()).double()
+    if is_true(((high.double() - low.double()) / n_bins <= 4 * spacing).any()):
+        raise UsageError(
+            f"low is {low.tolist()} and high {high.tolist()}; {n_bins} bins between them are too narrow for "
+            f"{str(dtype).removeprefix('torch.')}; take fewer bins or shift the box"
         )
 
 

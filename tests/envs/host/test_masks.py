@@ -221,6 +221,20 @@ def test_a_mask_of_no_use_is_refused_at_once():
     masked = galton.A2C(Shop, net_arch=(8,))
     with pytest.raises(UsageError, match=r"action_masks is .*; it must be 7 of True and False for each observation"):
         masked.predict(np.ones(7, np.float32), action_masks=np.ones(6))
+    with pytest.raises(UsageError, match="action_masks allows no value of entry 0 of the action; allow one at least"):
+        masked.predict(np.ones((2, 7), np.float32), action_masks=[[1] * 7, [0, 0, 0, 0, 1, 1, 1]])
+    assert masked.predict(np.ones((0, 7), np.float32))[0].shape == (0, 2)
+
+
+def test_a_mask_in_parts_is_refused_with_the_form_that_it_must_have():
+    class Parts(Shop):
+        def _move(self):
+            observation, info = super()._move()
+            self.there = np.ones(4), np.ones(3)
+            return observation, info
+
+    with pytest.raises(UsageError, match="give one array of 1 and 0, all choices one after the other"):
+        galton.A2C(Parts)
 
 
 @pytest.mark.parametrize("env", [Shop, Joint])

@@ -15,7 +15,12 @@ KEY, METHOD = "action_mask", "action_masks"
 
 def n_entries(name: str, told: object, box: Box) -> int:
     """The number of entries of a mask; UsageError for one that does not go with the action."""
-    n, of_choices, n_numbers = np.size(told), sum(box.n_values), len(box.numbers)  # type: ignore[arg-type]
+    values, of_choices, n_numbers = as_numbers(told), sum(box.n_values), len(box.numbers)
+    require(
+        values is not None,
+        f"{name}'s action mask is {shown(told)}; give one array of 1 and 0, all choices one after the other",
+    )
+    n = np.size(values)  # type: ignore[arg-type]
     rest = n - of_choices
     require(
         n > 0 and (rest == 0 or (n_numbers > 0 and rest > 0 and rest % n_numbers == 0)),
@@ -58,11 +63,16 @@ def checked(told: object, box: Box, where: str) -> Float[np.ndarray, " n"]:
             f"{where}: the action mask is {shown(told)}; it must be {box.n_mask} of 1 and 0, or True and False"
         )
     mask: np.ndarray = values.ravel().astype(np.float32)
-    ends = np.cumsum(box.mask_sizes)
-    for entry, (size, end) in enumerate(zip(box.mask_sizes, ends, strict=True)):
-        if size and not mask[end - size : end].any():
-            raise BrokenEnvironmentError(
-                f"{where}: the action mask allows no value of entry {entry} of the action; allow one at least, or end "
-                "the episode there"
-            )
+    entry = forbidden(mask, box)
+    if entry is not None:
+        raise BrokenEnvironmentError(
+            f"{where}: the action mask allows no value of entry {entry} of the action; allow one at least, or end "
+            "the episode there"
+        )
     return mask
+
+
+def forbidden(mask: Float[np.ndarray, "*n m"], box: Box) -> int | None:
+    """The first entry of the action that has no value that is allowed, in one of these masks; None without any."""
+    of_entry = np.split(mask, np.cumsum(box.mask_sizes)[:-1], -1)
+    return next((i for i, own in enumerate(of_entry) if own.shape[-1] and not own.any(-1).all()), None)

@@ -100,7 +100,7 @@ class Observations:
             fits, f"action_masks is {shown(masks)}; it must be {self.n_mask} of True and False for each observation"
         )
         assert allowed is not None
-        return np.concatenate([rows, allowed.reshape(len(rows), -1).astype(rows.dtype)], -1), single
+        return np.concatenate([rows, allowed.reshape(len(rows), self.n_mask).astype(rows.dtype)], -1), single
 
     def _rows(self, observation: Any) -> tuple[Float[np.ndarray, "n o"], bool]:
         try:
