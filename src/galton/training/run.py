@@ -163,7 +163,7 @@ def stored(agent: Agent, run: RunState) -> StoredRun:
 
 
 def restored(agent: Agent, run: StoredRun) -> RunState:
-    """Undo `stored`."""
+    """The run that a file holds, with its keys as JAX has them and its steps counted in updates."""
     key, evaluation_key = (jax.random.wrap_key_data(jnp.asarray(k)) for k in (run.key, run.evaluation_key))
     updates, diverged_at = (jnp.asarray(at // agent.rollout.size, jnp.int32) for at in (run.step, run.diverged_at))
     return RunState(run.learner, key, evaluation_key, updates, diverged_at, run.tally)
