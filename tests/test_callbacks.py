@@ -253,6 +253,22 @@ def test_a_new_evaluate_knows_the_best_model_that_the_same_run_kept(tmp_path, mo
     assert learnt(new()) == (-9.0, 20), "a new run begins anew"
 
 
+def test_one_evaluate_begins_anew_with_a_new_run_and_another_seeds_best_is_not_its_own(tmp_path, monkeypatch):
+    means = iter([-5.0, -7.0])
+    monkeypatch.setattr(A2C, "evaluate", lambda self, n_episodes, *_: np.full(n_episodes, next(means)))
+    new = functools.partial(A2C, "lqr", "hl-gauss", n_bins=10, net_arch=(8,), n_steps=10)
+    evaluate, logs = Evaluate(20, best_model=tmp_path / "best"), []
+    for seed in (0, 1):
+        model = new(seed=seed).learn(20, [evaluate, lambda model, log: logs.append(log)], progress_bar=False)
+    assert [log["eval/best_mean_reward"] for log in logs] == [-5.0, -7.0]
+    assert all("eval/doing_nothing" in log for log in logs)
+    assert A2C.load(tmp_path / "best").seed == 1
+    model.seed = 0
+    evaluate = Evaluate(20, best_model=tmp_path / "best")
+    evaluate.check(model)
+    assert evaluate.best == -math.inf
+
+
 def test_an_environment_to_evaluate_on_is_made_once_and_closed():
     made = []
 
@@ -283,6 +299,7 @@ def test_evaluation_on_a_model_agrees_with_the_file_of_the_best(model, tmp_path)
 def test_checkpoints_are_kept_by_step_or_written_over(model, tmp_path):
     first = model.num_timesteps
     learn(model, [Checkpoint(tmp_path / "run-{step}", every=20), Checkpoint(str(tmp_path / "last"), every=20)], 4)
+    Checkpoint(tmp_path / "{step}" / "model").check(model)
     names = {path.name for path in tmp_path.iterdir()}
     assert names == {f"run-{first + 20}.safetensors", f"run-{first + 40}.safetensors", "last.safetensors"}
     assert A2C.load(tmp_path / "last").num_timesteps == first + 40

@@ -3,11 +3,12 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
+import optax
 import pytest
 import torch
 from stable_baselines3.common.sb2_compat.rmsprop_tf_like import RMSpropTFLike
 
-from galton.optimizers import Adam, AdamW, RMSprop, count
+from galton.optimizers import Adam, AdamW, Optimizer, RMSprop, count
 
 RATE = 0.02
 THEIRS = {
@@ -16,6 +17,26 @@ THEIRS = {
     RMSprop(RATE): lambda p: RMSpropTFLike(p, RATE, alpha=0.99, eps=1e-5),
     RMSprop(RATE, rms_decay=0.5): lambda p: RMSpropTFLike(p, RATE, alpha=0.5, eps=1e-5),
 }
+
+
+class OfEach(Optimizer):
+    """The critic's gradient is scaled down, the actor's is Adam's."""
+
+    label = "of each"
+
+    @property
+    def transformation(self):
+        kinds = {"a": optax.scale_by_adam(), "c": optax.scale(0.1)}
+        return optax.multi_transform(kinds, {"actor": "a", "critic": "c"})
+
+
+def test_a_transformation_may_name_actor_and_critic():
+    params = {"actor": jnp.ones(3), "critic": jnp.ones(2)}
+    optimizer = OfEach(RATE)
+    after, state, _ = optimizer.step(params, optimizer.init(params), jax.tree.map(lambda x: x / 10, params))
+    np.testing.assert_allclose(after["actor"], 1 - RATE, rtol=1e-5)
+    np.testing.assert_allclose(after["critic"], 1 - RATE / 100, rtol=1e-6)
+    assert int(count(state)) == 1
 
 
 @pytest.mark.slow

@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -14,6 +15,7 @@ import galton
 from galton import Model, UsageError
 from galton.cli._words import run_command
 from galton.deploy import export
+from galton.types import Count
 from galton.words import CHOICES, vocabulary
 from galton_experiments.benchmark import draws, reading
 from galton_experiments.sweep.grid import expand
@@ -72,6 +74,40 @@ def test_it_trains_is_saved_goes_on_and_is_exported_or_says_why_not(registered, 
             export(model, tmp_path / "policy.onnx")
     else:
         assert export(model, tmp_path / "policy.onnx").exists()
+
+
+class Bumps(galton.networks.MLP):
+    """A part may call what it learns as it likes, and have counts that are no sizes."""
+
+    label = "bumps"
+
+    bump_seed: Count = 2026
+
+    def init(self, key, n_in, n_out, last_scale, of_critic):
+        first, *others = super().init(key, n_in, n_out, last_scale, of_critic)
+        return [first | {"variance": -jnp.ones(4)}, *others]
+
+
+class Remembering(galton.algorithms.A2C):
+    """An algorithm whose memory begins at −∞."""
+
+    label = "remembering"
+
+    def init(self, agent, params):
+        return {"best": jnp.array(-jnp.inf)}
+
+
+def test_what_parts_of_ones_own_learn_and_remember_is_loaded_whatever_it_is(tmp_path, monkeypatch):
+    monkeypatch.setitem(galton.NETWORKS, "bumps", Bumps)
+    monkeypatch.setitem(galton.ALGORITHMS, "remembering", Remembering)
+    model = Model("lqr", "gaussian", network="bumps", algorithm="remembering", n_envs=1, **SMALL).learn(
+        20, progress_bar=False
+    )
+    again = Model.load(model.save(tmp_path / "model"), "lqr")
+    assert again.settings == model.settings
+    again.set_parameters(model.get_parameters())
+    for ours, theirs in zip(jax.tree.leaves(model.learner), jax.tree.leaves(again.learner), strict=True):
+        np.testing.assert_array_equal(ours, theirs)
 
 
 @pytest.mark.skipif("CHECKED" in os.environ, reason="tyro fills fields with marks of its own")

@@ -1,5 +1,6 @@
 """Schedules against Optax's, in a run, in files and on the command line."""
 
+import functools
 import json
 import math
 
@@ -42,7 +43,14 @@ def test_a_number_at_each_step_is_optaxs(ours, theirs):
 
 
 @pytest.mark.parametrize(
-    "schedule", [Linear(3e-4, 0.0), Cosine(1e-3, 1e-4, 1e6, 10.0), Step(Linear(0.0, 1e-3, 10.0), 1e-4, 500.0)]
+    "schedule",
+    [
+        Linear(3e-4, 0.0),
+        Cosine(1e-3, 1e-4, 1e6, 10.0),
+        Step(Linear(0.0, 1e-3, 10.0), 1e-4, 500.0),
+        Step(-math.inf, -3.0, 1000.0),
+        functools.reduce(lambda before, i: Step(before, 1e-3 / i, 1e4 * i), range(1, 61), 1e-3),
+    ],
 )
 def test_a_schedule_comes_back_from_its_text(schedule):
     assert schedules.read("learning_rate", schedules.told(schedule)) == schedule

@@ -10,6 +10,7 @@
 
 import contextlib
 import dataclasses
+import itertools
 import json
 import math
 import time
@@ -68,6 +69,8 @@ class Evaluate:
     def check(self, model: Any) -> None:
         """Raise UsageError for an environment that can't be played on, or a file that can't be written."""
         self._let_go()
+        if not model.num_timesteps:  # a new run begins anew
+            self.best, self.latest, self.yardsticks = -math.inf, math.nan, None
         if self.env is None:
             model.population.check_evaluation(self.n_episodes)
         else:
@@ -77,7 +80,7 @@ class Evaluate:
         if self.best_model is not None:
             path = Path(self.best_model)
             files.check_place("best_model", path)
-            before = best_before(path, model.env_name, model.agent, model.num_timesteps)
+            before = best_before(path, model.env_name, model.agent, model.seed, model.num_timesteps)
             self.best = max(self.best, before)
 
     def __call__(self, model: Any, log: Log) -> None:
@@ -129,7 +132,9 @@ class Checkpoint:
 
     def check(self, _: Any) -> None:
         """Raise UsageError for a file that can't be written."""
-        files.check_place("path", Path(self.path))
+        path = Path(self.path)
+        folders = itertools.takewhile(lambda part: "{step}" not in part, path.parent.parts)
+        files.check_place("path", Path(*folders, path.name))
 
     def __call__(self, model: Any, _: Log) -> None:
         """Save the model, with its step where the path has `{step}`."""

@@ -42,11 +42,10 @@ class Optimizer(Part, abc.ABC):
     def transformation(self) -> optax.GradientTransformation:
         """The step that is made of a clipped gradient, before the learning rate scales it and its sign turns."""
 
-    @property
-    def _counted(self) -> optax.GradientTransformation:
-        """The same, with a count of steps where it keeps none."""
+    def _counted(self, params: Params) -> optax.GradientTransformation:
+        """The same, with a count of steps where it keeps none of these parameters."""
         own = self.transformation
-        knows = bool(_counts(jax.eval_shape(own.init, {"any": jnp.zeros(1)})))
+        knows = bool(_counts(jax.eval_shape(own.init, params)))
         return own if knows else optax.chain(own, optax.scale_by_schedule(lambda _: 1.0))
 
     def __post_init__(self) -> None:
@@ -56,7 +55,7 @@ class Optimizer(Part, abc.ABC):
 
     def init(self, params: Params) -> State:
         """The state before the first step."""
-        return self._counted.init(params)
+        return self._counted(params).init(params)
 
     def step(self, params: Params, state: State, gradient: Params) -> tuple[Params, State, Float[Array, ""]]:
         """One step along the gradient, clipped; also the gradient's norm before that, of all of it.
@@ -66,7 +65,7 @@ class Optimizer(Part, abc.ABC):
         grad_norm = optax.tree.norm(gradient)
         finite = jnp.isfinite(grad_norm)
         learning_rate = jnp.where(finite, self.learning_rate, 0.0)
-        move, state = self._counted.update(self._clipped(gradient, finite), state, params)
+        move, state = self._counted(params).update(self._clipped(gradient, finite), state, params)
         return jax.tree.map(lambda p, s: p - learning_rate * s, params, move), state, grad_norm
 
     def _clipped(self, gradient: Params, finite: Bool[Array, ""]) -> Params:

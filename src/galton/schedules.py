@@ -118,7 +118,7 @@ class Step(Schedule):
         return self.replace(before=over(self.before, begin, end), after=over(self.after, begin, end))
 
 
-LONGEST = 500
+LONGEST = 10_000
 """Characters of a text at most."""
 SCHEDULES: dict[str, type[Schedule]] = {"linear": Linear, "cosine": Cosine, "step": Step}
 
@@ -148,6 +148,8 @@ def read(name: str, text: str) -> Schedule:
 
 
 def _made(node: ast.expr) -> Any:
+    if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub):
+        return -_made(node.operand)
     if not isinstance(node, ast.Call):
         return float(ast.literal_eval(node)) if not isinstance(node, ast.Name) else {"inf": float("inf")}[node.id]
     if not isinstance(node.func, ast.Name) or node.keywords:

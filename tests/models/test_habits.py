@@ -13,6 +13,7 @@ import warnings
 import jax
 import numpy as np
 import pytest
+from gymnasium.wrappers import NormalizeObservation
 
 from galton import A2C, PPO, InexactResume, UsageError
 from galton.callbacks import Print
@@ -300,6 +301,18 @@ def test_set_env_goes_on_with_what_was_learnt_on_another_environment(tmp_path):
         assert all(same(before[name], each.get_parameters()[name]) for name in ("actor", "critic"))
         assert each.learn(50, **QUIET).num_timesteps == 100
         each.close()
+
+
+@pytest.mark.parametrize("bare", [swing, stateful_swing])
+def test_set_env_keeps_what_the_wrappers_have_counted(bare):
+    def make():
+        return NormalizeObservation(bare())
+
+    model = A2C(make, **SMALL | {"n_envs": 1}).learn(50, **QUIET)
+    model.set_env(make)
+    snapshot = model.population.snapshot()
+    count = next(value for name, value in snapshot["statistics"].items() if name.endswith("count"))
+    assert count.item() > 50
 
 
 def test_set_env_refuses_other_spaces_and_keeps_the_environment():

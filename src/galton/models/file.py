@@ -69,7 +69,7 @@ def read(path: Path, opener: type) -> saved.Saved:
 def learner_of(found: saved.Saved) -> Learner:
     """The learner of a file's model; CheckpointError if the arrays are not those of its settings, or not finite."""
     try:
-        checkpoint.check_numbers(found.arrays, "run/learner/", never_negative=("count", "nu", "variance", "n"))
+        checkpoint.check_numbers(found.arrays)
         agent, size = at(found.agent, 0.0), found.observations.size
         one = jax.eval_shape(lambda key: actor_critic.init(key, agent, size), jax.random.key(0))
         like = {"run": {"learner": jax.tree.map(lambda x: jax.ShapeDtypeStruct((1, *x.shape), x.dtype), one)}}
@@ -101,8 +101,11 @@ def resume(path: Path, population: Population, arrays: dict[str, np.ndarray]) ->
             try:
                 snapshot |= checkpoint.unflatten(arrays, {"environments": like["environments"]})
             except CheckpointError as error:
-                snapshot["environments"] = like["environments"]
                 cause = f"the checkpoint has no state for its environments ({error})"
+                try:  # new episodes, with what the wrappers have counted
+                    snapshot |= checkpoint.unflatten(arrays, {"statistics": like["statistics"]})
+                except (KeyError, CheckpointError):
+                    snapshot["environments"] = like["environments"]
         population.restore(snapshot)
     except MALFORMED as error:  # UsageError is a ValueError
         raise saved.unusable(path, error) from None

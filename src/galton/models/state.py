@@ -114,7 +114,8 @@ class Run:
             with np.errstate(over="ignore"):
                 finite = other.dtype.kind in "fiu" and bool(np.isfinite(other.astype(array.dtype)).all())
             require(finite, f"{name} is not all finite numbers of {array.dtype}")
-            negative = name.endswith(("['variance']", "['n']")) and bool((other < 0).any())
+            counts = name.startswith("parameters['normalizer']") and name.endswith(("['variance']", "['n']"))
+            negative = counts and bool((other < 0).any())
             require(not negative, f"{name} is negative in part; it must be 0 or more")
         params = jax.tree.map(lambda array, other: np.asarray(other, array.dtype), whole, parameters)
         told = params.pop("normalizer", {}).items()

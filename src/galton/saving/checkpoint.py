@@ -5,7 +5,7 @@ Loading runs no code, imports nothing and makes no environment. Writing is atomi
 
 import hashlib
 import json
-from collections.abc import Collection
+import re
 from pathlib import Path
 from typing import Any
 
@@ -112,11 +112,18 @@ def unflatten(arrays: dict[str, np.ndarray], like: PyTree) -> PyTree:
     return jax.tree.unflatten(structure, told)
 
 
-def check_numbers(arrays: dict[str, np.ndarray], prefix: str, never_negative: Collection[str]) -> None:
-    """Raise CheckpointError unless arrays of this prefix are finite, and 0 or more if so named."""
+_LEARNT = re.compile(r"run/learner/(params|optimizer|normalizer)/")
+_NEVER_NEGATIVE = re.compile(r"run/learner/(optimizer/(\d+/)*(nu|count)(/.*)?|normalizer/.*/(variance|n))")
+
+
+def check_numbers(arrays: dict[str, np.ndarray]) -> None:
+    """Raise CheckpointError unless what was learnt is finite, and 0 or more where it counts or is a mean square.
+
+    What parts of a user's own call their parameters, and what they remember, is theirs.
+    """
     for name, array in arrays.items():
-        if name.startswith(prefix) and array.dtype.kind in "fiu":
-            signed = set(name.split("/")).isdisjoint(never_negative)
+        if _LEARNT.match(name) and array.dtype.kind in "fiu":
+            signed = not _NEVER_NEGATIVE.fullmatch(name)
             wrong = ~np.isfinite(array) if signed else ~(np.isfinite(array) & (array >= 0))
             if wrong.any():
                 wanted = "finite" if signed else "finite, and 0 or more"

@@ -13,6 +13,7 @@ from galton.envs.host.answers import shown
 from galton.envs.host.observations import Observations
 from galton.envs.host.space_json import actions_from_json, from_json, n_entries
 from galton.errors import MALFORMED, CheckpointError, NewerVersionError, UsageError, in_a_line, require
+from galton.networks import MLP, SimBa
 from galton.parts import settings as settings_of
 from galton.policies.per_entry import most_bins
 from galton.records import FIRST_FIELDS, refuse_unknown
@@ -37,6 +38,8 @@ EXAMPLE: Settings = {
 }
 """The settings in a model's file; config and hypers are its agent's words, but for later ones at their usual values."""
 
+_SIZES = settings_of(MLP) | settings_of(SimBa)
+"""The settings of Galton's own networks, which count units."""
 SCORE = "evaluation/mean_reward"
 """The array of a best model's file that holds its mean return."""
 
@@ -65,8 +68,8 @@ def existing(path: Path) -> Path:
     return saved_as if not path.is_file() and saved_as.is_file() else path
 
 
-def best_before(path: Path, env_name: str, agent: Agent, step: int) -> float:
-    """The mean return of the best model that a run of this agent kept at this path up to this step; −inf for none.
+def best_before(path: Path, env_name: str, agent: Agent, seed: int, step: int) -> float:
+    """The mean return of the best model that the run of this agent and seed kept here up to this step; −inf for none.
 
     A file of anything else is nobody's best: whoever keeps a better model writes over it.
     """
@@ -77,7 +80,8 @@ def best_before(path: Path, env_name: str, agent: Agent, step: int) -> float:
         saved = opened(path)
     except (CheckpointError, UsageError):
         return -math.inf
-    same = saved.settings["env"] == env_name and words_of(saved.agent) == words_of(agent)
+    of_run = (saved.settings["env"], saved.settings["seed"], words_of(saved.agent))
+    same = of_run == (env_name, seed, words_of(agent))
     earlier = saved.settings["step"] <= step
     return float(saved.arrays[SCORE]) if same and earlier and SCORE in saved.arrays else -math.inf
 
@@ -130,7 +134,7 @@ def _described(path: Path, settings: Settings, arrays: dict[str, np.ndarray]) ->
         "n_predictions": 0 <= settings["n_predictions"] < 2**32,
         "n_steps": size < 2**31,
         "n_bins": len(actions.box.low) * most_bins(agent.policy) <= max(n_numbers, MAX_BINS),
-        **{name: _n_units(getattr(network, name)) <= n_numbers for name in settings_of(type(network))},
+        **{name: _n_units(getattr(network, name)) <= n_numbers for name in _SIZES if hasattr(network, name)},
     }
     for name, fits in fitting.items():
         value = settings.get(name, settings["config"].get(name))

@@ -235,7 +235,7 @@ class Group:
         snapshot: Snapshot = {"run": jax.tree.map(np.asarray, stored(self._agent, self.runs))}
         if state is not None:
             snapshot["environments"] = own | {key: self._split(value) for key, value in state.items()}
-        elif statistics := self._statistics():
+        if statistics := self._statistics():
             snapshot["statistics"] = statistics
         return snapshot
 
