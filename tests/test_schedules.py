@@ -118,9 +118,12 @@ def test_a_constant_schedule_is_the_number_and_one_that_changes_is_not(env):
 
 @pytest.mark.slow
 def test_a_function_of_what_remains_is_understood_where_it_is_linear():
-    model = PPO("lqr", "gaussian", n_steps=64, learning_rate=lambda left: 1e-3 * left, clip_range=lambda _: 0.1)
+    model = PPO(
+        "lqr", "gaussian", n_steps=64, learning_rate=lambda left: 1e-3 * left, clip_range=lambda left: 0.2 * left
+    )
     assert model.settings["learning_rate"] == Linear(1e-3, 0.0)
-    assert model.settings["clip_range"] == 0.1
+    assert model.settings["clip_range"] == Linear(0.2, 0.0)
+    assert PPO("lqr", "gaussian", n_steps=64, clip_range=lambda _: 0.1).settings["clip_range"] == 0.1
     rates = []
     model.learn(256, lambda _, log: rates.append(log["train/learning_rate"]) and None, progress_bar=False)
     np.testing.assert_allclose(rates, [7.5e-4, 5e-4, 2.5e-4, 0.0], atol=1e-9)  # as SB3's

@@ -140,7 +140,8 @@ class Part:
                 object.__setattr__(self, name, kept)
         if not any(isinstance(leaf, _COMPUTED) for leaf in jax.tree.leaves(self)):
             with jax.ensure_compile_time_eval():  # inside of a program as well
-                (self if isinstance(self, Schedule) else at(self, 0.0)).check_own()
+                for each in [self] if isinstance(self, Schedule) else _ends(self):
+                    each.check_own()
 
     def check_own(self) -> None:
         """Raise UsageError for fields that don't go together."""
@@ -253,6 +254,17 @@ def has_schedules(part: Part) -> bool:
     """Say whether one of a part's numbers is a schedule, or one of those of its own parts."""
     inside = (value for value in vars(part).values() if isinstance(value, Part))
     return any(isinstance(value, Schedule) or has_schedules(value) for value in inside)
+
+
+def _ends(part: PartT) -> list[PartT]:
+    """The part with each schedule at the first of the numbers between which it stays, at the second, and so on."""
+    if not has_schedules(part):
+        return [part]
+    leaves, structure = jax.tree.flatten(part, is_leaf=lambda leaf: isinstance(leaf, Schedule))
+    numbers = [leaf.values() if isinstance(leaf, Schedule) else (leaf,) for leaf in leaves]
+    longest = max(map(len, numbers))
+    rows = zip(*(each + each[-1:] * (longest - len(each)) for each in numbers), strict=True)
+    return [jax.tree.unflatten(structure, row) for row in rows]
 
 
 def at(part: PartT, step: Float[Array, "*runs"] | float) -> PartT:

@@ -11,6 +11,7 @@ from safetensors.numpy import load_file
 
 from galton import A2C, PPO, UsageError, make_agent, train
 from galton.algorithms import minibatches, ppo
+from galton.schedules import Step
 
 from ..swing import stateful_swing
 from .minibatches import SIZE, N, T, agent_of, fit, moved, orders_of, prepare, rollout_of
@@ -191,6 +192,10 @@ def test_the_change_of_a_value_is_clipped_for_the_squared_error_alone():
     told = r"^clip_range_vf is 0\.2, but critic 'HL-Gauss' has no one value to clip; leave it at inf or take critic='sq"
     with pytest.raises(UsageError, match=told):
         agent_of("histogram", "hl-one-hot", critic="hl-gauss", normalize_reward=True, clip_range_vf=0.2)
+    with pytest.raises(UsageError, match=told):
+        agent_of(
+            "histogram", "hl-one-hot", critic="hl-gauss", normalize_reward=True, clip_range_vf=Step(np.inf, 0.2, 9)
+        )
     for off in ({}, {"clip_range_vf": np.inf}):  # which leaves no trace in programs
         agent = agent_of("histogram", "hl-one-hot", critic="hl-gauss", normalize_reward=True, **off)
         assert agent.algorithm.clip_range_vf is None

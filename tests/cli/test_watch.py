@@ -6,10 +6,11 @@ import shutil
 import gymnasium
 import numpy as np
 import pytest
-from gymnasium.spaces import Box
+from gymnasium.spaces import Box, Discrete
+from numpy.testing import assert_array_equal
 from PIL import Image
 
-from galton import A2C, BrokenEnvironmentError, UsageError
+from galton import A2C, BrokenEnvironmentError, Model, UsageError
 from galton.cli import watch
 
 FINE = (np.zeros(2, np.float32), 1.0, False, False, {})
@@ -111,6 +112,40 @@ def test_a_reset_that_raises_is_blamed_and_a_run_that_is_not_there_named(run, mo
             watch.main([name])
 
 
+class Recorded(Watched):
+    """Remembers its actions, and allows one choice in each state: that of the state's number."""
+
+    acted: list = []  # noqa: RUF012, one for all copies
+
+    def __init__(self, render_mode=None, masked=False):
+        super().__init__(render_mode)
+        if masked:
+            self.action_space = Discrete(5)
+            self.action_masks = lambda: np.arange(5) == self.t
+
+    def step(self, action):
+        self.acted.append(action)
+        return super().step(action)
+
+
+@pytest.mark.parametrize("kwargs", [{"masked": True}, {"action_scale": 8.0}])
+def test_actions_are_those_that_training_would_take(kwargs, run):
+    name = f"{__name__}:Recorded"
+    model = A2C(name, n_bins=5, net_arch=(4,), env_kwargs=kwargs)
+    model.save(run / "model.safetensors")
+    model.close()
+    Recorded.acted.clear()
+    film(run, "--env", name, "--env-kwargs", json.dumps(kwargs))
+    observations = [Watched.reset(Recorded())[0], *[FINE[0]] * 3]
+    policy = Model.load(run / "model.safetensors")
+    if "masked" in kwargs:
+        assert Recorded.acted == [0, 1, 2, 3]
+    else:
+        acted = [policy.predict(each, deterministic=True)[0] / 8 for each in observations]
+        assert_array_equal(Recorded.acted, acted)
+        assert np.any(acted)
+
+
 def test_another_environment_than_the_models_is_refused_before_it_is_played(run):
     with pytest.raises(UsageError, match=r"env has observations Box.*; the model's are Box"):
         film(run, "--env", "Watched-v0", "--env-kwargs", '{"n_observed": 3}')
@@ -124,8 +159,8 @@ SETTINGS = {
     "an env that is no name": ('{"env": 5}', "env is 5 in .*; it must be a name"),
     "no env": ("{}", "env is not known"),
     "odd arguments": ('{"env": "Watched-v0", "env_kwargs": 5}', "env_kwargs is '5'; it must be a JSON object"),
-    "wrong arguments": ('{"env": "Watched-v0", "env_kwargs": {"mass": 1}}', "can't be made for watching"),
-    "a long env": ('{"env": "%s-v0"}' % ("x" * 300), "can't be made for watching"),
+    "wrong arguments": ('{"env": "Watched-v0", "env_kwargs": {"mass": 1}}', "can't be made: TypeError"),
+    "a long env": ('{"env": "%s-v0"}' % ("x" * 300), "can't be made: NameNotFound"),
 }
 
 

@@ -84,9 +84,9 @@ class PPO(Algorithm):
     ratio: Literal["auto", "smoothed", "true"] = "auto"
     """The ratio that is clipped: of what the loss measures, or the actions' own likelihood ratio; auto is smoothed for
     a loss with a bias, plain HL-Gauss, and true for all others."""
-    clip_range: Annotated[Number, Within(lambda x: x > 0, "greater than 0")] = 0.2
+    clip_range: Annotated[Number, Within(lambda x: x >= 0, "0 or more")] = 0.2
     """The ratio is clipped this far from 1."""
-    clip_range_vf: Annotated[Number | None, Within(lambda x: x > 0, "greater than 0, or inf for none")] = math.inf
+    clip_range_vf: Annotated[Number | None, Within(lambda x: x >= 0, "0 or more, or inf for none")] = math.inf
     """The critic's loss sees each value clipped to this far from what it was when the rollout was sampled, in the units
     of the rewards that the critic sees. It goes with the critic 'squared-error'."""
     target_kl: Annotated[Number, Within(lambda x: x > 0, "greater than 0, or inf for none")] = math.inf

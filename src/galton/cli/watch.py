@@ -1,6 +1,5 @@
 """galton watch: a film of a policy."""
 
-import contextlib
 import dataclasses
 import math
 import os
@@ -16,9 +15,9 @@ import tyro
 
 from galton.cli._reading import Imports, import_typed, read_options
 from galton.cli._runs import environment_of, model_of
-from galton.envs.host.answers import FAULTS, blame, one_flag, one_number, parts
+from galton.envs.host import masks
+from galton.envs.host.answers import blame, one_flag, one_number, parts
 from galton.envs.host.gymnasium import GymnasiumTask
-from galton.envs.host.mujoco_log import mujoco_warns
 from galton.envs.registry import is_known
 from galton.envs.task import check_same_spaces
 from galton.errors import UsageError, require, require_integer
@@ -68,20 +67,21 @@ def main(arguments: Sequence[str]) -> None:
     library = "imageio_ffmpeg" if out.suffix == ".mp4" else "PIL"
     require_libraries("watch" if options.out is None else f"out is {out}, which", library)
     name, kwargs = environment_of(file, options.env, options.env_kwargs)
-    env = _make(name, kwargs)
+    task = _make(name, kwargs)
+    envs = task.make(1)
+    env = envs.layers[0][0]
     try:
-        check_same_spaces(GymnasiumTask(env), model.actions, model.observations)
-        frames, returns = _play(env, name, model, options)
+        check_same_spaces(task, model.actions, model.observations)
+        frames, returns = _play(env, task, model, options)
         fps = env.metadata.get("render_fps") or 30
     finally:
-        with contextlib.suppress(Exception):  # a renderer that never came up can't be closed either
-            env.close()
+        envs.close()
     write(out, frames, fps)
     told = ", ".join(f"{value:,.2f}" for value in returns)
     print(f"return {told} in {len(frames)} frames\nvideo: {out}")
 
 
-def _make(name: str, kwargs: dict[str, Any]) -> Env:
+def _make(name: str, kwargs: dict[str, Any]) -> GymnasiumTask:
     require(
         not is_known(name),
         f"env is {name}, one of Galton's own tasks, which have no picture; train on the Gymnasium id to watch it",
@@ -90,31 +90,32 @@ def _make(name: str, kwargs: dict[str, Any]) -> Env:
         for variable, value in (("MUJOCO_GL", "egl"), ("SDL_VIDEODRIVER", "dummy")):
             os.environ[variable] = os.environ.get(variable) or value
     try:
-        with mujoco_warns():
-            return gymnasium.make(name, **kwargs | {"render_mode": "rgb_array"})
-    except FAULTS as error:
+        return GymnasiumTask(name, **kwargs | {"render_mode": "rgb_array"})
+    except UsageError as error:
         check_named(f"env is {name}, which", error)
-        raise UsageError(f"env is {name}, which can't be made for watching: {error}") from error
+        raise
 
 
-def _play(env: Env, name: str, model: Model, options: Options) -> tuple[list[np.ndarray], list[float]]:
+def _play(env: Env, task: GymnasiumTask, model: Model, options: Options) -> tuple[list[np.ndarray], list[float]]:
     """The frames of all episodes and the return of each; what the environment answers is checked as in training."""
     frames, returns = [], []
     for episode in range(options.episodes):
-        where = f"{name}, episode {episode}"
+        where = f"{task.name}, episode {episode}"
         with blame(f"{where}: reset"):
             begun = env.reset(seed=options.seed + episode)
-        observation, _ = parts(begun, "observation, info", "reset", where)
+        observation, info = parts(begun, "observation, info", "reset", where)
         frames.append(picture(env))
         returns.append(0.0)
         for step in range(1, options.max_steps + 1):
             model.observations.flatten(observation, where)
-            action, _ = model.predict(observation, deterministic=True)
-            where = f"{name}, episode {episode}, step {step}"
+            told = masks.of_one(env, info, where)
+            allowed = masks.checked(told, task.actions.box, where) if task.actions.n_mask else None
+            action, _ = model.predict(observation, deterministic=True, action_masks=allowed)
+            where = f"{task.name}, episode {episode}, step {step}"
             with blame(f"{where}: step"):
-                answer = env.step(action)
+                answer = env.step(action if task.actions.scale == 1 else task.actions.to_env(np.ravel(action)))
             names = "observation, reward, terminated, truncated, info"
-            observation, reward, terminated, truncated, _ = parts(answer, names, "step", where)
+            observation, reward, terminated, truncated, info = parts(answer, names, "step", where)
             frames.append(picture(env))
             returns[-1] += one_number(reward, "the reward", where)
             if one_flag(terminated, "terminated", where) or one_flag(truncated, "truncated", where):

@@ -13,7 +13,7 @@ from galton.envs.host.gymnasium import GymnasiumTask
 from galton.envs.host.vector import VectorTask
 from galton.envs.jax_task import JaxTask
 from galton.envs.task import Task
-from galton.errors import UsageError, did_you_mean, is_number, require
+from galton.errors import UsageError, did_you_mean, require
 from galton.extras import check_named, is_instance_of, needed, require_libraries
 
 
@@ -31,9 +31,6 @@ def find(env: object, **kwargs: object) -> Task:
         UsageError: something else, or an environment that Galton can't use, with the reason.
     """
     if isinstance(env, str):
-        scale: Any = kwargs.get("action_scale", 1.0)
-        fits = is_number(scale) and 0 < scale < float("inf")
-        require(fits, f"action_scale is {scale!r}; it must be a finite number greater than 0")
         return _find_by_name(env, kwargs)
     require(not kwargs, f"env_kwargs is {kwargs}; it goes with a name or an id, not with an environment that is there")
     is_record = not missing(env) and type(env).__hash__ is not None

@@ -12,7 +12,7 @@ from jaxtyping import Float
 from galton import parts
 from galton.bins import Bins
 from galton.envs.host.base import Space
-from galton.errors import UsageError, require
+from galton.errors import UsageError, is_number, require
 
 LEAST_SPAN = 1e-30
 """Of an action dimension: bins of a narrower one would underflow."""
@@ -38,6 +38,8 @@ class Actions:
     """The entries of the masks that the environment tells."""
 
     def __post_init__(self) -> None:
+        fits = is_number(self.scale) and 0 < self.scale < float("inf")
+        require(fits, f"action_scale is {self.scale!r}; it must be a finite number greater than 0")
         for keys, leaf in leaves(self.own):
             place = "".join(f"[{key!r}]" for key in keys)
             about = f"{self.name} has actions {self.own}" + (f"; {place}" if place else "")
