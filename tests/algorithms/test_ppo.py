@@ -190,12 +190,9 @@ def test_the_usual_ratio_is_smoothed_for_a_loss_with_a_bias_alone(loss, usual):
 
 def test_the_change_of_a_value_is_clipped_for_the_squared_error_alone():
     told = r"^clip_range_vf is 0\.2, but critic 'HL-Gauss' has no one value to clip; leave it at inf or take critic='sq"
-    with pytest.raises(UsageError, match=told):
-        agent_of("histogram", "hl-one-hot", critic="hl-gauss", normalize_reward=True, clip_range_vf=0.2)
-    with pytest.raises(UsageError, match=told):
-        agent_of(
-            "histogram", "hl-one-hot", critic="hl-gauss", normalize_reward=True, clip_range_vf=Step(np.inf, 0.2, 9)
-        )
+    for clipped in (0.2, Step(np.inf, 0.2, 9)):
+        with pytest.raises(UsageError, match=told):
+            agent_of("histogram", "hl-one-hot", critic="hl-gauss", normalize_reward=True, clip_range_vf=clipped)
     for off in ({}, {"clip_range_vf": np.inf}):  # which leaves no trace in programs
         agent = agent_of("histogram", "hl-one-hot", critic="hl-gauss", normalize_reward=True, **off)
         assert agent.algorithm.clip_range_vf is None

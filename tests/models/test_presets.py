@@ -95,14 +95,16 @@ def test_with_fewer_environments_a_rollout_is_as_long_in_whole_minibatches(made_
 
 def test_models_and_commands_have_the_same_presets(monkeypatch):
     monkeypatch.setattr("galton.models.model.Run", lambda *settings: None)
-    every = itertools.product(PRESETS, ALGORITHMS, ("bandit", "acrobot", "Pendulum-v1"), (None, 3))
-    for name, algorithm, env, n_envs in every:
+    numbers = ((None, None), (3, None), (10, 80))
+    every = itertools.product(PRESETS, ALGORITHMS, ("bandit", "acrobot", "Pendulum-v1"), numbers)
+    for name, algorithm, env, (n_envs, batch_size) in every:
         if PRESETS[name] and algorithm not in PRESETS[name]:
             with pytest.raises(UsageError, match=f"preset is '{name}', which is for .*, not '{algorithm}'"):
                 find_preset(name, None, algorithm)
             continue
-        training = Training.of_task(env, algorithm, find_preset(name, None, algorithm), n_envs)
-        model = Model(env, preset=name, algorithm=algorithm, n_envs=n_envs)
+        training = Training.of_task(env, algorithm, find_preset(name, None, algorithm), n_envs, batch_size)
+        own = {} if batch_size is None or algorithm == "a2c" else {"batch_size": batch_size}
+        model = Model(env, preset=name, algorithm=algorithm, n_envs=n_envs, **own)
         assert words_of(read(training.words)) == model.settings
 
 

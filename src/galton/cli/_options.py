@@ -18,7 +18,7 @@ from galton.envs.find import find
 from galton.envs.registry import ENVS, find_task, is_known, read_constants
 from galton.envs.task import Task
 from galton.losses import LOSSES
-from galton.models.settings import all_words
+from galton.models.settings import all_words, usual
 from galton.presets import PAPER, PRESETS, Preset
 from galton.records import Fields
 from galton.tasks import task_of
@@ -71,10 +71,12 @@ class Training:
         algorithm: str = "a2c",
         preset: Preset = Preset(PAPER),  # noqa: B008
         n_envs: int | None = None,
+        batch_size: int | None = None,
     ) -> "Training":
         """The defaults for the environment of that name: App. C.2's, the preset's and the algorithm's."""
-        task = task_of(name)
-        words = all_words(find_algorithm(algorithm), preset, n_envs, {}, name)
+        task, chosen = task_of(name), find_algorithm(algorithm)
+        own = {} if batch_size is None or "batch_size" not in usual(chosen) else {"batch_size": batch_size}
+        words = all_words(chosen, preset, n_envs, own, name)
         return cls(task.total_timesteps, task.n_logs, task.n_eval_episodes, words=vocabulary().usual | words)
 
     def record(self) -> dict[str, object]:

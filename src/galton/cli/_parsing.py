@@ -33,8 +33,10 @@ TrainingOptions = Annotated[Training, tyro.conf.arg(name="")]
 TOLD = {"training": "The defaults are the task's (App. C.2), the preset's or the algorithm's; name ENV to see them."}
 """The help text of a group of options, by the group's name."""
 
+_FOR_DEFAULTS = ("n_envs", "batch_size")
+"""The settings on which the defaults of others depend."""
 _UNTOLD = 2**31 - 1
-"""A number of environments that nobody types."""
+"""A number that nobody types for them."""
 
 
 def parse(
@@ -57,7 +59,7 @@ def parse(
         default = options(env=tyro.MISSING, training=training, **others)  # type: ignore[call-arg]
         return read_options(options, name, asked, default, common)
 
-    untold = Training(words=vocabulary().usual | {"n_envs": _UNTOLD})
+    untold = Training(words=vocabulary().usual | dict.fromkeys(_FOR_DEFAULTS, _UNTOLD))
     try:
         first = usual(untold, [word for word in arguments if word not in ("-h", "--help", "--help-all")])
     except UsageError:
@@ -65,8 +67,9 @@ def parse(
     env, algorithm, loss = first.env, first.algorithm, getattr(first, "loss", None)  # type: ignore[attr-defined]
     preset = preset or find_preset(getattr(first, "preset", PAPER) or None, loss or None, algorithm)
     others = {} if loss is None else {"loss": preset.loss, "preset": preset.name}
-    n_envs = first.training.words["n_envs"]  # type: ignore[attr-defined]
-    training = Training.of_task(env, algorithm, preset, None if n_envs == _UNTOLD else n_envs)
+    words = first.training.words  # type: ignore[attr-defined]
+    typed = (words[name] if words.get(name, _UNTOLD) != _UNTOLD else None for name in _FOR_DEFAULTS)
+    training = Training.of_task(env, algorithm, preset, *typed)
     least = dataclasses.replace(training, eval_episodes=max(training.eval_episodes, eval_episodes))
     return usual(least, arguments, **others)
 
