@@ -209,6 +209,19 @@ def test_a_flax_module_trains_and_is_saved_and_says_that_it_is_not_exported(flax
         export(model, tmp_path / "policy.onnx")
 
 
+def test_a_flax_module_of_half_precision_learns_in_float32(monkeypatch):
+    half = {"dtype": jnp.bfloat16, "param_dtype": jnp.bfloat16}
+    monkeypatch.setattr(Width, "module", nn.Dense(7, **half))
+    monkeypatch.setitem(NETWORKS, "flax", Width)
+    model = A2C("bandit", "gaussian", network="flax", learning_rate=0.05)
+    before = model.get_parameters()["actor"]
+    model.learn(100, progress_bar=False)
+    after = model.get_parameters()["actor"]
+    for mine, theirs in zip(jax.tree.leaves(before), jax.tree.leaves(after), strict=True):
+        assert mine.dtype == theirs.dtype == np.float32
+        assert (mine != theirs).any()
+
+
 def logged(model):
     logs = []
     model.learn(20, lambda _, log: logs.append(dict(log)) and None, progress_bar=False, log_interval=1)

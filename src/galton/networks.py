@@ -141,10 +141,10 @@ class FlaxNetwork(Network):
         """
 
     def init(self, key: Key[Array, ""], n_in: int, n_out: int, last_scale: float, of_critic: bool) -> Layers:
-        """The module's own first variables, and a last layer on its features."""
+        """The module's own first variables, in float32 as all that is learnt, and a last layer on its features."""
         first, last = jax.random.split(key)
         x = jnp.zeros(n_in)
-        variables = self.module.init(first, x)
+        variables = jax.tree.map(lambda leaf: jnp.asarray(leaf, float), self.module.init(first, x))
         n_features = jax.eval_shape(self.module.apply, variables, x).shape[-1]
         return [variables, last_layer(last, n_features, n_out, last_scale)]
 

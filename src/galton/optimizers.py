@@ -89,14 +89,14 @@ class Optimizer(Part, abc.ABC):
         decays = jnp.asarray(self.decay_steps) > 0
         return jnp.where(decays, jnp.maximum(1 - step / jnp.where(decays, self.decay_steps, 1.0), 0.0), 1.0)
 
-    def falling(self, begin: int, end: int, rollout: int) -> "Optimizer":
+    def falling(self, begin: int, end: float, rollout: int) -> "Optimizer":
         """The optimizer whose learning rate falls from one step to another if it falls over all that is trained.
 
         An update's rate is that of its rollout's first step, so that the last one, which may be the only one, learns
         too: rate · (end − first step) / (end − begin).
         """
         last, over_all = end + rollout, np.isinf(self.decay_steps)
-        if not np.any(over_all):
+        if not np.any(over_all) or np.isinf(end):
             return self
         rate, steps = (np.asarray(number, np.float32) for number in (self.learning_rate, self.decay_steps))
         return self.replace(

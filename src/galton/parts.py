@@ -245,7 +245,7 @@ class Schedule(Part, abc.ABC):
         """True if it goes over all that is trained, which nobody knows before."""
         return False
 
-    def over(self: PartT, begin: int, end: int) -> PartT:
+    def over(self: PartT, begin: int, end: float) -> PartT:
         """The same schedule where all that is trained goes from one step to another."""
         return self
 

@@ -50,7 +50,7 @@ class Between(Schedule):
         """True if it goes over all that is trained."""
         return bool(np.any(np.isinf(self.steps)))
 
-    def over(self, begin: int, end: int) -> "Between":
+    def over(self, begin: int, end: float) -> "Between":
         """The schedule that goes from one step to another if it goes over all that is trained."""
         whole, own = np.isinf(self.steps), np.asarray(self.begin, np.float32)
         first = np.where(whole, np.maximum(own, np.float32(begin)), own)
@@ -113,7 +113,7 @@ class Step(Schedule):
         """True if one of its schedules goes over all that is trained."""
         return any(each.is_endless for each in (self.before, self.after) if isinstance(each, Schedule))
 
-    def over(self, begin: int, end: int) -> "Step":
+    def over(self, begin: int, end: float) -> "Step":
         """The same of schedules that go over all that is trained."""
         return self.replace(before=over(self.before, begin, end), after=over(self.after, begin, end))
 
@@ -123,7 +123,7 @@ LONGEST = 10_000
 SCHEDULES: dict[str, type[Schedule]] = {"linear": Linear, "cosine": Cosine, "step": Step}
 
 
-def over(tree: TreeT, begin: int, end: int) -> TreeT:
+def over(tree: TreeT, begin: int, end: float) -> TreeT:
     """A part, or a number, whose schedules that go over all that is trained go from one step to another."""
 
     def spanned(leaf: Any) -> Any:

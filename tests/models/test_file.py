@@ -3,7 +3,7 @@ import itertools
 import numpy as np
 import pytest
 
-from galton import A2C, PPO, CheckpointError, Model, UsageError
+from galton import A2C, PPO, CheckpointError, Model, UsageError, algorithms
 from galton.envs import LQR
 
 from ..envs.host.walks import Closing
@@ -46,7 +46,15 @@ class Mine(A2C):
     """A model of a user's."""
 
 
-def test_a_file_says_its_algorithm_and_only_that_class_one_of_it_or_model_opens_it(model, tmp_path):
+class Own(algorithms.A2C):
+    """An algorithm of a user's."""
+
+    label = "Own"
+    name = "own"
+
+
+def test_a_file_says_its_algorithm_and_only_that_class_one_of_it_or_model_opens_it(model, tmp_path, monkeypatch):
+    monkeypatch.setitem(algorithms.ALGORITHMS, "own", Own)
     path = PPO("lqr", **SMALL, n_steps=8, batch_size=4, clip_range=0.1).save(tmp_path / "model")
     for cls in (A2C, Mine):
         with pytest.raises(UsageError, match=r"holds a model of PPO; load it with galton.PPO.load"):
@@ -55,6 +63,10 @@ def test_a_file_says_its_algorithm_and_only_that_class_one_of_it_or_model_opens_
         loaded = cls.load(path)
         assert type(loaded).__name__ == cls.__name__
         assert [loaded.settings[name] for name in ("algorithm", "batch_size", "clip_range")] == ["ppo", 4, 0.1]
+    own = Model("lqr", **SMALL, algorithm=Own()).save(tmp_path / "own")
+    with pytest.raises(UsageError, match=r"holds a model of Own; load it with galton.Model.load"):
+        A2C.load(own)
+    assert isinstance(Model.load(own).agent.algorithm, Own)
     ours = Mine("lqr", **SMALL).save(tmp_path / "mine")
     assert [type(cls.load(ours)) for cls in (Mine, A2C)] == [Mine, A2C]
 

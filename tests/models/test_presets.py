@@ -193,3 +193,5 @@ def test_a_run_that_is_cut_decays_as_one_that_is_not(env):
         np.testing.assert_array_equal(mine, theirs)
         assert (mine != other).any()
     assert whole.settings["decay_steps"] == math.inf
+    whole.advance(1)  # which has no end
+    assert (jax.tree.leaves(whole.learner.params)[0] != spread[0][0]).any()

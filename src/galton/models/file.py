@@ -61,8 +61,9 @@ def read(path: Path, opener: type) -> saved.Saved:
         raise saved.unusable(path, error) from None
     bound = {cls.__name__ for cls in opener.__mro__} & {algorithm.label for algorithm in ALGORITHMS.values()}
     label = found.agent.algorithm.label
+    opening = label if type(found.agent.algorithm).__module__.startswith("galton.") else "Model"
     fits = not bound or label in bound
-    require(fits, f"path is {path}, which holds a model of {label}; load it with galton.{label}.load")
+    require(fits, f"path is {path}, which holds a model of {label}; load it with galton.{opening}.load")
     return found
 
 

@@ -2,6 +2,7 @@
 
 import contextlib
 import functools
+import math
 import threading
 import time
 import warnings
@@ -58,11 +59,11 @@ def learn(
     optimizer = over_all(model.agent, begin, last).optimizer
     _tell_of_no_rate(optimizer, first, last, size)
     theirs, ours = _sorted_out(model, callback, printed, first, last)
-    model.population.decay_over(begin, last)
     with compiling(printed):
         model.population.compile()
     pieces, told, going, step = Pieces(model.advance), False, True, first
-    with _progress(progress_bar, str(words_of(model.agent)["loss"]), last - first) as show:
+    title = str(words_of(model.agent)["loss"])
+    with _decaying(model, begin, last), _progress(progress_bar, title, last - first) as show:
         theirs.start()
         while going and step < last:
             stop = min(last, *(next_call(step, every, size) for every in (log_interval, *ours.intervals)))
@@ -130,6 +131,16 @@ def _sorted_out(model: Base, callback: object, printed: bool, first: int, last: 
     theirs = [one for one in given if sb3.is_callback(one)]
     ours = [one for one in given if not sb3.is_callback(one)]
     return sb3.Callbacks(model, theirs, last - first), Calls(model, ours, first, last)
+
+
+@contextlib.contextmanager
+def _decaying(model: Base, begin: int, end: int) -> Iterator[None]:
+    """A time in which what decays over all that is trained does so from one step to another; it has no end after it."""
+    model.population.decay_over(begin, end)
+    try:
+        yield
+    finally:
+        model.population.decay_over(0, math.inf)
 
 
 @contextlib.contextmanager

@@ -100,7 +100,8 @@ def _played(task: Task, envs: HostEnvironments, n_copies: int) -> Iterator[Findi
     layers = envs.layers[0] if envs.layers else []
     statistics = statistics_of(layers)
     yield from _time(_limit(task, layers), rest, random)
-    yield _scale(random.observations, any(np.ndim(one.mean) for one in statistics.values()))
+    n_seen = task.observations.size - task.observations.n_mask
+    yield _scale(random.observations, n_seen, any(np.ndim(one.mean) for one in statistics.values()))
     yield _rewards(rest.rewards, random.rewards)
     yield Finding("doing nothing", _returns(rest))
     yield Finding("random actions", _returns(random))
@@ -196,8 +197,8 @@ def _time(limit: int | None, *plays: Played) -> Iterator[Finding]:
     )
 
 
-def _scale(found: Spread, is_normalised: bool) -> Finding:
-    mean, deviation = found.mean, found.deviation
+def _scale(found: Spread, n_seen: int, is_normalised: bool) -> Finding:
+    mean, deviation = found.mean[:n_seen], found.deviation[:n_seen]
     moving = deviation[deviation > 0]
     still = f"; {len(mean) - len(moving)} of {len(mean)} never moved" if len(moving) < len(mean) else ""
     value = f"means {_range(mean)}, deviations {_range(deviation)}{still}"

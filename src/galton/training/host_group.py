@@ -74,7 +74,7 @@ class Group:
             self.runs = self.runs._replace(learner=learner)
             self.runs = self._programs.observe(self.runs, self._from_origin(self._observation))
 
-    def decay_over(self, begin: int, end: int) -> None:
+    def decay_over(self, begin: int, end: float) -> None:
         """Let learning rates that fall over all that is trained (decay_steps = inf) fall from one step to another."""
         self._numbers = self._place(jax.tree.leaves(over_all(self._agent, begin, end)))
 

@@ -149,7 +149,7 @@ class DevicePopulation:
     def environments(self) -> None:
         """None, since environments in JAX are states in the population's own."""
 
-    def decay_over(self, begin: int, end: int) -> None:
+    def decay_over(self, begin: int, end: float) -> None:
         """Let learning rates that fall over all that is trained (decay_steps = inf) fall from one step to another."""
         self._agent = self._place(over_all(self._given, begin, end))
 

@@ -71,7 +71,7 @@ class HostPopulation:
         """The environments of the first group of runs, which of a single run are all."""
         return self._groups[0].environments
 
-    def decay_over(self, begin: int, end: int) -> None:
+    def decay_over(self, begin: int, end: float) -> None:
         """Let learning rates that fall over all that is trained (decay_steps = inf) fall from one step to another."""
         self._each(Group.decay_over, begin, end)
 

@@ -126,7 +126,7 @@ def read_log(agent: Agent, run: RunState, batch: Transition) -> tuple[RunState, 
     return run._replace(tally=nothing(names)), log
 
 
-def over_all(agent: Agent, begin: int, end: int) -> Agent:
+def over_all(agent: Agent, begin: int, end: float) -> Agent:
     """The agent whose numbers that change over all that is trained change from one step to another."""
     spread = schedules.over(agent, begin, end)
     return spread.replace(optimizer=spread.optimizer.falling(begin, end, agent.rollout.size))

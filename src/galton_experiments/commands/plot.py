@@ -41,6 +41,8 @@ def main(arguments: Sequence[str]) -> None:
             bool(log), f"run is {run}, which holds no {METRICS} with log points; name a run folder of `galton train`"
         )
     known = [name for name in SHOWN if any(name in point for log in logs.values() for point in log)]
+    told = f"runs is {', '.join(logs)}, where no episode has ended yet, so there is no return to draw; train for longer"
+    require(len(known) > 0, told)
     figure, axes = panels(len(known), height=3.7, width=4.55)
     for panel, metric in zip(axes, known, strict=True):
         means, last = [], 0.0

@@ -49,3 +49,10 @@ def test_each_run_is_a_curve_of_what_is_known_of_it(tmp_path, drawn, capsys):
 def test_what_cannot_be_drawn_is_told(arguments, told):
     with pytest.raises(UsageError, match=told):
         plot.main(arguments)
+
+
+def test_runs_without_a_return_make_no_figure(tmp_path):
+    young = log(tmp_path / "young", point(100, None))
+    with pytest.raises(UsageError, match="no episode has ended yet"):
+        plot.main([young, "--out", str(tmp_path / "a.png")])
+    assert not (tmp_path / "a.png").exists()
