@@ -49,7 +49,11 @@ class Recorder(BaseCallback):
         self.seen, self.stop_at = [], stop_at
 
     def _on_training_start(self):
-        self.seen.append(("start", self.num_timesteps, self.training_env.num_envs))
+        total = self.locals["total_timesteps"]
+        self.seen.append(("start", self.num_timesteps, total, self.training_env.num_envs))
+
+    def _on_rollout_start(self):
+        self.seen.append(("rollout start", self.num_timesteps))
 
     def _on_rollout_end(self):
         self.seen.append(("rollout end", self.num_timesteps))
@@ -93,10 +97,12 @@ def test_evaluate_policy_runs_on_a_vector_environment_and_without_deterministic_
 def test_callbacks_see_the_steps_that_they_see_in_sb3(stop_at):
     ours, theirs = Recorder(stop_at), Recorder(stop_at)
     model = A2C(drift, "hl-gauss", n_bins=10, net_arch=(8,), n_steps=4, n_envs=2)
-    model.learn(24, ours, progress_bar=False)
-    SB3("MlpPolicy", make_vec_env(drift, 2), n_steps=4, device="cpu").learn(24, theirs)
+    of_sb3 = SB3("MlpPolicy", make_vec_env(drift, 2), n_steps=4, device="cpu")
+    for steps in (24, 8) if stop_at is None else (24,):  # SB3 stops within a rollout
+        model.learn(steps, ours, progress_bar=False)
+        of_sb3.learn(steps, theirs, reset_num_timesteps=False)
     assert ours.seen == theirs.seen
-    assert model.num_timesteps == (24 if stop_at is None else 16)
+    assert model.num_timesteps == (32 if stop_at is None else 16)
 
 
 def test_eval_and_checkpoint_callbacks_run_unchanged_and_their_files_load(model, tmp_path):

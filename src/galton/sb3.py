@@ -41,12 +41,13 @@ class Callbacks:
         for callback in self._callbacks:
             callback.init_callback(self._facade)
             callback.on_training_start(self._locals, {})
-            callback.on_rollout_start()
 
     def after_update(self) -> bool:
         """Tell the callbacks of each step of an update's rollout; whether to go on."""
         n_envs, n_steps = self._model.agent.rollout.n_envs, self._model.agent.rollout.n_steps
         first = self._model.num_timesteps - n_envs * n_steps
+        for callback in self._callbacks:
+            callback.on_rollout_start()
         for t in range(n_steps if self._callbacks else 0):
             self._facade.num_timesteps = first + (t + 1) * n_envs
             verdicts = [callback.on_step() for callback in self._callbacks]
@@ -54,7 +55,6 @@ class Callbacks:
                 return False
         for callback in self._callbacks:
             callback.on_rollout_end()
-            callback.on_rollout_start()
         return True
 
     def recorded(self, is_log_point: bool) -> dict[str, float]:

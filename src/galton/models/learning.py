@@ -130,7 +130,7 @@ def _sorted_out(model: Base, callback: object, printed: bool, first: int, last: 
     given += [Print()] if printed else []
     theirs = [one for one in given if sb3.is_callback(one)]
     ours = [one for one in given if not sb3.is_callback(one)]
-    return sb3.Callbacks(model, theirs, last - first), Calls(model, ours, first, last)
+    return sb3.Callbacks(model, theirs, last), Calls(model, ours, first, last)
 
 
 @contextlib.contextmanager
