@@ -2,10 +2,12 @@
 
 import dataclasses
 import importlib.util
+import re
 import subprocess
 import sys
 import tomllib
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -41,6 +43,31 @@ def test_a_record_that_lacks_a_member_is_told_which():
         find(without("random_return", "noise", "action_low"))
     with pytest.raises(UsageError, match=r"env is Hill\(\); give a Gymnasium id"):
         find(without(*({*MEMBERS} - {"reset", "step"})))  # what only resets and steps may be of any library
+
+
+def of_shape(name, shape):
+    """LQR, of which one thing that a step gives has another shape."""
+
+    def step(self, state, action, noise):
+        state, *told = LQR.step(self, state, action, noise)
+        given = dict(zip(("reward", "terminated"), told, strict=True))
+        return (state, *(jnp.broadcast_to(value, shape) if name == each else value for each, value in given.items()))
+
+    def observe(self, state):
+        return jnp.zeros(shape) if name == "observation" else LQR.observe(self, state)
+
+    return type("Odd", (LQR,), {"step": step, "observe": observe})()
+
+
+@pytest.mark.parametrize("name", ["observation", "reward", "terminated"])
+def test_a_record_whose_step_gives_another_shape_is_refused_at_once(name):
+    size = LQR().observation_low.size
+    usual = (size,) if name == "observation" else ()
+    assert isinstance(find(of_shape(name, usual)), JaxTask)
+    for shape in ((1,), (size, 1), (size + 1,)):
+        told = f"a record whose {name} has shape {shape}; it must have shape {usual}"
+        with pytest.raises(UsageError, match=re.escape(told)):
+            find(of_shape(name, shape))
 
 
 def test_a_record_that_can_not_be_hashed_is_told_the_remedy_and_its_class_is_no_record():

@@ -36,7 +36,11 @@ def find(env: object, **kwargs: object) -> Task:
     is_record = not missing(env) and type(env).__hash__ is not None
     if is_record or isinstance(env, Task):
         require(not isinstance(env, type), f"env is {shown(env)}, a class; give what it makes, by calling it")
-        return JaxTask(cast("Environment", env)) if is_record else cast("Task", env)
+        if not is_record:
+            return cast("Task", env)
+        task = JaxTask(cast("Environment", env))
+        task.check()
+        return task
     if isinstance(env, gymnasium.vector.VectorEnv) or is_instance_of(env, "stable_baselines3", "VecEnv"):
         return VectorTask(env)
     if isinstance(env, gymnasium.Env) or callable(env):

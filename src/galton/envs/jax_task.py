@@ -15,10 +15,12 @@ from galton.envs.host.actions import Actions
 from galton.envs.host.base import Steps
 from galton.envs.host.moves import Moves
 from galton.envs.host.observations import Observations
-from galton.errors import UsageError
+from galton.errors import UsageError, require
 
 ENDS = ("low", "high")
 """The ends of a box, as a record's bounds are called."""
+NAMES = ("observation", "reward", "terminated")
+"""The names of what a step of a record gives."""
 
 
 @jax.tree_util.register_pytree_node_class
@@ -75,6 +77,20 @@ class JaxTask:
     def observations(self) -> Observations:
         """The observations that a copy shows."""
         return Observations(self.name, self._box("observation"), self._n_mask)
+
+    def check(self) -> None:
+        """Raise UsageError unless a step gives an observation as long as its box, one reward and one flag."""
+
+        def played(key: Key[Array, ""]) -> tuple[Array, ...]:
+            state, reward, ended = self.step(
+                self.record.reset(key), jnp.asarray(self.actions.low), self.record.noise(key)
+            )
+            return self.record.observe(state), reward, ended
+
+        shapes = ((self.observations.size - self._n_mask,), (), ())
+        for name, shape, told in zip(NAMES, shapes, jax.eval_shape(played, jax.random.key(0)), strict=True):
+            told_so = f"env is {self.name}, a record whose {name} has shape {told.shape}; it must have shape {shape}"
+            require(told.shape == shape, told_so)
 
     def _box(self, kind: str) -> Box:
         """The box between bounds that may be arrays of any kind, lists or numbers."""
