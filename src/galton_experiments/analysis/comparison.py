@@ -13,7 +13,16 @@ from galton.envs.base import Environment
 from galton.losses import LOSSES
 from galton.training.train import Result
 from galton_experiments.analysis.plain import plain
-from galton_experiments.analysis.plots import draw_level, draw_series, finish, fit, look_of, over_steps, panels
+from galton_experiments.analysis.plots import (
+    colors_of,
+    draw_level,
+    draw_series,
+    finish,
+    fit,
+    look_of,
+    over_steps,
+    panels,
+)
 from galton_experiments.analysis.statistics import Comparison, Interval, compare, fill_until, mean_interval
 from galton_experiments.analysis.verdicts import WORDS, decide
 
@@ -105,9 +114,11 @@ def verdicts(results: Results, baseline: str = "gaussian") -> list[str]:
     for metric, name in (("training_return", "training"), ("evaluation_return", "evaluation")):
         finals = {loss: result.final(metric) for loss, result in results.items()}
         known = np.concatenate([of[~np.isnan(of)] for of in finals.values()])
-        for loss, of in finals.items():
+        for loss in finals:
             if loss != baseline and baseline in finals and known.size:
-                ours, theirs = (np.where(np.isnan(runs), known.min(), runs) for runs in (of, finals[baseline]))
+                ours, theirs = (
+                    np.where(results[name].diverged_at >= 0, known.min(), finals[name]) for name in (loss, baseline)
+                )
                 sentence = f"{label_of(loss)} − {label_of(baseline)}, {name} return"
                 found[sentence] = compare(ours, theirs, paired=True)
     decided = decide(found)
@@ -120,16 +131,17 @@ def learning_curves(results: Results, env: Environment | None, title: str) -> Fi
     figure, (left, right) = panels(2, height=3.7, width=4.55)
     right.sharey(left)
     figure.suptitle(title)
+    colors = colors_of([words_of(result.agent)["loss"] for result in results.values()])
     means: list[np.ndarray | np.float64] = [] if optimum is None else [np.array([optimum])]
     for axes, metric, heading in (
         (left, "training_return", "training return"),
         (right, "evaluation_return", "evaluation return, deterministic policy"),
     ):
-        for loss, result in results.items():
+        for (loss, result), color in zip(results.items(), colors, strict=True):
             curves = getattr(result.log, metric).astype(np.float64)
             interval = mean_interval(fill_until(curves, result.steps, result.diverged_at))
-            _, color, dashes = look_of(words_of(result.agent)["loss"])
-            draw_series(axes, result.steps, interval, label_of(loss), color, dashes if loss in LOSSES else "-")
+            dashes = look_of(loss)[2] if loss in LOSSES else "-"
+            draw_series(axes, result.steps, interval, label_of(loss), color, dashes)
             means.append(interval.mean)
         axes.set_title(heading, fontsize=10)
         over_steps(axes, float(max(result.steps[-1] for result in results.values())))

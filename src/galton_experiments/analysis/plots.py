@@ -144,6 +144,11 @@ def color(i: int) -> str:
     return _COLORS[i % len(_COLORS)]
 
 
+def dashes(i: int) -> str:
+    """The line style of the i-th of these series, another one each time that their colours repeat."""
+    return ("-", "--", ":", "-.")[i // len(_COLORS) % 4]
+
+
 def colors_of(losses: Sequence[str]) -> list[str]:
     """A colour for each series by its loss, the same in all figures; others of a loss have what no loss there has."""
     known = [*LOSSES]

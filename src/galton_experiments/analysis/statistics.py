@@ -36,7 +36,7 @@ class Interval(NamedTuple):
         mean, low, high, half = (format(rounded(x), spec).replace("-", "−") for x in (*self, (below + above) / 2))
         if np.isnan(below + above):
             return mean
-        askew = abs(above - below) > 0.1 * (above + below)
+        askew = abs(above - below) > 0.1 * (above + below) and not mean == low == high
         return f"{mean} [{low}, {high}]" if askew else f"{mean} ± {half.lstrip('+')}"
 
 

@@ -32,7 +32,7 @@ def sentences(found: Found) -> list[str]:
     scores = found.standings["fresh"].scores if "fresh" in found.standings else {}
     if not scores:
         return ["The held-out tasks are done, but not all tuning tasks on fresh seeds."]
-    order = sorted(scores, key=lambda name: float(scores[name]["shared"].judged.mean), reverse=True)
+    order = sorted(scores, key=lambda name: (-round(float(scores[name]["shared"].judged.mean), 12), name != base.name))
     if order[0] == base.name:
         first = f"No method has a higher score than {base.label} on the {STAGES['fresh']}."
     else:

@@ -91,7 +91,7 @@ def _of_stages(found: Found, drawn: Mapping[str, Figure]) -> list[Section]:
         )
         sections.append(Section("curves", "Learning curves", caption, drawn["curves"]))
     if "best-of-n" in drawn:
-        caption = _BEST_OF + few(found)
+        caption = f"{_BEST_OF} {few(found)}".rstrip()
         sections.append(Section("best-of-n", "What tuning brings", caption, drawn["best-of-n"], tables.best_of(found)))
     return [*sections, Section("selected", "What was selected", "", None, tables.settings(found))]
 

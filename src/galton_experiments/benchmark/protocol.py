@@ -179,8 +179,6 @@ def check(protocol: Protocol) -> None:
         require(
             field != "algorithm", "prior has algorithm, whose defaults would not be drawn with it; give it to methods"
         )
-        free = any(field not in method.fixed for method in protocol.methods)
-        require(free, f"prior.{field} is drawn for no method, since all of them fix it; take it out")
     if protocol.design == "factorial":
         _check_factorial(protocol)
     for method in protocol.methods:
@@ -207,6 +205,9 @@ def check(protocol: Protocol) -> None:
             raise UsageError(f"{where}.search has {field}, which its loss and policy have no use for; take it out")
         some = bool(protocol.searched(method)) or protocol.budget.settings == 1
         require(some, f"{where} searches nothing, so its draws would all be alike; add to prior, or to {where}.search")
+    for field in protocol.prior:
+        free = any(field in protocol.searched(method) for method in protocol.methods)
+        require(free, f"prior.{field} is drawn for no method, since each fixes it or has no use for it; take it out")
     _check_anchors(protocol)
 
 

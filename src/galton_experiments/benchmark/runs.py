@@ -117,7 +117,14 @@ def gather(part: Part, tables: Sequence[pa.Table], selection: Selection) -> Runs
     found["final_step"] = [row["steps"][-1] for row in rows]
     for curve, metric in metrics.items():
         found[curve] = [row[metric] for row in rows]
-        found[f"final_{curve}"] = [_final(row[metric], row["diverged_at"], selection.last) for row in rows]
+        finals = [_final(row[metric], row["diverged_at"], selection.last) for row in rows]
+        unknown = sum(np.isnan(each) and row["diverged_at"] < 0 for each, row in zip(finals, rows, strict=True))
+        told = (
+            f"tasks.{part.task.name} has {unknown:,} runs in whose {rows[0]['steps'][-1]:,} steps no episode ended, so "
+            "nothing judges them; give the task more steps, or selection.metric = 'evaluation_return'"
+        )
+        require(unknown == 0 or curve != "judged", told)
+        found[f"final_{curve}"] = finals
     return Runs(part, pa.table({name: found[name] for name in _SCHEMA.names}, schema=_SCHEMA))
 
 

@@ -13,7 +13,7 @@ from galton.cli._runs import STEP, points
 from galton.errors import require
 from galton.saving import files
 from galton.saving.result_folder import METRICS
-from galton_experiments.analysis.plots import color, draw_series, finish, fit, images, over_steps, panels
+from galton_experiments.analysis.plots import color, dashes, draw_series, finish, fit, images, over_steps, panels
 from galton_experiments.analysis.statistics import Interval
 
 SHOWN = {"rollout/ep_rew_mean": "training return", "eval/mean_reward": "evaluation return, deterministic policy"}
@@ -50,7 +50,9 @@ def main(arguments: Sequence[str]) -> None:
             steps, values = (
                 np.array([(point[STEP], point[metric]) for point in log if metric in point]).reshape(-1, 2).T
             )
-            draw_series(panel, steps, Interval(values, values, values), run, color(i))
+            shown = f"./{run}" if run.startswith("_") else run  # matplotlib hides labels that begin so
+            mark = "o" if len(steps) == 1 else ""
+            draw_series(panel, steps, Interval(values, values, values), shown, color(i), dashes(i), mark)
             means.append(values)
             last = max(last, *(point[STEP] for point in log))
         panel.set_title(SHOWN[metric], fontsize=10)

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from galton.errors import UsageError, did_you_mean, require, require_integer
+from galton.errors import UsageError, did_you_mean, is_number, require, require_integer
 from galton.losses import LOSSES
 from galton.parts import settings
 from galton.records import Fields
@@ -40,8 +40,11 @@ def expand(blocks: Iterable[Mapping[str, object]], base: Mapping[str, object]) -
             n <= MOST_SETTINGS, f"{', '.join(axes)} have {n:,} combinations; give lists with {MOST_SETTINGS:,} at most"
         )
         points += [dict(zip(axes, point, strict=True)) for point in itertools.product(*axes.values())]
-    of_points = zip(bases(points, [base] * len(points)), points, strict=True)
-    return tuple(dict.fromkeys(Setting(shared | point) for shared, point in of_points))
+    given, found = [base] * len(points), dict[Setting, None]()
+    for shared, point, unused in zip(bases(points, given), points, _unused(points, given), strict=True):
+        same = {name for name in unused & {*point} if may_idle(name, point[name])}  # other values make no other agent
+        found[Setting(shared | {name: value for name, value in point.items() if name not in same})] = None
+    return tuple(found)
 
 
 def bases(points: Sequence[Mapping[str, object]], given: Sequence[Mapping[str, object]]) -> Iterator[Fields]:
@@ -49,15 +52,19 @@ def bases(points: Sequence[Mapping[str, object]], given: Sequence[Mapping[str, o
 
     What none of them has a use for stays, to be refused by name.
     """
+    for base, point, unused in zip(given, points, _unused(points, given), strict=True):
+        own = unused | ({"decay_steps"} if isinstance(point.get("learning_rate"), str) else set())
+        yield {name: value for name, value in base.items() if name not in own or may_idle(name, value)}
+
+
+def _unused(points: Sequence[Mapping[str, object]], given: Sequence[Mapping[str, object]]) -> list[set[str]]:
+    """For each point what its loss and policy have no use for, and those of another have one."""
     whole = [{**base, **point} for base, point in zip(given, points, strict=True)]
     usual = {word: CHOICES[word].usual for word in ("loss", "policy")}
     choices = [tuple(values_of({word: fields.get(word, usual[word]) for word in usual}).values()) for fields in whole]
     unused = {choice: idle(dict(zip(("loss", "policy"), choice, strict=True))) for choice in dict.fromkeys(choices)}
     nobodys = set.intersection(*unused.values()) if unused else set()
-    for base, point, choice in zip(given, points, choices, strict=True):
-        own = unused[choice] - nobodys
-        own |= {"decay_steps"} if isinstance(point.get("learning_rate"), str) else set()
-        yield {name: value for name, value in base.items() if name not in own or may_idle(name, value)}
+    return [unused[choice] - nobodys for choice in choices]
 
 
 def _axis(name: str, value: object) -> Sequence[object]:
@@ -97,11 +104,14 @@ def random_grid(base: Mapping[str, Any], n: int = 16, seed: int = 0) -> tuple[Se
     """
     require_integer("n_settings", n, 1)
     require(n <= MOST_SETTINGS, f"n_settings is {n}; it must be at most {MOST_SETTINGS:,}")
+    usual = base["learning_rate"]
+    told = f"learning_rate is {usual}, a schedule, around which no rate can be drawn; give a number, or another grid"
+    require(is_number(usual), told)
     found: list[dict[str, object]] = []
     for name, loss in LOSSES.items():
         draw = np.random.default_rng((seed, *name.encode()))
         for _ in range(n):
-            rate = base["learning_rate"] * 10 ** draw.uniform(-1, 1)
+            rate = usual * 10 ** draw.uniform(-1, 1)
             bins, eta = int(draw.choice([50, 100, 200])), math.exp(draw.uniform(math.log(0.1), math.log(4)))
             found.append({"loss": name, "learning_rate": float(f"{rate:.3g}")})
             if loss.family == "histogram":

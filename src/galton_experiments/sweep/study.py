@@ -99,15 +99,18 @@ class Setting(Mapping[str, Any]):
         """The steps of one update, those of all environments together."""
         return int(self["n_steps"] * self["n_envs"])
 
-    def brief(self) -> str:
-        """Describe in a line what the grids vary of its loss."""
+    def brief(self, varied: Collection[str] = ()) -> str:
+        """Describe in a line what the paper's grids vary of its loss, and what a study varies besides."""
         loss, policy = find_loss(self["loss"]), POLICIES.get(self["policy"])
         parts = [f"learning rate {_shown(self['learning_rate'])}"]
         parts += [f"k {self['n_bins']}"] if loss.family == "histogram" else []
         own = {*settings(loss), *(settings(policy) if policy else ())}
         parts += [f"η {_shown(self['eta'])}"] if "eta" in own else []
-        later = [(name, value) for name, value in self._record.items() if name not in FIRST_FIELDS]
-        parts += [f"{name} {_shown(value)}" for name, value in later]
+        told = {"loss", "learning_rate", "n_bins", "eta"}
+        later = [
+            (n, self[n]) for n in {**self._record, **dict.fromkeys(varied)} if n not in FIRST_FIELDS or n in varied
+        ]
+        parts += [f"{name} {_shown(value)}" for name, value in later if name not in told]
         return ", ".join(parts)
 
     @functools.cached_property
@@ -197,6 +200,13 @@ class Study:
         """The modules that training needs: those to import, and that of an environment called `module:Id`."""
         of_env = (self.env.partition(":")[0],) if ":" in self.env else ()
         return (*self.imports, *of_env)
+
+    @functools.cached_property
+    def varied(self) -> tuple[str, ...]:
+        """The names of what differs between settings."""
+        records = [setting.record() for setting in self.settings]
+        names = dict.fromkeys(name for record in records for name in record)
+        return tuple(name for name in names if len({repr(record.get(name)) for record in records}) > 1)
 
     def constants(self) -> dict[str, object]:
         """Return what every run shares, for JSON."""

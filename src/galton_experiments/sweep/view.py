@@ -62,7 +62,8 @@ class View:
             if loss not in best or mean > best[loss][1]:
                 best[loss] = i, mean, len(values)
         for loss, (i, mean, n) in sorted(best.items()):
-            table.add_row(find_loss(loss).label, self._plan.study.settings[i].brief(), f"{mean:,.2f}", str(n))
+            brief = self._plan.study.settings[i].brief(self._plan.study.varied)
+            table.add_row(find_loss(loss).label, brief, f"{mean:,.2f}", str(n))
         return table
 
 

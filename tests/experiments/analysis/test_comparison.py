@@ -106,6 +106,14 @@ def test_a_loss_whose_runs_diverge_is_not_better_by_the_others(results):
     assert {s.rsplit(": ", 1)[1] for s in verdicts(three)} == {"too few runs"}
 
 
+def test_a_run_in_which_no_episode_ended_is_unknown_and_no_worst_run():
+    known = {
+        "gaussian": result("gaussian", [np.nan] * 8),
+        "hl-gauss": result("hl-gauss", np.linspace(1.0, 2.0, 8)),
+    }
+    assert [s.rsplit(": ", 1)[1] for s in verdicts(known)] == ["too few runs"] * 2
+
+
 def test_curves_hold_every_run_and_log_point(results):
     frame = curves(results).to_pydict()
     assert len(frame["loss"]) == 3 * 4 * 2
@@ -132,3 +140,6 @@ def test_a_preset_is_told_with_its_loss_and_is_the_baseline_where_that_is_the_ga
     assert line.startswith("Centred HL-Gauss (ours), preset best − Gaussian, preset gaussian, training return: +0.00")
     lines = learning_curves(of_presets, LQR(), "LQR").axes[0].lines
     assert {"Centred HL-Gauss (ours), preset best", "Gaussian, preset gaussian"} < {line.get_label() for line in lines}
+    two = {f"gaussian, preset {preset}": result("gaussian", [-9.0, -8.0]) for preset in ("gaussian", "playground")}
+    first, second, *_ = learning_curves(two, None, "LQR").axes[0].lines
+    assert first.get_color() != second.get_color()

@@ -94,7 +94,11 @@ WRONG = [
     ),
     (
         {"methods__gaussian__fixed__gamma": 0.9, "methods__bins__fixed__gamma": 0.9},
-        "prior.gamma is drawn for no method, since all of them fix it",
+        "prior.gamma is drawn for no method, since each fixes it or has no use for it",
+    ),
+    (
+        {"prior__clip_range": {"uniform": [0.1, 0.2]}, "methods__ppo__fixed__algorithm": "a2c"},
+        "prior.clip_range is drawn for no method, since each fixes it or has no use for it",
     ),
 ]
 

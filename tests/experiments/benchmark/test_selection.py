@@ -3,16 +3,40 @@
 import itertools
 
 import numpy as np
+import pyarrow as pa
 import pytest
 from scipy import stats
 
+from galton import UsageError
 from galton_experiments.analysis.statistics import holm
+from galton_experiments.benchmark import stages
+from galton_experiments.benchmark.draws import draws
+from galton_experiments.benchmark.runs import gather
 from galton_experiments.benchmark.selection import best_of_draws, normalised, select
 from galton_experiments.benchmark.standings import standings
 
+from .files import protocol
 from .made_up import KNOWN, made_up
 
 NAN = np.nan
+
+
+@pytest.mark.parametrize("diverged", [False, True])
+def test_runs_in_which_no_episode_ended_are_refused_and_not_taken_for_diverged(diverged):
+    known = protocol(selection__metric="training_return")
+    part = stages.tuning(known, draws(known))[0]
+    tables = []
+    for study in part.studies:
+        n = len(study.settings) * study.trials
+        columns = {"setting": np.repeat(np.arange(len(study.settings)), study.trials), "seed": np.arange(n)}
+        columns |= {"trial": np.tile(np.arange(study.trials), len(study.settings))}
+        columns |= {"diverged_at": np.full(n, 50 if diverged else -1), "steps": [[50, 100]] * n}
+        tables.append(pa.table(columns | {"training_return": [[NAN, NAN]] * n}))
+    if diverged:
+        assert np.isnan(gather(part, tables, known.selection).finals("gaussian", "draw")).all()
+    else:
+        with pytest.raises(UsageError, match=r"tasks.bandit has 18 runs in whose 100 steps no episode ended"):
+            gather(part, tables, known.selection)
 
 
 def test_one_draw_is_selected_by_its_mean_percentile_and_one_for_each_task():

@@ -46,6 +46,15 @@ def test_the_answer_says_who_is_ahead_and_what_held_out_tasks_say_of_it(better, 
     assert len(said) == 3
 
 
+def test_of_equal_methods_the_baseline_is_not_behind():
+    known = found(0.0)
+    same = known.standings["fresh"].scores["gaussian"]
+    known.standings["fresh"] = dataclasses.replace(
+        known.standings["fresh"], scores=dict.fromkeys(("ppo", "bins", "gaussian"), same)
+    )
+    assert sentences(known)[0].startswith("No method has a higher score than Gau")
+
+
 def test_methods_that_may_be_as_good_as_the_first_are_named():
     known = found(0.0)
     above, labels = known.standings["fresh"].above, {"gaussian": "Gaussian", "bins": "bins", "ppo": "ppo"}

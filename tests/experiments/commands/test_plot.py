@@ -51,6 +51,16 @@ def test_what_cannot_be_drawn_is_told(arguments, told):
         plot.main(arguments)
 
 
+def test_every_run_of_many_is_seen_and_named(tmp_path, drawn, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    runs = [log(tmp_path / f"_{i}", point(100, i)).rpartition("/")[2] for i in range(10)]
+    plot.main([*runs, "--out", "a.png"])
+    (axes,) = drawn[0].axes
+    assert {line.get_label() for line in axes.lines} == {f"./{run}" for run in runs}
+    assert len({(line.get_color(), line.get_linestyle()) for line in axes.lines}) == 10
+    assert all(line.get_marker() == "o" for line in axes.lines)  # one point makes no line
+
+
 def test_runs_without_a_return_make_no_figure(tmp_path):
     young = log(tmp_path / "young", point(100, None))
     with pytest.raises(UsageError, match="no episode has ended yet"):

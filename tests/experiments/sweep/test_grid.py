@@ -64,6 +64,31 @@ def test_what_some_of_a_grid_have_a_use_for_is_left_out_for_the_others():
         expand([{"loss": losses, "bin_centers": "bounds"}], {})
 
 
+def test_an_axis_that_a_loss_has_no_use_for_makes_no_more_settings_of_it():
+    axes = {"n_bins": [50, 100, 200], "eta": [0.5, 1.0, 2.0, 4.0], "learning_rate": [0.1, 0.2]}
+    settings = expand([{"loss": ["gaussian", "hl-one-hot", "hl-gauss"], **axes}], {})
+    assert collections.Counter(setting["loss"] for setting in settings) == {
+        "gaussian": 2,
+        "hl-one-hot": 3 * 2,
+        "hl-gauss": 3 * 4 * 2,
+    }
+    assert len(expand([{"loss": "gaussian", "eta": [1.0, 2.0]}], {})) == 2  # of names that nobody there uses
+
+
+def test_a_random_grid_needs_a_rate_and_no_schedule():
+    with pytest.raises(UsageError, match=r"^learning_rate is linear\(0.1, 0\), a schedule, around which no rate"):
+        random_grid(task_defaults("bandit") | {"learning_rate": "linear(0.1, 0)"})
+
+
+def test_a_setting_is_told_with_all_that_its_study_varies():
+    settings = expand([{"loss": ["gaussian", "hl-gauss"], "gamma": [0.9, 0.99], "net_arch": [(), (8,)]}], {})
+    study = Study("bandit", settings, 1, 100)
+    assert {*study.varied} == {"loss", "gamma", "net_arch"}
+    told = [setting.brief(study.varied) for setting in settings]
+    assert told[0] == "learning rate 0.0007, net_arch (), gamma 0.9"
+    assert len({*told}) == len(settings)
+
+
 def test_a_setting_survives_its_record_and_its_name_is_of_its_content():
     for setting in random_grid(task_defaults("lqr")):
         assert Setting(setting.record()) == setting

@@ -17,6 +17,7 @@ from galton_experiments.sweep import results
 from galton_experiments.sweep.plan import Plan
 from galton_experiments.sweep.results import Best
 from galton_experiments.sweep.store import Store
+from galton_experiments.sweep.study import Study
 
 
 @dataclasses.dataclass(frozen=True)
@@ -68,13 +69,13 @@ def conclude(store: Store, plan: Plan) -> None:
     try:
         results.save(store, table)
     finally:  # who can't write here may read all the same
-        plain_console().print(winners(results.best_settings(plan.study, table)))
+        plain_console().print(winners(plan.study, results.best_settings(plan.study, table)))
     runs = f"{table.num_rows:,}" if table.num_rows == plan.n_runs else f"{table.num_rows:,} of {plan.n_runs:,}"
     print(f"{runs} runs: {store.url}/{results.FILE}")
 
 
-def winners(best: dict[str, Best]) -> Table:
-    """A table of the best settings, a row for each loss."""
+def winners(study: Study, best: dict[str, Best]) -> Table:
+    """A table of a study's best settings, a row for each loss."""
     from galton_experiments.analysis.statistics import mean_interval  # scipy takes a second, which `status` needn't
 
     table = Table(title="best setting per loss, by mean final training return: mean and 95% CI")
@@ -84,5 +85,7 @@ def winners(best: dict[str, Best]) -> Table:
         training, evaluation = (
             f"{mean_interval(values):,.2f}" for values in (winner.final_training_return, winner.final_evaluation_return)
         )
-        table.add_row(find_loss(loss).label, winner.setting.brief(), training, evaluation, str(winner.n_settings))
+        table.add_row(
+            find_loss(loss).label, winner.setting.brief(study.varied), training, evaluation, str(winner.n_settings)
+        )
     return table
