@@ -5,6 +5,7 @@ import json
 import re
 import subprocess
 import sys
+import warnings
 from pathlib import Path
 
 import gymnasium
@@ -219,6 +220,20 @@ def test_steps_that_make_no_graph_are_refused_before_anything_is_written(monkeyp
         assert not [*tmp_path.iterdir()]
 
 
+def test_observations_that_float32_can_not_tell_apart_are_warned_of(tmp_path):
+    for dtype, far in ((np.float64, True), (np.float64, False), (np.float32, True)):
+        model = model_on(observed=Box(-np.inf, np.inf, (3,), dtype), normalize_observation=True)
+        learnt = model.get_parameters()
+        learnt["normalizer"]["origin"][:] = 1.7e9 * far
+        learnt["normalizer"]["observation"] |= {"variance": np.ones(3, np.float32), "n": np.float32(99)}
+        model.set_parameters(learnt)
+        with warnings.catch_warnings(record=True) as told:
+            warnings.simplefilter("always")
+            deploy.export(model, tmp_path / "policy")
+        lost = [str(each.message) for each in told if "float32, the file's input" in str(each.message)]
+        assert bool(lost) == (far and dtype == np.float64)  # of float32 the model itself sees no more
+
+
 def test_a_path_that_can_not_be_written_and_an_extra_that_is_missing_are_named(small, tmp_path, monkeypatch):
     (tmp_path / "file").write_text("")
     for path, message in (
@@ -228,6 +243,12 @@ def test_a_path_that_can_not_be_written_and_an_extra_that_is_missing_are_named(s
     ):
         with pytest.raises(UsageError, match=message):
             deploy.export(small, ".." if path == ".." else tmp_path / path)
+    for content in ('{"env": "lqr"}', "no JSON"):
+        (tmp_path / "config.json").write_text(content)
+        with pytest.raises(UsageError, match=r"path is .*config.onnx, whose contract would replace .*config.json"):
+            deploy.export(small, tmp_path / "config.onnx")
+        assert (tmp_path / "config.json").read_text() == content
+    assert not (tmp_path / "config.onnx").exists()
     monkeypatch.setitem(sys.modules, "onnx", None)
     with pytest.raises(UsageError, match=r"needs onnx: pip install .*\[onnx\]'"):
         deploy.export(small, tmp_path / "policy")

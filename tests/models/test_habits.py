@@ -38,7 +38,7 @@ HINTS = {
     "device": "JAX_PLATFORMS",
     "use_sde": "no state-dependent exploration",
     "use_rms_prop": "Adam",
-    "clip_range_vf": "not clipped",
+    "clip_range_vf": "PPO alone clips",
     "n_timestep": "it takes .*learning_rate",
 }
 

@@ -187,6 +187,16 @@ def test_critics_are_galtons(words):
     assert torch.isfinite(logits.grad).all()
 
 
+@pytest.mark.parametrize("target", ["hl-gauss", "two-hot"])
+def test_a_critics_target_is_a_constant_of_the_logits_precision(target):
+    logits, returns = torch.randn(50, 101, requires_grad=True), (torch.randn(50) * 300).bfloat16().requires_grad_()
+    found = classification_loss(logits, returns, -1000.0, 1000.0, target)
+    torch.testing.assert_close(found, classification_loss(logits, returns.detach().float(), -1000.0, 1000.0, target))
+    found.sum().backward()
+    assert returns.grad is None
+    assert torch.isfinite(logits.grad).all()
+
+
 @pytest.mark.parametrize("centers", ["inside", "bounds"])
 @pytest.mark.parametrize("std", [0.01, 0.6, 3.0])
 def test_first_policies_are_galtons(centers, std):
@@ -241,6 +251,21 @@ def test_an_action_outside_of_the_box_is_refused():
         Histogram(torch.full((2, 5), torch.nan), validate_args=False).sample()
 
 
+def test_an_action_that_is_nan_has_no_likelihood_where_nobody_validates():
+    action = torch.tensor([[0.0, torch.nan], [0.0, 0.5]])
+    for loss in KINDS:
+        found = Histogram(torch.randn(2, 2, 9), loss=loss, validate_args=False)
+        for told in (found.log_prob(action), found.loss(action)):
+            assert torch.isnan(told).tolist() == [True, False]
+
+
+def test_half_precision_logits_are_scaled_in_float32():
+    logits = (torch.randn(50, 2, 41) * 3).bfloat16()
+    scaled = Histogram(logits, head_scale=3.0).log_probs
+    torch.testing.assert_close(scaled, Histogram(logits.float(), head_scale=3.0).log_probs)
+    assert torch.isfinite(Histogram(torch.tensor([[0.0, 20_000.0]]).half(), head_scale=4.0).log_probs).all()
+
+
 def test_what_makes_no_critic_first_policy_or_divergence_is_refused():
     logits = torch.zeros(4, 5)
     for arguments, words, message in (
@@ -257,5 +282,7 @@ def test_what_makes_no_critic_first_policy_or_divergence_is_refused():
         first_logits(5, bin_centers="bound")
     with pytest.raises(galton.UsageError, match="the layer has no bias"):
         initialize_(torch.nn.Linear(3, 10, bias=False), 5)
+    with pytest.raises(galton.UsageError, match="other bounds than the other"):
+        kl_divergence(Histogram(logits, validate_args=True), Histogram(logits, -2.0, 2.0))
     with pytest.raises(galton.UsageError, match="d, k and bin_centers"):
         kl_divergence(Histogram(torch.zeros(2, 5)), Histogram(torch.zeros(1, 5)))

@@ -3,6 +3,7 @@
 Each says in a graph what the `deterministic_action` of its distribution says in JAX.
 """
 
+import functools
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -15,16 +16,13 @@ from galton.policies import (
     AutoregressivePolicy,
     BetaPolicy,
     BinnedPolicy,
-    ClippedGaussianPolicy,
     DiscretisedGaussianPolicy,
     GaussianHead,
-    GaussianPolicy,
     JointPolicy,
     OrdinalPolicy,
     SmoothedPolicy,
     SplinePolicy,
     SquashedGaussianPolicy,
-    TruncatedGaussianPolicy,
 )
 from galton.policies.gaussian import units_of
 from galton.policies.histogram import NOWHERE
@@ -52,41 +50,27 @@ MEANINGS = {
     "probability lies.",
 }
 """The meaning of each rule by which a softmax policy chooses its action."""
+MEAN_OF_GAUSSIAN = "The mean of the Gaussian, moved to the nearest point of the action box."
+OF_GAUSSIANS = {
+    "clipped-gaussian": ("median", "The median: the mean of the Gaussian, clipped into the action box."),
+    "truncated-gaussian": ("mode", "The mode: the point of the action box nearest to the Gaussian's mean."),
+    "squashed-gaussian": ("median", "The median: the Gaussian's mean through tanh, which maps it into the action box."),
+}
+"""The rule and its meaning of those that choose by a Gaussian's mean, and do not call it the mean."""
 
 
-def gaussian(graph: Graph, outputs: str, policy: GaussianHead) -> Chosen:
+def gaussian(
+    graph: Graph, outputs: str, policy: GaussianHead, rule: str = "mean", meaning: str = MEAN_OF_GAUSSIAN
+) -> Chosen:
     """The mean: the outputs or their tanh; in units of the box, its center plus as many half-widths."""
-    outputs = _means(graph, outputs, policy)
-    has_tanh = isinstance(policy, GaussianPolicy) and policy.tanh_mean
+    if policy.state_dependent_std:
+        outputs = graph.add("Gather", outputs, np.arange(len(policy.low)), axis=1)
+    has_tanh = isinstance(policy, SquashedGaussianPolicy) or getattr(policy, "tanh_mean", False)
     outputs = graph.add("Tanh", outputs) if has_tanh else outputs
     if policy.box_units or has_tanh:
         scaled = graph.add("Mul", outputs, (policy.high - policy.low) / 2)
         outputs = graph.add("Add", scaled, (policy.high + policy.low) / 2)
-    return Chosen(outputs, "mean", "The mean of the Gaussian, moved to the nearest point of the action box.")
-
-
-def _means(graph: Graph, outputs: str, policy: GaussianHead) -> str:
-    """The outputs without those that are log σ."""
-    return graph.add("Gather", outputs, np.arange(len(policy.low)), axis=1) if policy.state_dependent_std else outputs
-
-
-def clipped_gaussian(graph: Graph, outputs: str, policy: ClippedGaussianPolicy) -> Chosen:
-    """The median: the Gaussian's mean."""
-    chosen = gaussian(graph, outputs, policy)
-    return chosen._replace(rule="median", meaning="The median: the mean of the Gaussian, clipped into the action box.")
-
-
-def truncated_gaussian(graph: Graph, outputs: str, policy: TruncatedGaussianPolicy) -> Chosen:
-    """The mode: the Gaussian's mean."""
-    chosen = gaussian(graph, outputs, policy)
-    return chosen._replace(rule="mode", meaning="The mode: the point of the action box nearest to the Gaussian's mean.")
-
-
-def squashed_gaussian(graph: Graph, outputs: str, policy: SquashedGaussianPolicy) -> Chosen:
-    """The median: the Gaussian's mean through tanh, in the box."""
-    scaled = graph.add("Mul", graph.add("Tanh", _means(graph, outputs, policy)), (policy.high - policy.low) / 2)
-    action = graph.add("Add", scaled, (policy.high + policy.low) / 2)
-    return Chosen(action, "median", "The median: the Gaussian's mean through tanh, which maps it into the action box.")
+    return Chosen(outputs, rule, meaning)
 
 
 def beta(graph: Graph, outputs: str, policy: BetaPolicy) -> Chosen:
@@ -249,9 +233,7 @@ ACTIONS: dict[str, Callable[[Graph, str, Any], Chosen]] = {
     "smoothed": smoothed,
     "discretised-gaussian": discretised,
     "anchored": anchored,
-    "clipped-gaussian": clipped_gaussian,
-    "truncated-gaussian": truncated_gaussian,
-    "squashed-gaussian": squashed_gaussian,
+    **{name: functools.partial(gaussian, rule=rule, meaning=told) for name, (rule, told) in OF_GAUSSIANS.items()},
     "beta": beta,
     "rpo": gaussian,
     "spline": spline,

@@ -6,6 +6,7 @@ ONNX is imported here and nowhere else.
 import hashlib
 import json
 import math
+import warnings
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from types import ModuleType
@@ -29,6 +30,8 @@ OPSET, IR_VERSION = 13, 7
 """Of December 2020: ONNX 1.8, and ONNX Runtime from 1.6 on."""
 BATCH = "batch"
 """The name of the first dimension of input and output, which may have any size."""
+LOST = 1e-3
+"""Of a deviation: larger steps between neighbours in float32 are warned of."""
 VERSION = 1
 """Of the contract's form; a higher one may have other entries."""
 
@@ -49,14 +52,19 @@ def export(model: Model, path: str | Path, origin: Mapping[str, object] | None =
 
     Raises:
         UsageError: ONNX is not installed, a policy of your own without a line in ACTIONS, or a path that can't be
-            written.
+            written, or whose `.json` holds something else than a contract.
+
+    Warns:
+        UserWarning: float32, the file's input, has too few digits for the observations.
     """
     path = Path(path)
     files.check_name("path", path)
     path = path if path.suffix else path.with_suffix(".onnx")
     require(path.suffix == ".onnx", f"path is {path}; its name must end in .onnx")
     files.check_no_way_out("path", path.parent, path.with_suffix(".json").name)  # which nobody named
+    _check_beside(path.with_suffix(".json"))
     decision = decide(model)
+    _tell_of_lost_digits(model)
     content = encode(decision)
     terms = contract(model, decision, path.name, content, origin or {})
     text = json.dumps(terms, indent=2, allow_nan=False, ensure_ascii=False) + "\n"
@@ -64,6 +72,33 @@ def export(model: Model, path: str | Path, origin: Mapping[str, object] | None =
         files.write(path, content)
         files.write(path.with_suffix(".json"), text.encode(errors="backslashreplace"))  # which is how JSON writes them
     return path
+
+
+def _check_beside(path: Path) -> None:
+    """Raise UsageError unless a contract may be written here: where nothing is, or another contract."""
+    try:
+        there = json.loads(files.read(path, files.TEXT))
+    except OSError:
+        return
+    except (ValueError, RecursionError):
+        there = None
+    told = f"path is {path.with_suffix('.onnx')}, whose contract would replace {path}, which is none; take another name"
+    require(isinstance(there, dict) and "contract" in there, told)
+
+
+def _tell_of_lost_digits(model: Model) -> None:
+    """Warn where observations in float64 vary less than float32 can tell at their size: `predict` has these digits."""
+    normalizer = model.learner.normalizer
+    if normalizer.observation and model.observations.dtype == np.float64:
+        center = np.abs(normalizer.origin + normalizer.observation.mean)
+        steps = np.finfo(np.float32).eps * center / normalization.deviation(normalizer)
+        if steps.max() > LOST:
+            warnings.warn(
+                f"an entry of the observations is about {center[steps.argmax()]:.3g}, and float32, the file's input, "
+                f"tells it in steps of {steps.max():.2g} of its deviations: train on observations that are moved "
+                "towards 0 (gymnasium.wrappers.TransformObservation), or the file acts otherwise than predict",
+                stacklevel=3,
+            )
 
 
 def encode(decision: Decision) -> bytes:

@@ -12,8 +12,8 @@ from galton.envs.base import box
 from galton.errors import require, require_integer
 
 
-class OneStep(abc.ABC):
-    """A task of one state and one step, with the same bounds in every dimension; tasks say what an action is worth."""
+class OneState:
+    """A task of one state and one step, with the same bounds in every dimension and a noisy reward."""
 
     max_episode_steps = 1
     observation_low = box(0.0, 1)
@@ -26,10 +26,6 @@ class OneStep(abc.ABC):
         require_integer("d", self.d, 1)
         require(0 <= self.noise_std < float("inf"), f"noise_std is {self.noise_std}; it must be 0 or more")
 
-    @abc.abstractmethod
-    def worth(self, action: Float[Array, "*batch d"]) -> Float[Array, "*batch"]:
-        """The expected reward of an action."""
-
     @property
     def action_low(self) -> Float[np.ndarray, " d"]:
         """The lower bound, the same in every dimension."""
@@ -40,13 +36,21 @@ class OneStep(abc.ABC):
         """The upper bound, the same in every dimension."""
         return box(self.bound, self.d)
 
-    def reset(self, key: Key[Array, ""]) -> Float[Array, " 1"]:
-        """The one state that there is."""
-        return jnp.ones(1)
-
     def noise(self, key: Key[Array, ""]) -> Float[Array, ""]:
         """The noise ε of the reward."""
         return self.noise_std * jax.random.normal(key)
+
+
+class OneStep(OneState, abc.ABC):
+    """One whose subclasses say what an action is worth."""
+
+    @abc.abstractmethod
+    def worth(self, action: Float[Array, "*batch d"]) -> Float[Array, "*batch"]:
+        """The expected reward of an action."""
+
+    def reset(self, key: Key[Array, ""]) -> Float[Array, " 1"]:
+        """The one state that there is."""
+        return jnp.ones(1)
 
     def step(
         self, state: Float[Array, " 1"], action: Float[Array, " d"], noise: Float[Array, ""] | float

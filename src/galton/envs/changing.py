@@ -14,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int, Key
 
+from galton.envs.bandit import OneState
 from galton.envs.base import box
 from galton.envs.lqr import LQR, riccati
 from galton.errors import require, require_integer
@@ -49,7 +50,7 @@ class _Changing:
 
 
 @dataclasses.dataclass(frozen=True)
-class DriftingBandit(_Changing):
+class DriftingBandit(_Changing, OneState):
     """One state, one step, reward 1 − (4/d) Σ (a_i − a*_i)² + ε with ε ~ N(0, noise_std²), actions in [−1, 1]^d.
 
     With `still` it is the paper's bandit (§5.2.2) in units of its box, divided by 25. The best action a* begins with
@@ -71,30 +72,16 @@ class DriftingBandit(_Changing):
     seed: int = 0
     """It decides where a* walks."""
 
-    max_episode_steps = 1
+    bound = 1.0
+    optimal_return = 1.0
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         kinds = ("jump", "sine", "walk", "still")
         require(self.change in kinds, f"change is {self.change!r}; choose from {', '.join(kinds)}")
         require_integer("period", self.period, 1)
-        require_integer("d", self.d, 1)
         require_integer("seed", self.seed, 0)
         require(0 < self.size <= FARTHEST, f"size is {self.size}; it must be greater than 0, and {FARTHEST} or less")
-        require(0 <= self.noise_std < float("inf"), f"noise_std is {self.noise_std}; it must be 0 or more")
-
-    @property
-    def action_low(self) -> Float[np.ndarray, " d"]:
-        """The lower bound, −1 in every dimension."""
-        return box(-1.0, self.d)
-
-    @property
-    def action_high(self) -> Float[np.ndarray, " d"]:
-        """The upper bound, 1 in every dimension."""
-        return box(1.0, self.d)
-
-    observation_low = box(0.0, 1)
-    observation_high = box(1.0, 1)
-    optimal_return = 1.0
 
     @property
     def random_return(self) -> float | None:
@@ -105,10 +92,6 @@ class DriftingBandit(_Changing):
         """The one state that there is, before any change."""
         zero = jnp.int32(0)
         return Moment(jnp.ones(1), zero, zero, jnp.full(self.d, self.size), jnp.zeros(()))
-
-    def noise(self, key: Key[Array, ""]) -> Float[Array, ""]:
-        """The noise ε of the reward."""
-        return self.noise_std * jax.random.normal(key)
 
     def step(
         self, state: Moment, action: Float[Array, " d"], noise: Float[Array, ""] | float

@@ -16,7 +16,7 @@ HINTS = {
     "sde_sample_freq": "there is no state-dependent exploration here",
     "use_rms_prop": 'give optimizer="rmsprop"; Adam is the usual one',
     "rms_prop_eps": 'optimizer="rmsprop" has 1e-5, as SB3\'s by default',
-    "clip_range_vf": "the critic's step is not clipped here, as SB3's is not by default",
+    "clip_range_vf": "PPO alone clips how far values move",
     "stats_window_size": "a log tells of the episodes that ended since the last log point",
     "monitor_wrapper": "episodes are counted without a Monitor",
     "n_timesteps": "it is an argument of learn: learn(total_timesteps)",

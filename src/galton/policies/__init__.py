@@ -7,7 +7,6 @@ from galton.policies.autoregressive import Autoregressive as Autoregressive
 from galton.policies.autoregressive import AutoregressivePolicy as AutoregressivePolicy
 from galton.policies.base import Correlatable as Correlatable
 from galton.policies.base import Distribution as Distribution
-from galton.policies.base import Divergent as Divergent
 from galton.policies.base import Family as Family
 from galton.policies.base import Maskable as Maskable
 from galton.policies.base import MovesOutputs as MovesOutputs

@@ -17,12 +17,10 @@ EDGE = 0.01
 """Nearer to a bound than this share of the box is at the edge, where a density has no mass on the bound itself."""
 
 
-def near_edge(
-    action: Float[Array, "*batch d"], low: Float[np.ndarray, " d"], high: Float[np.ndarray, " d"]
-) -> Bool[Array, "*batch d"]:
+def near_edge(self: Any, action: Float[Array, "*batch d"]) -> Bool[Array, "*batch d"]:
     """Return True for entries in the first or last hundredth of the box, or beyond: the first and last of 100 bins."""
-    margin = EDGE * (high - low)
-    return (action < low + margin) | (action > high - margin)
+    margin = EDGE * (self.high - self.low)
+    return (action < self.low + margin) | (action > self.high - margin)
 
 
 Family = Literal["density", "histogram"]
@@ -61,7 +59,11 @@ class Policy(Part, abc.ABC):
     """A "histogram" policy's distributions are of the class Histogram, which every loss can train; to a "density"
     policy only losses of that family fit."""
     has_kl: ClassVar[bool] = False
-    """True if its distributions are Divergent, as algorithms with a trust region need."""
+    """True if its distributions say how far another one is, as algorithms with a trust region need.
+
+    They have `kl(other)`, KL(self ‖ other) `[*batch]` in nats, and `kl_parts(other)`, by name the parts of it that
+    V-MPO bounds one by one: a Gaussian's "mean" and "std", of "bins" kl itself.
+    """
 
     box: Box | None = None
     """The box that actions lie in; a task sets it (`on`)."""
@@ -139,17 +141,6 @@ class Policy(Part, abc.ABC):
     @abc.abstractmethod
     def distribution(self, outputs: Float[Array, "*batch n_outputs"], params: Params) -> Distribution:
         """The distribution that the actor's outputs describe."""
-
-
-@runtime_checkable
-class Divergent(Protocol):
-    """A distribution that says how far another one of its kind is from it; trust regions are made of that."""
-
-    def kl(self, other: Any) -> Float[Array, "*batch"]:
-        """KL(self ‖ other) in nats, summed over the d independent dimensions."""
-
-    def kl_parts(self, other: Any) -> dict[str, Float[Array, "*batch"]]:
-        """The divergences that V-MPO bounds one by one: those of a Gaussian's "mean" and "std", of "bins" kl itself."""
 
 
 @runtime_checkable

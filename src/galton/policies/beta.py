@@ -6,7 +6,7 @@ from typing import ClassVar
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Key
+from jaxtyping import Array, Float, Key
 
 from galton.policies.base import Marginal, Policy, near_edge
 from galton.policies.tails import LOG_SQRT_2PI
@@ -62,9 +62,7 @@ class Beta:
         total = self.alpha + self.beta
         return (self.high - self.low) * jnp.sqrt(self.alpha / total * (self.beta / total) / (total + 1))
 
-    def at_edge(self, action: Float[Array, "*batch d"]) -> Bool[Array, "*batch d"]:
-        """Return True for entries in the first or last hundredth of the box."""
-        return near_edge(action, self.low, self.high)
+    at_edge = near_edge
 
     def deterministic_action(self) -> Float[Array, "*batch d"]:
         """The mean, α / (α + β) of the box."""
@@ -117,6 +115,7 @@ class BetaPolicy(Policy):
     """
 
     label: ClassVar[str] = "Beta"
+    noise_marginals: ClassVar[tuple[Marginal, Marginal]] = ("normal", "uniform")
 
     @property
     def n_outputs(self) -> int:
@@ -126,11 +125,6 @@ class BetaPolicy(Policy):
     def init(self) -> tuple[Float[Array, " n_outputs"], Params]:
         """All outputs begin at 0, and there are no other parameters."""
         return jnp.zeros(self.n_outputs), {}
-
-    @property
-    def noise_marginals(self) -> tuple[Marginal, Marginal]:
-        """Standard normal proposals, and uniform numbers that accept or reject them."""
-        return "normal", "uniform"
 
     def noise(self, key: Key[Array, ""], shape: tuple[int, ...]) -> Noise:
         """The proposals for two Gamma numbers per action dimension."""

@@ -76,7 +76,7 @@ class BinnedPolicy(Policy):
     def uniform_entropy(self) -> float:
         """The logarithm of the number of bins, the mean over dimensions."""
         bins = self.bins
-        return float(np.log(bins.sizes if isinstance(bins, UnevenBins) else float(bins.n_bins)).mean())
+        return float(np.log(bins.sizes if isinstance(bins, UnevenBins) else float(self.n_bins)).mean())
 
     def acting_by(self: PolicyT, rule: Rule) -> PolicyT:
         """The policy whose deterministic action is this one."""

@@ -104,6 +104,8 @@ class GaussianHead(Policy):
     numbers then mean does not depend on the scale of the box.
     """
 
+    noise_marginals: ClassVar[Marginal] = "normal"
+
     log_std_init: Finite = 0.0
     """The first log σ."""
     log_std_min: Floor = -math.inf
@@ -125,11 +127,6 @@ class GaussianHead(Policy):
         if self.state_dependent_std:
             return jnp.concatenate([zeros, zeros + self.log_std_init]), {}
         return zeros, {"log_std": zeros + self.log_std_init}
-
-    @property
-    def noise_marginals(self) -> Marginal:
-        """The noise is standard normal."""
-        return "normal"
 
     def noise(self, key: Key[Array, ""], shape: tuple[int, ...]) -> Float[Array, "*batch d"]:
         """Numbers of this marginal, one per action dimension."""

@@ -5,7 +5,6 @@ from typing import ClassVar, Literal
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Float, Key
 
 from galton.bins import Bins, GridBins
@@ -62,11 +61,6 @@ class JointPolicy(BinnedPolicy):
     def n_outputs(self) -> int:
         """A logit for each cell."""
         return self.bins.n_bins
-
-    @property
-    def uniform_entropy(self) -> float:
-        """The logarithm of k, the share of each dimension."""
-        return float(np.log(self.n_bins))
 
     def init(self) -> tuple[Float[Array, " n_outputs"], Params]:
         """Uniform, or as the Gaussian policy starts with the same numbers."""

@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.nn import log_softmax, logsumexp
-from jaxtyping import Array, Bool, Float, Key
+from jaxtyping import Array, Float, Key
 
 from galton.fields import AtLeast
 from galton.policies.base import Marginal, Policy, near_edge
@@ -85,9 +85,7 @@ class Spline:
         apart = MEANS.astype(shares.dtype) - (shares * MEANS).sum(-1, keepdims=True)
         return jnp.sqrt((shares * (apart**2 + _VARIANCES)).sum(-1)) * (self.high - self.low) / CELLS
 
-    def at_edge(self, action: Float[Array, "*batch d"]) -> Bool[Array, "*batch d"]:
-        """Return True for entries in the first or last hundredth of the box."""
-        return near_edge(action, self.low, self.high)
+    at_edge = near_edge
 
     def deterministic_action(self) -> Float[Array, "*batch d"]:
         """The node where the density is largest, or the mean."""
@@ -118,6 +116,7 @@ class SplinePolicy(Policy):
     """
 
     label: ClassVar[str] = "spline"
+    noise_marginals: ClassVar[Marginal] = "uniform"
 
     n_splines: Annotated[int, AtLeast(4)] = 10
     """B-splines for each action dimension, on uniform knots from bound to bound."""
@@ -144,11 +143,6 @@ class SplinePolicy(Policy):
         z = (low + size * knots(self.n_splines).astype(low.dtype) - shift) / (scale * jnp.exp(self.log_std_init))
         u, v, w = z[:, 1:-3], z[:, 2:-2], z[:, 3:-1]
         return (-(u * v + u * w + v * w) / 6).ravel(), {}
-
-    @property
-    def noise_marginals(self) -> Marginal:
-        """The noise is uniform."""
-        return "uniform"
 
     def noise(self, key: Key[Array, ""], shape: tuple[int, ...]) -> Float[Array, "*batch n"]:
         """Uniform numbers, two per action dimension."""

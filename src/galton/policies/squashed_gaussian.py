@@ -7,7 +7,7 @@ from typing import ClassVar
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Float
 
 from galton.policies.base import near_edge
 from galton.policies.gaussian import GaussianHead
@@ -68,9 +68,7 @@ class SquashedGaussian:
         mean = (x * p).sum(-1, keepdims=True)
         return jnp.sqrt(jnp.maximum(((x - mean) ** 2 * p).sum(-1), LEAST)) * self._half()
 
-    def at_edge(self, action: Float[Array, "*batch d"]) -> Bool[Array, "*batch d"]:
-        """Return True for entries in the first or last hundredth of the box."""
-        return near_edge(action, self.low, self.high)
+    at_edge = near_edge
 
     def deterministic_action(self) -> Float[Array, "*batch d"]:
         """The median: the mean of u, squashed."""

@@ -60,7 +60,7 @@ class TruncatedGaussian:
 
     def at_edge(self, action: Float[Array, "*batch d"]) -> Bool[Array, "*batch d"]:
         """Return True for entries in the first or last hundredth of the box."""
-        return near_edge(action, self.gaussian.low, self.gaussian.high)
+        return near_edge(self.gaussian, action)
 
     def deterministic_action(self) -> Float[Array, "*batch d"]:
         """The mode: the Gaussian's mean, or the bound that is nearest to it."""
@@ -75,11 +75,7 @@ class TruncatedGaussianPolicy(GaussianHead):
     """A Gaussian given that the action is inside the box. Mean, σ and their units are the Gaussian policy's."""
 
     label: ClassVar[str] = "truncated Gaussian"
-
-    @property
-    def noise_marginals(self) -> Marginal:
-        """The noise is uniform, for the inverse of the distribution function."""
-        return "uniform"
+    noise_marginals: ClassVar[Marginal] = "uniform"  # for the inverse of the distribution function
 
     def distribution(self, outputs: Float[Array, "*batch n_outputs"], params: Params) -> TruncatedGaussian:
         """The Gaussian, cut off."""

@@ -55,7 +55,7 @@ def box(
         require(fits, f"{name} has shape {tuple(given.shape)}; the logits [..., d, k] have d = {d} dimensions")
         bounds.append(given.expand(d))
     if not torch.compiler.is_compiling() and (validate or not isinstance(low, Tensor) or not isinstance(high, Tensor)):
-        _check_box(bounds[0], bounds[1], logits)
+        _check_box(bounds[0].cpu(), bounds[1].cpu(), logits)
     first, last = (bound.to(exact(logits)).to(logits.device) for bound in bounds)
     return first, last
 
@@ -85,9 +85,12 @@ def center_shares(n_bins: int, centers: Centers, like: Tensor) -> Float[Tensor, 
 
 
 def encode(share: Float[Tensor, "*batch d"], n_bins: int, centers: Centers) -> Int[Tensor, "*batch d"]:
-    """The bin that holds each action, which is told as its place in a box from 0 to 1; on an edge by rounding."""
+    """The bin that holds each action, which is told as its place in a box from 0 to 1; on an edge by rounding.
+
+    NaN is in the first bin, for an index out of range would end a program on a GPU.
+    """
     place = share * (n_bins - 1) + 0.5 if centers == "bounds" else share * n_bins
-    return place.floor().clamp(0, n_bins - 1).long()
+    return place.nan_to_num(0.0).floor().clamp(0, n_bins - 1).long()
 
 
 def _kernel(

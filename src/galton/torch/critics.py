@@ -31,7 +31,7 @@ def classification_loss(
 
     Args:
         logits: of k bins of equal width.
-        returns: those beyond the first or last center count as that center.
+        returns: those beyond the first or last center count as that center. No gradient flows into them.
         low: the least return that there is a bin for.
         high: the greatest.
         target: "hl-gauss", a Gaussian of eta bin widths (Farebrother et al., 2024), or "two-hot", whose mean is the
@@ -47,6 +47,7 @@ def classification_loss(
     fits = returns.shape == logits.shape[:-1]
     require(fits, f"returns have shape {tuple(returns.shape)}; of logits {tuple(logits.shape)} they have all but k")
     centers, k = _centers(logits), logits.shape[-1]
+    returns = returns.detach().to(logits.dtype)  # the target is a constant, also where returns are bootstrapped
     share = ((returns - low) / (high - low)).clamp(centers[0], centers[-1])[..., None]
     if target == "two-hot":
         weights = (1 - (centers - share).abs() * k).clamp(min=0)

@@ -67,7 +67,7 @@ class Histogram(Distribution):
         self.low, self.high = bins.box(low, high, logits, checked)
         self.kind, self.eta, self.deterministic = loss, eta, deterministic
         self.bin_centers, self.target_tails, self.head_scale = bin_centers, target_tails, head_scale
-        self.logits = logits if head_scale == 1.0 else head_scale * logits
+        self.logits = logits if head_scale == 1.0 else head_scale * logits.to(bins.exact(logits))
         super().__init__(batch, torch.Size([d]), validate_args=False)
         self._validate_args = checked and not torch.compiler.is_compiling()
         if self._validate_args:
@@ -138,7 +138,7 @@ class Histogram(Distribution):
             UsageError: an action outside of the box, where arguments are validated.
         """
         index, log_probs = self._encode(value), self.log_probs
-        true = self._of(log_probs, index).sum(-1)
+        true = self._of(log_probs, index).sum(-1) + _unknown(value)
         if self.kind == "hl-one-hot":
             return true
         loss = -(self._weights(index, log_probs) * log_probs).sum((-2, -1))
@@ -148,8 +148,8 @@ class Histogram(Distribution):
         """The loss of each action, for an update of your own: minimise its product with the advantage (eq. 6)."""
         index, log_probs = self._encode(value), self.log_probs
         if self.kind == "hl-one-hot":
-            return -self._of(log_probs, index).sum(-1)
-        return -(self._weights(index, log_probs) * log_probs).sum((-2, -1))
+            return _unknown(value) - self._of(log_probs, index).sum(-1)
+        return _unknown(value) - (self._weights(index, log_probs) * log_probs).sum((-2, -1))
 
     def entropy(self) -> Float[Tensor, "*batch"]:
         """−Σ_l Σ_i π log π, in nats."""
@@ -200,10 +200,18 @@ class Histogram(Distribution):
         return values.expand(*shape, -1).gather(-1, index.expand(shape)[..., None])[..., 0]
 
 
+def _unknown(value: Tensor) -> Tensor:
+    """NaN for actions with a NaN, which are refused only where arguments are validated; 0 for all others."""
+    return 0.0 * value.detach().sum(-1)
+
+
 @register_kl(Histogram, Histogram)  # type: ignore[untyped-decorator]
 def _kl(p: Histogram, q: Histogram) -> Tensor:
     """Σ_l Σ_i p (log p − log q); of the same bins."""
     one, other = ((*each.event_shape, each.n_bins, each.bin_centers) for each in (p, q))
     require(one == other, f"one distribution has d, k and bin_centers {one}, and the other {other}")
+    if p._validate_args:
+        apart = bins.is_true((p.low != q.low).any() | (p.high != q.high).any())
+        require(not apart, "one distribution has other bounds than the other, so their bins are different actions")
     log_p, log_q = p.log_probs, q.log_probs
     return (log_p.exp() * (log_p - log_q)).sum((-2, -1))
