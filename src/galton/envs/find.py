@@ -11,7 +11,7 @@ from galton.envs.base import Environment, missing
 from galton.envs.host.answers import shown
 from galton.envs.host.gymnasium import GymnasiumTask
 from galton.envs.host.vector import VectorTask
-from galton.envs.jax_task import JaxTask
+from galton.envs.jax_task import JaxTask, check
 from galton.envs.task import Task
 from galton.errors import UsageError, did_you_mean, require
 from galton.extras import check_named, is_instance_of, needed, require_libraries
@@ -39,7 +39,7 @@ def find(env: object, **kwargs: object) -> Task:
         if not is_record:
             return cast("Task", env)
         task = JaxTask(cast("Environment", env))
-        task.check()
+        check(task)
         return task
     if isinstance(env, gymnasium.vector.VectorEnv) or is_instance_of(env, "stable_baselines3", "VecEnv"):
         return VectorTask(env)

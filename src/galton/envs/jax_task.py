@@ -78,20 +78,6 @@ class JaxTask:
         """The observations that a copy shows."""
         return Observations(self.name, self._box("observation"), self._n_mask)
 
-    def check(self) -> None:
-        """Raise UsageError unless a step gives an observation as long as its box, one reward and one flag."""
-
-        def played(key: Key[Array, ""]) -> tuple[Array, ...]:
-            state, reward, ended = self.step(
-                self.record.reset(key), jnp.asarray(self.actions.low), self.record.noise(key)
-            )
-            return self.record.observe(state), reward, ended
-
-        shapes = ((self.observations.size - self._n_mask,), (), ())
-        for name, shape, told in zip(NAMES, shapes, jax.eval_shape(played, jax.random.key(0)), strict=True):
-            told_so = f"env is {self.name}, a record whose {name} has shape {told.shape}; it must have shape {shape}"
-            require(told.shape == shape, told_so)
-
     def _box(self, kind: str) -> Box:
         """The box between bounds that may be arrays of any kind, lists or numbers."""
         low, high = (np.asarray(getattr(self.record, f"{kind}_{end}"), np.float32) for end in ENDS)
@@ -168,6 +154,21 @@ class JaxTask:
         task._arrays, (task._rest, task.action_scale) = tuple(arrays), structure
         task.record = task._rest.filled(arrays)
         return task
+
+
+@functools.lru_cache(maxsize=8)
+def check(task: JaxTask) -> None:
+    """Raise UsageError unless a step gives an observation as long as its box, one reward and one flag."""
+
+    def played(key: Key[Array, ""]) -> tuple[Array, ...]:
+        record = task.record
+        state, reward, ended = task.step(record.reset(key), jnp.asarray(task.actions.low), record.noise(key))
+        return record.observe(state), reward, ended
+
+    shapes = ((task.observations.size - task.observations.n_mask,), (), ())
+    for name, shape, told in zip(NAMES, shapes, jax.eval_shape(played, jax.random.key(0)), strict=True):
+        told_so = f"env is {task.name}, a record whose {name} has shape {told.shape}; it must have shape {shape}"
+        require(told.shape == shape, told_so)
 
 
 @dataclasses.dataclass(frozen=True)
