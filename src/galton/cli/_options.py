@@ -18,7 +18,8 @@ from galton.envs.find import find
 from galton.envs.registry import ENVS, find_task, is_known, read_constants
 from galton.envs.task import Task
 from galton.losses import LOSSES
-from galton.models.settings import all_words, usual
+from galton.models.settings import all_words
+from galton.parts import settings
 from galton.presets import PAPER, PRESETS, Preset
 from galton.records import Fields
 from galton.tasks import task_of
@@ -75,7 +76,7 @@ class Training:
     ) -> "Training":
         """The defaults for the environment of that name: App. C.2's, the preset's and the algorithm's."""
         task, chosen = task_of(name), find_algorithm(algorithm)
-        own = {} if batch_size is None or "batch_size" not in usual(chosen) else {"batch_size": batch_size}
+        own = {} if batch_size is None or "batch_size" not in settings(chosen) else {"batch_size": batch_size}
         words = all_words(chosen, preset, n_envs, own, name)
         return cls(task.total_timesteps, task.n_logs, task.n_eval_episodes, words=vocabulary().usual | words)
 

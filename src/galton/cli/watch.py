@@ -108,8 +108,8 @@ def _play(env: Env, task: GymnasiumTask, model: Model, options: Options) -> tupl
         returns.append(0.0)
         for step in range(1, options.max_steps + 1):
             model.observations.flatten(observation, where)
-            told = masks.of_one(env, info, where)
-            allowed = masks.checked(told, task.actions.box, where) if task.actions.n_mask else None
+            box = task.actions.box
+            allowed = masks.checked(masks.of_one(env, info, where), box, where) if box.n_mask else None
             action, _ = model.predict(observation, deterministic=True, action_masks=allowed)
             where = f"{task.name}, episode {episode}, step {step}"
             with blame(f"{where}: step"):

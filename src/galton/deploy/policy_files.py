@@ -78,9 +78,9 @@ def _check_beside(path: Path) -> None:
     """Raise UsageError unless a contract may be written here: where nothing is, or another contract."""
     try:
         there = json.loads(files.read(path, files.TEXT))
-    except OSError:
+    except (FileNotFoundError, NotADirectoryError):
         return
-    except (ValueError, RecursionError):
+    except (OSError, ValueError, RecursionError):
         there = None
     told = f"path is {path.with_suffix('.onnx')}, whose contract would replace {path}, which is none; take another name"
     require(isinstance(there, dict) and "contract" in there, told)

@@ -3,7 +3,7 @@
 import itertools
 import math
 import tomllib
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -40,10 +40,11 @@ def expand(blocks: Iterable[Mapping[str, object]], base: Mapping[str, object]) -
             n <= MOST_SETTINGS, f"{', '.join(axes)} have {n:,} combinations; give lists with {MOST_SETTINGS:,} at most"
         )
         points += [dict(zip(axes, point, strict=True)) for point in itertools.product(*axes.values())]
-    given, found = [base] * len(points), dict[Setting, None]()
-    for shared, point, unused in zip(bases(points, given), points, _unused(points, given), strict=True):
+    found: dict[Setting, None] = {}
+    for point, unused in zip(points, _unused(points, [base] * len(points)), strict=True):
         same = {name for name in unused & {*point} if may_idle(name, point[name])}  # other values make no other agent
-        found[Setting(shared | {name: value for name, value in point.items() if name not in same})] = None
+        own = {name: value for name, value in point.items() if name not in same}
+        found[Setting(_base(base, point, unused) | own)] = None
     return tuple(found)
 
 
@@ -52,9 +53,13 @@ def bases(points: Sequence[Mapping[str, object]], given: Sequence[Mapping[str, o
 
     What none of them has a use for stays, to be refused by name.
     """
-    for base, point, unused in zip(given, points, _unused(points, given), strict=True):
-        own = unused | ({"decay_steps"} if isinstance(point.get("learning_rate"), str) else set())
-        yield {name: value for name, value in base.items() if name not in own or may_idle(name, value)}
+    return map(_base, given, points, _unused(points, given))
+
+
+def _base(base: Mapping[str, object], point: Mapping[str, object], unused: Collection[str]) -> Fields:
+    """The base without what a point does not use; a rate that is a schedule has no other decay."""
+    own = {*unused, *(["decay_steps"] if isinstance(point.get("learning_rate"), str) else [])}
+    return {name: value for name, value in base.items() if name not in own or may_idle(name, value)}
 
 
 def _unused(points: Sequence[Mapping[str, object]], given: Sequence[Mapping[str, object]]) -> list[set[str]]:

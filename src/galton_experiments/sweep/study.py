@@ -20,7 +20,7 @@ from galton.policies import POLICIES
 from galton.records import FIRST_FIELDS, Fields, refuse_unknown
 from galton.training.train import log_plan
 from galton.types import Count
-from galton.words import values_of, vocabulary
+from galton.words import idle, values_of, vocabulary
 
 Program = tuple[tuple[str, Any], ...]
 """Settings that are no numbers, with their names."""
@@ -106,11 +106,9 @@ class Setting(Mapping[str, Any]):
         parts += [f"k {self['n_bins']}"] if loss.family == "histogram" else []
         own = {*settings(loss), *(settings(policy) if policy else ())}
         parts += [f"η {_shown(self['eta'])}"] if "eta" in own else []
-        told = {"loss", "learning_rate", "n_bins", "eta"}
-        later = [
-            (n, self[n]) for n in {**self._record, **dict.fromkeys(varied)} if n not in FIRST_FIELDS or n in varied
-        ]
-        parts += [f"{name} {_shown(value)}" for name, value in later if name not in told]
+        told = {"loss", "learning_rate", "n_bins", "eta"} | idle({word: self[word] for word in ("loss", "policy")})
+        names = [name for name in self._record if name not in FIRST_FIELDS] + [*varied]
+        parts += [f"{name} {_shown(self[name])}" for name in dict.fromkeys(names) if name not in told]
         return ", ".join(parts)
 
     @functools.cached_property

@@ -87,6 +87,10 @@ def test_a_setting_is_told_with_all_that_its_study_varies():
     told = [setting.brief(study.varied) for setting in settings]
     assert told[0] == "learning rate 0.0007, net_arch (), gamma 0.9"
     assert len({*told}) == len(settings)
+    mixed = expand([{"loss": "gaussian"}, {"loss": "hl-gauss", "target_tails": ["edges", "reflected"]}], {})
+    first, *others = (setting.brief(Study("bandit", mixed, 1, 100).varied) for setting in mixed)
+    assert "target_tails" not in first  # which a Gaussian has no use for
+    assert [brief.rpartition(" ")[2] for brief in others] == ["edges", "reflected"]
 
 
 def test_a_setting_survives_its_record_and_its_name_is_of_its_content():
