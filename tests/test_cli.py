@@ -208,7 +208,7 @@ def test_a_folder_in_use_is_refused_and_left_alone(command, tmp_path):
     (tmp_path / "out" / "precious").write_text("mine")
     done = galton(command, "lqr", *SMALL, "--out", tmp_path / "out")
     assert done.returncode == 2
-    assert "which is in use; name another folder or give --overwrite" in done.stderr
+    assert "which is there already; name another folder or give --overwrite" in done.stderr
     assert done.stderr.count("\n") == 1
     assert [path.name for path in tmp_path.rglob("*")] == ["out", "precious"]
 

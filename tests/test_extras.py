@@ -92,6 +92,7 @@ CORE = [
     (["benchmark", "my.toml"], 2, f"galton: benchmark needs pyarrow and matplotlib: {STUDIES}"),
     (["export", "run", "--format", "onnx"], 2, f"galton: the format onnx needs onnx: {extras.installing('onnx')}\n"),
     (EXPORT, f"MissingExtraError: the format onnx needs onnx: {extras.installing('onnx')}", ""),
+    ("import galton.torch", f"MissingExtraError: galton.torch needs torch: {extras.installing('torch')}", ""),
     (WANDB, f"MissingExtraError: WeightsAndBiases needs wandb: {extras.installing('wandb')}", ""),
     (
         "from galton_experiments import sweep; sweep.Study",

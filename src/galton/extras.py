@@ -30,6 +30,7 @@ LIBRARIES = {
     "PIL": "video",
     "pygame": "video",
     "onnx": "onnx",
+    "torch": "torch",
     "wandb": "wandb",
     "distributed": "cluster",
     "gymnax": "gymnax",

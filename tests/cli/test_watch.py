@@ -112,6 +112,18 @@ def test_a_reset_that_raises_is_blamed_and_a_run_that_is_not_there_named(run, mo
             watch.main([name])
 
 
+class Unseen(Watched):
+    """Takes no render_mode."""
+
+    def __init__(self):
+        super().__init__()
+
+
+def test_an_environment_without_a_picture_is_refused_with_what_a_film_needs(run):
+    with pytest.raises(UsageError, match=r"unexpected keyword argument 'render_mode'; a film needs .* then renders"):
+        film(run, "--env", f"{__name__}:Unseen")
+
+
 class Recorded(Watched):
     """Remembers its actions, and allows one choice in each state: that of the state's number."""
 

@@ -10,6 +10,7 @@ import tomllib
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from gymnasium.wrappers import TimeLimit
 
 from galton import UsageError
 from galton.envs import LQR, Bandit, Environment, MountainCar
@@ -122,9 +123,25 @@ def test_what_is_no_environment_is_refused_with_the_reason(name):
 def test_keyword_arguments_that_do_not_fit_are_refused():
     with pytest.raises(UsageError, match=r"environment is 'Pendulum-v1', .* unexpected keyword argument 'gravity'"):
         find("Pendulum-v1", gravity=9.81)
-    for source in (Walk, Walk()):
-        with pytest.raises(UsageError, match=r"env_kwargs is {'g': 1}; it goes with a name or an id"):
+    for source, message in (
+        (Walk, r"environment is 'Walk', which can't be made: TypeError: .*"),
+        (Walk(), r"env_kwargs is {'g': 1}; it goes with what makes an environment, not with one that is there"),
+        (LQR(), r"env_kwargs is {'g': 1}; it goes with what makes"),
+    ):
+        with pytest.raises(UsageError, match=message):
             find(source, g=1)
+
+
+def test_a_class_and_a_function_are_called_with_the_keyword_arguments():
+    class Limited(TimeLimit):
+        def __init__(self, steps):
+            super().__init__(Walk(), steps)
+
+    for source in (Limited, lambda steps: TimeLimit(Walk(), steps)):
+        envs = find(source, steps=2).make(2)
+        envs.reset(np.zeros(2, int))
+        ended = [envs.step(np.zeros((2, 1), np.float32)).truncated.tolist() for _ in range(3)]
+        assert ended == [[False, False], [True, True], [False, False]]
 
 
 def test_what_needs_box2d_says_how_to_install_it_where_it_is_missing(monkeypatch):

@@ -1,4 +1,5 @@
 import itertools
+import zipfile
 
 import numpy as np
 import pytest
@@ -78,6 +79,15 @@ def test_what_was_saved_under_a_name_is_loaded_by_it_though_a_folder_has_it_too(
         path = model.save(tmp_path / name)
         assert path.is_file()
         assert A2C.load(tmp_path / name).seed == A2C.load(path).seed
+
+
+def test_what_sb3s_callback_saves_is_loaded_without_its_suffix_and_a_file_of_sb3_itself_refused(model, tmp_path):
+    model.save(tmp_path / "rl_model_20_steps.zip")
+    assert A2C.load(tmp_path / "rl_model_20_steps").settings == model.settings
+    with zipfile.ZipFile(tmp_path / "theirs.zip", "w") as theirs:
+        theirs.writestr("data", "{}")
+    with pytest.raises(CheckpointError, match=r"theirs.zip can't be loaded: it is a zip, as Stable-Baselines3 writes"):
+        A2C.load(tmp_path / "theirs")
 
 
 def test_a_path_that_names_no_file_or_a_folder_is_told_so(model, tmp_path):

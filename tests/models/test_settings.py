@@ -51,7 +51,7 @@ def test_what_editors_show_is_what_a_model_takes_with_the_defaults_that_it_has(m
 def test_a_setting_of_another_algorithm_is_refused_with_those_that_there_are():
     with pytest.raises(TypeError, match=r"A2C\(\) got an unexpected keyword argument 'clip_range'; it takes .*eta"):
         A2C("lqr", clip_range=0.1)
-    with pytest.raises(TypeError, match=r"argument 'learning_rat'; .*; did you mean learning_rate\?$"):
+    with pytest.raises(TypeError, match=r"argument 'learning_rat'; did you mean learning_rate\?$"):
         A2C("lqr", learning_rat=0.1)
 
 

@@ -112,7 +112,7 @@ def test_what_a_process_killed_between_two_renames_set_aside_is_put_back(tmp_pat
         with result_folder(tmp_path / "out", overwrite=False):
             raise RuntimeError
 
-    with pytest.raises(UsageError, match="which is in use"):
+    with pytest.raises(UsageError, match="which is there already"):
         fail()
     assert text_of(tmp_path / "out") == "precious"
 

@@ -93,7 +93,7 @@ def main(arguments: Sequence[str]) -> None:
     out, steps, label = options.folder, options.training.steps, find_loss(options.loss).label
     options.training.check([options.seed])
     require(options.save_every >= 1, f"save_every is {options.save_every}; it must be at least 1")
-    require(not (options.resume and options.overwrite), "resume and overwrite are both given; give one of them")
+    require(not (options.resume and options.overwrite), "--resume and --overwrite are both given; give one of them")
     use_all_cores(runs=1)  # before the environment's module computes something
     env = options.training.find(options.env)
     check_size(env, _agent(options), 1, options.training.eval_episodes)
@@ -169,8 +169,13 @@ def _environments(options: Options, env: Task) -> tuple[object, object]:
     constants = read_constants(json.dumps(constants))
     if isinstance(env, JaxTask) and is_known(name):
         return find(name, **constants), env
-    asked = short_name(options.env.rpartition(":")[2]), read_constants(options.training.env_kwargs)
-    return (short_name(name.rpartition(":")[2]), constants), asked
+    return _named(name, constants), _named(options.env, read_constants(options.training.env_kwargs))
+
+
+def _named(env: str, constants: dict[str, object]) -> str:
+    """An environment of an id or of module:Class, wherever its module lies, with its keyword arguments."""
+    name = short_name(env.rpartition(":")[2])
+    return f"{name} with {dict(sorted(constants.items()))}" if constants else name
 
 
 def _learn(model: Model, options: Options, record: "_Record") -> None:

@@ -93,7 +93,10 @@ def _make(name: str, kwargs: dict[str, Any]) -> GymnasiumTask:
         return GymnasiumTask(name, **kwargs | {"render_mode": "rgb_array"})
     except UsageError as error:
         check_named(f"env is {name}, which", error)
-        raise
+        if "render_mode" not in str(error):
+            raise
+        remedy = "a film needs an environment that takes render_mode='rgb_array', and then renders, as Gymnasium's do"
+        raise UsageError(f"{error}; {remedy}") from error
 
 
 def _play(env: Env, task: GymnasiumTask, model: Model, options: Options) -> tuple[list[np.ndarray], list[float]]:

@@ -24,16 +24,19 @@ def find(env: object, **kwargs: object) -> Task:
         env: a name in ENVS, a Gymnasium id (also `module:Id`), `module:Class`, a function that makes a Gymnasium
             environment, a Gymnasium environment or vector environment, an SB3 VecEnv, a record in pure JAX, or what
             this made.
-        kwargs: the constants of a name or an id; of any, `action_scale` makes the box that policies see so many times
-            as large, and what is done there the action over it.
+        kwargs: the constants of a name or an id, and what a class or a function is called with; of any of them
+            `action_scale` makes the box that policies see so many times as large, and what is done there the action
+            over it.
 
     Raises:
         UsageError: something else, or an environment that Galton can't use, with the reason.
     """
     if isinstance(env, str):
         return _find_by_name(env, kwargs)
-    require(not kwargs, f"env_kwargs is {kwargs}; it goes with a name or an id, not with an environment that is there")
     is_record = not missing(env) and type(env).__hash__ is not None
+    if callable(env) and not (is_record or isinstance(env, Task | gymnasium.Env)):
+        return GymnasiumTask(env, **kwargs)
+    require(not kwargs, f"env_kwargs is {kwargs}; it goes with what makes an environment, not with one that is there")
     if is_record or isinstance(env, Task):
         require(not isinstance(env, type), f"env is {shown(env)}, a class; give what it makes, by calling it")
         if not is_record:
@@ -43,7 +46,7 @@ def find(env: object, **kwargs: object) -> Task:
         return task
     if isinstance(env, gymnasium.vector.VectorEnv) or is_instance_of(env, "stable_baselines3", "VecEnv"):
         return VectorTask(env)
-    if isinstance(env, gymnasium.Env) or callable(env):
+    if isinstance(env, gymnasium.Env):
         return GymnasiumTask(env)
     _refuse_unfinished(env)
     raise UsageError(

@@ -86,7 +86,8 @@ def read_constants(text: str) -> dict[str, object]:
     try:
         constants = json.loads(text)
     except (ValueError, RecursionError) as error:
-        raise UsageError(f"env_kwargs is {text[:200]!r}, which is not JSON: {error}") from None
+        like = """write it like '{"g": 9.81}'"""
+        raise UsageError(f"env_kwargs is {text[:200]!r}, which is not JSON: {error}; {like}") from None
     if not isinstance(constants, dict):
         raise UsageError(f"env_kwargs is {text[:200]!r}; it must be a JSON object")
     return {name: _tuples(value) for name, value in constants.items()}

@@ -56,7 +56,7 @@ def all_words(
     known = usual(algorithm, env, preset)
     for name in settings:
         if name not in known:
-            known_ones = f"it takes {', '.join(known)}{did_you_mean(name, known)}"
+            known_ones = did_you_mean(name, known).lstrip("; ") or f"it takes {', '.join(known)}"
             raise unexpected(algorithm.label, name, known_ones)
     settings = from_sb3(settings)
     copies = _usual(algorithm, env, preset)["n_envs"]

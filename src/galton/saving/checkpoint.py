@@ -53,6 +53,8 @@ def read(path: Path) -> tuple[Settings, dict[str, np.ndarray]]:
     require(path.exists(), f"path is {path}, which does not exist")
     try:
         content = files.read(path, MAX_FILE)
+        if content.startswith(b"PK"):
+            raise CheckpointError("it is a zip, as Stable-Baselines3 writes, which holds no model of Galton's")
         length = int.from_bytes(content[:8], "little")
         if len(content) < 8 or length > min(MAX_HEADER, len(content) - 8):
             raise CheckpointError("its header is cut off or too long")

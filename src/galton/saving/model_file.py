@@ -63,9 +63,9 @@ def with_suffix(path: Path) -> Path:
 
 
 def existing(path: Path) -> Path:
-    """The file that was meant: the one of that very name, or else the one that `save` would have written for it."""
-    saved_as = with_suffix(path)
-    return saved_as if not path.is_file() and saved_as.is_file() else path
+    """The file that was meant: one of that very name, or else one that `save` or SB3's callback wrote for it."""
+    meant = [path, with_suffix(path), path.with_name(f"{path.name}.zip")]
+    return next((file for file in meant if file.is_file()), path)
 
 
 def best_before(path: Path, env_name: str, agent: Agent, seed: int, step: int) -> float:

@@ -49,7 +49,7 @@ def check_free(path: Path, overwrite: bool, instead: str = "--overwrite") -> Non
         )
         if not path.exists() or not any(path.iterdir()):
             return
-    require(overwrite, f"out is {path}, which is in use; name another folder or give {instead}")
+    require(overwrite, f"out is {path}, which is there already; name another folder or give {instead}")
     ours = isinstance(read_settings(path).get("versions"), dict)
     require(ours, f"out is {path}, which is not a folder of results and is not overwritten; name another")
     with files.named("out", path):

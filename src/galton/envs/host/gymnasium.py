@@ -38,7 +38,7 @@ _NAMELESS = ("<lambda>", "partial")
 
 
 class GymnasiumTask:
-    """A Gymnasium environment by what makes it: an id with its keyword arguments, a function, or one that is there.
+    """A Gymnasium environment: an id, a class or a function with its keyword arguments, or one that is there.
 
     Raises:
         UsageError: an id that Gymnasium doesn't know, a function that fails, spaces that Galton can't use.
@@ -53,13 +53,13 @@ class GymnasiumTask:
         self._spare: list[Env] = []
         if isinstance(source, str):
             self.name: str = source
-            self._make: Callable[[], object] = functools.partial(_make_named, source, **kwargs)
+            make: Callable[..., object] = functools.partial(_make_named, source)
         else:
-            require(not kwargs, f"env_kwargs is {kwargs}; it goes with an id, not with an environment that is there")
-            self._make = source if callable(source) else functools.partial(_make_again, source)
+            make = functools.partial(_make_again, source) if isinstance(source, gymnasium.Env) else source
             if self._given is not None:
                 self._as_given = plain_data(layers_of(source))
             self.name = getattr(source, "__name__", None) or type(getattr(source, "unwrapped", source)).__name__
+        self._make = functools.partial(make, **kwargs)
         first = self._check(try_to_make(self.name, self._make)) if self._given is None else self._check(self._given)
         if self.name in _NAMELESS:
             self.name = type(first.unwrapped).__name__
