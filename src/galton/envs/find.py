@@ -17,7 +17,7 @@ from galton.errors import UsageError, did_you_mean, require
 from galton.extras import check_named, is_instance_of, needed, require_libraries
 
 
-def find(env: object, **kwargs: object) -> Task:
+def find(env: object, **kwargs: Any) -> Task:
     """The task of whatever a user gives: a name, an id, an environment, a function that makes one.
 
     Args:

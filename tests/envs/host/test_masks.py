@@ -76,6 +76,13 @@ def test_what_a_mask_forbids_is_never_done(told, loss):
     np.testing.assert_array_equal(many, np.tile([1, 2], (50, 1)))
 
 
+@pytest.mark.parametrize("kind", [galton.TRPO, galton.VMPO])
+def test_trust_regions_take_masks_too(kind):
+    told = []
+    kind(lambda: Shop("info"), n_steps=32, net_arch=(8,)).learn(512, lambda model, log: told.append(log["train/kl"]))
+    assert 0 < max(told) < 0.1
+
+
 @pytest.mark.parametrize("kind", ["gymnasium", "sb3"])
 @pytest.mark.parametrize("told", ["method", "info"])
 def test_vector_environments_tell_masks_too(kind, told):
