@@ -42,6 +42,15 @@ def test_a_number_at_each_step_is_optaxs(ours, theirs):
         assert float(ours(step)) == pytest.approx(float(theirs(step)), abs=1e-6), step
 
 
+@pytest.mark.parametrize("kind", [Linear, Cosine])
+def test_it_begins_and_ends_at_its_numbers_exactly(kind):
+    for start, end in ((1.0, 1e-8), (1e-8, 1.0), (16.0, 0.01), (0.99, 1e-3)):
+        assert [float(kind(start, end, 1000.0, 8.0)(step)) for step in (0, 8, 1008, 2000)] == [
+            *[float(np.float32(start))] * 2,
+            *[float(np.float32(end))] * 2,
+        ]
+
+
 @pytest.mark.parametrize(
     "schedule",
     [

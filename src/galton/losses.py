@@ -126,11 +126,12 @@ class HLGauss(Loss):
 
     def __call__(self, distribution: Histogram, action: Float[Array, "*batch d"]) -> Losses:
         """The cross-entropy with the Gaussian target."""
-        return cross_entropy(distribution, self.gaussian_target(distribution, action))
+        return cross_entropy(distribution, self.target(distribution, action))
 
     def target(self, distribution: Histogram, action: Float[Array, "*batch d"]) -> Weights:
-        """PPO keeps the Gaussian histogram around each action."""
-        return self.gaussian_target(distribution, action)
+        """A Gaussian histogram of σ = η bin widths around the sampled action, which PPO keeps."""
+        eta = self.width(distribution)
+        return kernels.of_action(distribution.bins, distribution, action, eta, self.target_tails)
 
     def check_own(self) -> None:
         """Raise UsageError for bounds of the width that are none, or that nothing uses."""
@@ -172,11 +173,6 @@ class HLGauss(Loss):
             return eta
         return jnp.clip(eta * lax.stop_gradient(distribution.std()) / bins.width, self.eta_min, self.eta_max)
 
-    def gaussian_target(self, distribution: Histogram, action: Float[Array, "*batch d"]) -> Weights:
-        """A Gaussian histogram of σ = η bin widths around the sampled action."""
-        eta = self.width(distribution)
-        return kernels.of_action(distribution.bins, distribution, action, eta, self.target_tails)
-
     def expected_target(self, distribution: Histogram) -> Weights:
         """Kᵀπ, the mean of the targets over the policy's own actions; row j of K is the target of bin j's center."""
         return kernels.expected(distribution.bins, distribution, self.width(distribution), self.target_tails)
@@ -197,7 +193,7 @@ class HLGaussCentred(HLGauss):
     def __call__(self, distribution: Histogram, action: Float[Array, "*batch d"]) -> Losses:
         """The cross-entropy with the centred weights."""
         expected = lax.stop_gradient(self.expected_target(distribution))
-        return cross_entropy(distribution, self.gaussian_target(distribution, action) - expected)
+        return cross_entropy(distribution, super().target(distribution, action) - expected)
 
     def target(self, distribution: Histogram, action: Float[Array, "*batch d"]) -> Weights:
         """The Gaussian histogram less HL-Gauss's bias, q − (Kᵀπ − π), which sums to 1.
@@ -205,7 +201,7 @@ class HLGaussCentred(HLGauss):
         At the policy that it was taken from its gradient is that of q − Kᵀπ: π itself adds nothing there. PPO goes on
         from there, where K = I must stay HL-1-Hot; the weights q − Kᵀπ of an earlier policy would not.
         """
-        return self.gaussian_target(distribution, action) - super().bias(distribution)
+        return super().target(distribution, action) - super().bias(distribution)
 
     def bias(self, distribution: Histogram) -> Weights | float:
         """Nothing: centring takes it away."""

@@ -7,11 +7,12 @@ first; outside JAX it is `from_origin_on_host`, which has the observations as th
 
 from typing import Any, NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from galton.types import Number
+from galton.types import Learner, Number
 
 CLIP = 10.0
 EPSILON = 1e-8
@@ -55,6 +56,12 @@ def init(observation_size: int, n_envs: int, observations: bool, rewards: bool) 
         jnp.zeros(n_envs) if rewards else (),
         jnp.zeros(observation_size) if observations else (),
     )
+
+
+def in_new_episodes(learner: Learner) -> Learner:
+    """The learner where every copy begins an episode: what is known stays, and their discounted returns are 0."""
+    begun = jax.tree.map(jnp.zeros_like, learner.normalizer.running_return)
+    return learner._replace(normalizer=learner.normalizer._replace(running_return=begun))
 
 
 def update_moments(moments: Moments, batch: Float[Array, "N *rest"], window: Number | None = None) -> Moments:

@@ -65,8 +65,8 @@ class Linear(Between):
 
     def __call__(self, step: Float[Array, "*runs"] | float) -> Float[Array, "*runs"]:
         """The number at this step."""
-        number: Array = self.start + (jnp.asarray(self.end) - self.start) * self.done(step)
-        return number
+        done, end = self.done(step), jnp.asarray(self.end)
+        return jnp.where(done < 1, self.start + (end - self.start) * done, end)
 
 
 class Cosine(Between):
@@ -76,13 +76,15 @@ class Cosine(Between):
 
     def __call__(self, step: Float[Array, "*runs"] | float) -> Float[Array, "*runs"]:
         """The number at this step."""
-        left = (1 + jnp.cos(jnp.pi * self.done(step))) / 2
-        number: Array = self.end + (jnp.asarray(self.start) - self.end) * left
-        return number
+        done, start = self.done(step), jnp.asarray(self.start)
+        return jnp.where(done > 0, self.end + (start - self.end) * (1 + jnp.cos(jnp.pi * done)) / 2, start)
 
 
 class Step(Schedule):
-    """A number that is one up to a step, and another from there on; both may be schedules of their own."""
+    """A number that is one up to a step, and another from there on; both may be schedules of their own.
+
+    An update has the number of the step after its rollout.
+    """
 
     label = "step"
 

@@ -44,12 +44,12 @@ class Transition(NamedTuple):
 
 
 class Learner(NamedTuple):
-    """All that a run has learnt, and Adam's memory and the statistics with it."""
+    """All that a run has learnt, and the optimizer's memory and the statistics with it."""
 
     params: Params
     """`actor` and `critic` networks, and for the Gaussian `log_std` `[d]`."""
     optimizer: PyTree[Array]
-    """Adam's count of steps and its moments, those shaped like params."""
+    """Adam's count of steps and its moments, shaped like params, or what another optimizer keeps."""
     normalizer: Any
     """Statistics of observations and rewards, a Normalizer."""
     memory: dict[str, PyTree[Array]]

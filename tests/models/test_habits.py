@@ -293,7 +293,9 @@ def test_another_random_seed_changes_what_follows_and_the_same_repeats_it(env, m
 def test_set_env_goes_on_with_what_was_learnt_on_another_environment(tmp_path):
     model = made(swing, **NORMALISING).learn(50, **QUIET)
     before, path = model.get_parameters(), model.save(tmp_path / "model")
+    assert np.any(model.learner.normalizer.running_return)
     model.set_env(stateful_swing)
+    assert not np.any(model.learner.normalizer.running_return), "as those of SB3's VecNormalize at a reset"
     loaded = A2C.load(path)
     loaded.set_env(swing)
     for each in (model, loaded):

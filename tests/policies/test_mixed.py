@@ -10,7 +10,7 @@ from scipy.special import log_softmax, softmax
 
 from galton import UsageError, make_agent, targets
 from galton.bins import Bins, UnevenBins
-from galton.losses import HLGaussCentred
+from galton.losses import HLGauss, HLGaussCentred
 from galton.parts import Box
 from galton.policies import HistogramPolicy
 from galton.policies.histogram import Choices, Histogram
@@ -109,7 +109,7 @@ def test_where_all_dimensions_look_alike_uneven_bins_change_nothing():
 def test_a_wide_target_reaches_other_bins_of_a_number_and_no_other_value_of_a_choice(loss, rule):
     agent = on(loss=loss, policy="histogram", eta=1.0, eta_rule=rule)
     found = agent.policy.distribution(outputs_of(agent, 1), {})
-    target = agent.loss.gaussian_target(found, found.bins.decode(jnp.array([[1, 2, 4, 0]])))[0]
+    target = HLGauss.target(agent.loss, found, found.bins.decode(jnp.array([[1, 2, 4, 0]])))[0]
     np.testing.assert_allclose(target.sum(-1), 1, rtol=1e-6)
     np.testing.assert_array_equal(target[1], [0, 0, 1, 0, 0])
     np.testing.assert_array_equal(target[2], [0, 0, 0, 0, 1])
@@ -168,7 +168,7 @@ def test_targets_are_renormalised_to_what_a_mask_of_bins_allows(rule):
     kernel = np.asarray(targets.hl_gauss_of_center(6, jnp.arange(6), eta)) * mask
     kernel /= kernel.sum(-1, keepdims=True)
     probs = softmax(np.where(mask > 0, np.asarray(outputs, float)[0], -np.inf))
-    target = agent.loss.gaussian_target(found, found.bins.decode(jnp.array([[2]])))
+    target = HLGauss.target(agent.loss, found, found.bins.decode(jnp.array([[2]])))
     np.testing.assert_allclose(target[0, 0], kernel[2], rtol=1e-5, atol=1e-7)
     np.testing.assert_allclose(agent.loss.expected_target(found)[0, 0], probs @ kernel, rtol=1e-5, atol=1e-7)
 
@@ -218,7 +218,7 @@ def test_a_choice_that_is_ordered_has_a_wide_target():
     box = BOX._replace(names=("gas.0", "gear", "mode", "turn.0"))
     agent = make_agent(loss="hl-gauss", n_bins=K, eta=1.0, ordered=("mode",)).on(box)
     found = agent.policy.distribution(outputs_of(agent, 1), {})
-    target = agent.loss.gaussian_target(found, found.bins.decode(jnp.array([[0, 1, 2, 0]])))[0]
+    target = HLGauss.target(agent.loss, found, found.bins.decode(jnp.array([[0, 1, 2, 0]])))[0]
     np.testing.assert_array_equal(target[1], [0, 1, 0, 0, 0])
     np.testing.assert_allclose(target[2], targets.hl_gauss_of_center(5, jnp.array(2), 1.0, centers="bounds"), rtol=1e-5)
     assert not np.asarray(agent.policy.init()[0])[K + 3 : K + 8].any(), "it starts uniform"

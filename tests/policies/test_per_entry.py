@@ -9,6 +9,7 @@ from scipy.special import ndtr
 from galton import Bins, UsageError, targets
 from galton.agents import make_agent, words_of
 from galton.bins import PlacedBins, mu_law
+from galton.losses import HLGauss
 from galton.parts import Box
 from galton.policies.per_entry import read
 
@@ -75,7 +76,7 @@ def test_targets_of_placed_bins_are_a_normals_masses_in_the_actions_units(tails,
     policy = random_policy(agent)
     kernel = np.stack([targets.hl_gauss(bins, jnp.array([center], float), eta, tails)[0] for center in CENTERS])
     np.testing.assert_allclose(agent.loss.expected_target(policy)[:, 0], policy.probs[:, 0] @ kernel, atol=1e-6)
-    np.testing.assert_allclose(agent.loss.gaussian_target(policy, bins.decode(jnp.full((6, 1), 3)))[0, 0], kernel[3])
+    np.testing.assert_allclose(HLGauss.target(agent.loss, policy, bins.decode(jnp.full((6, 1), 3)))[0, 0], kernel[3])
 
 
 def test_bins_that_lie_closer_in_the_middle_follow_the_mu_law():
@@ -115,6 +116,7 @@ def test_a_first_gaussian_over_placed_bins_has_its_moments():
         ({"per_entry": ["n_bins=5"]}, "say of which entry, or give a list"),
         ({"n_bins": (5, 9), "bin_sample": "uniform"}, "bin_sample is 'uniform'; where .* bins differ, leave it"),
         ({"n_bins": (5, 9), "policy": "ordinal"}, "per_entry is .*; it goes with policy 'histogram'"),
+        ({"ordered": ("1",), "policy": "ordinal"}, "ordered is .*; it goes with policy 'histogram', not 'ordinal"),
     ],
 )
 def test_what_no_entry_can_have_is_refused(words, message):

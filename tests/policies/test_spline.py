@@ -136,8 +136,9 @@ def test_without_exploration_it_takes_the_mode_or_the_mean():
         ("mode", [[LOW[j] + (HIGH - LOW)[j] * NODES[KNOWN[i][j].weight.argmax()] for j in (0, 1)] for i in range(5)]),
         ("mean", [[one.mean(lambda a: a) for one in each] for each in KNOWN]),
     ):
-        found = policy_of(deterministic_action=rule).distribution(outputs_of(), {}).deterministic_action()
-        np.testing.assert_allclose(found, expected, rtol=1e-5, atol=1e-5)
+        for policy in (policy_of(deterministic_action=rule), policy_of().acting_by(rule)):
+            found = policy.distribution(outputs_of(), {}).deterministic_action()
+            np.testing.assert_allclose(found, expected, rtol=1e-5, atol=1e-5)
     with pytest.raises(UsageError, match="deterministic_action is 'median'; choose from mode, mean"):
         policy_of(deterministic_action="median")
 

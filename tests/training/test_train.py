@@ -1,3 +1,7 @@
+import os
+import subprocess
+import sys
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -143,3 +147,21 @@ def test_an_environment_that_can_not_be_copied_is_refused_before_training_where_
     assert steps == []
     assert train(env, agent, [0], 40, n_eval_episodes=0).steps[-1] == 40
     assert len(steps) == 40
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("env", ["lqr", "Pendulum-v1"])
+def test_every_algorithm_trains_where_jax_has_64_bits(env):
+    lines = [
+        "import galton, numpy as np",
+        "for kind in (galton.PPO, galton.TRPO, galton.VMPO, galton.A2C):",
+        f"    model = kind({env!r}, 'hl-gauss-centred', n_steps=64, n_envs=2, net_arch=(4,), n_bins=5)",
+        "    assert np.isfinite(model.learn(128, progress_bar=False).evaluate(2)).all()",
+    ]
+    done = subprocess.run(
+        [sys.executable, "-c", "\n".join(lines)],
+        env=os.environ | {"JAX_ENABLE_X64": "1"},
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0, done.stderr

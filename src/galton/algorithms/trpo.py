@@ -122,7 +122,7 @@ class TRPO(Algorithm):
             gain, kl = surrogate(moved)
             return Step(step.tries + 1, share, moved, kl, (kl < self.max_kl) & (gain > before))
 
-        first = Step(jnp.int32(0), jnp.float32(1.0), own, jnp.float32(0.0), jnp.array(False))
+        first = Step(jnp.int32(0), jnp.ones_like(before), own, jnp.zeros_like(before), jnp.array(False))
         found = jax.lax.while_loop(lambda s: (s.tries < self.line_search_max_iter) & ~s.is_good, tried, first)
         kept = jax.tree.map(lambda new, old: jnp.where(found.is_good, new, old), found.params, own)
         return kept | {"critic": params["critic"]}, {

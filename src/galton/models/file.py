@@ -9,6 +9,7 @@ import numpy as np
 
 from galton.algorithms import ALGORITHMS, actor_critic
 from galton.errors import MALFORMED, CheckpointError, UsageError, require
+from galton.normalization import in_new_episodes
 from galton.parts import at
 from galton.saving import checkpoint
 from galton.saving import model_file as saved
@@ -106,7 +107,8 @@ def resume(path: Path, population: Population, arrays: dict[str, np.ndarray]) ->
                 try:  # new episodes, with what the wrappers have counted
                     snapshot |= checkpoint.unflatten(arrays, {"statistics": like["statistics"]})
                 except (KeyError, CheckpointError):
-                    snapshot["environments"] = like["environments"]
+                    snapshot["environments"], run = like["environments"], snapshot["run"]
+                    snapshot["run"] = run._replace(learner=in_new_episodes(run.learner))
         population.restore(snapshot)
     except MALFORMED as error:  # UsageError is a ValueError
         raise saved.unusable(path, error) from None

@@ -119,8 +119,9 @@ class Policy(Part, abc.ABC):
         return float(np.log(np.subtract(high, low, dtype=np.float64)).mean())
 
     def acting_by(self: PolicyT, rule: Rule) -> PolicyT:
-        """The policy whose deterministic action is this one; a density has one alone."""
-        return self
+        """The policy whose deterministic action is this one, or itself where it has no choice, as most densities."""
+        own = getattr(self, "deterministic_action", rule)
+        return self if rule == own else self.replace(deterministic_action=rule)
 
     @property
     @abc.abstractmethod

@@ -78,10 +78,6 @@ class BinnedPolicy(Policy):
         bins = self.bins
         return float(np.log(bins.sizes if isinstance(bins, UnevenBins) else float(self.n_bins)).mean())
 
-    def acting_by(self: PolicyT, rule: Rule) -> PolicyT:
-        """The policy whose deterministic action is this one."""
-        return self if rule == self.deterministic_action else self.replace(deterministic_action=rule)
-
     @property
     def noise_marginals(self) -> Marginal:
         """Normal where a Gaussian explores, else uniform."""
@@ -168,6 +164,10 @@ class HistogramPolicy(BinnedPolicy):
         Raises:
             UsageError: a box that can't be cut into so many bins, or choices or masks that don't go with a setting.
         """
+        require(
+            not self.ordered or type(self) is HistogramPolicy,
+            f"ordered is {self.ordered}; it goes with policy 'histogram', not {self.label!r}",
+        )
         for name in self.ordered:
             of_name = box.called(name)
             told = f"ordered names {name!r}, which is no choice of the action; its entries are {', '.join(box.told)}"

@@ -22,9 +22,9 @@ def diagnose(agent: Agent, learner: Learner, batch: Transition) -> Scalars:
 
     - actor_grad_norm: of the policy loss mean(w · loss), where w is the advantage or the positive weight made of it, in
       the parameters θ of Propositions 1 and 2, all of the actor's but its last bias; and grad_bound, the mean of the
-      propositions' bound, which the norm never exceeds. Both on 256 rows of the rollout, evenly spread, or on all if
-      there are fewer.
-    - sigma: mean standard deviation of the policy's actions, of the numbers among them.
+      propositions' bound, which the norm never exceeds. Both on 129 to 256 rows of the rollout, evenly spread, or on
+      all if there are fewer.
+    - sigma: mean standard deviation of the policy's actions, of the numbers among them; not there where none is one.
     - edge_share: share of the action entries in the first and last bins; for the Gaussian, of those that were clipped;
       for a density that stays inside the box, of those in its first and last hundredth.
     - explained_variance: of the returns by the critic; 1 is perfect, 0 or less is useless.
@@ -50,7 +50,7 @@ def diagnose(agent: Agent, learner: Learner, batch: Transition) -> Scalars:
     std = std[..., np.array(agent.box.numbers, int)] if agent.box.n_values else std
     some = slice(None, None, -(-len(advantage) // _MOST))
     return _propositions(agent, params, observation[some], action[some], weight[some]) | {
-        "sigma": std.mean(),
+        **({"sigma": std.mean()} if agent.box.numbers else {}),
         "edge_share": distribution.at_edge(action).mean(),
         "explained_variance": 1 - jnp.var(returns - values) / jnp.var(returns),
         "hl_gauss_bias": bias,

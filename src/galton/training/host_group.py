@@ -14,7 +14,7 @@ from galton.envs.host.carried import MOMENTS, go_on, plain_data, set_moments, st
 from galton.envs.host.moves import Watch
 from galton.envs.task import Task
 from galton.errors import BrokenEnvironmentError, SharedEnvironment
-from galton.normalization import from_origin_on_host
+from galton.normalization import from_origin_on_host, in_new_episodes
 from galton.parts import at
 from galton.policies.correlation import nothing_before
 from galton.training.evaluate import LIMIT_IT, LONG
@@ -287,6 +287,7 @@ class Group:
 
     def _start_anew(self) -> None:
         """Begin new episodes in the middle of a run, with seeds that its step decides."""
+        self.runs = self.runs._replace(learner=in_new_episodes(self.runs.learner))
         for layers in self.environments.layers:
             go_on(layers, layers)
         self._start(self.environments.reset(_environment_seeds(self._seeds, self._shape[1], 2, self.step)))

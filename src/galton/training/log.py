@@ -73,9 +73,9 @@ def tally(finished: Finished, told: Scalars) -> Tally:
     return Tally(
         jnp.float32(1),
         finished.done.sum(dtype=jnp.float32),
-        jnp.where(finished.done, finished.undiscounted_return, 0.0).sum(),
+        jnp.where(finished.done, finished.undiscounted_return, 0.0).sum(dtype=jnp.float32),
         jnp.where(finished.done, finished.length, 0).sum().astype(jnp.float32),
-        told,
+        {name: jnp.asarray(value, jnp.float32) for name, value in told.items()},  # of JAX's x64 mode too
     )
 
 

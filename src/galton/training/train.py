@@ -91,7 +91,7 @@ def train(
         n_logs: log points, at most one per update.
         n_eval_episodes: episodes of each evaluation at each log point; 0 turns evaluation off.
         eval_mean: whether each evaluation plays the same episodes once more by the mean of the policy's distribution,
-            for the log's `mean_action_return`; a density has one deterministic action and plays them once.
+            for the log's `mean_action_return`; most densities have one deterministic action and play them once.
         on_log: called at each log point with the steps so far and the log's `[R]` arrays.
         meanwhile: called about twice a second with the steps so far; what it raises ends training.
         devices: the JAX devices that the runs are split over; by default all of this process.
