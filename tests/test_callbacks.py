@@ -263,6 +263,11 @@ def test_one_evaluate_begins_anew_with_a_new_run_and_another_seeds_best_is_not_i
     assert [log["eval/best_mean_reward"] for log in logs] == [-5.0, -7.0]
     assert all("eval/doing_nothing" in log for log in logs)
     assert A2C.load(tmp_path / "best").seed == 1
+    evaluate.best = 0.0
+    evaluate.check(model)
+    assert evaluate.best == 0.0, "the same run"
+    evaluate.check(new(seed=2).learn(20, progress_bar=False))
+    assert evaluate.best == -math.inf, "another one that has been trained"
     model.seed = 0
     evaluate = Evaluate(20, best_model=tmp_path / "best")
     evaluate.check(model)

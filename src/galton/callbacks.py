@@ -22,6 +22,7 @@ from typing import Any
 
 import numpy as np
 
+from galton.agents import words_of
 from galton.envs.find import find
 from galton.envs.task import check_same_spaces
 from galton.errors import is_number, require, require_integer
@@ -65,12 +66,15 @@ class Evaluate:
         self.best, self.latest = -math.inf, math.nan
         self.yardsticks: Yardsticks | None = None
         self._on = self._named
+        self._run: object = None
 
     def check(self, model: Any) -> None:
         """Raise UsageError for an environment that can't be played on, or a file that can't be written."""
         self._let_go()
-        if not model.num_timesteps:  # a new run begins anew
+        run = (model.env_name, model.seed, words_of(model.agent))
+        if not model.num_timesteps or self._run not in (None, run):  # another run begins anew
             self.best, self.latest, self.yardsticks = -math.inf, math.nan, None
+        self._run = run
         if self.env is None:
             model.population.check_evaluation(self.n_episodes)
         else:

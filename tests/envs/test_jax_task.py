@@ -87,6 +87,20 @@ class Aim:
         return state
 
 
+@dataclasses.dataclass(frozen=True)
+class Derived(Aim):
+    """One that makes more of its fields than they are."""
+
+    def __post_init__(self):
+        object.__setattr__(self, "middle", sum(self.weights) / 2)
+
+
+def test_a_record_with_more_than_fields_is_refused_where_it_is_made_anew_from_them():
+    assert JaxTask(Derived((0.5, -0.5))).record.middle == 1.0
+    with pytest.raises(UsageError, match=r"made anew from its fields, since it holds JAX.*; make middle a property"):
+        JaxTask(Derived(jnp.zeros(2)))
+
+
 @jax.tree_util.register_pytree_node_class
 class Registered(Aim):
     """The same as a pytree, whose weights are a part of its structure."""

@@ -3,12 +3,14 @@
 import gymnasium
 import numpy as np
 import pytest
+from gymnasium.spaces import Box
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from gymnasium.wrappers import ClipReward, NormalizeObservation, NormalizeReward, TransformObservation, TransformReward
 from gymnasium.wrappers import vector as vector_wrappers
 
 import galton
 from galton.callbacks import Evaluate, StopOnReward
+from galton.envs.host.carried import remember
 from galton.models.file import InexactResume
 
 SETTINGS = {"n_steps": 64, "batch_size": 64, "n_epochs": 1, "gamma": 0.9, "learning_rate": 1e-2, "box_units": 1}
@@ -177,3 +179,50 @@ def test_episodes_on_a_given_environment_follow_one_another():
     model.learn(64, evaluate, progress_bar=False)
     assert evaluate.best == -10
     assert given.stage == 17  # with three episodes of doing nothing, and three of random actions
+
+
+class Views(gymnasium.Env):
+    """Its position is a view of its state, in which a reset writes; it holds data that all copies share."""
+
+    action_space, observation_space = Box(-1, 1, (1,)), Box(-10, 10, (2,))
+    data = np.arange(10.0)
+
+    def __init__(self):
+        self.state, self.level, self.shared = np.zeros(2), np.ones(1), self.data
+        self.position = self.state[:1]
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        self.state[:], self.n = 0.5, 0
+        return self.state.astype(np.float32), {}
+
+    def step(self, action):
+        self.n += 1
+        self.state *= 0.9
+        reward = float(self.position[0] * self.level[0])
+        return self.state.astype(np.float32), reward, False, self.n >= 13, {}
+
+
+def test_views_stay_views_and_an_array_that_was_set_since_is_carried():
+    model = galton.A2C(Views, "gaussian", n_envs=2, n_steps=5)
+    before = model.evaluate(2)
+    np.testing.assert_allclose(before, sum(0.5 * 0.9**t for t in range(1, 14)), rtol=1e-5)
+    model.advance(1)
+    np.testing.assert_array_equal(model.evaluate(2), before)
+    trained = [layers[-1] for layers in model.population.environments.layers]
+    levels = np.array([[7.0], [2.0]])
+    for env in trained:
+        env.level = levels[1]
+    np.testing.assert_allclose(model.evaluate(2), 2 * before, rtol=1e-6)
+    for env in trained:
+        env.level[:] = 3.0
+    np.testing.assert_allclose(model.evaluate(2), 3 * before, rtol=1e-6)
+    first = remember([[env] for env in trained])
+    assert first[0].values[0]["shared"] is first[1].values[0]["shared"] is not Views.data, "copied once"
+
+
+def test_yardsticks_are_played_where_evaluation_is():
+    model = galton.A2C(Views, "gaussian", n_envs=1, n_steps=5)
+    before = model.yardsticks().doing_nothing
+    model.population.environments.layers[0][-1].level = np.array([2.0])
+    np.testing.assert_allclose(model.yardsticks().doing_nothing, 2 * before, rtol=1e-6)

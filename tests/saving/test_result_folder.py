@@ -93,6 +93,16 @@ def test_the_remains_of_a_killed_process_are_cleared_and_nothing_else(tmp_path):
     assert {path.name for path in tmp_path.iterdir()} == {"out", ".out.backup", ".other.galton-x"}
 
 
+def test_a_folder_with_hidden_files_of_somebodys_is_not_replaced(tmp_path):
+    (tmp_path / "out").mkdir()
+    fill(tmp_path / "out", "old")
+    for name in (".DS_Store", ".nfs01", ".writing-host-1-ab.png"):
+        (tmp_path / "out" / name).touch()
+    check_free(tmp_path / "out", True)
+    (tmp_path / "out" / ".notes.md").touch()
+    refused("which also holds .notes.md", tmp_path / "out", True)
+
+
 def test_a_file_in_the_way_and_a_name_that_is_too_long_are_named(tmp_path):
     fill(tmp_path, "mine")
     file, long = tmp_path / "config.json", "can't be written: File name too long"

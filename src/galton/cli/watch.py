@@ -17,6 +17,7 @@ from galton.cli._reading import Imports, import_typed, read_options
 from galton.cli._runs import environment_of, model_of
 from galton.envs.host import masks
 from galton.envs.host.answers import blame, one_flag, one_number, parts
+from galton.envs.host.carried import take_statistics
 from galton.envs.host.gymnasium import GymnasiumTask
 from galton.envs.registry import is_known
 from galton.envs.task import check_same_spaces
@@ -72,6 +73,7 @@ def main(arguments: Sequence[str]) -> None:
     env = envs.layers[0][0]
     try:
         check_same_spaces(task, model.actions, model.observations)
+        take_statistics(task.name, envs.layers[0], None)
         frames, returns = _play(env, task, model, options)
         fps = env.metadata.get("render_fps") or 30
     finally:
@@ -150,14 +152,11 @@ def picture(env: Env) -> np.ndarray:
 
 def write(out: Path, frames: list[np.ndarray], fps: int) -> None:
     """Write an .mp4 or a .gif; UsageError where that can't be."""
-    try:
-        with files.replacing(out) as scratch:
-            if out.suffix == ".gif":
-                _write_gif(scratch, frames, fps)
-            else:
-                _write_mp4(scratch, frames, fps)
-    except OSError as error:
-        raise UsageError(f"out is {out}, which can't be written: {error.strerror or error}") from None
+    with files.named("out", out), files.replacing(out) as scratch:
+        if out.suffix == ".gif":
+            _write_gif(scratch, frames, fps)
+        else:
+            _write_mp4(scratch, frames, fps)
 
 
 def _write_gif(path: Path, frames: list[np.ndarray], fps: int) -> None:

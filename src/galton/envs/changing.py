@@ -53,8 +53,8 @@ class _Changing:
 class DriftingBandit(_Changing, OneState):
     """One state, one step, reward 1 − (4/d) Σ (a_i − a*_i)² + ε with ε ~ N(0, noise_std²), actions in [−1, 1]^d.
 
-    With `still` it is the paper's bandit (§5.2.2) in units of its box, divided by 25. The best action a* begins with
-    `size` in every dimension, and all copies of all runs have the same.
+    With `still` it is the paper's bandit (§5.2.2) in units of its box, divided by 25 but for its noise. The best action
+    a* begins with `size` in every dimension, and all copies of all runs have the same.
     """
 
     change: Literal["jump", "sine", "walk", "still"] = "jump"

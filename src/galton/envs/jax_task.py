@@ -201,6 +201,10 @@ def _taken_apart(record: object) -> tuple[tuple[Array, ...], _Rest]:
     arrays = tuple(leaf for leaf in leaves if isinstance(leaf, jax.Array))
     if not arrays:
         return (), _Rest(None, _LEAF, (record,))
+    own = getattr(record, "__dict__", {}).keys() - {field.name for field in dataclasses.fields(kind)} if kind else ()
+    more = sorted(name for name in own if not isinstance(getattr(kind, name, None), functools.cached_property))
+    made_of = "a record that is made anew from its fields, since it holds JAX arrays"
+    require(not more, f"env is {record!r:.80}, {made_of}; make {', '.join(more)} a property or a field")
     return arrays, _Rest(kind, structure, tuple(... if isinstance(leaf, jax.Array) else leaf for leaf in leaves))
 
 

@@ -1,7 +1,7 @@
 """The callbacks of one call of `learn` are called as `galton.callbacks` says."""
 
 import inspect
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -27,10 +27,8 @@ class Calls:
 
     def meanwhile(self, seconds: float) -> bool:
         """Ask those that want to be asked between two updates whether to go on, so many seconds after the beginning."""
-        asked: list[Callable[[Any, float], bool | None] | None] = [
-            getattr(one, "meanwhile", None) for one in self._callbacks
-        ]
-        verdicts = [meanwhile(self._model, seconds) for meanwhile in asked if meanwhile]
+        asked: list[Any] = [one for one in self._callbacks if hasattr(one, "meanwhile")]
+        verdicts = [one.meanwhile(self._model, seconds) for one in asked]
         return not any(map(_stops, verdicts))
 
     def after(self, step: int, size: int, log: Log, is_log_point: bool) -> bool:
@@ -94,7 +92,7 @@ def _callable(callback: object) -> Callback:
 
 
 def _check_reached(callback: Callback, first: int, last: int) -> None:
-    every = getattr(callback, "every", None)
+    every = _every(callback)
     if every is None:
         return
     name = getattr(callback, "__name__", type(callback).__name__)

@@ -53,7 +53,8 @@ def check_free(path: Path, overwrite: bool, instead: str = "--overwrite") -> Non
     ours = isinstance(read_settings(path).get("versions"), dict)
     require(ours, f"out is {path}, which is not a folder of results and is not overwritten; name another")
     with files.named("out", path):
-        others = sorted(file.name for file in path.iterdir() if file.name not in FILES and file.name[0] != ".")
+        names = [file.name for file in path.iterdir() if file.name not in FILES]
+    others = sorted(name for name in names if not name.startswith((files.SCRATCH, ".DS_Store", ".nfs")))
     require(not others, f"out is {path}, which also holds {', '.join(others[:5])}; move that away, or name another")
 
 

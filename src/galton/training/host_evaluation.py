@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float, Integer
 
 from galton.envs.host.base import HostEnvironments
-from galton.envs.host.carried import carry
+from galton.envs.host.carried import Remembered, carry, changed
 from galton.envs.task import Task
 from galton.parts import Box
 from galton.training.evaluate import copies, play
@@ -33,25 +33,30 @@ class Evaluator:
     def evaluate(
         self,
         trained: Sequence[list[Any]],
-        at_first: Sequence[Any],
+        at_first: Sequence[Remembered],
         seeds: Integer[np.ndarray, " M"],
         act: Callable[[Float[np.ndarray, "M o"]], Float[np.ndarray, "M d"]],
     ) -> Float[np.ndarray, " M"]:
-        """Undiscounted returns of an episode on each copy, once it is what one of training's is by now.
+        """Undiscounted returns of an episode on each copy, once it is what one of training's is by now."""
+        envs = self._of_now(len(seeds) // self._n_runs, trained, at_first)
+        return play(self._task.name, envs, seeds, act, len(seeds))
+
+    def yardsticks(self, trained: Sequence[list[Any]], at_first: Sequence[Remembered], box: Box) -> Yardsticks:
+        """The returns of doing nothing and of random actions on these copies."""
+        envs = self._of_now(self._n_episodes or N_EPISODES, trained, at_first)
+        return yardsticks(self._task.name, envs, self._n_runs * self._n_episodes, box)
+
+    def _of_now(self, n: int, trained: Sequence[list[Any]], at_first: Sequence[Remembered]) -> HostEnvironments:
+        """The copies for n episodes of each run, each like one of training's by now.
 
         What a copy has learnt or been given is in the layers of training's copies, and is not what they had `at_first`.
         """
-        n, n_envs = (len(of_all) // self._n_runs for of_all in (seeds, trained))
-        envs = self.make(n)
-        for i, layers in enumerate(envs.layers):
-            copy = i // n * n_envs + i % n % n_envs
-            carry(trained[copy], at_first[copy], layers)
-        return play(self._task.name, envs, seeds, act, len(seeds))
-
-    def yardsticks(self, box: Box) -> Yardsticks:
-        """The returns of doing nothing and of random actions on these copies."""
-        envs = self.make(self._n_episodes or N_EPISODES)
-        return yardsticks(self._task.name, envs, self._n_runs * self._n_episodes, box)
+        envs, n_envs = self.make(n), len(trained) // self._n_runs
+        like = [i // n * n_envs + i % n % n_envs for i in range(len(envs.layers))]
+        since = {copy: changed(trained[copy], at_first[copy]) for copy in {*like}}
+        for copy, layers in zip(like, envs.layers, strict=True):
+            carry(trained[copy], since[copy], layers)
+        return envs
 
     def close(self) -> None:
         """Close the copies, if there are any."""

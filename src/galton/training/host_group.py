@@ -10,7 +10,7 @@ from jaxtyping import Array, Float, Int, PyTree, UInt
 
 from galton.algorithms import Agent
 from galton.envs.host.base import Steps
-from galton.envs.host.carried import MOMENTS, go_on, plain_data, set_moments, statistics_of
+from galton.envs.host.carried import MOMENTS, go_on, remember, set_moments, statistics_of
 from galton.envs.host.moves import Watch
 from galton.envs.task import Task
 from galton.errors import BrokenEnvironmentError, SharedEnvironment
@@ -66,7 +66,7 @@ class Group:
     def reset(self) -> None:
         """Begin the first episodes of training, whose observations the statistics count."""
         self._start(self.environments.reset(_environment_seeds(self._seeds, self._shape[1], 0)))
-        self._at_first = [plain_data(layers) for layers in self.environments.layers]
+        self._at_first = remember(self.environments.layers)
         if self._agent.rollout.normalize_observation:
             n_in = self._sizes[0] - self._agent.box.n_mask
             origin = self._place(self._observation[:, 0, :n_in].astype(np.float32))
@@ -214,7 +214,7 @@ class Group:
 
     def yardsticks(self) -> Yardsticks:
         """The returns of doing nothing and of random actions, on the copies that evaluation plays on."""
-        return self.evaluator.yardsticks(self._agent.box)
+        return self.evaluator.yardsticks(self.environments.layers, self._at_first, self._agent.box)
 
     def put(self, learner: Learner) -> None:
         """Go on with something else learnt, each leaf `[P, ...]`."""

@@ -11,7 +11,7 @@ from gymnasium.utils.env_checker import check_env
 import galton
 from galton import UsageError
 from galton.envs import find
-from galton.envs.host.carried import plain_data
+from galton.envs.host.carried import remember
 from galton.envs.host.gears import Gears
 from galton.training.host_evaluation import Evaluator
 from galton.training.population import populate
@@ -80,7 +80,7 @@ def test_evaluation_is_in_the_phase_of_training_to_the_bit(robot, change):
     task = find(f"galton/{robot}Gears-v0", change=change, period=PERIOD, max_episode_steps=15)
     envs, d = task.make(2), len(task.actions.box.low)
     envs.reset(np.array([0, 1]))
-    at_first = [plain_data(layers) for layers in envs.layers]
+    at_first = remember(envs.layers)
     for _ in range(9):
         envs.step(np.full((2, d), 0.5, np.float32))
 

@@ -92,6 +92,19 @@ def test_sloppy_environments_give_what_a_tidy_one_gives_and_do_not_change_the_ac
     assert action == 0.5
 
 
+def test_a_last_observation_that_the_reset_writes_over_is_looked_at_before():
+    class Ending(Leaky):
+        def observe(self):
+            observed = super().observe()
+            if self.ends():
+                observed[0] = np.nan
+            return observed
+
+    envs = begun(Ending, 1)
+    with pytest.raises(BrokenEnvironmentError, match=r"copy 0, step .*: entry \[0\] of the observation is nan"):
+        play(envs, 2 * LENGTH)
+
+
 @pytest.mark.parametrize(("shape", "dtype"), [((), np.float32), ((), np.float64), ((1,), np.float32), ((2, 3), float)])
 def test_an_environment_gets_arrays_of_its_action_space(shape, dtype):
     class Checking(Walk):

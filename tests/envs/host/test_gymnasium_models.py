@@ -94,10 +94,20 @@ def test_an_evaluation_without_a_time_limit_is_cut_and_one_that_breaks_its_limit
         make_model(lambda: TimeLimit(Endless(), 40)).evaluate(2)
 
 
+class Twisted(Stateful):
+    """Its generator's state is no short one."""
+
+    def reset(self, *, seed=None, options=None):
+        if seed is not None:
+            self.np_random = np.random.Generator(np.random.MT19937(seed))
+        return super().reset(options=options)
+
+
 EXACT = {
     "a time limit": lambda: TimeLimit(Stateful(), 7),
     "no time limit": Stateful,
     "no numbers": Memoryless,
+    "another generator": Twisted,
     "statistics": lambda: wrappers.NormalizeReward(
         NormalizeObservation(wrappers.TimeAwareObservation(TimeLimit(Stateful(), 7)))
     ),

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
-from gymnasium.vector import AutoresetMode, SyncVectorEnv
+from gymnasium.vector import AutoresetMode, SyncVectorEnv, VectorEnv
+from gymnasium.vector.utils import batch_space
 from stable_baselines3.common.vec_env import DummyVecEnv
 
 from galton import BrokenEnvironmentError
@@ -138,3 +139,27 @@ def test_a_reset_of_the_old_kind_is_named():
     envs = find(Resetting([Walk] * N, autoreset_mode=AutoresetMode.SAME_STEP)).make(N)
     with pytest.raises(BrokenEnvironmentError, match=r"step 0: reset returned array.*it must return \(obs.*, infos\)"):
         envs.reset(np.arange(N))
+
+
+class OfOneSeed(VectorEnv):
+    """As Gymnasium declares it: a reset takes one seed. It holds something of its own as `envs`."""
+
+    metadata = {"autoreset_mode": AutoresetMode.SAME_STEP}  # noqa: RUF012, as Gymnasium has it
+    num_envs, envs = N, np.zeros((N, 4))
+    single_observation_space, single_action_space = Walk.observation_space, Walk.action_space
+    observation_space, action_space = batch_space(Walk.observation_space, N), batch_space(Walk.action_space, N)
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        return self.np_random.normal(size=(N, 2)).astype(np.float32), {}
+
+    def step(self, action):
+        return np.zeros((N, 2), np.float32), np.ones(N), np.zeros(N, bool), np.zeros(N, bool), {}
+
+
+def test_a_vector_environment_of_ones_own_takes_one_seed_and_may_hold_anything():
+    envs = find(OfOneSeed()).make(N)
+    first, other, again = (envs.reset(np.arange(N) + seed) for seed in (3, 4, 3))
+    np.testing.assert_array_equal(first, again)
+    assert np.all(first != other)
+    assert len(envs.layers) == N

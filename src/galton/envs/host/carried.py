@@ -9,7 +9,7 @@ import collections
 import contextlib
 import copy
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import gymnasium
 import numpy as np
@@ -24,6 +24,16 @@ Layers = list[Any]
 """An environment's wrappers from the outside in, and the environment; of one in a vector environment, that's first."""
 Attributes = list[dict[str, Any]]
 """The plain data in each of an environment's layers, by attribute."""
+
+
+class Remembered(NamedTuple):
+    """The plain data of layers at one moment."""
+
+    values: Attributes
+    """Copies, which stay as they are."""
+    objects: Attributes
+    """The attributes' own objects, which the environment may change."""
+
 
 MOMENTS = ("mean", "var", "count")
 """The attributes of running statistics that are all of them."""
@@ -42,8 +52,15 @@ def layers_of(env: Any) -> Layers:
 def layers_of_copies(envs: Any) -> list[Layers]:
     """For each copy in a vector environment of this process the layers that all share, and then its own."""
     shared = layers_of(envs)
-    copies = getattr(shared[-1], "envs", None)
+    copies = copies_in(shared[-1])
     return [[*shared, *layers_of(one)] for one in copies] if copies else [shared] * envs.num_envs
+
+
+def copies_in(envs: Any) -> list[gymnasium.Env[Any, Any]]:
+    """The environments of this process that a vector environment holds as its `envs`; none where it holds no such."""
+    found: Any = getattr(envs, "envs", None)
+    own = isinstance(found, list | tuple) and all(isinstance(one, gymnasium.Env) for one in found)
+    return list(found) if own else []
 
 
 def has_no_limit(layers: Layers) -> bool:
@@ -53,26 +70,42 @@ def has_no_limit(layers: Layers) -> bool:
 
 
 def plain_data(layers: Layers) -> Attributes:
-    """A copy of the plain data in each layer; what records or shows episodes has none."""
+    """The plain data in each layer, by attribute; what records or shows episodes has none."""
     return [
-        {name: copy.deepcopy(value) for name, value in vars(layer).items() if _is_plain(value)}
+        {name: value for name, value in vars(layer).items() if _is_plain(value)}
         if type(layer).__module__ != "gymnasium.wrappers.rendering"
         else {}
         for layer in layers
     ]
 
 
-def changed(layers: Layers, before: Attributes) -> Attributes:
-    """The plain data in each layer that is not as it was before."""
+def remember(copies: Sequence[Layers]) -> list[Remembered]:
+    """The plain data of each copy now; what several hold is kept once."""
+    known: dict[int, Any] = {}
+    found = [plain_data(layers) for layers in copies]
+    return [Remembered(copy.deepcopy(each, known), each) for each in found]
+
+
+def changed(layers: Layers, before: Remembered) -> Attributes:
+    """The plain data in each layer that is not as it was before.
+
+    An array that still is the same object, and shares its numbers with another attribute, belongs to the episode: a
+    copy of it would be cut off from that attribute, and a reset that writes into one would not reach the other.
+    """
     return [
-        {name: value for name, value in now.items() if not _are_equal(value, then.get(name, _MISSING))}
-        for now, then in zip(plain_data(layers), before, strict=True)
+        {
+            name: value
+            for name, value in now.items()
+            if not _are_equal(value, values.get(name, _MISSING))
+            and not (value is objects.get(name) and _is_shared(value, now))
+        }
+        for now, values, objects in zip(plain_data(layers), *before, strict=True)
     ]
 
 
-def carry(trained: Layers, before: Attributes, layers: Layers) -> None:
-    """Give a copy's layers all statistics that training's copy has, and the plain data that is not as it was before."""
-    for layer, own, now in zip(layers, changed(trained, before), trained, strict=True):
+def carry(trained: Layers, since: Attributes, layers: Layers) -> None:
+    """Give a copy's layers all statistics that training's copy has, and copies of the plain data that changed there."""
+    for layer, own, now in zip(layers, since, trained, strict=True):
         vars(layer).update(copy.deepcopy(own | {name: v for name, v in vars(now).items() if _is_statistics(v)}))
     go_on(layers, trained)
 
@@ -185,7 +218,7 @@ def _replaced(holder: Any, name: str, value: Any) -> Iterator[None]:
             vars(holder)[name] = before
 
 
-def refuse_different(name: str, given: Layers, as_given: Attributes, anew: Layers) -> None:
+def refuse_different(name: str, given: Layers, as_given: Remembered, anew: Layers) -> None:
     """Raise UsageError where an environment that is made anew is not like the one that was given.
 
     What training has changed in the given one since does not count: it is carried to each copy.
@@ -197,10 +230,10 @@ def refuse_different(name: str, given: Layers, as_given: Attributes, anew: Layer
         f"{name} is {' in '.join(reversed(kinds[0]))}, and its spec makes {' in '.join(reversed(kinds[1]))}: {remedy}",
     )
     since = changed(given, as_given)
-    made = plain_data(anew)
+    made = remember([anew])[0].values
     anew[0].reset(seed=0)
     begun = plain_data(anew)
-    for layer, own, moved, *likes in zip(given, as_given, since, made, begun, strict=True):
+    for layer, own, moved, *likes in zip(given, as_given.values, since, made, begun, strict=True):
         if type(layer).__module__.startswith("gymnasium.wrappers"):
             continue
         for attribute, value in own.items():
@@ -221,6 +254,14 @@ def _is_plain(value: Any, depth: int = 3) -> bool:
     if isinstance(value, dict):
         return depth > 0 and all(_is_plain(one, depth - 1) for one in (*value.keys(), *value.values()))
     return value is None or isinstance(value, bool | int | float | str | np.generic) or _is_statistics(value)
+
+
+def _is_shared(value: Any, among: dict[str, Any]) -> bool:
+    """True for an array that is a view, that has one among these attributes, or that is two of them."""
+    if not isinstance(value, np.ndarray):
+        return False
+    holders = [other is value or (isinstance(other, np.ndarray) and other.base is value) for other in among.values()]
+    return value.base is not None or sum(holders) > 1
 
 
 def _is_statistics(value: Any) -> bool:

@@ -27,7 +27,7 @@ from galton.envs.host.answers import (
     try_to_make,
 )
 from galton.envs.host.base import Steps
-from galton.envs.host.carried import layers_of, plain_data, refuse_different
+from galton.envs.host.carried import layers_of, refuse_different, remember
 from galton.envs.host.moves import Moves, moves_of
 from galton.envs.host.observations import Observations
 from galton.envs.host.state import Env, get_state, is_monitor, is_restorable, set_state
@@ -57,7 +57,7 @@ class GymnasiumTask:
         else:
             make = functools.partial(_make_again, source) if isinstance(source, gymnasium.Env) else source
             if self._given is not None:
-                self._as_given = plain_data(layers_of(source))
+                (self._as_given,) = remember([layers_of(source)])
             self.name = getattr(source, "__name__", None) or type(getattr(source, "unwrapped", source)).__name__
         self._make = functools.partial(make, **kwargs)
         first = self._check(try_to_make(self.name, self._make)) if self._given is None else self._check(self._given)
@@ -177,6 +177,8 @@ class GymnasiumEnvs:
             if own < final.shape[1] and not over:
                 final[i, own:] = self._mask(i, info, where)
             if over:
+                if not (np.abs(final[i]) <= LARGEST).all():  # before a reset may write over it
+                    as_float32(raw[i], "the observation", where)
                 following = final.copy() if following is final else following
                 following[i] = self._reset(i, None)
             elif following is not final:

@@ -87,8 +87,8 @@ def set_state(env: Env, state: dict[str, Any], where: str) -> None:
 
 def generator_state(generator: np.random.Generator) -> UInt8[np.ndarray, " n"]:
     """A generator's state as bytes of JSON, for a checkpoint."""
-    text = json.dumps(generator.bit_generator.state, default=np.ndarray.tolist)
-    return np.frombuffer(text.encode().ljust(512), np.uint8)
+    text = json.dumps(generator.bit_generator.state, default=np.ndarray.tolist).encode()
+    return np.frombuffer(text.ljust(max(512, 2 ** (len(text) - 1).bit_length())), np.uint8)
 
 
 def set_generator_state(generator: np.random.Generator, state: UInt8[np.ndarray, " n"]) -> None:

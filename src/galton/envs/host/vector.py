@@ -5,10 +5,9 @@ import warnings
 from collections.abc import Callable
 from typing import Any
 
-import gymnasium
 import numpy as np
 from gymnasium.spaces import Box
-from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector import AsyncVectorEnv, AutoresetMode, SyncVectorEnv, VectorEnv
 from gymnasium.vector.utils import batch_space, iterate
 from jaxtyping import Bool, Float, Integer
 
@@ -16,7 +15,7 @@ from galton.envs.host import masks
 from galton.envs.host.actions import Actions
 from galton.envs.host.answers import as_float32, as_numbers, blame, parts, shown
 from galton.envs.host.base import Steps
-from galton.envs.host.carried import layers_of_copies
+from galton.envs.host.carried import copies_in, layers_of_copies
 from galton.envs.host.moves import moves_of
 from galton.envs.host.observations import Observations
 from galton.errors import AliasedObservation, BrokenEnvironmentError, UsageError, require
@@ -77,8 +76,8 @@ class VectorEnvs:
         self._actions, self._observations, self._has_method = task.actions, task.observations, task.has_masks
         of_gymnasium = isinstance(self._envs, VectorEnv)
         self._reset, self._step = (reset_gymnasium, step_gymnasium) if of_gymnasium else (reset_sb3, step_sb3)
-        copies = getattr(self._envs.unwrapped, "envs", ())  # those in other processes nobody else can hold
-        self.moves = moves_of([self._envs, *(copy for copy in copies if isinstance(copy, gymnasium.Env))])
+        # Nobody else can hold those in other processes.
+        self.moves = moves_of([self._envs, *copies_in(self._envs.unwrapped)])
         self._n_steps = 0
         self._observation = np.zeros((0, 0), np.float32)
         self._n_alike = 0
@@ -89,6 +88,11 @@ class VectorEnvs:
     def reset_infos(self) -> Any:
         """The infos of an SB3 VecEnv's last resets, which the wrappers around it have empty."""
         return getattr(self._envs.unwrapped, "reset_infos", [{}] * self._envs.num_envs)
+
+    @property
+    def takes_seeds(self) -> bool:
+        """True for Gymnasium's own, which take a seed for each copy; the reset of any other takes one for all."""
+        return isinstance(self._envs.unwrapped, SyncVectorEnv | AsyncVectorEnv)
 
     @property
     def layers(self) -> list[list[Any]]:
@@ -244,7 +248,8 @@ def _has_method(source: Any) -> bool:
 
 def reset_gymnasium(envs: VectorEnvs, seeds: list[int]) -> tuple[object, Any]:
     """Begin episodes in a gymnasium.vector.VectorEnv: what it observes, and its infos."""
-    observations, infos = envs.call_for("observations, infos", "reset", seed=seeds)
+    seed = seeds if envs.takes_seeds else seeds[0]
+    observations, infos = envs.call_for("observations, infos", "reset", seed=seed)
     return observations, infos
 
 
