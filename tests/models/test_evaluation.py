@@ -93,6 +93,11 @@ def test_without_the_statistics_of_training_evaluation_is_refused(tmp_path):
     with pytest.raises(galton.UsageError, match="NormalizeObservation, and what the model is trained on by nothing"):
         bare.evaluate(2, env=normalised)
     alone = galton.PPO.load(model.save(tmp_path / "model"))
+    np.testing.assert_array_equal(alone.evaluate(2, env=normalised), model.evaluate(2, env=normalised))
+    with pytest.raises(galton.UsageError, match="wrap both alike"):
+        alone.evaluate(2, env=lambda: NormalizeObservation(NormalizeObservation(pendulum())))
+    for name in [name for name in alone._run.arrays if name.startswith("statistics/")]:
+        del alone._run.arrays[name]  # as in files of earlier versions
     with pytest.raises(galton.UsageError, match=r"has counted no observations.*load\(path, env=\.\.\.\)"):
         alone.evaluate(2, env=normalised)
     ready = normalised()

@@ -17,7 +17,7 @@ from galton.cli._reading import Imports, import_typed, read_options
 from galton.cli._runs import environment_of, model_of
 from galton.envs.host import masks
 from galton.envs.host.answers import blame, one_flag, one_number, parts
-from galton.envs.host.carried import take_statistics
+from galton.envs.host.carried import frozen, statistics_in, take_statistics
 from galton.envs.host.gymnasium import GymnasiumTask
 from galton.envs.registry import is_known
 from galton.envs.task import check_same_spaces
@@ -73,8 +73,10 @@ def main(arguments: Sequence[str]) -> None:
     env = envs.layers[0][0]
     try:
         check_same_spaces(task, model.actions, model.observations)
-        take_statistics(task.name, envs.layers[0], None)
-        frames, returns = _play(env, task, model, options)
+        (layers,), known = envs.layers, statistics_in(model.take().arrays)
+        take_statistics(task.name, layers, known[0] if known else None)
+        with frozen([layers]):
+            frames, returns = _play(env, task, model, options)
         fps = env.metadata.get("render_fps") or 30
     finally:
         envs.close()

@@ -1,6 +1,8 @@
 """A policy acts on observations outside training, and plays whole episodes."""
 
 import functools
+from collections.abc import Sequence
+from typing import Any
 
 import jax
 import numpy as np
@@ -8,7 +10,6 @@ from jaxtyping import Array, Float
 
 from galton import normalization
 from galton.algorithms import Agent, actor_critic
-from galton.envs.host.base import HostEnvironments
 from galton.envs.host.carried import take_statistics
 from galton.envs.jax_task import JaxTask
 from galton.envs.task import Task
@@ -39,20 +40,19 @@ def returns_on(
     n_episodes: int,
     seed: int,
     step: int,
-    trained_on: HostEnvironments | None,
+    statistics: Sequence[dict[str, Any]],
 ) -> Float[np.ndarray, " n_episodes"]:
     """Undiscounted returns of whole episodes without exploration, on copies of an environment, or on those given.
 
     Seed and step of the model decide on the episodes. Wrappers that normalise observations do so by the statistics of
-    what the model is trained on.
+    each copy that the model is trained on, where there are some.
     """
     if isinstance(task, JaxTask):
         key = jax.random.fold_in(jax.random.key(seed), step)
         return np.asarray(_evaluated(key, task, agent, learner, n_episodes))
     with opened(task, n_episodes) as (envs, n_copies):
-        theirs = trained_on.layers if trained_on else ()
         for i, layers in enumerate(envs.layers):
-            take_statistics(task.name, layers, theirs[i % len(theirs)] if theirs else None)
+            take_statistics(task.name, layers, statistics[i % len(statistics)] if statistics else None)
         seeds = np.random.SeedSequence((seed, 1, step)).generate_state(n_copies)
         return play(task.name, envs, seeds, functools.partial(exploit, agent, learner), n_episodes)
 

@@ -194,7 +194,7 @@ class Model(Base):
         if task is None:
             return self.population.evaluate(n_episodes)[0]
         about = (self._now, self.learner, n_episodes, self.seed, self.num_timesteps)
-        return returns_on(task, *about, self._run.environments)
+        return returns_on(task, *about, self._run.statistics)
 
     def yardsticks(self, env: object = None, env_kwargs: Mapping[str, object] | None = None) -> Yardsticks:
         """A policy has to be better than these mean returns: of doing nothing, and of random actions.

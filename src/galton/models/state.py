@@ -3,13 +3,14 @@
 import dataclasses
 import warnings
 from pathlib import Path
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from galton.algorithms import Agent
-from galton.envs.host.base import HostEnvironments
+from galton.envs.host.carried import of_observations, statistics_in
 from galton.envs.task import Task
 from galton.errors import require
 from galton.models import file
@@ -41,7 +42,11 @@ class Loaded:
     learner: Learner
     arrays: Arrays
     task: None = None
-    environments: None = None
+
+    @property
+    def statistics(self) -> list[dict[str, Any]]:
+        """What observations were normalised by in each copy of training's, as far as the file has it."""
+        return statistics_in(self.arrays)
 
 
 class Run:
@@ -70,9 +75,10 @@ class Run:
         return self._learner
 
     @property
-    def environments(self) -> HostEnvironments | None:
-        """The environments that the model is trained on; None in JAX."""
-        return self.population.environments
+    def statistics(self) -> list[dict[str, Any]]:
+        """What observations are normalised by in each copy of training's, by wrappers; nothing in JAX."""
+        envs = self.population.environments
+        return [of_observations(layers) for layers in envs.layers] if envs else []
 
     @property
     def arrays(self) -> Arrays:

@@ -8,6 +8,7 @@ numbers, text, arrays, collections of them, and running statistics (objects with
 import collections
 import contextlib
 import copy
+import types
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple
 
@@ -137,13 +138,27 @@ def set_moments(statistics: Any, moments: dict[str, Any]) -> None:
         put(statistics, name, value)
 
 
-def take_statistics(name: str, layers: Layers, trained: Layers | None) -> None:
+def statistics_in(arrays: dict[str, np.ndarray]) -> list[dict[str, Any]]:
+    """The observations' statistics of each copy that a file of one run has, by place; nothing where it has none."""
+    prefix = "statistics/"
+    told = {name.removeprefix(prefix): of_run[0] for name, of_run in arrays.items() if name.startswith(prefix)}
+    means = {name.rpartition("/")[0]: of_copies for name, of_copies in told.items() if name.endswith("/mean")}
+    whole = [place for place in means if all(f"{place}/{m}" in told for m in MOMENTS)]
+    places = [place for place in whole if means[place].ndim > 1]  # others are of rewards
+    n = min((len(means[place]) for place in places), default=0)
+    return [
+        {place: types.SimpleNamespace(**{m: told[f"{place}/{m}"][i] for m in MOMENTS}) for place in places}
+        for i in range(n)
+    ]
+
+
+def take_statistics(name: str, layers: Layers, trained: dict[str, Any] | None) -> None:
     """Give an environment of the user's own the observations' statistics that training's has, one for one.
 
-    Without one, as after loading a model by itself, it keeps its own. UsageError for others than training's, or for
-    empty ones.
+    Where nobody knows those, as of a file from before they were kept, it keeps its own. UsageError for others than
+    training's, or for empty ones.
     """
-    own = _of_observations(layers)
+    own = of_observations(layers)
     if trained is None:
         for place, statistics in own.items():
             require(
@@ -153,7 +168,7 @@ def take_statistics(name: str, layers: Layers, trained: Layers | None) -> None:
                 "normalize_observation=True, whose statistics are the model's own",
             )
         return
-    theirs = _of_observations(trained)
+    theirs = {place: trained[place] for place in own} if trained.keys() == own.keys() else trained
     shapes = [[np.shape(one.mean) for one in each.values()] for each in (own, theirs)]
     require(
         shapes[0] == shapes[1],
@@ -273,7 +288,8 @@ def _is_of_rewards(value: Any) -> bool:
     return _is_statistics(value) and np.ndim(value.mean) == 0
 
 
-def _of_observations(layers: Layers) -> dict[str, Any]:
+def of_observations(layers: Layers) -> dict[str, Any]:
+    """The running statistics in the layers that observations are normalised by, by place."""
     found = statistics_of([layer for layer in layers if getattr(layer, "norm_obs", True)])  # SB3's VecNormalize may not
     return {place: one for place, one in found.items() if not _is_of_rewards(one)}
 
