@@ -17,8 +17,8 @@ from galton.cli._reading import Imports, import_typed, read_options
 from galton.cli._runs import environment_of, model_of
 from galton.envs.host import masks
 from galton.envs.host.answers import blame, one_flag, one_number, parts
-from galton.envs.host.carried import frozen, statistics_in, take_statistics
 from galton.envs.host.gymnasium import GymnasiumTask
+from galton.envs.host.statistics import frozen, statistics_in, take_statistics
 from galton.envs.registry import is_known
 from galton.envs.task import check_same_spaces
 from galton.errors import UsageError, require, require_integer

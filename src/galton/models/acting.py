@@ -10,7 +10,7 @@ from jaxtyping import Array, Float
 
 from galton import normalization
 from galton.algorithms import Agent, actor_critic
-from galton.envs.host.carried import take_statistics
+from galton.envs.host.statistics import take_statistics
 from galton.envs.jax_task import JaxTask
 from galton.envs.task import Task
 from galton.normalization import from_origin_on_host

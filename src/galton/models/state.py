@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from galton.algorithms import Agent
-from galton.envs.host.carried import of_observations, statistics_in
+from galton.envs.host.statistics import of_observations, statistics_in
 from galton.envs.task import Task
 from galton.errors import require
 from galton.models import file
@@ -45,7 +45,7 @@ class Loaded:
 
     @property
     def statistics(self) -> list[dict[str, Any]]:
-        """What observations were normalised by in each copy of training's, as far as the file has it."""
+        """The statistics by which wrappers normalised the observations of each copy, as far as the file has them."""
         return statistics_in(self.arrays)
 
 
@@ -76,7 +76,7 @@ class Run:
 
     @property
     def statistics(self) -> list[dict[str, Any]]:
-        """What observations are normalised by in each copy of training's, by wrappers; nothing in JAX."""
+        """The statistics by which wrappers normalise the observations of each copy; none in JAX."""
         envs = self.population.environments
         return [of_observations(layers) for layers in envs.layers] if envs else []
 

@@ -10,9 +10,9 @@ from gymnasium.wrappers import TimeLimit
 from galton.envs.find import find
 from galton.envs.host.actions import Actions
 from galton.envs.host.base import HostEnvironments
-from galton.envs.host.carried import statistics_of
 from galton.envs.host.gymnasium import GymnasiumTask
 from galton.envs.host.observations import IMAGE_REMEDY, Observations
+from galton.envs.host.statistics import statistics_of
 from galton.envs.host.vector import VectorTask
 from galton.envs.jax_task import JaxTask
 from galton.envs.task import Task

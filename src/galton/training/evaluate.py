@@ -12,7 +12,8 @@ from jaxtyping import Array, Float, Integer, Key, PyTree
 from galton import normalization
 from galton.algorithms import Agent, actor_critic
 from galton.envs.host.base import HostEnvironments
-from galton.envs.host.carried import frozen, has_no_limit
+from galton.envs.host.layers import has_no_limit
+from galton.envs.host.statistics import frozen
 from galton.envs.jax_task import JaxTask
 from galton.envs.task import Task
 from galton.errors import BrokenEnvironmentError, require

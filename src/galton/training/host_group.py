@@ -10,8 +10,9 @@ from jaxtyping import Array, Float, Int, PyTree, UInt
 
 from galton.algorithms import Agent
 from galton.envs.host.base import Steps
-from galton.envs.host.carried import MOMENTS, go_on, remember, set_moments, statistics_of
+from galton.envs.host.carried import go_on, remember
 from galton.envs.host.moves import Watch
+from galton.envs.host.statistics import MOMENTS, set_moments, statistics_of
 from galton.envs.task import Task
 from galton.errors import BrokenEnvironmentError, SharedEnvironment
 from galton.normalization import from_origin_on_host, in_new_episodes

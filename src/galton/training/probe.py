@@ -12,7 +12,7 @@ from jaxtyping import Float, Integer
 
 from galton.envs.host.answers import blame
 from galton.envs.host.base import HostEnvironments
-from galton.envs.host.carried import frozen
+from galton.envs.host.statistics import frozen
 from galton.training.yardsticks import Act
 
 

@@ -27,7 +27,8 @@ from galton.envs.host.answers import (
     try_to_make,
 )
 from galton.envs.host.base import Steps
-from galton.envs.host.carried import layers_of, refuse_different, remember
+from galton.envs.host.carried import refuse_different, remember
+from galton.envs.host.layers import layers_of
 from galton.envs.host.moves import Moves, moves_of
 from galton.envs.host.observations import Observations
 from galton.envs.host.state import Env, get_state, is_monitor, is_restorable, set_state

@@ -15,7 +15,7 @@ from galton.envs.host import masks
 from galton.envs.host.actions import Actions
 from galton.envs.host.answers import as_float32, as_numbers, blame, parts, shown
 from galton.envs.host.base import Steps
-from galton.envs.host.carried import copies_in, layers_of_copies
+from galton.envs.host.layers import copies_in, layers_of_copies
 from galton.envs.host.moves import moves_of
 from galton.envs.host.observations import Observations
 from galton.errors import AliasedObservation, BrokenEnvironmentError, UsageError, require
