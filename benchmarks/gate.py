@@ -8,6 +8,9 @@ tables.
 
     python benchmarks/gate.py [--tasks lqr ...] [--heads gaussian ...] [--out results/benchmarks/gate.jsonl]
 
+With --critics Gaussians with other critics take the place of the heads, and gate_critics.jsonl that of gate.jsonl:
+those that classify, and as their control the squared error with their range of returns and their start.
+
 With --cost each head's speed is measured instead, on HalfCheetah with the first anchor, beside the Gaussian's: a
 process per core trains 16 runs, and the heads take turns. Nothing else should be running.
 """
@@ -99,6 +102,21 @@ class NearItsMode(galton.losses.HLOneHot):
 
 galton.LOSSES["near-its-mode"] = NearItsMode
 
+
+class Standardised(galton.critics.SquaredErrorCritic):
+    """The squared error with what a classifying critic has besides: its start, and returns of ±10 as ±1."""
+
+    init_scale = galton.critics.Classifier.init_scale
+
+    def value(self, outputs):
+        return 10 * outputs[..., 0]
+
+    def loss(self, outputs, returns):
+        return (jnp.clip(returns / 10, -1, 1) - outputs[..., 0]) ** 2
+
+
+galton.CRITICS["standardised"] = Standardised
+
 TASKS = ("lqr", "acrobot", "Pendulum-v1", "HalfCheetah-v5", "Hopper-v5", "Reacher-v5", "Swimmer-v5")
 TASKS += ("mountain-car", "two-peaks")
 COMMON = {
@@ -141,6 +159,13 @@ HEADS = {
     "today's": {"loss": "hl-gauss-centred", "eta": 4.48, "target_tails": "edges"} | FREE | {"n_bins": 50},
 }
 """The settings that each head adds. The last is the head of the preset of classification, with an anchor's numbers."""
+CRITICS = {
+    "gaussian": HEADS["gaussian"],
+    **{
+        f"gaussian, {name} critic": {"loss": "gaussian", "critic": name}
+        for name in ("standardised", "two-hot", "hl-gauss")
+    },
+}
 
 
 def train(job):
@@ -148,7 +173,7 @@ def train(job):
     out, task, anchor, head = job
     galton.use_all_cores()
     start = time.perf_counter()
-    agent = galton.make_agent(**COMMON | ANCHORS[anchor] | HEADS[head])
+    agent = galton.make_agent(**COMMON | ANCHORS[anchor] | (HEADS | CRITICS)[head])
     played = TwoPeaks() if task == "two-peaks" else task
     result = galton.train(played, agent, SEEDS, STEPS, n_logs=10, n_eval_episodes=20, devices=jax.devices()[:1])
     curves = np.asarray(result.log.evaluation_return)
@@ -198,7 +223,7 @@ def tables(done):
     pools = {task: np.concatenate([line["returns"] for key, line in done.items() if key[0] == task]) for task in tasks}
     yield "| numbers | head | " + " | ".join(tasks) + " |"
     yield "|---" * (len(tasks) + 2) + "|"
-    for anchor, head in itertools.product(ANCHORS, HEADS):
+    for anchor, head in itertools.product(ANCHORS, HEADS | CRITICS):
         found = [done.get((task, anchor, head)) for task in tasks]
         digits = [",.0f" if np.ptp(pools[task]) > 100 else ".2f" for task in tasks]
         cells = [
@@ -210,7 +235,7 @@ def tables(done):
     yield ""
     yield "| numbers | head | tasks | score | less the Gaussian's | ahead on | P(above the Gaussian) |"
     yield "|---|---|---|---|---|---|---|"
-    for anchor, head in itertools.product(ANCHORS, HEADS):
+    for anchor, head in itertools.product(ANCHORS, HEADS | CRITICS):
         both = [task for task in tasks if {(task, anchor, head), (task, anchor, "gaussian")} <= done.keys()]
         if not both:
             continue
@@ -233,6 +258,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--tasks", nargs="+", default=list(TASKS))
     parser.add_argument("--heads", nargs="+", default=list(HEADS))
+    parser.add_argument("--critics", action="store_true", help="Gaussians with other critics, to gate_critics.jsonl")
     parser.add_argument("--anchors", nargs="+", default=list(ANCHORS))
     parser.add_argument("--processes", type=int, default=os.cpu_count())
     parser.add_argument("--out", type=Path, default=Path("results/benchmarks/gate.jsonl"))
@@ -241,6 +267,8 @@ def main():
     if arguments.cost:
         cost(arguments.out.with_name("gate_cost.json"), arguments.heads)
         return
+    if arguments.critics:
+        arguments.heads, arguments.out = list(CRITICS), arguments.out.with_name("gate_critics.jsonl")
     known = read(arguments.out)
     wanted = itertools.product(arguments.tasks, arguments.anchors, arguments.heads)
     jobs = [(arguments.out, *job) for job in wanted if job not in known]
