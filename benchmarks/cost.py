@@ -18,8 +18,7 @@ from sides import write
 
 import galton
 from galton.devices import n_cores
-from galton.envs.registry import ENVS
-from galton.tasks import task_of
+from galton.tasks import TASKS, task_of
 from galton_experiments.page import quotes
 from galton_experiments.sweep.executors import Processes, one_per_core
 from galton_experiments.sweep.grid import find_grid
@@ -45,7 +44,7 @@ def main():
     start = time.perf_counter()
     rows = []
     with Processes(one_per_core()) as executor:
-        for env in ENVS:
+        for env in (env for env, task in TASKS.items() if task.in_jax):
             grid = find_grid("paper", env)
             programs, of_program = collections.Counter(s.program for s in grid), {s.program: s for s in grid}
             core_seconds = compile_seconds = 0.0

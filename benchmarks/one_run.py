@@ -10,7 +10,6 @@ rounds. Nothing else should be running. Run it where `make bench` installs sbx:
 
 import argparse
 import datetime
-import importlib.metadata
 import json
 import multiprocessing
 import os
@@ -81,6 +80,8 @@ def work(pipe, name, n_envs):
 
 
 def main():
+    from galton.saving.provenance import versions
+
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--rounds", type=int, default=5)
     parser.add_argument("--out", type=Path, default=Path("results/benchmarks/one_run.json"))
@@ -104,10 +105,7 @@ def main():
         "measured": datetime.datetime.now(datetime.UTC).date().isoformat(),
         "cores": os.cpu_count(),
         "machine": cpu[0].split(":")[1].strip() if cpu else platform.machine(),
-        "versions": {
-            name: importlib.metadata.version(name)
-            for name in ("galton", "jax", "mujoco", "sbx-rl", "stable-baselines3")
-        },
+        "versions": versions("jax", "mujoco", "sbx-rl", "stable-baselines3"),
         "rows": [
             {
                 "side": name,

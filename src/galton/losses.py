@@ -109,8 +109,8 @@ class HLGauss(Loss):
     """The width η = σ / bin width (§4.2). Where it follows the policy (eta_rule) this is the factor of the policy's
     standard deviation."""
     target_tails: Literal["rescaled", "edges", "reflected"] = "rescaled"
-    """Target mass beyond the box: the rest is rescaled to sum to 1 (eq. 6), it is folded back, or the first and last
-    bin get it."""
+    """Target mass beyond the box: the rest is rescaled to sum to 1 (eq. 6), the first and last bin get it, or it is
+    folded back."""
     eta_rule: Literal["fixed", "policy"] = "fixed"
     """The width: η = eta everywhere, or as the policy narrows, per state and dimension:
     η = clip(eta · σ / bin width, eta_min, eta_max) with the policy's standard deviation σ."""
