@@ -161,6 +161,30 @@ def test_its_settings_are_drawn_by_a_benchmark(registered):
     assert len({setting["smoothing"] for setting in settings}) == 3
 
 
+class Column(galton.losses.NegativeLogLikelihood):
+    def __call__(self, distribution, action):
+        return super().__call__(distribution, action)[..., None]
+
+
+class Square(galton.critics.SquaredErrorCritic):
+    def loss(self, outputs, returns):
+        return (returns - outputs) ** 2
+
+
+@pytest.mark.skipif("CHECKED" in os.environ, reason="the checker refuses other shapes first")
+@pytest.mark.parametrize(
+    ("part", "told"),
+    [
+        ({"loss": Column()}, r"loss 'Column' of 2 samples has shape \(2, 1\); it must have shape \(2,\)"),
+        ({"loss": "gaussian", "critic": Square()}, r"critic 'Square', whose loss of 2 samples has shape \(2, 2\)"),
+    ],
+)
+def test_a_loss_that_would_be_broadcast_is_refused(part, told):
+    for algorithm in (galton.A2C, galton.TRPO):
+        with pytest.raises(UsageError, match=told):
+            algorithm("lqr", n_steps=128, **part)
+
+
 @pytest.mark.slow
 def test_parts_are_given_beside_what_a_preset_or_a_task_has_for_everybody():
     model = galton.A2C("lqr", optimizer=galton.optimizers.AdamW(learning_rate=1e-3))

@@ -142,13 +142,56 @@ def test_ours_and_theirs_run_together_and_one_that_never_stops_does_not_hide_ano
     assert len([entry for entry in callbacks[0].seen if entry[0] == "step"]) == 10
 
 
+class Stages(BaseCallback):
+    def _on_step(self):
+        self.training_env.set_attr("stage", self.num_timesteps, indices=0)
+        self.training_env.env_method("begin", -self.num_timesteps, indices=1)
+        return True
+
+
+def test_a_callback_sets_what_trainings_environments_are_like_as_in_sb3():
+    class Staged(Drift):
+        stage, begun = 0, ()
+
+        def begin(self, stage):
+            self.stage = stage
+
+        def reset(self, **keywords):
+            self.begun += (self.stage,)
+            return super().reset(**keywords)
+
+    model = A2C(lambda: TimeLimit(Staged(), 4), "gaussian", net_arch=(4,), n_steps=4, n_envs=2)
+    model.learn(24, Stages(), progress_bar=False)
+    assert model.get_env().get_attr("begun") == [(0, 0, 8, 16), (0, 0, -8, -16)]
+    with pytest.raises(AttributeError, match="stage can't be set: a copy of training's environment is no object"):
+        A2C("lqr", "gaussian").get_env().set_attr("stage", 1)
+    with pytest.raises(AttributeError, match="begin can't be asked for"):
+        A2C("lqr", "gaussian").get_env().env_method("begin", 1)
+
+
+class Slower(BaseCallback):
+    def _on_step(self):
+        self.model.learning_rate = 1e-5
+        return True
+
+
+def test_a_setting_that_somebody_sets_is_refused_and_not_ignored(model):
+    before = model.num_timesteps
+    with pytest.raises(UsageError, match=r"learning_rate can't be set: a model keeps its settings, .* a schedule"):
+        model.learn(8, Slower(), progress_bar=False)
+    with pytest.raises(UsageError, match=r"n_steps can't be set: .*; make another model with it"):
+        model.n_steps = 8
+    assert model.num_timesteps == before + 8
+    model.note = "one of the user's own"
+
+
 def test_get_env_is_the_vector_environment_that_was_given_or_tells_the_spaces(model, tmp_path):
     given = make_vec_env(drift, 2)
     assert A2C(given, "gaussian", net_arch=(4,)).get_env() is given
     made = model.get_env()
     assert made.num_envs == 2
     assert (made.action_space, made.observation_space) == (Drift.action_space, Drift.observation_space)
-    with pytest.raises(UsageError, match=r"get_env\(\) tells spaces alone"):
+    with pytest.raises(UsageError, match=r"get_env\(\) can't be stepped"):
         made.reset()
     assert A2C.load(model.save(tmp_path / "model")).get_env() is None
 

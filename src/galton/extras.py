@@ -108,4 +108,5 @@ def import_all(modules: Iterable[str]) -> None:
         try:
             importlib.import_module(module)
         except (ImportError, TypeError, ValueError) as error:
-            raise UsageError(f"imports names {module!r}, which can't be imported: {error}") from None
+            remedy = "; a module is named without .py and its folder" if module.endswith(".py") else ""
+            raise UsageError(f"imports names {module!r}, which can't be imported: {error}{remedy}") from None

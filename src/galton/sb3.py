@@ -11,7 +11,8 @@ from collections.abc import Sequence
 from numbers import Real
 from typing import Any
 
-from galton.envs.host.state import Env
+import gymnasium
+
 from galton.errors import UsageError
 from galton.extras import is_instance_of
 
@@ -84,6 +85,10 @@ class Facade:
     def __getattr__(self, name: str) -> Any:
         return getattr(self._model, name)
 
+    def __setattr__(self, name: str, value: object) -> None:
+        own = name in ("_model", "num_timesteps")
+        super().__setattr__(name, value) if own else setattr(self._model, name, value)
+
     @functools.cached_property
     def logger(self) -> Any:
         """SB3's logger, which prints messages; what is recorded is in the log of the next log point."""
@@ -111,7 +116,11 @@ def vec_env(model: Any) -> Any:
     except ImportError as error:
         told = f"get_env makes a VecEnv of Stable-Baselines3's, which can't be loaded ({error}); install it"
         raise UsageError(told) from None
-    return DummyVecEnv([lambda: _Spaces(model)] * model.agent.rollout.n_envs)
+    envs = model.population.environments
+    found = [[one for one in layers if isinstance(one, gymnasium.Env)] for layers in (envs.layers if envs else ())]
+    copies: list[Any] = [own[0] if own else None for own in found] or [None] * model.agent.rollout.n_envs
+    makers: list[Any] = [functools.partial(_Copy, model, copy) for copy in copies]
+    return DummyVecEnv(makers)
 
 
 def _source(model: Any) -> Any:
@@ -120,15 +129,33 @@ def _source(model: Any) -> Any:
     return source if is_instance_of(source, "stable_baselines3", "VecEnv") else None
 
 
-class _Spaces(Env):
-    """An environment with the model's spaces, for callbacks that ask for them; nobody steps it."""
+_NO_OBJECT = "a copy of training's environment is no object of this process"
 
-    def __init__(self, model: Any) -> None:
-        self.action_space, self.observation_space = model.action_space, model.observation_space
+
+class _Copy(gymnasium.Env[Any, Any]):
+    """A copy of training's environment, for callbacks that ask for its attributes and set them; nobody steps it."""
+
+    copy: Any
+
+    def __init__(self, model: Any, copy: Any) -> None:
+        vars(self).update(action_space=model.action_space, observation_space=model.observation_space, copy=copy)
+
+    def __setattr__(self, name: str, value: object) -> None:
+        if self.copy is None:
+            raise AttributeError(f"{name} can't be set: {_NO_OBJECT}")
+        self.copy.set_wrapper_attr(name, value)
+
+    def get_wrapper_attr(self, name: str) -> Any:
+        """An attribute of training's copy, or of what it is around."""
+        if self.copy is not None:
+            return self.copy.get_wrapper_attr(name)
+        if not hasattr(self, name):
+            raise AttributeError(f"{name} can't be asked for: {_NO_OBJECT}")
+        return getattr(self, name)
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> Any:
         """UsageError, which says what can be stepped."""
         raise UsageError(
-            "the environment of get_env() tells spaces alone, for the model's own is training's; make another to step, "
-            "or play episodes with model.evaluate"
+            "the environment of get_env() can't be stepped, for training goes on with it; make another to step, or "
+            "play episodes with model.evaluate"
         )

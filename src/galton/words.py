@@ -210,11 +210,15 @@ def without_idle(words: Words, usual: Words) -> Fields:
     return {name: value for name, value in words.items() if name not in unused or value != usual.get(name)}
 
 
-def refuse_idle(words: Words) -> None:
-    """Raise UsageError where a setting is not at its usual value that none of the parts has."""
+def refuse_idle(words: Words, named: Collection[str] = ()) -> None:
+    """Raise UsageError where a setting is not at its usual value that none of the parts has.
+
+    Those of MAY_IDLE may be, unless they are among those named.
+    """
     usual = vocabulary().usual
     for name in sorted(idle(words) & words.keys()):
-        if not may_idle(name, words[name]) and (other := unusual(words[name], usual[name])):
+        idles = may_idle(name, words[name]) and name not in named
+        if not idles and (other := unusual(words[name], usual[name])):
             raise UsageError(f"{name} is {other}; it {_whose(name, words)}")
 
 

@@ -14,6 +14,7 @@ import onnx
 import onnxruntime
 import pytest
 from gymnasium.spaces import Box, Dict, Discrete, MultiBinary, MultiDiscrete, Tuple
+from gymnasium.wrappers import NormalizeObservation
 
 import galton
 from galton import UsageError, deploy
@@ -232,6 +233,15 @@ def test_observations_that_float32_can_not_tell_apart_are_warned_of(tmp_path):
             deploy.export(model, tmp_path / "policy")
         lost = [str(each.message) for each in told if "float32, the file's input" in str(each.message)]
         assert bool(lost) == (far and dtype == np.float64)  # of float32 the model itself sees no more
+
+
+def test_a_policy_that_learnt_from_what_a_wrapper_normalises_says_so(tmp_path):
+    model = galton.A2C(lambda: NormalizeObservation(gymnasium.make("Pendulum-v1")), "gaussian", net_arch=(4,))
+    for each in (model, galton.A2C.load(model.save(tmp_path / "model"))):
+        with pytest.warns(UserWarning, match=r"that NormalizeObservation normalised .*, which are not in the file"):
+            deploy.export(each, tmp_path / "policy.onnx")
+        units = json.loads((tmp_path / "policy.json").read_text())["input"]["units"]
+        assert units == "as NormalizeObservation normalised them; every number must be finite"
 
 
 def test_a_path_that_can_not_be_written_and_an_extra_that_is_missing_are_named(small, tmp_path, monkeypatch):

@@ -61,6 +61,16 @@ def of_shape(name, shape):
     return type("Odd", (LQR,), {"step": step, "observe": observe})()
 
 
+@pytest.mark.skipif("CHECKED" in os.environ, reason="the checker refuses other types first")
+def test_a_record_whose_end_is_a_number_is_refused_at_once():
+    def step(self, state, action, noise):
+        state, reward, terminated = LQR.step(self, state, action, noise)
+        return state, reward, terminated.astype(float)
+
+    with pytest.raises(UsageError, match="a record whose terminated is of float32; it must be of bool"):
+        find(type("Odd", (LQR,), {"step": step})())
+
+
 @pytest.mark.skipif("CHECKED" in os.environ, reason="the checker refuses other shapes first")
 @pytest.mark.parametrize("name", ["observation", "reward", "terminated"])
 def test_a_record_whose_step_gives_another_shape_is_refused_at_once(name):
@@ -216,6 +226,8 @@ def test_a_class_in_a_module_is_an_environment_by_its_name(tmp_path, monkeypatch
     assert task.name == "dock:Dock"
     made = task.make(2)
     assert [envs[-1].wind for envs in made.layers] == [2.0, 2.0]
-    with pytest.raises(UsageError, match="environment is 'dock:Duck'; Gymnasium knows no environment of that name"):
+    with pytest.raises(UsageError, match=r"environment is 'dock:Duck'; module dock has no Duck; did you mean Dock\?"):
         find("dock:Duck")
+    with pytest.raises(UsageError, match=r"environment is 'dock\.py:Dock'; give it as dock:Dock"):
+        find("dock.py:Dock")
     monkeypatch.delitem(sys.modules, "dock")

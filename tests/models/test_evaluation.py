@@ -5,8 +5,16 @@ import numpy as np
 import pytest
 from gymnasium.spaces import Box
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
-from gymnasium.wrappers import ClipReward, NormalizeObservation, NormalizeReward, TransformObservation, TransformReward
+from gymnasium.wrappers import (
+    ClipReward,
+    NormalizeObservation,
+    NormalizeReward,
+    RecordEpisodeStatistics,
+    TransformObservation,
+    TransformReward,
+)
 from gymnasium.wrappers import vector as vector_wrappers
+from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 
 import galton
 from galton.callbacks import Evaluate, StopOnReward
@@ -139,6 +147,20 @@ class Falling(gymnasium.Env):
     def step(self, action):
         self.t += 1
         return np.zeros(3, np.float32), self.reward, False, self.t == 10, {}
+
+
+def test_training_returns_are_told_as_the_environment_gives_them_whatever_scales_its_rewards():
+    """As SB3 tells them by a Monitor below its VecNormalize."""
+    made = {
+        "Gymnasium's": lambda: NormalizeReward(NormalizeObservation(RecordEpisodeStatistics(Falling())), gamma=0.9),
+        "SB3's": VecNormalize(DummyVecEnv([Falling])),
+        "none": Falling,
+    }
+    for each in made.values():
+        told = []
+        watch = lambda model, log: told.append(log["rollout/ep_rew_mean"])  # noqa: E731, B023
+        galton.PPO(each, "gaussian", **SETTINGS).learn(256, watch, log_interval=1, progress_bar=False)
+        assert told == [-30.0] * len(told)
 
 
 class Staged(gymnasium.Wrapper):

@@ -13,7 +13,7 @@ import warnings
 import jax
 import numpy as np
 import pytest
-from gymnasium.wrappers import NormalizeObservation
+from gymnasium.wrappers import NormalizeObservation, RecordEpisodeStatistics
 
 from galton import A2C, PPO, InexactResume, UsageError
 from galton.callbacks import Print
@@ -57,6 +57,8 @@ def test_an_argument_of_theirs_gets_a_hint(tmp_path):
     assert model.num_timesteps == 0
     with pytest.raises(TypeError, match=r"load\(\) got an unexpected keyword argument 'device'; JAX chooses"):
         A2C.load(tmp_path / "nothing", device="cpu")
+    with pytest.raises(TypeError, match=r"'learning_rate'; a model keeps its settings"):
+        A2C.load(tmp_path / "nothing", learning_rate=1e-5)
 
 
 def test_a_number_of_steps_may_be_a_whole_float_and_is_rounded_up_to_updates():
@@ -315,6 +317,12 @@ def test_set_env_keeps_what_the_wrappers_have_counted(bare):
     snapshot = model.population.snapshot()
     count = next(value for name, value in snapshot["statistics"].items() if name.endswith("count"))
     assert count.item() > 50
+
+
+def test_set_env_tells_of_statistics_that_another_order_of_wrappers_loses():
+    model = A2C(lambda: NormalizeObservation(swing()), **SMALL | {"n_envs": 1}).learn(50, **QUIET)
+    with pytest.warns(UserWarning, match="the statistics by which NormalizeObservation normalised observations are lo"):
+        model.set_env(lambda: RecordEpisodeStatistics(NormalizeObservation(swing())))
 
 
 def test_set_env_refuses_other_spaces_and_keeps_the_environment():

@@ -55,6 +55,13 @@ def test_a_setting_of_another_algorithm_is_refused_with_those_that_there_are():
         A2C("lqr", learning_rat=0.1)
 
 
+def test_a_setting_that_no_part_uses_is_refused_where_nobody_named_the_loss():
+    """Whoever names it may have settings for several losses, as files and grids do."""
+    with pytest.raises(UsageError, match=r"^n_bins is 5; it goes with policy 'histogram'.*, not 'gaussian'"):
+        PPO("lqr", n_bins=5)
+    assert PPO("lqr", "gaussian", n_bins=5).settings["loss"] == "gaussian"
+
+
 def test_an_algorithm_itself_is_taken_with_its_numbers(monkeypatch):
     monkeypatch.setattr("galton.models.model.Run", lambda *settings: None)
     own = algorithms.PPO(clip_range=0.1, batch_size=16, gae_lambda=0.95)

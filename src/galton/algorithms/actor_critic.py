@@ -11,8 +11,9 @@ from jaxtyping import Array, Bool, Float, Key, PyTree
 
 from galton import normalization
 from galton.algorithms.base import Agent, Scalars, name_of
+from galton.critics import CRITICS
 from galton.errors import require
-from galton.losses import surrogate
+from galton.losses import LOSSES, surrogate
 from galton.policies import POLICIES, Distribution, Maskable, MovesOutputs, Sequential
 from galton.returns import gae
 from galton.types import Learner, Params, Transition
@@ -28,12 +29,32 @@ def init(key: Key[Array, ""], agent: Agent, observation_size: int) -> Learner:
     first, extra = policy.init()
     actor[-1]["bias"] = first if policy.head_scale is None else first / policy.head_scale
     params = {"actor": actor, "critic": of_critic, **extra}
+    _check_shapes(agent, params)
     return Learner(
         params,
         agent.optimizer.init(params),
         normalization.init(n_in, rollout.n_envs, rollout.normalize_observation, rollout.normalize_reward),
         {"algorithm": agent.algorithm.init(agent, params), "entropy": agent.entropy.init()},
     )
+
+
+def _check_shapes(agent: Agent, params: Params) -> None:
+    """Raise UsageError for a loss or a critic that does not give one number for each of two samples.
+
+    Another shape would be broadcast against that of the weights or the returns, and train towards a wrong mean.
+    """
+    loss, critic = agent.loss, agent.critic
+    outputs, action, of_critic = (jnp.zeros((2, n)) for n in (agent.policy.n_outputs, len(agent.low), critic.n_outputs))
+
+    def told() -> dict[str, Array]:
+        return {
+            f"loss {name_of(loss, LOSSES)!r}": loss(as_update_sees(agent, outputs, params, action), action),
+            f"critic {name_of(critic, CRITICS)!r}, whose loss": critic.loss(of_critic, jnp.zeros(2)),
+            f"critic {name_of(critic, CRITICS)!r}, whose value": critic.value(of_critic),
+        }
+
+    for name, found in jax.eval_shape(told).items():
+        require(found.shape == (2,), f"{name} of 2 samples has shape {found.shape}; it must have shape (2,)")
 
 
 def distribution(agent: Agent, params: Params, observation: Float[Array, "*batch o"]) -> Distribution:

@@ -65,6 +65,7 @@ def export(model: Model, path: str | Path, origin: Mapping[str, object] | None =
     _check_beside(path.with_suffix(".json"))
     decision = decide(model)
     _tell_of_lost_digits(model)
+    _tell_of_wrappers(model)
     content = encode(decision)
     terms = contract(model, decision, path.name, content, origin or {})
     text = json.dumps(terms, indent=2, allow_nan=False, ensure_ascii=False) + "\n"
@@ -99,6 +100,20 @@ def _tell_of_lost_digits(model: Model) -> None:
                 "towards 0 (gymnasium.wrappers.TransformObservation), or the file acts otherwise than predict",
                 stacklevel=3,
             )
+
+
+def _tell_of_wrappers(model: Model) -> None:
+    """Warn where wrappers normalised the observations that the policy learnt from: the file has none of that."""
+    if wrappers := _wrappers(model):
+        warnings.warn(
+            f"the policy learnt from observations that {wrappers} normalised by running statistics, which are not in "
+            "the file: give it such observations, or train with normalize_observation=True in the wrapper's place",
+            stacklevel=3,
+        )
+
+
+def _wrappers(model: Model) -> str:
+    return ", ".join(sorted({place.split("/")[1] for own in model.wrapper_statistics for place in own}))
 
 
 def encode(decision: Decision) -> bytes:
@@ -159,7 +174,7 @@ def contract(
             "name": OBSERVATION,
             "dtype": "float32",
             "shape": [BATCH, *decision.observation_shape],
-            "units": "the environment's own, not normalised; every number must be finite",
+            "units": f"{_units(model)}; every number must be finite",
             "entries": list(_entries(model.observations.space)),
         },
         "observation_normalization": {"clip": normalization.CLIP} if normalizes else None,
@@ -181,6 +196,11 @@ def contract(
         **({"mask": _mask(decision.n_mask)} if decision.n_mask else {}),
         "source": _source(model) | dict(origin),
     }
+
+
+def _units(model: Model) -> str:
+    wrappers = _wrappers(model)
+    return f"as {wrappers} normalised them" if wrappers else "the environment's own, not normalised"
 
 
 def _mask(n: int) -> dict[str, object]:

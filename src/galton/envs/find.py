@@ -1,6 +1,7 @@
 """The task that a user means: by a name, an id, a function, or an environment that is already there."""
 
 import contextlib
+import sys
 from typing import Any, cast
 
 import gymnasium
@@ -60,6 +61,9 @@ def _find_by_name(name: str, kwargs: dict[str, Any]) -> Task:
         scale = kwargs.pop("action_scale", 1.0)
         return JaxTask(registry.make(name, **kwargs), scale)
     _refuse_unversioned(name)
+    module, _, maker = name.partition(":")
+    plain = module.removesuffix(".py").replace("/", ".")
+    require(not (maker and module.endswith(".py")), f"environment is {name!r}; give it as {plain}:{maker}")
     try:
         return _find_mujoco(name, kwargs) or GymnasiumTask(name, **kwargs)
     except UsageError as error:
@@ -84,8 +88,12 @@ def _refuse_unversioned(name: str) -> None:
 
 def _why_unknown(name: str, error: gymnasium.error.UnregisteredEnv) -> str:
     """A sentence that there is no such id, with what was probably meant: Gymnasium's guess is without the version."""
+    module, _, maker = name.partition(":")
+    if maker.isidentifier() and (there := sys.modules.get(module)):
+        makers = [key for key, one in vars(there).items() if callable(one) and not key.startswith("_")]
+        return f"module {module} has no {maker}{did_you_mean(maker, makers) or ', nor has Gymnasium such an id'}"
     known = f"Gymnasium knows no environment of that name, and Galton's own are {', '.join(registry.ENVS)}"
-    own = "" if ":" in name else "; one of a module of yours is module:Class, or module:Id if it is registered"
+    own = "" if maker else "; one of a module of yours is module:Class, or module:Id if it is registered"
     meant = did_you_mean(name, [*registry.ENVS, *gymnasium.registry])
     told = str(error).partition(" Did you mean")[0] if meant else str(error)
     return f"{known}{own}. {told.rstrip('.')}{meant}"

@@ -158,7 +158,7 @@ class JaxTask:
 
 @functools.lru_cache(maxsize=8)
 def check(task: JaxTask) -> None:
-    """Raise UsageError unless a step gives an observation as long as its box, one reward and one flag."""
+    """Raise UsageError unless a step gives an observation as long as its box, one reward and one flag of bool."""
 
     def played(key: Key[Array, ""]) -> tuple[Array, ...]:
         record = task.record
@@ -169,6 +169,10 @@ def check(task: JaxTask) -> None:
     for name, shape, told in zip(NAMES, shapes, jax.eval_shape(played, jax.random.key(0)), strict=True):
         told_so = f"env is {task.name}, a record whose {name} has shape {told.shape}; it must have shape {shape}"
         require(told.shape == shape, told_so)
+    require(
+        told.dtype == bool,
+        f"env is {task.name}, a record whose terminated is of {told.dtype}; it must be of bool, as by terminated > 0.5",
+    )
 
 
 @dataclasses.dataclass(frozen=True)

@@ -9,8 +9,9 @@ from galton.envs.host.base import Space
 from galton.envs.host.observations import Observations
 from galton.envs.host.space_json import actions_to_json, to_json
 from galton.envs.task import Task
-from galton.errors import DivergenceError, UsageError
+from galton.errors import DivergenceError, UsageError, require
 from galton.models.file import Taken
+from galton.models.hints import KEPT
 from galton.models.settings import unusual
 from galton.models.state import Loaded, Run, parameters_of
 from galton.parts import at, has_schedules
@@ -19,6 +20,7 @@ from galton.training.population import Population
 from galton.training.remedy import remedy
 from galton.training.train import check_seed
 from galton.types import Learner, Params
+from galton.words import vocabulary
 
 BaseT = TypeVar("BaseT", bound="Base")
 
@@ -33,6 +35,10 @@ class Base:
         self.agent, self.seed, self.actions, self.observations = agent, seed, actions, observations
         self._is_scheduled = has_schedules(agent)
         self._interval, self.verbose, self.n_predictions = self.agent.algorithm.log_interval, 0, 0
+
+    def __setattr__(self, name: str, value: object) -> None:
+        require(name not in vocabulary().usual, f"{name} can't be set: {KEPT}")
+        super().__setattr__(name, value)
 
     def __repr__(self) -> str:
         told = {"n_envs": self.agent.rollout.n_envs} | unusual(self.agent) | {"seed": self.seed}
@@ -91,6 +97,11 @@ class Base:
     def learner(self) -> Learner:
         """All that was learnt: parameters, Adam's moments and the statistics that normalise."""
         return self._run.learner
+
+    @property
+    def wrapper_statistics(self) -> list[dict[str, Any]]:
+        """The running statistics by which wrappers normalise the observations of each copy, by place."""
+        return self._run.statistics
 
     @property
     def population(self) -> Population:

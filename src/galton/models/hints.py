@@ -33,6 +33,13 @@ HINTS = {
 """Arguments of SB3's that are not there, and what takes their place."""
 
 
+KEPT = (
+    "a model keeps its settings, where a number may be a schedule; make another model with it, which goes on with "
+    "set_parameters(get_parameters())"
+)
+"""The remedy for whoever would change a setting of a model that is there."""
+
+
 def refuse_policy(model: str, env: object, loss: object) -> None:
     """Raise UsageError where a model was given SB3's policy in the place of the environment."""
     given, first = isinstance(env, str) and env in POLICIES, "env" if loss is None else repr(loss)

@@ -19,7 +19,7 @@ from galton.losses import Loss
 from galton.models import file
 from galton.models.acting import exploit, explore, returns_on
 from galton.models.base import Base
-from galton.models.hints import of_class, refuse_policy, unexpected
+from galton.models.hints import KEPT, of_class, refuse_policy, unexpected
 from galton.models.learning import learn, updates_for
 from galton.models.settings import all_words
 from galton.models.state import Arrays, Loaded, Run
@@ -27,6 +27,7 @@ from galton.presets import find_preset
 from galton.training.programs import check_process
 from galton.training.train import check_one_run, check_seed
 from galton.training.yardsticks import Yardsticks, yardsticks_on
+from galton.words import refuse_idle, vocabulary
 
 ModelT = TypeVar("ModelT", bound="Model")
 
@@ -73,6 +74,8 @@ class Model(Base):
         chosen = algorithm if isinstance(algorithm, Algorithm) else find_algorithm(algorithm)
         found = find_preset(preset, loss, chosen.name)
         words = all_words(chosen, found, n_envs, settings, env, task.given)
+        if loss is None:  # who names none may think that it is another one
+            refuse_idle(words, settings)
         self._begin(task, read(words), seed)
         self.verbose = verbose
 
@@ -194,7 +197,7 @@ class Model(Base):
         if task is None:
             return self.population.evaluate(n_episodes)[0]
         about = (self._now, self.learner, n_episodes, self.seed, self.num_timesteps)
-        return returns_on(task, *about, self._run.statistics)
+        return returns_on(task, *about, self.wrapper_statistics)
 
     def yardsticks(self, env: object = None, env_kwargs: Mapping[str, object] | None = None) -> Yardsticks:
         """A policy has to be better than these mean returns: of doing nothing, and of random actions.
@@ -241,7 +244,7 @@ class Model(Base):
             InexactResume: the file has no states of the environments, so their episodes start anew.
         """
         for name in others:
-            raise unexpected("load", name)
+            raise unexpected("load", name, KEPT if name in vocabulary().usual else "")
         found = file.read(Path(path), cls)
         settings, model = found.settings, cls.__new__(cls)
         model._describe(found.agent, settings["seed"], found.actions, found.observations)
@@ -272,12 +275,21 @@ class Model(Base):
         """
         task = find(env, **(env_kwargs or {}))
         arrays = {name: array for name, array in self._run.arrays.items() if not name.startswith("environments/")}
+        before = self.wrapper_statistics
         self._go_on(task, Path("set_env"), arrays)
+        if before and before[0].keys() != {key for own in self.wrapper_statistics for key in own}:
+            told = ", ".join(sorted({place.split("/")[1] for place in before[0]}))
+            warnings.warn(
+                f"{self.env_name} is not wrapped as what the model was trained on: the statistics by which {told} "
+                "normalised observations are lost; wrap both alike",
+                stacklevel=2,
+            )
 
     def get_env(self) -> Any:
         """SB3's VecEnv that the model is trained on; None for a model without an environment.
 
-        Of any other environment it is a VecEnv of its spaces and its number of copies, which can't be stepped.
+        Of any other environment it is a VecEnv of its spaces and its number of copies, which can't be stepped, and
+        through which attributes and methods of training's copies are reached where they are objects of this process.
 
         Raises:
             UsageError: SB3 is not installed.

@@ -12,7 +12,7 @@ from galton.algorithms import Agent
 from galton.envs.host.base import Steps
 from galton.envs.host.carried import go_on, remember
 from galton.envs.host.moves import Watch
-from galton.envs.host.statistics import MOMENTS, set_moments, statistics_of
+from galton.envs.host.statistics import MOMENTS, set_moments, statistics_of, unscaled
 from galton.envs.task import Task
 from galton.errors import BrokenEnvironmentError, SharedEnvironment
 from galton.normalization import from_origin_on_host, in_new_episodes
@@ -125,9 +125,10 @@ class Group:
             )
             self._start_anew()
         self._interrupted, longest = True, self._length.max()
-        for _ in range(n_updates):
-            self._batch, finished = self._rollout()
-            self.runs = self._programs.learn(self._numbers, self.runs, self._batch, finished)
+        with unscaled(self.environments.layers) as self._as_given:
+            for _ in range(n_updates):
+                self._batch, finished = self._rollout()
+                self.runs = self._programs.learn(self._numbers, self.runs, self._batch, finished)
         self._interrupted = False
         if longest < LONG <= self._length.max():
             warnings.warn(
@@ -186,7 +187,7 @@ class Group:
         """Write lengths and returns of the episodes after step t, and return which have ended `[P, N]`."""
         done = np.asarray(steps.terminated | steps.truncated)
         self._length += 1
-        self._return += steps.reward
+        self._return += self._split(self._as_given(steps.reward.reshape(-1)))
         for column, value in zip(finished, (done, self._return, self._length), strict=True):
             column[:, t] = value
         if done.any():

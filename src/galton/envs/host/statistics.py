@@ -18,6 +18,9 @@ from galton.errors import require
 MOMENTS = ("mean", "var", "count")
 """The attributes of running statistics that are all of them."""
 
+AsGiven = Callable[[Float[np.ndarray, " M"]], Float[np.ndarray, " M"]]
+"""A function of the rewards of a step of all copies."""
+
 _MISSING = object()
 
 
@@ -91,15 +94,22 @@ def take_statistics(name: str, layers: Layers, trained: dict[str, Any] | None) -
 
 
 @contextlib.contextmanager
-def frozen(copies: Sequence[Layers]) -> Iterator[Callable[[Float[np.ndarray, " M"]], Float[np.ndarray, " M"]]]:
-    """A time in which running statistics stay, and a function that tells rewards as no statistics scale them.
+def frozen(copies: Sequence[Layers]) -> Iterator[AsGiven]:
+    """A time in which running statistics stay, and what `unscaled` gives."""
+    with contextlib.ExitStack() as stack:
+        for statistics in {id(one): one for layers in copies for one in statistics_of(layers).values()}.values():
+            stack.enter_context(_replaced(statistics, "update", lambda *_, **__: None))
+        yield stack.enter_context(unscaled(copies))
+
+
+@contextlib.contextmanager
+def unscaled(copies: Sequence[Layers]) -> Iterator[AsGiven]:
+    """A time with a function that tells rewards as no statistics scale them.
 
     The function takes the rewards of a step of all copies. A reward that running statistics scale is told as it was
     below the innermost wrapper that does so; any other is what it is.
     """
     with contextlib.ExitStack() as stack:
-        for statistics in {id(one): one for layers in copies for one in statistics_of(layers).values()}.values():
-            stack.enter_context(_replaced(statistics, "update", lambda *_, **__: None))
         told: dict[int, np.ndarray] = {}
 
         def heard_from(layers: Layers) -> int | None:
