@@ -15,6 +15,8 @@ import tyro
 from galton import UsageError
 from galton.cli import _reading, _registry
 from galton.cli._options import folder_name
+from galton.cli._parsing import parse
+from galton.cli.train import Options
 from galton.types import Number
 from galton.words import vocabulary, without_idle
 
@@ -66,6 +68,16 @@ def test_options_make_the_training_itself_with_the_words_of_every_part():
     training = parsed("bandit", "--algorithm", "a2c", "--n-steps", "6")[0]["training"]
     assert training["steps"] == 2_000, "the task's settings are the defaults"
     assert [training["words"][name] for name in ("n_steps", "net_arch", "learning_rate")] == [6, [], 0.05]
+
+
+def test_a_setting_that_no_part_uses_is_refused_where_nobody_named_the_loss():
+    for typed in (["--n-bins", "5"], ["--preset", "gaussian", "--eta", "2"]):
+        with pytest.raises(
+            UsageError, match=rf"^{typed[-2][2:].replace('-', '_')} is [25].*; it goes with .*, not 'ga"
+        ):
+            parse(Options, "train", ["lqr", *typed])
+    words = parse(Options, "train", ["lqr", "--preset", "classification", "--n-bins", "5"]).training.words
+    assert words["n_bins"] == 5
 
 
 WRITTEN = {"1e5": 10**5, "100_000": 10**5, "2E3": 2_000, "1.5e3": 1_500, "12.0": 12, "-1": -1, "+7": 7, "0": 0}

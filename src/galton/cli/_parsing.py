@@ -17,7 +17,7 @@ from galton.cli._words import ELSEWHERE
 from galton.errors import UsageError
 from galton.parts import Part, settings
 from galton.presets import PAPER, Preset, find_preset
-from galton.words import CHOICES, Choice, vocabulary, without_idle
+from galton.words import CHOICES, Choice, refuse_idle, vocabulary, without_idle
 
 OptionsT = TypeVar("OptionsT")
 
@@ -71,7 +71,11 @@ def parse(
     typed = (words[name] if words.get(name, _UNTOLD) != _UNTOLD else None for name in _FOR_DEFAULTS)
     training = Training.of_task(env, algorithm, preset, *typed)
     least = dataclasses.replace(training, eval_episodes=max(training.eval_episodes, eval_episodes))
-    return usual(least, arguments, **others)
+    found = usual(least, arguments, **others)
+    if loss == "":  # who names none may think that it is another one
+        words = found.training.words  # type: ignore[attr-defined]
+        refuse_idle(words | others, {name for name in words if words[name] != least.words.get(name)})
+    return found
 
 
 def _imports(arguments: Sequence[str]) -> list[str]:

@@ -77,7 +77,7 @@ def forget_after(step: int, path: Path) -> None:
 def _lines(path: Path) -> list[bytes]:
     try:
         return files.read(path, files.DATA).splitlines()
-    except FileNotFoundError:
+    except (FileNotFoundError, NotADirectoryError):
         return []
     except OSError as error:
         raise UsageError(f"{path} can't be read: {error.strerror or error}") from None

@@ -43,6 +43,7 @@ def test_each_run_is_a_curve_of_what_is_known_of_it(tmp_path, drawn, capsys):
     ("arguments", "told"),
     [
         (["nowhere"], "run is nowhere, which holds no metrics.jsonl"),
+        ([__file__], r"run is .*test_plot\.py, which holds no metrics\.jsonl .*; name a run folder"),
         (["x", "--out", "a.pdf"], "must end in .png or .svg"),
     ],
 )
