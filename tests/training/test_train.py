@@ -11,7 +11,7 @@ from galton import LOSSES, UsageError, make_agent, train
 from galton.envs import LQR
 from galton.training import on_device as module
 
-from ..swing import swing
+from ..swing import stateful_swing, swing
 from .probes import Probe
 
 FIRST = sorted(LOSSES, key=lambda loss: loss != "hl-gauss")
@@ -50,6 +50,28 @@ def test_how_often_is_logged_and_evaluated_does_not_touch_training():
     few = run(steps=480, n_logs=2, n_eval_episodes=0)
     many = run(steps=480, n_logs=24)
     assert_same_bits(jax.tree.leaves(few.learner), jax.tree.leaves(many.learner))
+
+
+@pytest.mark.parametrize("env", [LQR(), stateful_swing])
+def test_what_was_kept_at_a_log_point_goes_on_to_the_same_bits(env):
+    words, kept = {"normalize_observation": True, "normalize_reward": True, "decay_steps": np.inf}, []
+    whole = run(env, words, (0, 1), keep=lambda arrays: kept.append(arrays()))
+    assert len(kept) == 3
+    for i, arrays in enumerate(kept):
+        later = []
+        again = run(env, words, (0, 1), kept=arrays, keep=later.append)
+        assert len(later) == 2 - i
+        assert list(again.log.columns()) == list(whole.log.columns())
+        for one in (0, 1):
+            assert_same_bits(leaves(whole, one), leaves(again, one))
+    with pytest.raises(UsageError, match="kept is of other runs"):
+        run(env, words, (0, 1, 2), kept=kept[0])
+
+
+def test_nothing_is_kept_of_environments_that_can_not_tell_their_states():
+    kept = []
+    run(swing, keep=lambda arrays: kept.append(arrays()))
+    assert kept == [None] * 3
 
 
 def test_a_run_that_turns_nan_is_flagged_and_its_neighbours_keep_their_bits():

@@ -17,6 +17,12 @@ from galton.training.log import MEAN_ACTION_RETURN, Log
 from galton.training.population import Population, populate
 from galton.types import Learner, Rule
 
+Kept = dict[str, np.ndarray]
+"""A training that was left at a log point, as arrays by name."""
+Keep = Callable[[Callable[[], Kept | None]], None]
+"""What is given a function that makes a `Kept`."""
+_STATE, _LOG, _SECONDS = "state/", "log/", "seconds"
+
 
 @dataclasses.dataclass(frozen=True)
 class Result:
@@ -78,6 +84,8 @@ def train(
     eval_mean: bool = False,
     on_log: Callable[[int, Log], None] | None = None,
     meanwhile: Callable[[int], None] | None = None,
+    keep: Keep | None = None,
+    kept: Kept | None = None,
     devices: Sequence[jax.Device] | None = None,
 ) -> Result:
     """Train R runs side by side, one per seed.
@@ -94,10 +102,13 @@ def train(
             for the log's `mean_action_return`; most densities have one deterministic action and play them once.
         on_log: called at each log point with the steps so far and the log's `[R]` arrays.
         meanwhile: called about twice a second with the steps so far; what it raises ends training.
+        keep: called at each log point but the last with a function that gives the arrays from which `kept` goes on, or
+            None where the environments can't tell their states.
+        kept: such arrays of the same call, from which it goes on to the same bits; what they hold is not trained again.
         devices: the JAX devices that the runs are split over; by default all of this process.
 
     Raises:
-        UsageError: a number out of range, an environment that can't be used.
+        UsageError: a number out of range, an environment that can't be used, or arrays of another call.
         BrokenEnvironmentError: an environment broke on the way.
     """
     check_arguments(seeds, total_timesteps, n_logs, n_eval_episodes)
@@ -109,7 +120,7 @@ def train(
     updates_per_log = int(steps[0]) // size
     with contextlib.closing(populate(env, agent, seeds, devices)) as population:
         rules = _rules(agent, eval_mean) if n_eval_episodes else {}
-        trained = _train(population, steps, updates_per_log, n_eval_episodes, rules, on_log, meanwhile)
+        trained = _train(population, steps, updates_per_log, n_eval_episodes, rules, on_log, meanwhile, keep, kept)
     return Result(agent, np.asarray(seeds), steps, *trained)
 
 
@@ -149,15 +160,38 @@ def _train(
     rules: Mapping[str, Rule | None],
     on_log: Callable[[int, Log], None] | None,
     meanwhile: Callable[[int], None] | None,
+    keep: Keep | None,
+    kept: Kept | None,
 ) -> tuple[Log, Int[np.ndarray, " R"], Learner, float, float]:
     """Train from log point to log point: log, divergences, learner, and the seconds of compiling and of training."""
     if n_eval_episodes:
         population.check_evaluation(n_eval_episodes)
     population.decay_over(0, int(steps[-1]))
     population.compile()
-    compiled, start, logs = population.compile_seconds, time.perf_counter(), []
-    pieces = Pieces(population.advance)
-    for step in steps:
+    compiled, start = population.compile_seconds, time.perf_counter()
+    logs: list[Log] = []
+    pieces, earlier = Pieces(population.advance), _restored(population, kept)
+
+    def whole_log() -> Log:
+        stacked: Log = jax.tree.map(lambda *x: np.stack(x, axis=1), *logs)
+        for name, values in earlier.items():
+            stacked = stacked.having(name, np.concatenate([values, stacked.columns()[name]], axis=1))
+        return stacked
+
+    def seconds() -> Float[np.ndarray, " 2"]:
+        compiling = population.compile_seconds
+        own = np.array([compiling, time.perf_counter() - start - (compiling - compiled)])
+        return own if kept is None else own + kept[_SECONDS]
+
+    def to_keep() -> Kept | None:
+        snapshot = population.snapshot()
+        if "environments" not in snapshot:
+            return None
+        state = {f"{_STATE}{i}": np.asarray(leaf) for i, leaf in enumerate(jax.tree.leaves(snapshot))}
+        log = {f"{_LOG}{name}": np.asarray(values) for name, values in whole_log().columns().items()}
+        return state | log | {_SECONDS: seconds()}
+
+    for step in steps[next((values.shape[1] for values in earlier.values()), 0) :]:
         to_go = updates_per_log
         while to_go:
             to_go -= pieces.train(to_go)
@@ -170,10 +204,22 @@ def _train(
         logs.append(log)
         if on_log:
             on_log(int(step), log)
+        if keep and step != steps[-1]:
+            keep(to_keep)
     learner, diverged_at = population.learner, population.diverged_at
-    train_seconds = time.perf_counter() - start - (population.compile_seconds - compiled)
-    stacked: Log = jax.tree.map(lambda *x: np.stack(x, axis=1), *logs)
-    return stacked, diverged_at, learner, population.compile_seconds, train_seconds
+    return whole_log(), diverged_at, learner, *seconds().tolist()
+
+
+def _restored(population: Population, kept: Kept | None) -> Kept:
+    """The columns `[R, l]` of an earlier log, whose state the population goes on from; nothing where none was kept."""
+    if kept is None:
+        return {}
+    leaves, structure = jax.tree.flatten(population.snapshot())
+    found = [kept.get(f"{_STATE}{i}", np.zeros(0)) for i in range(len(leaves))]
+    same = all(one.shape == np.shape(own) for one, own in zip(found, leaves, strict=True))
+    require(same, "kept is of other runs than these; give what the same call was to keep")
+    population.restore(jax.tree.unflatten(structure, found))
+    return {name.removeprefix(_LOG): values for name, values in kept.items() if name.startswith(_LOG)}
 
 
 def check_length(total_timesteps: int, n_updates: int) -> None:

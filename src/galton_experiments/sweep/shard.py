@@ -1,16 +1,22 @@
 """One shard: trained, and committed as one Parquet file whose name holds its checksum."""
 
+import contextlib
 import dataclasses
 import datetime
 import functools
 import json
 import re
+import time
+from collections.abc import Callable, Iterable
+from pathlib import Path
 from typing import Any
 
 import jax
 import numpy as np
 import pyarrow as pa
+import safetensors.numpy
 
+import galton
 from galton.devices import use_all_cores
 from galton.envs.find import find
 from galton.envs.registry import read_constants
@@ -18,13 +24,15 @@ from galton.errors import require
 from galton.extras import import_all
 from galton.saving.provenance import machine, versions
 from galton.training.log import Log
-from galton.training.train import Result, log_points, train
+from galton.training.train import Kept, Result, log_points, train
 from galton_experiments.sweep import columns
 from galton_experiments.sweep.parquet import opened, record_of, to_bytes, with_record
 from galton_experiments.sweep.plan import Plan, Shard
 from galton_experiments.sweep.store import Store, checksum
 
 FOLDER = "shards"
+EVERY = 120.0
+"""Seconds between two times that a shard which was begun is kept."""
 NEEDED = (
     *("setting", "trial", "seed", "diverged_at", "steps", "final_training_return", "final_evaluation_return"),
     *(name for name in Log._fields if name != "scalars"),
@@ -76,6 +84,8 @@ class Report:
 def work(url: str, index: int, name: str | None = None) -> Report:
     """Train shard `index` of the plan at `url` and commit it. Doing it again replaces nothing and does no harm.
 
+    One that an earlier worker began, with the same versions, goes on from what was kept of it.
+
     Args:
         url: the sweep's folder, as this process sees it.
         index: of the shard.
@@ -90,6 +100,7 @@ def work(url: str, index: int, name: str | None = None) -> Report:
     import_all(Plan.imports(store))
     plan = Plan.load(store)
     shard = plan.get(index)
+    begun = _Begun(store, f"{index:07d}-{shard.name}")
     require(
         name in (None, shard.name),
         f"out is {url}, whose plan was replaced meanwhile; give each sweep a folder of its own",
@@ -103,12 +114,66 @@ def work(url: str, index: int, name: str | None = None) -> Report:
         n_logs=study.logs,
         n_eval_episodes=study.eval_episodes,
         eval_mean=study.eval_mean,
+        keep=begun.keep,
+        kept=begun.kept(),
         devices=jax.devices()[:1],  # a split would change the last bits
     )
     table = tabulate(shard, result)
     data = to_bytes(table)
     store.write(f"{FOLDER}/{index:07d}-{shard.name}-{checksum(data)}.parquet", data)
+    begun.forget()
     return report(index, table)
+
+
+class _Begun:
+    """A shard that was begun is kept in a file whose name holds its checksum.
+
+    So a worker that is ended loses no more than EVERY seconds, or the way to the next log point.
+    """
+
+    def __init__(self, store: Store, name: str) -> None:
+        self._store, self._name, self._next = store, name, time.monotonic() + EVERY
+
+    def keep(self, arrays: Callable[[], Kept | None]) -> None:
+        """Write it, if the last time was long ago and the environments can tell their states."""
+        if time.monotonic() < self._next:
+            return
+        if (found := arrays()) is not None:
+            data = safetensors.numpy.save(found, {"versions": _made_by()})
+            earlier, file = self._files(), f"{self._name}-{checksum(data)}.begun"
+            self._store.write(f"{FOLDER}/{file}", data)
+            self._remove(set(earlier) - {file})
+        self._next = time.monotonic() + EVERY
+
+    def kept(self) -> Kept | None:
+        """What is kept, of the versions that this process has; None where nothing is, or it was damaged."""
+        for file in self._files():
+            with contextlib.suppress(FileNotFoundError):
+                data = self._store.read(f"{FOLDER}/{file}")
+                if file == f"{self._name}-{checksum(data)}.begun":
+                    length = int.from_bytes(data[:8], "little")
+                    if json.loads(data[8 : 8 + length])["__metadata__"]["versions"] == _made_by():
+                        return safetensors.numpy.load(data)
+        return None
+
+    def forget(self) -> None:
+        """Remove what is kept."""
+        self._remove(self._files())
+
+    def _files(self) -> list[str]:
+        names = self._store.names(FOLDER)
+        return [name for name in names if name.startswith(self._name) and name.endswith(".begun")]
+
+    def _remove(self, names: Iterable[str]) -> None:
+        for name in names:
+            self._store.remove(f"{FOLDER}/{name}")
+
+
+@functools.cache
+def _made_by() -> str:
+    """The versions, with a checksum of Galton's own sources in the place of the commit, which doesn't tell all."""
+    sources = sorted(Path(galton.__file__).parent.rglob("*.py"))
+    return json.dumps(versions() | {"commit": checksum(b"".join(source.read_bytes() for source in sources))})
 
 
 def tabulate(shard: Shard, result: Result) -> pa.Table:

@@ -9,6 +9,8 @@ import pytest
 
 import galton
 from galton.errors import UsageError
+from galton.training.on_device import DevicePopulation
+from galton_experiments.sweep import shard
 from galton_experiments.sweep.grid import expand
 from galton_experiments.sweep.plan import Plan
 from galton_experiments.sweep.shard import FOLDER, finished, read, work
@@ -31,18 +33,18 @@ def planned(tmp_path):
 def test_a_shard_holds_what_train_gives(planned):
     store, plan = planned
     told = work(store.url, 1)
-    shard = plan.get(1)
+    runs = plan.get(1)
     table = read(store, finished(store, plan)[1])
     result = galton.train(
         galton.envs.Bandit(),
-        shard.agent,
-        shard.seeds.tolist(),
+        runs.agent,
+        runs.seeds.tolist(),
         60,
         n_logs=3,
         n_eval_episodes=2,
         devices=jax.devices()[:1],
     )
-    assert len(shard.seeds) == table.num_rows == 2  # a short shard trains no more than its own
+    assert len(runs.seeds) == table.num_rows == 2  # a short shard trains no more than its own
     for name in ("training_return", "evaluation_return", "entropy", "grad_norm"):
         curves = np.stack(table.column(name).to_numpy())
         np.testing.assert_array_equal(curves, np.float32(result.log.columns()[name]))
@@ -61,6 +63,73 @@ def test_a_shard_done_twice_has_the_same_columns_and_counts_once(planned):
     work(store.url, 0)
     assert list(finished(store, plan)) == [0]
     assert read(store, finished(store, plan)[0]).replace_schema_metadata(None) == first.replace_schema_metadata(None)
+
+
+class Ended(BaseException):
+    """A worker is ended."""
+
+
+def end_at(monkeypatch, point):
+    """Keep a shard at every log point, and end its worker at that one."""
+    points = iter(range(1, 10))
+
+    def keep(self, arrays, own=shard._Begun.keep):
+        own(self, arrays)
+        if next(points) == point:
+            raise Ended
+
+    monkeypatch.setattr(shard, "EVERY", 0.0)
+    monkeypatch.setattr(shard._Begun, "keep", keep)
+
+
+def curves(store, plan):
+    table = read(store, finished(store, plan)[0])
+    return {name: np.array(table.column(name).to_pylist()) for name in table.column_names}
+
+
+@pytest.mark.parametrize("point", [1, 2])
+def test_a_shard_whose_worker_was_ended_goes_on_from_the_last_log_point_to_the_same_columns(
+    planned, monkeypatch, point
+):
+    store, plan = planned
+    work(store.url, 0)
+    whole = curves(store, plan)
+    (file,) = store.names(FOLDER)
+    store.remove(f"{FOLDER}/{file}")
+    with monkeypatch.context() as patched:
+        end_at(patched, point)
+        with pytest.raises(Ended):
+            work(store.url, 0)
+    (file,) = store.names(FOLDER)
+    assert file.endswith(".begun")
+    assert not finished(store, plan)
+    trained = []
+    monkeypatch.setattr(DevicePopulation, "log", lambda self, log=DevicePopulation.log: trained.append(1) or log(self))
+    work(store.url, 0)
+    assert len(trained) == 3 - point
+    assert len(store.names(FOLDER)) == 1
+    for name, values in curves(store, plan).items():
+        np.testing.assert_array_equal(values, whole[name], name)
+
+
+def test_what_was_kept_is_left_alone_where_it_is_damaged_or_of_another_version(planned, monkeypatch):
+    store, plan = planned
+    end_at(monkeypatch, 1)
+    with pytest.raises(Ended):
+        work(store.url, 0)
+    (file,) = store.names(FOLDER)
+    begun = shard._Begun(store, file.rpartition("-")[0])
+    assert begun.kept() is not None
+    with monkeypatch.context() as patched:
+        patched.setattr(shard, "_made_by", lambda: "another version")
+        assert begun.kept() is None
+    content = bytearray((store.local / FOLDER / file).read_bytes())
+    content[-1] ^= 1
+    store.write(f"{FOLDER}/{file}", bytes(content))
+    assert begun.kept() is None
+    work(store.url, 0)
+    assert [name for name in store.names(FOLDER) if name.endswith(".begun")] == []
+    assert list(finished(store, plan)) == [0]
 
 
 def test_a_files_metadata_tells_versions_and_machine(planned):
