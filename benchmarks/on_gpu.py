@@ -8,7 +8,6 @@ row is in the file as soon as it is measured, so the script may be cut at any ti
 - `copies`: one run with thousands of copies of an LQR of a cheetah's size (17 states, 6 actions), 128×128 networks.
 - `compile`: four runs of 2,048 copies and rollouts of 480 steps, without XLA's autotuning of fusions; and once more
   with it at the end, in all the time that is left.
-- `compile-counting`: the first of these programs as it was when `Bins.encode` counted edges; only where it is named.
 - `precision`: A2C with matrix products in float32, and in TF32.
 - `playground`: PPO with Playground's numbers on CheetahRun and HumanoidWalk, 2,048 and 8,192 copies, and how long the
   physics takes by itself. Only where it is named.
@@ -47,12 +46,11 @@ STAGES = {
     "copies": ("", 0.12),
     "precision": ("", 0.06),
     "compile-autotuned": ("", 0.16),
-    "compile-counting": ("", 0.16),
     "playground": (UNTUNED, 0.5),
     "brax": (UNTUNED, 0.5),
     "heads": (UNTUNED, 0.9),
 }
-NAMED = ("compile-counting", "playground", "brax", "heads")
+NAMED = ("playground", "brax", "heads")
 """The stages that run only where they are named."""
 """The flags that XLA gets, and the share of the time. What one leaves over goes to those after it."""
 
@@ -91,14 +89,6 @@ def compile_(sizes):
     """Compile alone: nothing is trained."""
     for loss in ("hl-gauss-centred", "gaussian"):
         measure("ppo", cheetah_sized(), loss, sizes[1] // 16 or 1, slices=0, **large(2 * sizes[2], n_steps=480))
-
-
-def counting(sizes):
-    """Compile the head's program with the index that was: the number of inner edges at or below an action."""
-    from galton import Bins
-
-    Bins.encode = lambda self, action: (action[..., None] >= self.edges[:, 1:-1]).sum(-1)
-    compile_(sizes)
 
 
 def playground(sizes):
@@ -287,8 +277,8 @@ def stage(name, toy, task, seconds):
     if name == "heads":
         heads(sizes, task, seconds)
         return
-    stages = {"a2c": a2c, "ppo": ppo, "copies": copies, "precision": precision, "compile-counting": counting}
-    (stages | {"playground": playground, "brax": brax}).get(name, compile_)(sizes)
+    stages = {"a2c": a2c, "ppo": ppo, "copies": copies, "precision": precision, "playground": playground, "brax": brax}
+    stages.get(name, compile_)(sizes)
 
 
 def run(name, seconds, toy, task, flags, note):
