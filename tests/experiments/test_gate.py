@@ -57,3 +57,22 @@ def test_the_chances_on_four_tasks_and_on_nine_are_those_of_the_file(monkeypatch
         for anchor, head in itertools.product(("hand-set", "sb3"), ("gaussian", *[*HEADS.values()][:2]))
     ]
     assert np.round(np.abs(earned)).tolist() == [0, 0, 0, 94, 38, 19]
+
+
+CRITICS = {
+    "the squared error with their range and start": "gaussian, standardised critic",
+    "`two-hot`": "gaussian, two-hot critic",
+    "`hl-gauss`": "gaussian, hl-gauss critic",
+}
+
+
+def test_the_chances_of_critics_are_those_of_the_file(monkeypatch):
+    monkeypatch.syspath_prepend(ROOT / "benchmarks")
+    import gate
+
+    lines = gate.tables(gate.read(ROOT / "results" / "benchmarks" / "gate_critics.jsonl"))
+    rows = [row.strip("| ").split(" | ") for row in lines]
+    above = {(row[0], row[1]): row[-1] for row in rows if len(row) == 7 and row[2] == "3"}
+    text = (ROOT / "docs" / "parts.md").read_text()
+    for label, head in CRITICS.items():
+        assert f"| {label} | {above['sb3', head]} | {above['hand-set', head]} |" in text
