@@ -20,6 +20,7 @@ from galton.agents import policy_name
 from galton.deploy.decision import ACTION, MASK, OBSERVATION, Decision, decide
 from galton.envs.host.actions import entries, leaves
 from galton.envs.host.base import Space
+from galton.envs.host.statistics import wrappers_at
 from galton.errors import UsageError, require
 from galton.extras import needed
 from galton.models import Model
@@ -113,7 +114,7 @@ def _tell_of_wrappers(model: Model) -> None:
 
 
 def _wrappers(model: Model) -> str:
-    return ", ".join(sorted({place.split("/")[1] for own in model.wrapper_statistics for place in own}))
+    return wrappers_at(place for own in model.wrapper_statistics for place in own)
 
 
 def encode(decision: Decision) -> bytes:

@@ -13,6 +13,7 @@ from galton.agents import read
 from galton.algorithms import Agent, Algorithm, find_algorithm
 from galton.envs.find import find
 from galton.envs.host import masks
+from galton.envs.host.statistics import wrappers_at
 from galton.envs.task import Task, check_copies, check_same_spaces
 from galton.errors import require, require_integer
 from galton.losses import Loss
@@ -278,12 +279,9 @@ class Model(Base):
         before = self.wrapper_statistics
         self._go_on(task, Path("set_env"), arrays)
         if before and before[0].keys() != {key for own in self.wrapper_statistics for key in own}:
-            told = ", ".join(sorted({place.split("/")[1] for place in before[0]}))
-            warnings.warn(
-                f"{self.env_name} is not wrapped as what the model was trained on: the statistics by which {told} "
-                "normalised observations are lost; wrap both alike",
-                stacklevel=2,
-            )
+            lost = f"the statistics by which {wrappers_at(before[0])} normalised observations are lost"
+            told = f"{self.env_name} is not wrapped as what the model was trained on: {lost}; wrap both alike"
+            warnings.warn(told, stacklevel=2)
 
     def get_env(self) -> Any:
         """SB3's VecEnv that the model is trained on; None for a model without an environment.

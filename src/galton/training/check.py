@@ -12,7 +12,7 @@ from galton.envs.host.actions import Actions
 from galton.envs.host.base import HostEnvironments
 from galton.envs.host.gymnasium import GymnasiumTask
 from galton.envs.host.observations import IMAGE_REMEDY, Observations
-from galton.envs.host.statistics import statistics_of
+from galton.envs.host.statistics import statistics_of, wrappers_at
 from galton.envs.host.vector import VectorTask
 from galton.envs.jax_task import JaxTask
 from galton.envs.task import Task
@@ -106,7 +106,7 @@ def _played(task: Task, envs: HostEnvironments, n_copies: int) -> Iterator[Findi
     yield Finding("doing nothing", _returns(rest))
     yield Finding("random actions", _returns(random))
     if statistics:
-        wrappers = ", ".join(sorted({place.split("/")[1] for place in statistics}))
+        wrappers = wrappers_at(statistics)
         yield Finding(
             "statistics",
             f"kept by {wrappers}; scales and returns are told here without them",

@@ -12,7 +12,7 @@ from galton.algorithms import Agent
 from galton.envs.host.base import Steps
 from galton.envs.host.carried import go_on, remember
 from galton.envs.host.moves import Watch
-from galton.envs.host.statistics import MOMENTS, set_moments, statistics_of, unscaled
+from galton.envs.host.statistics import MOMENTS, scaling_rewards, set_moments, statistics_of, unscaled
 from galton.envs.task import Task
 from galton.errors import BrokenEnvironmentError, SharedEnvironment
 from galton.normalization import from_origin_on_host, in_new_episodes
@@ -53,6 +53,8 @@ class Group:
         self._batch = _empty_batch(self._whole, *self._sizes)
         self.environments = task.make(len(seeds) * agent.rollout.n_envs, n_threads)
         self._watch = Watch(self.environments.moves)
+        layers = self.environments.layers  # looked through once, and not before each update
+        self._scaled = layers if any(map(scaling_rewards, layers)) else []
 
     def begin(self) -> None:
         """Make the runs, with their parameters and their first noise."""
@@ -125,7 +127,7 @@ class Group:
             )
             self._start_anew()
         self._interrupted, longest = True, self._length.max()
-        with unscaled(self.environments.layers) as self._as_given:
+        with unscaled(self._scaled) as self._as_given:
             for _ in range(n_updates):
                 self._batch, finished = self._rollout()
                 self.runs = self._programs.learn(self._numbers, self.runs, self._batch, finished)

@@ -20,7 +20,7 @@ from galton.types import Learner, Rule
 Kept = dict[str, np.ndarray]
 """A training that was left at a log point, as arrays by name."""
 Keep = Callable[[Callable[[], Kept | None]], None]
-"""What is given a function that makes a `Kept`."""
+"""It is called with a function that makes a `Kept`, or None where nothing can go on."""
 _STATE, _LOG, _SECONDS = "state/", "log/", "seconds"
 
 

@@ -146,7 +146,7 @@ class _Begun:
         self._next = time.monotonic() + EVERY
 
     def kept(self) -> Kept | None:
-        """What is kept, of the versions that this process has; None where nothing is, or it was damaged."""
+        """The arrays that are kept, of this process's versions; None where there are none, or damaged ones."""
         for file in self._files():
             with contextlib.suppress(FileNotFoundError):
                 data = self._store.read(f"{FOLDER}/{file}")

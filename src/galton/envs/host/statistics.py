@@ -5,7 +5,7 @@ They are objects with mean, var, count and update, as those of a `NormalizeObser
 
 import contextlib
 import types
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -114,7 +114,7 @@ def unscaled(copies: Sequence[Layers]) -> Iterator[AsGiven]:
 
         def heard_from(layers: Layers) -> int | None:
             """The key in `told` of what last rewarded a copy, below all that scales rewards; None if nothing does."""
-            scaling = [layer for layer in layers if any(map(_is_of_rewards, vars(layer).values()))]
+            scaling = scaling_rewards(layers)
             if not scaling:
                 return None
             inner = below(scaling[-1])
@@ -154,9 +154,19 @@ def _replaced(holder: Any, name: str, value: Any) -> Iterator[None]:
             vars(holder)[name] = before
 
 
+def scaling_rewards(layers: Layers) -> Layers:
+    """The layers that scale rewards by running statistics, from the outside in."""
+    return [layer for layer in layers if any(map(_is_of_rewards, vars(layer).values()))]
+
+
 def _is_of_rewards(value: Any) -> bool:
     """True for running statistics of one number, the return: those of observations have an axis."""
     return is_statistics(value) and np.ndim(value.mean) == 0
+
+
+def wrappers_at(places: Iterable[str]) -> str:
+    """The names of the wrappers at these places, each once."""
+    return ", ".join(sorted(set(map(_readable, places))))
 
 
 def _readable(place: str) -> str:
