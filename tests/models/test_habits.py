@@ -319,10 +319,18 @@ def test_set_env_keeps_what_the_wrappers_have_counted(bare):
     assert count.item() > 50
 
 
-def test_set_env_tells_of_statistics_that_another_order_of_wrappers_loses():
-    model = A2C(lambda: NormalizeObservation(swing()), **SMALL | {"n_envs": 1}).learn(50, **QUIET)
-    with pytest.warns(UserWarning, match="the statistics by which NormalizeObservation normalised observations are lo"):
-        model.set_env(lambda: RecordEpisodeStatistics(NormalizeObservation(swing())))
+def test_set_env_tells_of_statistics_that_other_wrappers_lose():
+    def normalised():
+        return NormalizeObservation(swing())
+
+    model = A2C(normalised, **SMALL | {"n_envs": 1}).learn(50, **QUIET)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        model.set_env(lambda: RecordEpisodeStatistics(normalised()))
+    with pytest.warns(UserWarning, match="the statistics of NormalizeObservation are lost; wrap both alike"):
+        model.set_env(swing)
+    with pytest.warns(UserWarning, match="there are no statistics for NormalizeObservation; wrap both alike"):
+        model.set_env(normalised)
 
 
 def test_set_env_refuses_other_spaces_and_keeps_the_environment():

@@ -225,6 +225,7 @@ def test_first_policies_are_galtons(centers, std):
         ({"logits": torch.full((2, 5), torch.nan)}, "logits hold NaN or infinity"),
         ({"logits": torch.full((2, 5), -torch.inf)}, "logits hold NaN or infinity"),
         ({"low": -np.inf, "validate_args": False}, "bins need finite bounds"),
+        ({"low": torch.tensor(1.0), "high": torch.tensor(-1.0), "validate_args": False}, "each low must lie below its"),
         ({"head_scale": 0.0}, "head_scale is 0.0; it must be finite, and greater than 0"),
         ({"eta": 0.0}, "eta is 0.0; the target's width must be finite"),
         ({"loss": "gaussian"}, "loss is 'gaussian'; choose from hl-one-hot, hl-gauss, hl-gauss-centred"),
@@ -237,7 +238,9 @@ def test_what_makes_no_distribution_is_refused(words, message):
 
 
 def test_bounds_keep_their_digits_in_float64():
-    assert Histogram(torch.zeros(1, 5, dtype=torch.float64), low=0.1, high=0.7).high.item() == 0.7
+    fine = Histogram(torch.zeros(1, 5, dtype=torch.float64), low=0.1, high=0.7, validate_args=True)
+    assert fine.high.item() == 0.7
+    assert abs(kl_divergence(fine, Histogram(torch.zeros(1, 5), low=0.1, high=0.7)).item()) < 1e-6
 
 
 def test_an_action_outside_of_the_box_is_refused():

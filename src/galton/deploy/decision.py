@@ -12,7 +12,6 @@ from galton.deploy.actions import ACTIONS, Chosen, mixed
 from galton.deploy.bodies import BODIES, linear
 from galton.deploy.graph import Graph
 from galton.envs.host.actions import Actions, entries, leaves
-from galton.envs.host.observations import Observations
 from galton.errors import require
 from galton.models import Model
 from galton.normalization import Normalizer
@@ -51,8 +50,9 @@ def decide(model: Model) -> Decision:
     require(kind in BODIES, told)
     params, observations = model.learner.params, model.observations
     graph = Graph(params)
-    shape, n_mask = observation_shape(observations), observations.n_mask
+    space, n_mask = observations.space, observations.n_mask
     flat = np.array([-1, observations.size - n_mask])
+    shape = space.shape if isinstance(space, Box) else (int(flat[1]),)
     rows = OBSERVATION if len(shape) == 1 else graph.add("Reshape", OBSERVATION, flat)
     inputs = _normalised(graph, rows, model.learner.normalizer)
     features = BODIES[kind](graph, model.agent.network, params["actor"], inputs)
@@ -73,12 +73,6 @@ def decide(model: Model) -> Decision:
     shaped = graph.add("Reshape", chosen.action, np.array([0, *low.shape]))
     graph.add("Min", graph.add("Max", shaped, low), high, name=ACTION)
     return Decision(graph, shape, low.shape, low, high, chosen, n_mask)
-
-
-def observation_shape(observations: Observations) -> tuple[int, ...]:
-    """The shape of one observation in the file: a Box's own, else that of the flat vector."""
-    space = observations.space
-    return space.shape if isinstance(space, Box) else (observations.size - observations.n_mask,)
 
 
 def bounds(actions: Actions) -> tuple[Float[np.ndarray, "*shape"], Float[np.ndarray, "*shape"]]:
@@ -107,11 +101,7 @@ def _masked(graph: Graph, outputs: str, policy: Policy, box: parts.Box) -> str:
     sizes = (0, *policy.of_choices.sizes) if isinstance(policy, MixedPolicy) else box.mask_sizes
     if sum(sizes) == policy.n_outputs:
         return graph.add("Add", outputs, forbidden)
-    free, places, start = (
-        list[bool](),
-        list[int](),
-        0,
-    )  # of the outputs that no mask is for; of others, their places in the mask
+    free, places, start = list[bool](), list[int](), 0  # outputs that no mask is for; others' places in the mask
     for size, width in zip(sizes, policy.sizes, strict=True):
         places += range(start, start + size) if size else [0] * width
         free += [size == 0] * width

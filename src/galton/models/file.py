@@ -6,8 +6,10 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import PyTree
 
 from galton.algorithms import ALGORITHMS, actor_critic
+from galton.envs.host.statistics import placed
 from galton.errors import MALFORMED, CheckpointError, UsageError, require
 from galton.normalization import in_new_episodes
 from galton.parts import at
@@ -18,6 +20,9 @@ from galton.training.log import Tally
 from galton.training.population import Population
 from galton.training.train import check_one_run, check_seed
 from galton.types import Learner
+
+ENVIRONMENTS = "environments/"
+"""The beginning of the names of arrays that tell the states of environments."""
 
 
 class InexactResume(UserWarning):
@@ -83,36 +88,54 @@ def learner_of(found: saved.Saved) -> Learner:
     return first
 
 
-def resume(path: Path, population: Population, arrays: dict[str, np.ndarray]) -> str:
-    """Put a population where the file's was; the text returned says why not exactly, and is empty if exactly."""
+def resume(path: Path, population: Population, arrays: dict[str, np.ndarray]) -> tuple[str, str]:
+    """Put a population where the file's was.
+
+    Returns:
+        Why not exactly, and what became of its wrappers' statistics in that case; each is empty if there is nothing to
+        tell.
+    """
     like = population.snapshot()
-    cause = ""
+    cause = told = ""
     try:
         snapshot = checkpoint.unflatten(_grown(arrays, like["run"].tally), {"run": like["run"]})
-        if "environments" not in like:
-            cause = (
-                "its environments can't be put into a state; an environment, and a wrapper that Galton doesn't know, "
-                "needs get_state and set_state for it"
-            )
-            if "statistics" in like:
-                try:
-                    snapshot |= checkpoint.unflatten(arrays, {"statistics": like["statistics"]})
-                except CheckpointError as error:
-                    cause += f"; and it has no statistics of its wrappers ({error})"
-        else:
-            try:
-                snapshot |= checkpoint.unflatten(arrays, {"environments": like["environments"]})
-            except CheckpointError as error:
-                cause = f"the checkpoint has no state for its environments ({error})"
-                try:  # new episodes, with what the wrappers have counted
-                    snapshot |= checkpoint.unflatten(arrays, {"statistics": like["statistics"]})
-                except (KeyError, CheckpointError):
-                    snapshot["environments"], run = like["environments"], snapshot["run"]
-                    snapshot["run"] = run._replace(learner=in_new_episodes(run.learner))
+        try:
+            snapshot["environments"] = _states(arrays, like.get("environments"))
+        except CheckpointError as error:
+            cause = str(error)
+            if population.environments is None:  # in JAX they have begun new ones
+                snapshot["environments"], run = like["environments"], snapshot["run"]
+                snapshot["run"] = run._replace(learner=in_new_episodes(run.learner))
+            else:
+                snapshot["statistics"], told = placed(arrays, like.get("statistics", {}))
         population.restore(snapshot)
     except MALFORMED as error:  # UsageError is a ValueError
         raise saved.unusable(path, error) from None
-    return cause
+    return cause, told
+
+
+def _states(arrays: dict[str, np.ndarray], like: PyTree[np.ndarray] | None) -> PyTree[np.ndarray]:
+    """The states of a file's environments; CheckpointError where these can't be put into them.
+
+    What a user's own `get_state` tells may have more entries by now than after a reset, and of other types.
+    """
+    if like is None:
+        raise CheckpointError(
+            "its environments can't be put into a state; an environment, and a wrapper that Galton doesn't know, "
+            "needs get_state and set_state for it"
+        )
+    try:
+        if isinstance(like, dict):
+            there = {name.removeprefix(ENVIRONMENTS): a for name, a in arrays.items() if name.startswith(ENVIRONMENTS)}
+            own = {name: array for name, array in there.items() if name.startswith("state/")}
+            if more := there.keys() - like.keys() - own.keys():
+                raise CheckpointError(f"it has {', '.join(sorted(more))}, which they have not")
+            for name, array in own.items():
+                shape = like[name].shape if name in like else like["length"].shape + array.shape[2:]
+                like = like | {name: jax.ShapeDtypeStruct(shape, array.dtype)}
+        return checkpoint.unflatten(arrays, {"environments": like})["environments"]
+    except CheckpointError as error:
+        raise CheckpointError(f"the checkpoint has no state for its environments ({error})") from None
 
 
 def _grown(arrays: dict[str, np.ndarray], tally: Tally) -> dict[str, np.ndarray]:

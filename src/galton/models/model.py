@@ -13,7 +13,6 @@ from galton.agents import read
 from galton.algorithms import Agent, Algorithm, find_algorithm
 from galton.envs.find import find
 from galton.envs.host import masks
-from galton.envs.host.statistics import wrappers_at
 from galton.envs.task import Task, check_copies, check_same_spaces
 from galton.errors import require, require_integer
 from galton.losses import Loss
@@ -253,20 +252,23 @@ class Model(Base):
         model._run = Loaded(settings["env"], settings["step"], file.learner_of(found), found.arrays)
         if env is None:
             _refuse_alone(env_kwargs)
-        elif cause := model._go_on(find(env, **(env_kwargs or {})), found.path, found.arrays):
-            message = f"{model.env_name} goes on from the start of new episodes: {cause}"
-            warnings.warn(message, file.InexactResume, stacklevel=2)
+        else:
+            cause, told = model._go_on(find(env, **(env_kwargs or {})), found.path, found.arrays)
+            if cause:
+                lost = f"; {told}: wrap it as in training" if told else ""
+                message = f"{model.env_name} goes on from the start of new episodes: {cause}{lost}"
+                warnings.warn(message, file.InexactResume, stacklevel=2)
         return model
 
-    def _go_on(self, task: Task, path: Path, arrays: Arrays) -> str:
-        """Go on with a run on this environment where the arrays of a file are; why not exactly, or nothing."""
+    def _go_on(self, task: Task, path: Path, arrays: Arrays) -> tuple[str, str]:
+        """Go on with a run on this environment where the arrays of a file are; what `file.resume` tells."""
         check_copies(task, self.agent.rollout.n_envs)
         check_same_spaces(task, self.actions, self.observations)
         run = Run(task, self.agent, self.seed)
-        cause = run.resume(path, arrays)
+        told = run.resume(path, arrays)
         self.close()
         self._run = run
-        return cause
+        return told
 
     def set_env(self, env: object, env_kwargs: Mapping[str, object] | None = None) -> None:
         """Go on with what was learnt on another environment of the same spaces, from the start of new episodes.
@@ -275,13 +277,11 @@ class Model(Base):
             UsageError: an environment with other spaces, or of which another number of copies was given than n_envs.
         """
         task = find(env, **(env_kwargs or {}))
-        arrays = {name: array for name, array in self._run.arrays.items() if not name.startswith("environments/")}
-        before = self.wrapper_statistics
-        self._go_on(task, Path("set_env"), arrays)
-        if before and before[0].keys() != {key for own in self.wrapper_statistics for key in own}:
-            lost = f"the statistics by which {wrappers_at(before[0])} normalised observations are lost"
-            told = f"{self.env_name} is not wrapped as what the model was trained on: {lost}; wrap both alike"
-            warnings.warn(told, stacklevel=2)
+        arrays = {name: a for name, a in self._run.arrays.items() if not name.startswith(file.ENVIRONMENTS)}
+        _, told = self._go_on(task, Path("set_env"), arrays)
+        if told:
+            message = f"{self.env_name} is not wrapped as what the model was trained on: {told}; wrap both alike"
+            warnings.warn(message, stacklevel=2)
 
     def get_env(self) -> Any:
         """SB3's VecEnv that the model is trained on; None for a model without an environment.

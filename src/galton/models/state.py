@@ -91,8 +91,8 @@ class Run:
         self._learner = None
         self.population.advance(n_updates)
 
-    def resume(self, path: Path, arrays: Arrays) -> str:
-        """Go on where the arrays of a file are; the text returned says why not exactly, and is empty if exactly."""
+    def resume(self, path: Path, arrays: Arrays) -> tuple[str, str]:
+        """Go on where the arrays of a file are; what `file.resume` tells."""
         self._learner = None
         try:
             return file.resume(path, self.population, arrays)

@@ -43,7 +43,7 @@ def box(
 ) -> tuple[Float[Tensor, " d"], Float[Tensor, " d"]]:
     """Both bounds as tensors `[d]`, on the logits' device; UsageError for a box that can't be cut into bins.
 
-    Numbers are always checked. Tensors, which may lie on a device, are where arguments are validated.
+    Numbers are always checked, and tensors in this machine's memory. Others are where arguments are validated.
     """
     d, bounds = logits.shape[-2], []
     for name, bound in (("low", low), ("high", high)):
@@ -54,10 +54,14 @@ def box(
         fits = given.ndim == 0 or tuple(given.shape) == (d,)
         require(fits, f"{name} has shape {tuple(given.shape)}; the logits [..., d, k] have d = {d} dimensions")
         bounds.append(given.expand(d))
-    if not torch.compiler.is_compiling() and (validate or not isinstance(low, Tensor) or not isinstance(high, Tensor)):
+    if not torch.compiler.is_compiling() and (validate or _is_here(low) or _is_here(high)):
         _check_box(bounds[0].cpu(), bounds[1].cpu(), logits)
     first, last = (bound.to(exact(logits)).to(logits.device) for bound in bounds)
     return first, last
+
+
+def _is_here(bound: object) -> bool:
+    return not isinstance(bound, Tensor) or (type(bound) is Tensor and bound.device.type == "cpu")
 
 
 def _check_box(low: Float[Tensor, " d"], high: Float[Tensor, " d"], logits: Float[Tensor, "*batch d k"]) -> None:

@@ -8,7 +8,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from galton.errors import require, require_word
-from galton.torch.bins import exact
+from galton.torch.bins import center_shares, exact
 
 Target = Literal["hl-gauss", "two-hot"]
 
@@ -16,7 +16,8 @@ Target = Literal["hl-gauss", "two-hot"]
 def value_of(logits: Float[Tensor, "*batch k"], low: float, high: float) -> Float[Tensor, "*batch"]:
     """The value that a critic's logits mean: the mean of the bins' centers between low and high."""
     logits = _checked(logits, low, high)
-    return low + (high - low) * (torch.softmax(logits, -1) * _centers(logits)).sum(-1)
+    centers = center_shares(logits.shape[-1], "inside", logits)
+    return low + (high - low) * (torch.softmax(logits, -1) * centers).sum(-1)
 
 
 def classification_loss(
@@ -46,7 +47,8 @@ def classification_loss(
     require(0 < eta < math.inf, f"eta is {eta}; the target's width must be finite, and greater than 0")
     fits = returns.shape == logits.shape[:-1]
     require(fits, f"returns have shape {tuple(returns.shape)}; of logits {tuple(logits.shape)} they have all but k")
-    centers, k = _centers(logits), logits.shape[-1]
+    k = logits.shape[-1]
+    centers = center_shares(k, "inside", logits)
     returns = returns.detach().to(logits.dtype)  # the target is a constant, also where returns are bootstrapped
     share = ((returns - low) / (high - low)).clamp(centers[0], centers[-1])[..., None]
     if target == "two-hot":
@@ -65,8 +67,3 @@ def _checked(logits: Tensor, low: float, high: float) -> Tensor:
     )
     require(logits.shape[-1] > 1, f"logits have shape {tuple(logits.shape)}; they must be [..., k] of 2 bins or more")
     return logits.to(exact(logits))
-
-
-def _centers(logits: Tensor) -> Tensor:
-    k = logits.shape[-1]
-    return (torch.arange(k, dtype=logits.dtype, device=logits.device) + 0.5) / k

@@ -13,7 +13,7 @@ from galton.torch import bins
 Loss = Literal["hl-one-hot", "hl-gauss", "hl-gauss-centred"]
 Rule = Literal["mode", "mean"]
 Shape = torch.Size | list[int] | tuple[int, ...]
-DIVERGED = "logits hold NaN or infinity; the network has diverged: lower its learning rate"
+DIVERGED = "logits hold NaN or infinity; the network has diverged: lower its learning rate. Bins can't be masked so"
 SLACK = 1e-4
 """An action may lie so far outside of the box, in sizes of the box: rounding, and no mistake."""
 
@@ -211,7 +211,8 @@ def _kl(p: Histogram, q: Histogram) -> Tensor:
     one, other = ((*each.event_shape, each.n_bins, each.bin_centers) for each in (p, q))
     require(one == other, f"one distribution has d, k and bin_centers {one}, and the other {other}")
     if p._validate_args:
-        apart = bins.is_true((p.low != q.low).any() | (p.high != q.high).any())
+        (low, high), (other_low, other_high) = ((each.low.float(), each.high.float()) for each in (p, q))
+        apart = bins.is_true((low != other_low).any() | (high != other_high).any())
         require(not apart, "one distribution has other bounds than the other, so their bins are different actions")
     log_p, log_q = p.log_probs, q.log_probs
     return (log_p.exp() * (log_p - log_q)).sum((-2, -1))

@@ -267,7 +267,8 @@ class Group:
             told = {name: np.concatenate(value) for name, value in snapshot.get("statistics", {}).items()}
             for i, layers in enumerate(self.environments.layers if told else ()):
                 for place, statistics in statistics_of(layers).items():
-                    set_moments(statistics, {name: told[f"{place}/{name}"][i] for name in MOMENTS})
+                    moments = {name: told[f"{place}/{name}"][i] for name in MOMENTS if f"{place}/{name}" in told}
+                    set_moments(statistics, moments)
             self._start_anew()
             return
         self._interrupted = False

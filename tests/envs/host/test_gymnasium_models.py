@@ -103,7 +103,30 @@ class Twisted(Stateful):
         return super().reset(options=options)
 
 
+class Growing(Stateful):
+    """After a reset its position is an integer, and its goal isn't there before the first step."""
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        self.position, self.goal = 0, None
+        return self.observe(), {}
+
+    def step(self, action):
+        if self.goal is None:
+            self.goal = self.np_random.normal()
+        observation, reward, *ends = super().step(action)
+        return observation, reward + self.goal, *ends
+
+    def get_state(self):
+        return super().get_state() | ({} if self.goal is None else {"goal": self.goal})
+
+    def set_state(self, state):
+        super().set_state(state)
+        self.goal = float(state["goal"]) if "goal" in state else None
+
+
 EXACT = {
+    "a state that grows": Growing,
     "a time limit": lambda: TimeLimit(Stateful(), 7),
     "no time limit": Stateful,
     "no numbers": Memoryless,
@@ -141,3 +164,30 @@ def test_a_file_from_before_the_wrappers_were_saved_loads_and_says_that_it_does_
     with pytest.warns(galton.InexactResume, match="the checkpoint has no state for its environments .*wrapper/0/Norm"):
         model = galton.A2C.load(tmp_path / "before", env=EXACT["statistics"])
     assert model.learn(10 * N, progress_bar=False).num_timesteps == 20 * N
+
+
+def around(*wrap):
+    """A function that makes the environment with these wrappers, the innermost first."""
+    return lambda: functools.reduce(lambda env, wrapper: wrapper(env), wrap, Walk())
+
+
+@pytest.mark.parametrize(
+    ("again", "told"),
+    [
+        (around(NormalizeObservation, wrappers.RecordEpisodeStatistics), "set_state for it$"),
+        (around(), "the statistics of NormalizeObservation are lost: wrap it as in training$"),
+        (Stateful, "it has wrapper/0/NormalizeObservation/.*the statistics of NormalizeObservation are lost"),
+        (around(NormalizeObservation, wrappers.NormalizeReward), "there are no statistics for NormalizeReward: wrap"),
+    ],
+)
+def test_statistics_follow_their_wrapper_to_another_place_and_lost_ones_are_told(again, told, tmp_path):
+    stateful = again is Stateful
+    make = (lambda: NormalizeObservation(Stateful())) if stateful else around(NormalizeObservation)
+    model = make_model(make).learn(10 * N, progress_bar=False)
+    path = model.save(tmp_path / "model")
+    with pytest.warns(galton.InexactResume, match=told):
+        loaded = galton.A2C.load(path, env=again)
+    before, after = (
+        [float(one.count) for own in each.wrapper_statistics for one in own.values()] for each in (model, loaded)
+    )
+    assert after == ([] if "lost" in told else [count + 1 for count in before]), "a reset counts one more"

@@ -18,6 +18,9 @@ from galton.errors import require
 MOMENTS = ("mean", "var", "count")
 """The attributes of running statistics that are all of them."""
 
+PREFIX = "statistics/"
+"""The beginning of the names that a file has for them."""
+
 AsGiven = Callable[[Float[np.ndarray, " M"]], Float[np.ndarray, " M"]]
 """A function of the rewards of a step of all copies."""
 
@@ -54,8 +57,7 @@ def set_moments(statistics: Any, moments: dict[str, Any]) -> None:
 
 def statistics_in(arrays: dict[str, np.ndarray]) -> list[dict[str, Any]]:
     """The observations' statistics of each copy that a file of one run has, by place; nothing where it has none."""
-    prefix = "statistics/"
-    told = {name.removeprefix(prefix): of_run[0] for name, of_run in arrays.items() if name.startswith(prefix)}
+    told = {name.removeprefix(PREFIX): of_run[0] for name, of_run in arrays.items() if name.startswith(PREFIX)}
     means = {name.rpartition("/")[0]: of_copies for name, of_copies in told.items() if name.endswith("/mean")}
     whole = [place for place in means if all(f"{place}/{m}" in told for m in MOMENTS)]
     places = [place for place in whole if means[place].ndim > 1]  # others are of rewards
@@ -64,6 +66,28 @@ def statistics_in(arrays: dict[str, np.ndarray]) -> list[dict[str, Any]]:
         {place: types.SimpleNamespace(**{m: told[f"{place}/{m}"][i] for m in MOMENTS}) for place in places}
         for i in range(n)
     ]
+
+
+def placed(arrays: dict[str, np.ndarray], like: dict[str, np.ndarray]) -> tuple[dict[str, np.ndarray], str]:
+    """The statistics that a file of one run has for environments which have these, and what became of others.
+
+    Wrapper and attribute say which are the same, and the order where there are several: with another wrapper around
+    them they have another place.
+    """
+    there = {name.removeprefix(PREFIX): array for name, array in arrays.items() if name.startswith(PREFIX)}
+    found: dict[str, np.ndarray] = {}
+    for kind in {_kind(name): None for name in like}:
+        own, theirs = ([name for name in names if _kind(name) == kind] for names in (like, there))
+        if [like[name].shape for name in own] == [there[name].shape for name in theirs]:
+            found |= {name: there.pop(other) for name, other in zip(own, theirs, strict=True)}
+    new, lost = wrappers_at(like.keys() - found.keys()), wrappers_at(there)
+    told = [f"there are no statistics for {new}"] * bool(new) + [f"the statistics of {lost} are lost"] * bool(lost)
+    return found, " and ".join(told)
+
+
+def _kind(name: str) -> str:
+    """The wrapper, the attribute and the moment of a name, without its place."""
+    return name.partition("/")[2]
 
 
 def take_statistics(name: str, layers: Layers, trained: dict[str, Any] | None) -> None:
