@@ -23,7 +23,9 @@ class Answers(NamedTuple):
     equal_steps: Factorial
     """Every run is read at its end."""
     equal_time: Mapping[str, Factorial]
-    """Of the baseline and one other method each, by the latter's name: both are read when the faster one ends."""
+    """Of the baseline and one other method each, by the latter's name: both are read when the faster one ends.
+
+    Without a method one of whose runs, or of the baseline's, has seen no episode end by then."""
 
 
 def answers(
@@ -45,8 +47,10 @@ def answers(
         for each in runs:
             shares = dict.fromkeys(names, 1.0) | {name: 1 / by_task[each.task], base: by_task[each.task]}
             last = protocol.selection.last
-            judged[each.task] = {of: each.finals_at(of, min(1.0, share), last) for of, share in shares.items()}
-        equal_time[name] = factorial(stacked(normalised(judged), [base, name]))
+            finals = {of: each.finals_at(of, min(1.0, share), last) for of, share in shares.items()}
+            judged[each.task] = {of: numbers for of, numbers in finals.items() if numbers is not None}
+        if all(len(of_method) == len(names) for of_method in judged.values()):
+            equal_time[name] = factorial(stacked(normalised(judged), [base, name]))
     return Answers(times, factorial(stacked(scores, names), names.index(base)), equal_time)
 
 

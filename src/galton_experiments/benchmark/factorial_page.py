@@ -11,7 +11,7 @@ from galton_experiments.analysis.statistics import Interval
 from galton_experiments.benchmark import figures, tables
 from galton_experiments.benchmark.found import Found
 from galton_experiments.benchmark.protocol import Method
-from galton_experiments.benchmark.standings import with_worst
+from galton_experiments.benchmark.standings import UNKNOWN, with_worst
 from galton_experiments.page.page import Section, Table
 
 _FEWEST = 5
@@ -162,6 +162,7 @@ def sections(found: Found, drawn_already: Mapping[str, Figure]) -> list[Section]
     """The sections that stand in the place of those of a benchmark in stages."""
     base, metric = found.protocol.baseline.label, tables.metric(found)
     same = "A mark is a draw, square for an anchor. Above the line it has a higher score under the method."
+    same = f"{same} {figures.few(found)}".strip()
     return [
         Section("above", f"P(above {base}) by {metric}", "", None, above(found), _TEXT),
         Section("above-by-task", f"P(above {base}) on each task", "", None, above_by_task(found)),
@@ -188,7 +189,7 @@ def _row(found: Found, method: Method, field: str, timed: bool) -> np.ndarray | 
 def _p(found: Found, method: Method, way: str, timed: bool = False) -> Interval:
     """P(above the baseline), NaN where no time of a step is known."""
     row = _row(found, method, way, timed)
-    return row if isinstance(row, Interval) else Interval(*[np.float64(np.nan)] * 3)
+    return row if isinstance(row, Interval) else UNKNOWN
 
 
 def _at(interval: Interval, *place: int) -> Interval:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from galton.errors import UsageError, require
-from galton_experiments.analysis.plain import plain
+from galton_experiments.analysis.plain import plain, rounded
 from galton_experiments.benchmark.draws import Draws, draws
 from galton_experiments.benchmark.found import Found
 from galton_experiments.benchmark.protocol import Protocol
@@ -180,7 +180,7 @@ def made(store: Store) -> dict[str, Any]:
         raise UsageError(f"out is {store.url}, whose {MADE} is damaged ({error}); remove that file") from None
 
 
-def _speeds(part: Part, sweeps: Sequence[Trained]) -> dict[str, int]:
+def _speeds(part: Part, sweeps: Sequence[Trained]) -> dict[str, float]:
     """Environment steps a second, training and evaluation, of a worker that trains a method's runs side by side.
 
     Runs that are trained together share their time evenly; in a narrow shard each has more of it than in a wide one.
@@ -198,7 +198,7 @@ def _speeds(part: Part, sweeps: Sequence[Trained]) -> dict[str, int]:
     for method in dict.fromkeys(entry.method for entry in part.entries):
         own = {entry.setting for entry in part.entries if entry.method == method}
         steps, seconds = np.sum([cost for setting in own for cost in costs[setting]], axis=0).tolist()
-        speeds[method] = round(steps / max(seconds, 1e-9))
+        speeds[method] = rounded(steps / max(seconds, 1e-9))
     return speeds
 
 

@@ -50,10 +50,11 @@ class Runs:
         """The final mean of one of CURVES, a row for each draw of this role; NaN for a diverged run."""
         return finals(self._of(method, role), curve).reshape(-1, self.part.trials)
 
-    def finals_at(self, method: str, share: float, last: float) -> Float[np.ndarray, "draws trials"]:
+    def finals_at(self, method: str, share: float, last: float) -> Float[np.ndarray, "draws trials"] | None:
         """Return the number that judges each run of a method's draws, read after a share of its steps.
 
-        It is the mean of the last part of the curve up to there; NaN for a run that has diverged by then.
+        It is the mean of the last part of the curve up to there; NaN for a run that has diverged by then. None if there
+        is none of a run in which no episode has ended by then.
         """
         if share == 1:
             return self.finals(method, "draw")
@@ -62,6 +63,8 @@ class Runs:
             n = max(1, sum(step <= share * row["steps"][-1] for step in row["steps"]))
             gone = 0 <= row["diverged_at"] <= row["steps"][n - 1]
             found.append(_final(row["judged"][:n], row["diverged_at"] if gone else -1, last))
+            if np.isnan(found[-1]) and not gone:
+                return None
         return np.array(found).reshape(-1, self.part.trials)
 
     def diverged(self, method: str, role: Role) -> int:

@@ -1,7 +1,7 @@
 """Fresh seeds judge the methods: normalised scores, comparisons with the baseline, and what tuning brings."""
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -16,6 +16,9 @@ from galton_experiments.benchmark.runs import CURVES, Runs
 from galton_experiments.benchmark.selection import Judged, normalised
 from galton_experiments.benchmark.stages import Role
 
+UNKNOWN = Interval(*[np.float64(np.nan)] * 3)
+"""The interval of a number that is not known."""
+
 
 class Score(NamedTuple):
     """A score says how a method does over all tasks of a stage, by percentiles among all methods' runs of each task."""
@@ -25,7 +28,7 @@ class Score(NamedTuple):
     middle: Interval
     """The interquartile mean of all runs, by the same: it may leave out a whole task, where a method fails or wins."""
     training: Interval
-    """The mean as `judged`, by the training return."""
+    """The mean as `judged`, by the training return; NaN where a run that has not diverged has none."""
 
 
 class Result(NamedTuple):
@@ -34,6 +37,7 @@ class Result(NamedTuple):
     judged: Interval
     """The mean return that runs are judged by, with Student's interval."""
     training: Interval
+    """The same of the training return; NaN where a run of the task that has not diverged has none."""
     worst: float
     """The worst run, by what it is judged by; NaN where every run of the task diverged."""
     diverged: int
@@ -79,14 +83,17 @@ def standings(protocol: Protocol, runs: Sequence[Runs]) -> Standings:
     roles: tuple[Role, ...] = ("shared",) if runs[0].stage == "held-out" else ("shared", "per-task")
     finals = {curve: _finals(runs, methods, roles, curve) for curve in CURVES}
     judged, training = (normalised(finals[curve]) for curve in CURVES)
+    untold = {each.task for each in runs if _is_untold(*(finals[curve][each.task] for curve in CURVES))}
     filled = {curve: {task: with_worst(of_task) for task, of_task in finals[curve].items()} for curve in CURVES}
     return Standings(
         tasks=tuple(judged),
-        scores={m: {role: _score(judged, training, m, i) for i, role in enumerate(roles)} for m in methods},
+        scores={
+            m: {role: _score(judged, {} if untold else training, m, i) for i, role in enumerate(roles)} for m in methods
+        },
         above={m: {other: _improvement(judged, m, other) for other in methods if other != m} for m in methods},
-        above_in_training={m: _improvement(training, m, base) for m in others},
+        above_in_training={m: UNKNOWN if untold else _improvement(training, m, base) for m in others},
         above_per_task={m: _improvement(judged, m, base, 1) for m in others} if "per-task" in roles else {},
-        results={each.task: {m: _results(each, filled, m, roles) for m in methods} for each in runs},
+        results={each.task: {m: _results(each, filled, m, roles, untold) for m in methods} for each in runs},
         versus={m: _versus(finals["judged"], filled["judged"], m, base) for m in others},
         sensitivity={m: _sensitivity(judged, m) for m in methods} if "per-task" in roles else {},
     )
@@ -95,7 +102,8 @@ def standings(protocol: Protocol, runs: Sequence[Runs]) -> Standings:
 def _score(judged: Judged, training: Judged, method: str, row: int) -> Score:
     """The scores of a method in one role."""
     found, trained = _of(judged, method, row), _of(training, method, row)
-    return Score(mean_band(found, RESAMPLES), interquartile_mean(found), mean_band(trained, RESAMPLES))
+    in_training = mean_band(trained, RESAMPLES) if trained else UNKNOWN
+    return Score(mean_band(found, RESAMPLES), interquartile_mean(found), in_training)
 
 
 def _improvement(scores: Judged, method: str, other: str, row: int = 0) -> Interval:
@@ -103,12 +111,22 @@ def _improvement(scores: Judged, method: str, other: str, row: int = 0) -> Inter
     return improvement(_of(scores, method, row), _of(scores, other, row), paired=True)
 
 
-def _results(runs: Runs, filled: Mapping[str, Judged], method: str, roles: Sequence[Role]) -> dict[Role, Result]:
+def _is_untold(judged: Mapping[str, np.ndarray], training: Mapping[str, np.ndarray]) -> bool:
+    """Say whether a run that has not diverged has no training return, because none of its episodes ended."""
+    return any(bool((np.isnan(runs) & ~np.isnan(judged[method])).any()) for method, runs in training.items())
+
+
+def _results(
+    runs: Runs, filled: Mapping[str, Judged], method: str, roles: Sequence[Role], untold: Collection[str]
+) -> dict[Role, Result]:
     """Return the results of a method on one task, in each role."""
     judged, training = (filled[curve][runs.task][method] for curve in CURVES)
     return {
         role: Result(
-            mean_interval(judged[i]), mean_interval(training[i]), float(judged[i].min()), runs.diverged(method, role)
+            mean_interval(judged[i]),
+            UNKNOWN if runs.task in untold else mean_interval(training[i]),
+            float(judged[i].min()),
+            runs.diverged(method, role),
         )
         for i, role in enumerate(roles)
     }

@@ -67,7 +67,8 @@ def prior(found: Found) -> Table:
         return [[name, who, of.told()] for name, of in priors.items()]
 
     own = [row for method in protocol.methods for row in rows(method.label, method.search)]
-    return Table(["field", "drawn for", "from"], [*rows("all that have a use for it", protocol.prior), *own])
+    scaled = [[name, f"on {task.label}", f"× {by:g}"] for task in protocol.tasks for name, by in task.scale.items()]
+    return Table(["field", "drawn for", "from"], [*rows("all that have a use for it", protocol.prior), *own, *scaled])
 
 
 def settings(found: Found) -> Table:
@@ -119,7 +120,7 @@ def speeds(found: Found, made: Mapping[str, Any]) -> Table:
     """
     tasks = [each.part for each in found.tuning if each.part.name in made]
     rows = [
-        [method.label, *(f"{made[part.name]['steps_per_second'][method.name]:,}" for part in tasks)]
+        [method.label, *(f"{made[part.name]['steps_per_second'][method.name]:,.0f}" for part in tasks)]
         for method in found.protocol.methods
     ]
     return Table(["method", *(part.task.label for part in tasks)], rows)

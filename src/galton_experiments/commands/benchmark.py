@@ -12,7 +12,7 @@ from rich.table import Table as View
 
 from galton.cli._progress import plain_console
 from galton.cli._reading import import_typed, read_options
-from galton.errors import UsageError, require_integer
+from galton.errors import UsageError, require, require_integer
 from galton_experiments.benchmark import factorial_page, report, stages, tables
 from galton_experiments.benchmark.answer import sentences
 from galton_experiments.benchmark.draws import draws
@@ -65,6 +65,8 @@ def main(arguments: Sequence[str]) -> None:
     protocol = read(options.file, import_of_file)
     of_tasks = [task.env.partition(":")[0] for task in protocol.tasks if ":" in task.env]
     import_of_file(list(dict.fromkeys(of_tasks)))
+    more = " ".join(sorted(set(options.imports) - {*protocol.imports, *of_tasks}))
+    require(not more, f"imports is {more}, which no worker would import; name it among the imports of {options.file}")
     try:
         stages.check(protocol, draws(protocol))
     except UsageError as error:
@@ -132,4 +134,4 @@ def _print(console: Console, title: str, table: Table) -> None:
     for row in table.rows:
         view.add_row(*row)
     console.print(title)
-    console.print(view)
+    console.print(view, crop=False)

@@ -33,7 +33,11 @@ def expand(blocks: Iterable[Mapping[str, object]], base: Mapping[str, object]) -
         UsageError: an unknown field, a value out of range, or more than MOST_SETTINGS points.
     """
     points: list[Fields] = []
+    algorithm = base.get("algorithm", CHOICES["algorithm"].usual)
     for block in blocks:
+        other = [name for name in _axis("algorithm", block.get("algorithm", algorithm)) if name != algorithm]
+        told = f"algorithm is {other}, and the other settings are those of {algorithm!r}; give each a sweep of its own"
+        require(not other, told)
         axes = {name: _axis(name, value) for name, value in block.items()}
         n = math.prod(map(len, axes.values()))
         require(

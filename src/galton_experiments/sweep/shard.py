@@ -6,8 +6,9 @@ import datetime
 import functools
 import json
 import re
+import sys
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -84,7 +85,7 @@ class Report:
 def work(url: str, index: int, name: str | None = None) -> Report:
     """Train shard `index` of the plan at `url` and commit it. Doing it again replaces nothing and does no harm.
 
-    One that an earlier worker began, with the same versions, goes on from what was kept of it.
+    One that an earlier worker began, with the same versions and modules, goes on from what was kept of it.
 
     Args:
         url: the sweep's folder, as this process sees it.
@@ -100,7 +101,7 @@ def work(url: str, index: int, name: str | None = None) -> Report:
     import_all(Plan.imports(store))
     plan = Plan.load(store)
     shard = plan.get(index)
-    begun = _Begun(store, f"{index:07d}-{shard.name}")
+    begun = _Begun(store, f"{index:07d}-{shard.name}", plan.study.modules)
     require(
         name in (None, shard.name),
         f"out is {url}, whose plan was replaced meanwhile; give each sweep a folder of its own",
@@ -131,28 +132,29 @@ class _Begun:
     So a worker that is ended loses no more than EVERY seconds, or the way to the next log point.
     """
 
-    def __init__(self, store: Store, name: str) -> None:
+    def __init__(self, store: Store, name: str, modules: Sequence[str]) -> None:
         self._store, self._name, self._next = store, name, time.monotonic() + EVERY
+        self._made_by = _made_by(tuple(modules))
 
     def keep(self, arrays: Callable[[], Kept | None]) -> None:
         """Write it, if the last time was long ago and the environments can tell their states."""
         if time.monotonic() < self._next:
             return
         if (found := arrays()) is not None:
-            data = safetensors.numpy.save(found, {"versions": _made_by()})
+            data = safetensors.numpy.save(found, {"versions": self._made_by})
             earlier, file = self._files(), f"{self._name}-{checksum(data)}.begun"
             self._store.write(f"{FOLDER}/{file}", data)
             self._remove(set(earlier) - {file})
         self._next = time.monotonic() + EVERY
 
     def kept(self) -> Kept | None:
-        """The arrays that are kept, of this process's versions; None where there are none, or damaged ones."""
+        """The arrays that are kept, of this process's versions and sources; None where there are none, or damaged."""
         for file in self._files():
             with contextlib.suppress(FileNotFoundError):
                 data = self._store.read(f"{FOLDER}/{file}")
                 if file == f"{self._name}-{checksum(data)}.begun":
                     length = int.from_bytes(data[:8], "little")
-                    if json.loads(data[8 : 8 + length])["__metadata__"]["versions"] == _made_by():
+                    if json.loads(data[8 : 8 + length])["__metadata__"]["versions"] == self._made_by:
                         return safetensors.numpy.load(data)
         return None
 
@@ -170,9 +172,10 @@ class _Begun:
 
 
 @functools.cache
-def _made_by() -> str:
-    """The versions, with a checksum of Galton's own sources in the place of the commit, which doesn't tell all."""
+def _made_by(modules: tuple[str, ...]) -> str:
+    """The versions, with a checksum of sources in the place of the commit: Galton's own and those of these modules."""
     sources = sorted(Path(galton.__file__).parent.rglob("*.py"))
+    sources += [Path(file) for file in (getattr(sys.modules.get(name), "__file__", None) for name in modules) if file]
     return json.dumps(versions() | {"commit": checksum(b"".join(source.read_bytes() for source in sources))})
 
 

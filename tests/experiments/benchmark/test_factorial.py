@@ -76,6 +76,17 @@ def test_a_run_that_diverges_after_it_is_read_counts():
     assert np.isnan(runs.finals_at("ppo", 0.8, 0.1)).all()
 
 
+def test_where_no_episode_has_ended_when_it_is_read_equal_time_says_nothing():
+    known = found(0.0)
+    for runs in known.tuning:
+        late = [np.where(np.array(curve) < curve[-1] - 40, np.nan, curve) for curve in runs.table["judged"].to_pylist()]
+        object.__setattr__(runs, "table", runs.table.set_column(2, "judged", [late]))
+    assert known.tuning[0].finals_at("bins", 0.5, 0.1) is None
+    assert {*answers(KNOWN, known.tuning, known.scores, SPEEDS).equal_time} == set()
+    nearly = {task: {"gaussian": 300.0, "bins": 250.0, "ppo": 900.0} for task in SPEEDS}
+    assert {*answers(KNOWN, known.tuning, known.scores, nearly).equal_time} == {"bins"}
+
+
 def test_at_equal_time_the_slow_method_is_behind_and_the_fast_one_ahead():
     known = found(3.0).factorial
     assert (known.equal_steps.same_draw.mean[1:] > 0.9).all()

@@ -296,4 +296,7 @@ def test_the_command_names_the_file_and_writes_nothing_for_a_wrong_one(tmp_path,
     )
     with pytest.raises(UsageError, match=r"imports names 'not_there', .* if it lies there and you trust it, give"):
         command.main(["mine.toml"])
+    monkeypatch.setattr(command, "read", lambda path, importing: of_record(RECORD))
+    with pytest.raises(UsageError, match=r"imports is json, which no worker would import; name it among the imports"):
+        command.main(["mine.toml", "--imports", "json"])
     assert [*tmp_path.iterdir()] == []

@@ -1,5 +1,6 @@
 """What is selected, and what the runs that judge it say."""
 
+import dataclasses
 import itertools
 
 import numpy as np
@@ -119,6 +120,19 @@ def test_standings_are_what_plain_counting_finds():
     assert found.sensitivity["gaussian"].mean == pytest.approx(gain)
     assert found.sensitivity["bins"] == (0, 0, 0)  # one setting in both roles: no luck in it
     assert found.above_in_training["bins"].mean == pytest.approx(1 - found.above["bins"]["gaussian"].mean)
+
+
+def test_a_run_without_a_training_return_is_no_diverged_one():
+    runs, _ = made_up()
+    first = runs[0].table
+    training = first["final_training"].to_numpy().copy()
+    training[0] = np.nan
+    changed = dataclasses.replace(runs[0], table=first.set_column(1, "final_training", [training]))
+    before, found = standings(KNOWN, runs), standings(KNOWN, [changed, *runs[1:]])
+    assert np.isnan([found.scores["bins"]["shared"].training.mean, found.above_in_training["bins"].mean]).all()
+    for task, is_known in (("bandit", False), ("noisy", True)):
+        assert np.isfinite(found.results[task]["bins"]["shared"].training.mean) == is_known
+    assert found.above == before.above
 
 
 def test_a_diverged_run_counts_as_the_worst_and_is_counted():

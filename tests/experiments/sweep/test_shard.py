@@ -1,6 +1,7 @@
 """One shard: trained, committed, checked."""
 
 import dataclasses
+import importlib
 
 import jax
 import numpy as np
@@ -118,10 +119,10 @@ def test_what_was_kept_is_left_alone_where_it_is_damaged_or_of_another_version(p
     with pytest.raises(Ended):
         work(store.url, 0)
     (file,) = store.names(FOLDER)
-    begun = shard._Begun(store, file.rpartition("-")[0])
+    begun = shard._Begun(store, file.rpartition("-")[0], plan.study.modules)
     assert begun.kept() is not None
     with monkeypatch.context() as patched:
-        patched.setattr(shard, "_made_by", lambda: "another version")
+        patched.setattr(begun, "_made_by", "another version")
         assert begun.kept() is None
     content = bytearray((store.local / FOLDER / file).read_bytes())
     content[-1] ^= 1
@@ -130,6 +131,18 @@ def test_what_was_kept_is_left_alone_where_it_is_damaged_or_of_another_version(p
     work(store.url, 0)
     assert [name for name in store.names(FOLDER) if name.endswith(".begun")] == []
     assert list(finished(store, plan)) == [0]
+
+
+def test_a_module_that_changed_is_another_version(tmp_path, monkeypatch):
+    (tmp_path / "own_loss_of_a_shard.py").write_text("x = 1.0")
+    monkeypatch.syspath_prepend(tmp_path)
+    importlib.import_module("own_loss_of_a_shard")
+    before, modules = shard._made_by(()), ("own_loss_of_a_shard",)
+    told = shard._made_by(modules)
+    (tmp_path / "own_loss_of_a_shard.py").write_text("x = 0.0")
+    shard._made_by.cache_clear()
+    assert len({before, told, shard._made_by(modules)}) == 3
+    assert shard._made_by(()) == before
 
 
 def test_a_files_metadata_tells_versions_and_machine(planned):
