@@ -6,6 +6,7 @@ import os
 import sys
 import types
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -220,7 +221,7 @@ def test_false_stops_at_that_log_point_after_the_others_and_none_and_true_do_not
     assert len(calls) == 3
     assert learn(model, lambda model, log: True) == 100
     assert learn(model, lambda model, log: None) == 100
-    for verdict in (False, np.bool_(False)):
+    for verdict in (False, np.bool_(False), jnp.array(False)):
         assert learn(model, lambda model, log, verdict=verdict: verdict) == 20
     assert learn(model, [Evaluate(20, 1), StopOnReward(-1e9)]) == 20
     model.learn(20, progress_bar=False)

@@ -13,6 +13,7 @@ import pytest
 
 import galton
 from galton import Model, UsageError
+from galton.callbacks import Checkpoint, Evaluate
 from galton.cli._words import run_command
 from galton.deploy import export
 from galton.types import Count
@@ -95,6 +96,30 @@ class Remembering(galton.algorithms.A2C):
 
     def init(self, agent, params):
         return {"best": jnp.array(-jnp.inf)}
+
+
+class Telling(galton.algorithms.A2C):
+    """It tells a number more than it says."""
+
+    label = "telling"
+
+    def update(self, agent, learner, batch, key):
+        learner, told = super().update(agent, learner, batch, key)
+        return learner, told | {"mood": 1.0}
+
+
+def test_an_algorithm_that_tells_other_numbers_than_it_says_is_told_so():
+    agent = galton.make_agent(loss="gaussian", n_envs=1, **SMALL).replace(algorithm=Telling())
+    with pytest.raises(UsageError, match=r"algorithm is 'a2c', whose update tells .*mood.*; its scalars are "):
+        Model.of("lqr", agent).learn(20, progress_bar=False)
+
+
+def test_a_model_that_no_file_can_name_is_refused_before_it_is_trained(tmp_path):
+    model = Model.of("lqr", galton.make_agent(loss="gaussian", n_envs=1, **SMALL).replace(network=Bumps()))
+    for callback in (Checkpoint(tmp_path / "m", 10), Evaluate(10, 1, best_model=tmp_path / "m")):
+        with pytest.raises(UsageError, match=r"network is Bumps.*files hold names"):
+            model.learn(20, callback, progress_bar=False)
+    assert model.num_timesteps == 0
 
 
 def test_what_parts_of_ones_own_learn_and_remember_is_loaded_whatever_it_is(tmp_path, monkeypatch):

@@ -7,6 +7,7 @@ import typing
 from typing import ClassVar, Literal
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -379,3 +380,13 @@ def test_an_agent_refuses_parts_that_do_not_fit_together():
     ):
         with pytest.raises(UsageError, match=re.escape(message)):
             Agent(**THREE | {field: part})
+
+
+def test_arrays_of_jax_are_checked_as_numbers_are():
+    with pytest.raises(UsageError, match=r"learning_rate is -0.001.*; it must be finite, and"):
+        make_agent(learning_rate=jnp.array([1e-3, -1e-3]))
+    with pytest.raises(UsageError, match="batch_size is 48"):
+        make_agent(algorithm="ppo", n_steps=32, n_envs=2, batch_size=48, learning_rate=jnp.float32(1e-3))
+    made = make_agent(learning_rate=jnp.float32(1e-3))
+    assert float(made.optimizer.learning_rate) == pytest.approx(1e-3)
+    assert made.optimizer == make_agent(learning_rate=np.float32(1e-3)).optimizer

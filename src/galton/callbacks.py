@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from galton.agents import words_of
+from galton.agents import words_of, written
 from galton.envs.find import find
 from galton.envs.task import check_same_spaces
 from galton.errors import is_number, require, require_integer
@@ -82,6 +82,7 @@ class Evaluate:
             check_same_spaces(task, model.actions, model.observations)
             self._on = (kept(task, self.n_episodes),)
         if self.best_model is not None:
+            written(words_of(model.agent))
             path = Path(self.best_model)
             files.check_place("best_model", path)
             before = best_before(path, model.env_name, model.agent, model.seed, model.num_timesteps)
@@ -134,8 +135,9 @@ class Checkpoint:
         unknown = str(self.path).replace("{step}", "")
         require("{" not in unknown, f"path is {self.path}; {{step}} is all that can stand in braces")
 
-    def check(self, _: Any) -> None:
-        """Raise UsageError for a file that can't be written."""
+    def check(self, model: Any) -> None:
+        """Raise UsageError for a file, or a model, that can't be written."""
+        written(words_of(model.agent))
         path = Path(self.path)
         folders = itertools.takewhile(lambda part: "{step}" not in part, path.parent.parts)
         files.check_place("path", Path(*folders, path.name))

@@ -30,7 +30,7 @@ from galton.errors import require
 from galton.fields import Within, annotations, checked
 
 PartT = TypeVar("PartT", bound="Part")
-_COMPUTED = jax.Array | jax.ShapeDtypeStruct
+_COMPUTED = (jax.core.Tracer, jax.ShapeDtypeStruct)
 """The types of the arrays that programs compute with, whose values can't be checked."""
 
 

@@ -11,6 +11,7 @@ from safetensors.numpy import load_file
 
 from galton import A2C, PPO, UsageError, make_agent, train
 from galton.algorithms import minibatches, ppo
+from galton.critics import SquaredErrorCritic
 from galton.schedules import Step
 
 from ..swing import stateful_swing
@@ -188,11 +189,22 @@ def test_the_usual_ratio_is_smoothed_for_a_loss_with_a_bias_alone(loss, usual):
     assert (found["smoothed"] == pytest.approx(found["true"], rel=1e-3)) == (loss in ("gaussian", "hl-one-hot"))
 
 
+class Hundredfold(SquaredErrorCritic):
+    """Its value is not its output."""
+
+    label = "hundredfold"
+
+    def value(self, outputs):
+        return 100 * super().value(outputs)
+
+
 def test_the_change_of_a_value_is_clipped_for_the_squared_error_alone():
     told = r"^clip_range_vf is 0\.2, but critic 'HL-Gauss' has no one value to clip; leave it at inf or take critic='sq"
     for clipped in (0.2, Step(np.inf, 0.2, 9)):
         with pytest.raises(UsageError, match=told):
             agent_of("histogram", "hl-one-hot", critic="hl-gauss", normalize_reward=True, clip_range_vf=clipped)
+    with pytest.raises(UsageError, match=r"clip_range_vf is 0.2, but critic 'hundredfold'"):
+        make_agent(loss="gaussian", algorithm="ppo", critic=Hundredfold(), clip_range_vf=0.2)
     for off in ({}, {"clip_range_vf": np.inf}):  # which leaves no trace in programs
         agent = agent_of("histogram", "hl-one-hot", critic="hl-gauss", normalize_reward=True, **off)
         assert agent.algorithm.clip_range_vf is None

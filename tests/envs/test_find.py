@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from gymnasium.wrappers import TimeLimit
 
+import galton
 from galton import UsageError
 from galton.envs import LQR, Bandit, Environment, MountainCar
 from galton.envs.find import find
@@ -81,6 +82,48 @@ def test_a_record_whose_step_gives_another_shape_is_refused_at_once(name):
         told = f"a record whose {name} has shape {shape}; it must have shape {usual}"
         with pytest.raises(UsageError, match=re.escape(told)):
             find(of_shape(name, shape))
+
+
+@dataclasses.dataclass(frozen=True)
+class Bounded(LQR):
+    """Its bounds are a field of it."""
+
+    limit: object = None
+
+    @property
+    def observation_high(self):
+        return self.limit
+
+
+@pytest.mark.skipif("CHECKED" in os.environ, reason="the checker refuses other types first")
+@pytest.mark.parametrize(
+    ("members", "told"),
+    [
+        (
+            {"reset": lambda self, key: jnp.zeros(2, int)},
+            r"state is int32 \(2,\) after reset and float32 .* after step",
+        ),
+        ({"observe": lambda self, state: [state[0]]}, r"observation has shape \(1,\); it must have shape \(2,\)"),
+    ],
+)
+def test_a_record_that_no_program_can_train_on_is_refused_at_once(members, told):
+    with pytest.raises(UsageError, match=told):
+        find(type("Odd", (LQR,), members)())
+
+
+@pytest.mark.parametrize("limit", [None, 1e3, 0])
+def test_a_record_needs_a_time_limit_of_whole_steps(limit):
+    members = {name: getattr(MountainCar, name) for name in MEMBERS} | {"max_episode_steps": limit}
+    with pytest.raises(UsageError, match=f"max_episode_steps is {limit}; it must be an integer of at least 1"):
+        find(type("Hill", (), members)())
+
+
+def test_bounds_that_are_jax_arrays_are_taken_but_for_those_that_a_program_would_not_know():
+    high = property(lambda self: jnp.ones(2))
+    galton.A2C(type("High", (LQR,), {"observation_high": high})(), n_steps=5, n_envs=2).close()
+    with pytest.raises(UsageError, match=r"bounds are made of its arrays, .* make them of NumPy's"):
+        find(Bounded(limit=jnp.ones(2)))
+    assert isinstance(find(Bounded(limit=(1.0, 1.0))), JaxTask)
 
 
 def test_a_record_that_can_not_be_hashed_is_told_the_remedy_and_its_class_is_no_record():

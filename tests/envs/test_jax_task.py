@@ -1,6 +1,7 @@
 """Environments in pure JAX as tasks, and stepped from Python."""
 
 import dataclasses
+import warnings
 
 import jax
 import jax.numpy as jnp
@@ -148,3 +149,39 @@ def test_tasks_are_equal_where_their_records_are():
 def test_a_record_that_holds_what_can_not_be_hashed_is_told_the_remedy(target):
     with pytest.raises(UsageError, match=r"env is Aim, a record whose structure can't be hashed, .*jax\.numpy makes"):
         find(Aim(target))
+
+
+@dataclasses.dataclass(frozen=True)
+class Counting(LQR):
+    """It shows whole numbers, and its state holds the key of its own noise."""
+
+    observation_low, observation_high = (np.full(2, bound, np.float32) for bound in (0, 255))
+    observe_as = jnp.uint8
+
+    def reset(self, key):
+        return {"key": key, "x": jax.random.uniform(key, (2,), maxval=200.0)}
+
+    def observe(self, state):
+        return state["x"].astype(self.observe_as)
+
+    def step(self, state, action, noise):
+        own, following = jax.random.split(state["key"])
+        x = jnp.clip(state["x"] + action + jax.random.normal(own, (2,)), 0, 200)
+        return {"key": following, "x": x}, -x.sum(), x[0] < 1
+
+
+@pytest.mark.parametrize("kind", [jnp.uint8, jnp.int32, bool])
+def test_whole_numbers_are_normalised_as_numbers_and_keys_in_a_state_are_kept(kind, tmp_path):
+    env = type("Counts", (Counting,), {"observe_as": kind})()
+    words = {"loss": "gaussian", "n_steps": 8, "n_envs": 2, "net_arch": (4,), "normalize_observation": True}
+    whole = galton.A2C(env, **words).learn(32, progress_bar=False)
+    origin = np.asarray(whole.learner.normalizer.origin)
+    seen = origin + whole.learner.normalizer.observation.mean
+    assert origin.dtype == np.float32
+    assert ((seen >= 0) & (seen <= 200)).all()
+    path = galton.A2C(env, **words).learn(16, progress_bar=False).save(tmp_path / "model")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        half = galton.A2C.load(path, env).learn(16, progress_bar=False)
+    for ours, theirs in zip(jax.tree.leaves(half.learner), jax.tree.leaves(whole.learner), strict=True):
+        np.testing.assert_array_equal(ours, theirs)

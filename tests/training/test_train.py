@@ -64,8 +64,9 @@ def test_what_was_kept_at_a_log_point_goes_on_to_the_same_bits(env):
         assert list(again.log.columns()) == list(whole.log.columns())
         for one in (0, 1):
             assert_same_bits(leaves(whole, one), leaves(again, one))
-    with pytest.raises(UsageError, match="kept is of other runs"):
-        run(env, words, (0, 1, 2), kept=kept[0])
+    for others, change in (((0, 1, 2), {}), ((7, 8), {}), ((0, 1), {"learning_rate": 0.5})):
+        with pytest.raises(UsageError, match="kept is of other runs"):
+            run(env, words | change, others, kept=kept[0])
 
 
 def test_nothing_is_kept_of_environments_that_can_not_tell_their_states():

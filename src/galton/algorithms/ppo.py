@@ -107,7 +107,7 @@ class PPO(Algorithm):
         )
         clips = unusual(self.clip_range_vf, math.inf)
         require(
-            not clips or isinstance(agent.critic, SquaredErrorCritic),
+            not clips or type(agent.critic).value is SquaredErrorCritic.value,
             f"clip_range_vf is {clips}, but critic {agent.critic.label!r} has no one value to clip; leave it at inf "
             "or take critic='squared-error'",
         )

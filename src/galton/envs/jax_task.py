@@ -53,7 +53,7 @@ class JaxTask:
         except TypeError as error:
             raise UsageError(
                 f"env is {self.name}, a record whose structure can't be hashed, as a key of compiled programs must be "
-                f"({error}); give it tuples for lists, and arrays as jax.numpy makes them"
+                f"({error}); give it tuples for lists, and arrays as jax.numpy makes them, in its own fields"
             ) from None
 
     def __repr__(self) -> str:
@@ -80,7 +80,8 @@ class JaxTask:
 
     def _box(self, kind: str) -> Box:
         """The box between bounds that may be arrays of any kind, lists or numbers."""
-        low, high = (np.asarray(getattr(self.record, f"{kind}_{end}"), np.float32) for end in ENDS)
+        with jax.ensure_compile_time_eval():  # jax.numpy makes them inside of a program, too
+            low, high = (np.asarray(getattr(self.record, f"{kind}_{end}"), np.float32) for end in ENDS)
         return Box(np.atleast_1d(low), np.atleast_1d(high))
 
     @property
@@ -92,14 +93,19 @@ class JaxTask:
         return int(np.prod(told.shape))
 
     def observe(self, state: PyTree[Array]) -> Float[Array, " o"]:
-        """The record's observation of a state, and behind it the mask of actions where the record has one."""
-        observation, mask_of = self.record.observe(state), getattr(self.record, "action_mask", None)
+        """The record's observation of a state, and behind it the mask of actions where the record has one.
+
+        Integers and flags become floats.
+        """
+        observation, mask_of = jnp.asarray(self.record.observe(state)), getattr(self.record, "action_mask", None)
+        if not jnp.issubdtype(observation.dtype, jnp.floating):
+            observation = observation.astype(float)
         return observation if mask_of is None else jnp.append(observation, mask_of(state).astype(observation.dtype))
 
     @property
     def is_carried(self) -> bool:
         """True if something of a state outlasts its episode."""
-        return hasattr(self.record, "carried")
+        return getattr(self.record, "carried", None) is not None
 
     def carried(self, ended: PyTree[Array], fresh: PyTree[Array]) -> PyTree[Array]:
         """The first state of the next episode: a fresh one, with what the record carries over into it."""
@@ -158,21 +164,33 @@ class JaxTask:
 
 @functools.lru_cache(maxsize=8)
 def check(task: JaxTask) -> None:
-    """Raise UsageError unless a step gives an observation as long as its box, one reward and one flag of bool."""
+    """Raise UsageError unless a step gives a state as `reset` does, and a fitting observation, reward and end."""
 
-    def played(key: Key[Array, ""]) -> tuple[Array, ...]:
-        record = task.record
-        state, reward, ended = task.step(record.reset(key), jnp.asarray(task.actions.low), record.noise(key))
-        return record.observe(state), reward, ended
+    def played(task: JaxTask, key: Key[Array, ""]) -> tuple[Any, ...]:
+        first, record = task.record.reset(key), task.record
+        state, reward, ended = task.step(first, jnp.asarray(task.actions.low), record.noise(key))
+        return first, state, jnp.asarray(record.observe(state)), reward, ended
 
+    a_record, limit = f"env is {task.name}, a record whose", task.record.max_episode_steps
+    fits = isinstance(limit, int | np.integer) and limit >= 1
+    require(fits, f"{a_record} max_episode_steps is {limit!r}; it must be an integer of at least 1")
+    try:
+        jax.eval_shape(lambda task: jnp.zeros(task.observations.size + len(task.actions.low)), task)
+    except jax.errors.TracerArrayConversionError as error:
+        remedy = "bounds are made of its arrays, which no program knows when it is compiled; make them of NumPy's"
+        raise UsageError(f"{a_record} {remedy}") from error
+    first, state, *given = jax.eval_shape(played, task, jax.random.key(0))
+    before, after = (jax.tree_util.tree_leaves_with_path(each) for each in (first, state))
+    kinds = [str(jax.tree.structure(each)) for each in (first, state)]
+    require(kinds[0] == kinds[1], f"{a_record} state is {kinds[0]} after reset and {kinds[1]} after step; {_ALIKE}")
+    for (path, one), (_, then) in zip(before, after, strict=True):
+        both = f"{one.dtype} {one.shape} after reset and {then.dtype} {then.shape} after step; {_ALIKE}"
+        same = (one.shape, one.dtype) == (then.shape, then.dtype)
+        require(same, f"{a_record} state{jax.tree_util.keystr(path)} is {both}")
     shapes = ((task.observations.size - task.observations.n_mask,), (), ())
-    for name, shape, told in zip(NAMES, shapes, jax.eval_shape(played, jax.random.key(0)), strict=True):
-        told_so = f"env is {task.name}, a record whose {name} has shape {told.shape}; it must have shape {shape}"
-        require(told.shape == shape, told_so)
-    require(
-        told.dtype == bool,
-        f"env is {task.name}, a record whose terminated is of {told.dtype}; it must be of bool, as by terminated > 0.5",
-    )
+    for name, shape, told in zip(NAMES, shapes, given, strict=True):
+        require(told.shape == shape, f"{a_record} {name} has shape {told.shape}; it must have shape {shape}")
+    require(told.dtype == bool, f"{a_record} terminated is of {told.dtype}; it must be of bool, as by terminated > 0.5")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -213,6 +231,7 @@ def _taken_apart(record: object) -> tuple[tuple[Array, ...], _Rest]:
 
 
 _LEAF = jax.tree.structure(0)
+_ALIKE = "training needs both alike"
 
 
 class RecordEnvironments:

@@ -4,6 +4,7 @@ import inspect
 from collections.abc import Sequence
 from typing import Any
 
+import jax
 import numpy as np
 
 from galton.callbacks import Callback, Log
@@ -64,8 +65,9 @@ def next_call(step: int, every: int, size: int) -> int:
 
 
 def _stops(verdict: object) -> bool:
-    """True if a callback said to stop: by False, Python's or that of a comparison of NumPy's."""
-    return isinstance(verdict, bool | np.bool) and not verdict
+    """True if a callback said to stop: by False, Python's or that of a comparison of NumPy's or JAX's."""
+    of_jax = isinstance(verdict, jax.Array) and verdict.ndim == 0 and verdict.dtype == bool
+    return (of_jax or isinstance(verdict, bool | np.bool)) and not verdict
 
 
 def _every(callback: Callback) -> int | None:

@@ -214,12 +214,13 @@ class DevicePopulation:
     def snapshot(self) -> Snapshot:
         """Runs and environments, from which `restore` goes on exactly."""
         run = stored(self._given, self._state.run)
-        return self._fetch({"run": run, "environments": self._state.episodes})
+        return self._fetch({"run": run, "environments": jax.tree.map(_plain, self._state.episodes)})
 
     def restore(self, snapshot: Snapshot) -> None:
         """Go back to a snapshot of a population of the same shape."""
         padded = jax.tree.map(lambda x: np.asarray(x)[self._padded], dict(snapshot))
-        self._state = self._placed(DeviceState(restored(self._given, padded["run"]), padded["environments"]))
+        episodes = jax.tree.map(_as_was, self._state.episodes, padded["environments"])
+        self._state = self._placed(DeviceState(restored(self._given, padded["run"]), episodes))
 
     def close(self) -> None:
         """Do nothing, since environments in JAX hold nothing open."""
@@ -232,6 +233,17 @@ class DevicePopulation:
 
     def _fetch(self, tree: Tree) -> Tree:
         return jax.tree.map(lambda x: np.asarray(x)[: self._n_runs], tree)
+
+
+def _plain(leaf: Array) -> Array:
+    """Return a leaf that can be fetched from a device: of random keys their numbers."""
+    return jax.random.key_data(leaf) if jnp.issubdtype(leaf.dtype, jax.dtypes.prng_key) else leaf
+
+
+def _as_was(like: Array, leaf: np.ndarray) -> Array | np.ndarray:
+    """Undo `_plain`."""
+    is_key = jnp.issubdtype(like.dtype, jax.dtypes.prng_key)
+    return jax.random.wrap_key_data(jnp.asarray(leaf), impl=jax.random.key_impl(like)) if is_key else leaf
 
 
 class _Programs(NamedTuple):

@@ -14,6 +14,7 @@ from jaxtyping import Array, Float, Int, Key, PyTree, UInt
 
 from galton import schedules
 from galton.algorithms import Agent, Scalars, actor_critic
+from galton.errors import require
 from galton.parts import at
 from galton.training.diagnosis import diagnose
 from galton.training.log import Finished, Log, Tally, nothing, summarise, tally
@@ -107,6 +108,8 @@ def learn(
         **{name: getattr(now, name).at(step, frozen) for name in ("algorithm", "entropy", "optimizer")},
     )
     learner, told = now.algorithm.update(now, run.learner, batch, key)
+    wanted = f"whose update tells {', '.join(sorted(told))}; its scalars are {', '.join(sorted(agent.scalars))}"
+    require(told.keys() == {*agent.scalars}, f"algorithm is {now.algorithm.name!r}, {wanted}")
     finite = jnp.isfinite(told["grad_norm"])
     before, after = (of.memory["algorithm"] for of in (run.learner, learner))
     kept = jax.tree.map(lambda old, new: jnp.where(frozen | ~finite, old, new), before, after)

@@ -21,7 +21,7 @@ Kept = dict[str, np.ndarray]
 """A training that was left at a log point, as arrays by name."""
 Keep = Callable[[Callable[[], Kept | None]], None]
 """It is called with a function that makes a `Kept`, or None where nothing can go on."""
-_STATE, _LOG, _SECONDS = "state/", "log/", "seconds"
+_STATE, _LOG, _CALL, _SECONDS = "state/", "log/", "call/", "seconds"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -96,7 +96,7 @@ def train(
             for all runs or an array `[R]`.
         seeds: R integers; a run is determined by its seed and its settings.
         total_timesteps: per run; rounded up to whole updates and log points.
-        n_logs: log points, at most one per update.
+        n_logs: log points at most, with as many updates between each two.
         n_eval_episodes: episodes of each evaluation at each log point; 0 turns evaluation off.
         eval_mean: whether each evaluation plays the same episodes once more by the mean of the policy's distribution,
             for the log's `mean_action_return`; most densities have one deterministic action and play them once.
@@ -120,7 +120,10 @@ def train(
     updates_per_log = int(steps[0]) // size
     with contextlib.closing(populate(env, agent, seeds, devices)) as population:
         rules = _rules(agent, eval_mean) if n_eval_episodes else {}
-        trained = _train(population, steps, updates_per_log, n_eval_episodes, rules, on_log, meanwhile, keep, kept)
+        call = {f"{_CALL}{i}": np.asarray(x) for i, x in enumerate((seeds, steps, *jax.tree.leaves(agent)))}
+        trained = _train(
+            population, steps, updates_per_log, n_eval_episodes, rules, on_log, meanwhile, keep, kept, call
+        )
     return Result(agent, np.asarray(seeds), steps, *trained)
 
 
@@ -162,6 +165,7 @@ def _train(
     meanwhile: Callable[[int], None] | None,
     keep: Keep | None,
     kept: Kept | None,
+    call: Kept,
 ) -> tuple[Log, Int[np.ndarray, " R"], Learner, float, float]:
     """Train from log point to log point: log, divergences, learner, and the seconds of compiling and of training."""
     if n_eval_episodes:
@@ -170,7 +174,7 @@ def _train(
     population.compile()
     compiled, start = population.compile_seconds, time.perf_counter()
     logs: list[Log] = []
-    pieces, earlier = Pieces(population.advance), _restored(population, kept)
+    pieces, earlier = Pieces(population.advance), _restored(population, kept, call)
 
     def whole_log() -> Log:
         stacked: Log = jax.tree.map(lambda *x: np.stack(x, axis=1), *logs)
@@ -189,7 +193,7 @@ def _train(
             return None
         state = {f"{_STATE}{i}": np.asarray(leaf) for i, leaf in enumerate(jax.tree.leaves(snapshot))}
         log = {f"{_LOG}{name}": np.asarray(values) for name, values in whole_log().columns().items()}
-        return state | log | {_SECONDS: seconds()}
+        return state | log | call | {_SECONDS: seconds()}
 
     for step in steps[next((values.shape[1] for values in earlier.values()), 0) :]:
         to_go = updates_per_log
@@ -210,13 +214,14 @@ def _train(
     return whole_log(), diverged_at, learner, *seconds().tolist()
 
 
-def _restored(population: Population, kept: Kept | None) -> Kept:
+def _restored(population: Population, kept: Kept | None, call: Kept) -> Kept:
     """The columns `[R, l]` of an earlier log, whose state the population goes on from; nothing where none was kept."""
     if kept is None:
         return {}
     leaves, structure = jax.tree.flatten(population.snapshot())
     found = [kept.get(f"{_STATE}{i}", np.zeros(0)) for i in range(len(leaves))]
-    same = all(one.shape == np.shape(own) for one, own in zip(found, leaves, strict=True))
+    same = all(np.array_equal(kept.get(name, ()), value) for name, value in call.items())
+    same &= all(one.shape == np.shape(own) for one, own in zip(found, leaves, strict=True))
     require(same, "kept is of other runs than these; give what the same call was to keep")
     population.restore(jax.tree.unflatten(structure, found))
     return {name.removeprefix(_LOG): values for name, values in kept.items() if name.startswith(_LOG)}

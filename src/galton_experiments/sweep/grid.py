@@ -33,11 +33,7 @@ def expand(blocks: Iterable[Mapping[str, object]], base: Mapping[str, object]) -
         UsageError: an unknown field, a value out of range, or more than MOST_SETTINGS points.
     """
     points: list[Fields] = []
-    algorithm = base.get("algorithm", CHOICES["algorithm"].usual)
     for block in blocks:
-        other = [name for name in _axis("algorithm", block.get("algorithm", algorithm)) if name != algorithm]
-        told = f"algorithm is {other}, and the other settings are those of {algorithm!r}; give each a sweep of its own"
-        require(not other, told)
         axes = {name: _axis(name, value) for name, value in block.items()}
         n = math.prod(map(len, axes.values()))
         require(
@@ -144,7 +140,12 @@ def read_grid(path: Path, base: Mapping[str, object]) -> tuple[Setting, ...]:
     blocks = record.get("grid")
     right = set(record) == {"grid"} and isinstance(blocks, list) and all(isinstance(b, dict) for b in blocks)
     require(right and bool(blocks), f"grid is {str(path)!r}; it must hold one or more [[grid]] tables and nothing else")
+    algorithm = base.get("algorithm", CHOICES["algorithm"].usual)
     try:
+        for block in blocks:  # type: ignore[union-attr]
+            others = [name for name in _axis("algorithm", block.get("algorithm", algorithm)) if name != algorithm]
+            told = f"algorithm is {others}, and the base's settings are of {algorithm!r}; give each a sweep of its own"
+            require(not others, told)
         return expand(blocks, base)  # type: ignore[arg-type]
     except (TypeError, UsageError) as error:
         raise UsageError(f"grid is {str(path)!r}: {error}") from None

@@ -135,7 +135,7 @@ def test_a_grid_is_read_from_toml(tmp_path):
         ("[[grid]]\nwidth = 3", "'width' is no setting; choose from activation, algorithm"),
         ('[[grid]]\nloss = "mse"', "loss is 'mse'; choose from gaussian"),
         ("[[grid]]\neta = []", "eta is an empty list"),
-        ('[[grid]]\nalgorithm = ["a2c", "ppo"]', "algorithm is ['ppo'], and the other settings are those of 'a2c'"),
+        ('[[grid]]\nalgorithm = ["a2c", "ppo"]', "algorithm is ['ppo'], and the base's settings are of 'a2c'"),
         ("[[grid]]\neta = [0.5, -1]", "eta is -1.0; it must be finite, and greater than 0"),
         ('[[grid]]\neta = "wide"', "eta is 'wide'; it must be a number"),
         ("[[grid]]\nn_bins = [1]", "n_bins is 1; it must be an integer of at least 2"),
