@@ -135,8 +135,10 @@ class Part:
                 kept = checked(name, value, annotation)
                 if is_number(annotation) and isinstance(kept, int | np.integer):
                     kept = float(kept)
-                elif is_number(annotation) and isinstance(kept, list | tuple | jax.Array):
-                    kept = np.asarray(kept, np.float32)[()]
+                elif is_number(annotation) and isinstance(kept, list | tuple):
+                    kept = np.asarray(kept, np.float32)
+                elif is_number(annotation) and isinstance(kept, jax.Array):
+                    kept = np.asarray(kept)[()]
                 object.__setattr__(self, name, kept)
         if not any(isinstance(leaf, _COMPUTED) for leaf in jax.tree.leaves(self)):
             with jax.ensure_compile_time_eval():  # inside of a program as well

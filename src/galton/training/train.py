@@ -120,7 +120,7 @@ def train(
     updates_per_log = int(steps[0]) // size
     with contextlib.closing(populate(env, agent, seeds, devices)) as population:
         rules = _rules(agent, eval_mean) if n_eval_episodes else {}
-        call = {f"{_CALL}{i}": np.asarray(x) for i, x in enumerate((seeds, steps, *jax.tree.leaves(agent)))}
+        call = {f"{_CALL}{i}": np.array(x) for i, x in enumerate((seeds, steps, *jax.tree.leaves(agent)))}
         trained = _train(
             population, steps, updates_per_log, n_eval_episodes, rules, on_log, meanwhile, keep, kept, call
         )
@@ -220,7 +220,7 @@ def _restored(population: Population, kept: Kept | None, call: Kept) -> Kept:
         return {}
     leaves, structure = jax.tree.flatten(population.snapshot())
     found = [kept.get(f"{_STATE}{i}", np.zeros(0)) for i in range(len(leaves))]
-    same = all(np.array_equal(kept.get(name, ()), value) for name, value in call.items())
+    same = all(np.array_equal(kept.get(name, ()), value, equal_nan=True) for name, value in call.items())
     same &= all(one.shape == np.shape(own) for one, own in zip(found, leaves, strict=True))
     require(same, "kept is of other runs than these; give what the same call was to keep")
     population.restore(jax.tree.unflatten(structure, found))

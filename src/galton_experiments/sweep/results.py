@@ -82,15 +82,15 @@ def save(store: Store, table: pa.Table) -> None:
 
 
 def best_settings(study: Study, table: pa.Table) -> dict[str, Best]:
-    """For each loss, among the settings whose trials are all there; one with a trial that has no return is none."""
+    """For each loss, among the settings whose trials are all there; one with a diverged trial comes last."""
     columns = ("setting", "final_training_return", "final_evaluation_return")
     setting, training, evaluation = (table.column(name).to_numpy() for name in columns)
     means = mean_returns(study, table)
     found: dict[str, Best] = {}
     for loss in dict.fromkeys(s["loss"] for s in study.settings):
         own = [s for s in means if s["loss"] == loss]
-        best = max(own, key=lambda s: means[s], default=None)
-        if best is not None and means[best] > -np.inf:
+        if own:
+            best = max(own, key=lambda s: means[s])
             rows = setting == study.settings.index(best)
             found[loss] = Best(best, training[rows], evaluation[rows], len(own))
     return found
@@ -110,8 +110,7 @@ def rerun(study: Study, best: dict[str, Best], trials: int, seed: int) -> Study:
     """The winners alone, on fresh seeds: the mean of the best of many settings flatters, this one doesn't.
 
     Raises:
-        UsageError: the seed is the study's own, or no setting is the best.
+        UsageError: the seed is the study's own.
     """
     require(seed != study.seed, f"seed is {seed}, the sweep's own; another one gives fresh seeds")
-    require(bool(best), "the sweep has no best setting: in each a run diverged, or none of its episodes ended")
     return dataclasses.replace(study, settings=tuple(b.setting for b in best.values()), trials=trials, seed=seed)

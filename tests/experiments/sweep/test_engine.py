@@ -276,11 +276,6 @@ def test_a_setting_with_a_diverged_or_missing_trial_does_not_win(reference):
     assert winner([1e3, 1e3, 1e3]) == SETTINGS[0]
     assert winner([1e3, 1e3, np.nan]) == SETTINGS[1]
     assert winner([1e3, 1e3, 1e3], begin=1) == SETTINGS[1]
-    finals[:] = np.nan
-    none = results.best_settings(plan.study, table.set_column(place, "final_training_return", [finals]))
-    assert none == {}
-    with pytest.raises(UsageError, match="the sweep has no best setting: in each a run diverged"):
-        results.rerun(plan.study, none, trials=7, seed=1)
 
 
 def test_a_rerun_has_the_winners_and_none_of_the_seeds(reference):
