@@ -15,7 +15,7 @@ from galton.envs.host.actions import Actions
 from galton.envs.host.base import Steps
 from galton.envs.host.moves import Moves
 from galton.envs.host.observations import Observations
-from galton.errors import UsageError, require
+from galton.errors import UsageError, require, require_integer
 
 ENDS = ("low", "high")
 """The ends of a box, as a record's bounds are called."""
@@ -171,9 +171,8 @@ def check(task: JaxTask) -> None:
         state, reward, ended = task.step(first, jnp.asarray(task.actions.low), record.noise(key))
         return first, state, jnp.asarray(record.observe(state)), reward, ended
 
-    a_record, limit = f"env is {task.name}, a record whose", task.record.max_episode_steps
-    fits = isinstance(limit, int | np.integer) and limit >= 1
-    require(fits, f"{a_record} max_episode_steps is {limit!r}; it must be an integer of at least 1")
+    a_record = f"env is {task.name}, a record whose"
+    require_integer(f"{a_record} max_episode_steps", task.record.max_episode_steps, 1)
     try:
         jax.eval_shape(lambda task: jnp.zeros(task.observations.size + len(task.actions.low)), task)
     except jax.errors.TracerArrayConversionError as error:
@@ -184,9 +183,9 @@ def check(task: JaxTask) -> None:
     kinds = [str(jax.tree.structure(each)) for each in (first, state)]
     require(kinds[0] == kinds[1], f"{a_record} state is {kinds[0]} after reset and {kinds[1]} after step; {_ALIKE}")
     for (path, one), (_, then) in zip(before, after, strict=True):
-        both = f"{one.dtype} {one.shape} after reset and {then.dtype} {then.shape} after step; {_ALIKE}"
-        same = (one.shape, one.dtype) == (then.shape, then.dtype)
-        require(same, f"{a_record} state{jax.tree_util.keystr(path)} is {both}")
+        was, now = (f"{x.dtype} {x.shape}" for x in (one, then))
+        place = f"state{jax.tree_util.keystr(path)}"
+        require(was == now, f"{a_record} {place} is {was} after reset and {now} after step; {_ALIKE}")
     shapes = ((task.observations.size - task.observations.n_mask,), (), ())
     for name, shape, told in zip(NAMES, shapes, given, strict=True):
         require(told.shape == shape, f"{a_record} {name} has shape {told.shape}; it must have shape {shape}")

@@ -241,7 +241,7 @@ def _plain(leaf: Array) -> Array:
 
 
 def _as_was(like: Array, leaf: np.ndarray) -> Array | np.ndarray:
-    """Undo `_plain`."""
+    """Return what `_plain` made such a leaf into as it was: numbers of keys as random keys."""
     is_key = jnp.issubdtype(like.dtype, jax.dtypes.prng_key)
     return jax.random.wrap_key_data(jnp.asarray(leaf), impl=jax.random.key_impl(like)) if is_key else leaf
 

@@ -12,7 +12,7 @@ _PLACE = re.compile(r"(<!-- table: (.+?) -->\n\n)((?:\|.*\n)*)\n?")
 def markdown(headings: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     """A table in Markdown."""
     lines = [headings, *rows]
-    head, *body = ("| " + " | ".join(cells) + " |" for cells in lines)
+    head, *body = ("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |" for cells in lines)
     return "\n".join([head, "|---" * len(headings) + "|", *body])
 
 

@@ -55,8 +55,7 @@ WRONG = [
     ),
     ({"methods__bins__search__algorithm": {"choice": ["a2c", "ppo"]}}, "methods.bins.search has algorithm; make a"),
     ({"prior__algorithm": {"choice": ["a2c", "ppo"]}}, "prior has algorithm, whose defaults would not be drawn with"),
-    ({"methods__bins__label": "$x$"}, "methods.bins.label is '\\$x\\$'; it must be words without \\$ and |"),
-    ({"methods__bins__label": "_x"}, "methods.bins.label is '_x'; it must be words .* not begin with _"),
+    ({"methods__bins__label": "$x$"}, "methods.bins.label is '\\$x\\$'; it must be words without dollar signs"),
     ({"methods__bins__fixed__loss": ["hl-gauss"]}, "methods.bins has loss .*; it must be a name"),
     ({"fixed__vf_coef": 10**400}, "methods.gaussian on tasks.bandit: "),
     (

@@ -9,3 +9,7 @@ def test_a_document_gets_its_tables_where_it_names_them():
     assert filled == text.replace("| old |\n|---|\n", "| new |\n|---|\n| 1 |\n")
     for same in (filled, text.replace("|\n\nb", "|\nb")):  # a table without a blank line after it swallows the text
         assert quotes.filled(same, {"one": "| new |\n|---|\n| 1 |"}.get) == filled
+
+
+def test_a_bar_in_a_cell_does_not_end_it():
+    assert quotes.markdown(["P(a|b)"], [["1"]]).splitlines()[0] == "| P(a\\|b) |"
