@@ -9,7 +9,7 @@ ROOT = Path(galton.__file__).parents[1]
 
 # Folders and files of both packages, the lowest first; what shares a line may not import one another.
 RANKS = """
-    errors devices version
+    errors decimals devices version
     extras
     fields
     types

@@ -86,6 +86,8 @@ def test_a_policy_below_them_is_told_so():
         told = Yardsticks(-1.0, -2.5).not_reached_by(mean)
         assert [name for name in both if name in told] == names
         assert bool(told) == bool(names)
+    told = Yardsticks(-1e-3, -2.5e-3).not_reached_by(-2e-3)
+    assert told == "the policy's return of -0.0020 is below that of doing nothing (-0.0010)"
 
 
 def test_learn_warns_at_its_end_of_a_policy_below_doing_nothing():

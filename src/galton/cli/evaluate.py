@@ -11,6 +11,7 @@ from scipy import stats
 
 from galton.cli._reading import Imports, import_typed, read_options
 from galton.cli._runs import environment_of, model_of
+from galton.decimals import fitting
 from galton.errors import require_integer
 from galton.models import Model
 
@@ -40,6 +41,7 @@ def main(arguments: Sequence[str]) -> None:
     returns = model.evaluate(options.episodes, *environment_of(file, options.env, options.env_kwargs))
     mean, error = returns.mean(), stats.sem(returns)
     low, high = mean + error * np.array(stats.t.interval(0.95, len(returns) - 1))
-    print("returns", ", ".join(f"{value:,.2f}" for value in returns))
-    print(f"mean {mean:,.2f}, 95% interval [{low:,.2f}, {high:,.2f}], standard deviation {returns.std():,.2f}")
+    form = fitting(*returns)
+    print("returns", ", ".join(f"{value:{form}}" for value in returns))
+    print(f"mean {mean:{form}}, 95% interval [{low:{form}}, {high:{form}}], standard deviation {returns.std():{form}}")
     print(f"{len(returns):,} episodes of {file}, without exploration")

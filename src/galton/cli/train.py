@@ -27,6 +27,7 @@ from galton.cli._parsing import COMMON, TrainingOptions, parse
 from galton.cli._progress import Show, live_progress, plain_console
 from galton.cli._reading import Imports
 from galton.cli._runs import forget_after, known
+from galton.decimals import fitting
 from galton.devices import use_all_cores
 from galton.envs.find import find
 from galton.envs.jax_task import JaxTask
@@ -111,7 +112,7 @@ def main(arguments: Sequence[str]) -> None:
         _learn(model, options, record)
     last = known(out / METRICS) | ({} if options.training.eval_episodes else {"eval/mean_reward": math.nan})
     training_return, evaluation_return, speed = (
-        f"{last[name]:,.2f}" if math.isfinite(last.get(name, math.nan)) else "not known"
+        f"{last[name]:{fitting(last[name])}}" if math.isfinite(last.get(name, math.nan)) else "not known"
         for name in ("rollout/ep_rew_mean", "eval/mean_reward", "time/fps")
     )
     print(f"training return {training_return}, evaluation return {evaluation_return}, {speed} steps/s")

@@ -15,6 +15,7 @@ import tyro
 
 from galton.cli._reading import Imports, import_typed, read_options
 from galton.cli._runs import environment_of, model_of
+from galton.decimals import fitting
 from galton.envs.host import masks
 from galton.envs.host.answers import blame, one_flag, one_number, parts
 from galton.envs.host.gymnasium import GymnasiumTask
@@ -81,7 +82,7 @@ def main(arguments: Sequence[str]) -> None:
     finally:
         envs.close()
     write(out, frames, fps)
-    told = ", ".join(f"{value:,.2f}" for value in returns)
+    told = ", ".join(f"{value:{fitting(*returns)}}" for value in returns)
     print(f"return {told} in {len(frames)} frames\nvideo: {out}")
 
 

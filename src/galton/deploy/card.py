@@ -12,6 +12,7 @@ from typing import Any
 from scipy import stats
 
 from galton.agents import policy_name
+from galton.decimals import fitting
 from galton.models import Model
 from galton.models.settings import unusual
 
@@ -88,7 +89,7 @@ def _returns(model: Model, settings: Mapping[str, Any], points: Sequence[Point])
     known = {"This policy": own[0]} if own else {"The last of its run": evaluated[-1]}
     known |= {f"The best of its run's {len(evaluated):,}": best}
     rows = [
-        (name, f"{point[STEP]:,.0f}", str(n or "not known"), f"{point[MEAN]:,.2f}", _interval(point, n))
+        (name, f"{point[STEP]:,.0f}", str(n or "not known"), _number(point[MEAN]), _interval(point, n))
         for name, point in known.items()
     ]
     return [
@@ -104,7 +105,8 @@ def _interval(point: Point, n: int) -> str:
     if n < 2 or STD not in point:
         return "not known"
     half = stats.t.ppf(0.975, n - 1) * point[STD] / math.sqrt(n - 1)
-    return f"{point[MEAN] - half:,.2f} to {point[MEAN] + half:,.2f}"
+    form = fitting(point[MEAN], half)
+    return f"{point[MEAN] - half:{form}} to {point[MEAN] + half:{form}}"
 
 
 def _curve(points: Sequence[Point]) -> list[str]:
@@ -141,7 +143,7 @@ def _table(head: Sequence[str], rows: Table) -> str:
 
 
 def _number(value: float | None) -> str:
-    return "not known" if value is None else f"{value:,.2f}"
+    return "not known" if value is None else f"{value:{fitting(value)}}"
 
 
 def _plain(value: object) -> str:

@@ -7,6 +7,7 @@ import numpy as np
 from gymnasium.spaces import Box
 from gymnasium.wrappers import TimeLimit
 
+from galton.decimals import fitting
 from galton.envs.find import find
 from galton.envs.host.actions import Actions
 from galton.envs.host.base import HostEnvironments
@@ -223,7 +224,8 @@ def _returns(play: Played) -> str:
     if not play.returns:
         return f"not known, for no episode ended in {_count(play.n_steps, 'step')}"
     mean, deviation = np.mean(play.returns), np.std(play.returns)
-    return f"return {mean:,.2f} ± {deviation:,.2f} (deviation of {_count(len(play.returns), 'episode')})"
+    form = fitting(mean, deviation)
+    return f"return {mean:{form}} ± {deviation:{form}} (deviation of {_count(len(play.returns), 'episode')})"
 
 
 def _aliasing(found: bool) -> Finding:

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from galton.decimals import fitting
 from galton.envs.host.base import HostEnvironments
 from galton.envs.task import Task
 from galton.parts import Box
@@ -34,13 +35,15 @@ class Yardsticks(NamedTuple):
         return {f"eval/{name}": value for name, value in self._asdict().items()}
 
     def __str__(self) -> str:
-        return f"doing nothing returns {self.doing_nothing:,.2f}, random actions {self.random_actions:,.2f}"
+        form = fitting(*self)
+        return f"doing nothing returns {self.doing_nothing:{form}}, random actions {self.random_actions:{form}}"
 
     def not_reached_by(self, mean: float) -> str:
         """The message about a policy whose mean return is below one of the two; empty if it isn't."""
         above = [(value, name.replace("_", " ")) for name, value in self._asdict().items() if mean < value]
-        told = " and ".join(f"{name} ({value:,.2f})" for value, name in above)
-        return f"the policy's return of {mean:,.2f} is below that of {told}" if told else ""
+        form = fitting(mean, *self)
+        told = " and ".join(f"{name} ({value:{form}})" for value, name in above)
+        return f"the policy's return of {mean:{form}} is below that of {told}" if told else ""
 
 
 def logged(log: Mapping[str, float]) -> Yardsticks | None:

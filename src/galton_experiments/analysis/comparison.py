@@ -9,6 +9,7 @@ import pyarrow as pa
 from matplotlib.figure import Figure
 
 from galton.agents import words_of
+from galton.decimals import fitting
 from galton.envs.base import Environment
 from galton.losses import LOSSES
 from galton.training.train import Result
@@ -122,7 +123,8 @@ def verdicts(results: Results, baseline: str = "gaussian") -> list[str]:
                 sentence = f"{label_of(loss)} − {label_of(baseline)}, {name} return"
                 found[sentence] = compare(ours, theirs, paired=True)
     decided = decide(found)
-    return [f"{what}: {each.difference:+.2f}: {WORDS[decided[what].mark]}" for what, each in found.items()]
+    form = fitting(*(each.difference.mean for each in found.values()))
+    return [f"{what}: {each.difference:+{form}}: {WORDS[decided[what].mark]}" for what, each in found.items()]
 
 
 def learning_curves(results: Results, env: Environment | None, title: str) -> Figure:

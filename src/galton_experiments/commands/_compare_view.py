@@ -3,6 +3,7 @@
 from rich import box
 from rich.table import Table
 
+from galton.decimals import fitting
 from galton.envs.base import Environment
 from galton_experiments.analysis.comparison import Row, label_of, rest_of
 
@@ -19,12 +20,13 @@ def table(rows: list[Row], env: Environment | None, at_rest: float | None = None
     view.add_column("loss")
     for heading in ("training\nreturn", "evaluation\nreturn", *["rest →\noptimum"] * shares, "steps/s", "diverged"):
         view.add_column(heading, justify="right", no_wrap=True)
+    form = fitting(*(of.mean for row in rows for of in (row.training_return, row.evaluation_return)))
     for row in rows:
         share = f"{row.rest_to_optimum:.1%}".replace("-", "−") if row.rest_to_optimum is not None else "—"
         view.add_row(
             label_of(row.loss),
-            f"{row.training_return:.2f}",
-            f"{row.evaluation_return:.2f}",
+            f"{row.training_return:{form}}",
+            f"{row.evaluation_return:{form}}",
             *[share] * shares,
             f"{row.steps_per_second:,.0f}",
             str(row.diverged),

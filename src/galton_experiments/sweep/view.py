@@ -11,6 +11,7 @@ from rich.live import Live
 from rich.progress_bar import ProgressBar
 from rich.table import Table
 
+from galton.decimals import fitting
 from galton.losses import find_loss
 from galton_experiments.sweep import engine, executors
 from galton_experiments.sweep.engine import CarryOut
@@ -63,7 +64,7 @@ class View:
                 best[loss] = i, mean, len(values)
         for loss, (i, mean, n) in sorted(best.items()):
             brief = self._plan.study.settings[i].brief(self._plan.study.varied)
-            table.add_row(find_loss(loss).label, brief, f"{mean:,.2f}", str(n))
+            table.add_row(find_loss(loss).label, brief, f"{mean:{fitting(mean)}}", str(n))
         return table
 
 

@@ -9,8 +9,8 @@ from galton_experiments.analysis.statistics import Interval
 from galton_experiments.commands._compare_view import table
 
 
-def row(loss, mean=-21.0, share=None, diverged=0):
-    interval = Interval(mean, mean - 2.48, mean + 2.48)
+def row(loss, mean=-21.0, share=None, diverged=0, half=2.48):
+    interval = Interval(mean, mean - half, mean + half)
     return Row(loss, interval, interval, share, 1234.5, 6.78, diverged, 4)
 
 
@@ -34,3 +34,9 @@ def test_what_is_not_known_is_left_out_or_a_dash_and_what_diverged_is_said():
     assert "—" in text(row("gaussian"), row("hl-gauss", share=0.5))
     assert "left out of the means" in text(row("gaussian", diverged=3))
     assert "left out of the means" not in text(row("gaussian"))
+
+
+def test_returns_of_any_scale_can_be_told_apart():
+    assert "0.0013 ± 0.0002" in text(row("gaussian", 1.3e-3, half=2e-4), row("hl-gauss", 1.5e-3, half=1e-4))
+    whole = text(row("gaussian", -12345.678, half=1234.5))
+    assert "−12,345.68 ± 1,234.50" in whole and "…" not in whole

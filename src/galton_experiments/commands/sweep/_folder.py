@@ -10,6 +10,7 @@ from rich.table import Table
 
 from galton.cli._progress import plain_console
 from galton.cli._reading import import_typed
+from galton.decimals import fitting
 from galton.errors import UsageError
 from galton.extras import import_all
 from galton.losses import find_loss
@@ -83,7 +84,8 @@ def winners(study: Study, best: dict[str, Best]) -> Table:
         table.add_column(heading, justify="left" if heading in ("loss", "setting") else "right")
     for loss, winner in best.items():
         training, evaluation = (
-            f"{mean_interval(values):,.2f}" for values in (winner.final_training_return, winner.final_evaluation_return)
+            f"{mean_interval(values):{fitting(*values)}}"
+            for values in (winner.final_training_return, winner.final_evaluation_return)
         )
         table.add_row(
             find_loss(loss).label, winner.setting.brief(study.varied), training, evaluation, str(winner.n_settings)
