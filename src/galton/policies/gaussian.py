@@ -99,9 +99,9 @@ class GaussianHead(Policy):
     """Policies that are built on a Gaussian share this head, before each makes its own distribution of it.
 
     The network gives the mean; log σ is a parameter of its own, the same in every state, or with state_dependent_std
-    another d of the network's outputs, after the means. Mean and σ are in the
-    environment's units, or, where box_units is 1, in half-widths of the action box around its center: what the same
-    numbers then mean does not depend on the scale of the box.
+    another d of the network's outputs, after the means. Mean and σ are in the environment's units, or, where box_units
+    is 1, in half-widths of the action box around its center: what the same numbers then mean does not depend on the
+    scale of the box.
     """
 
     noise_marginals: ClassVar[Marginal] = "normal"
