@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from galton.errors import require
 from galton_experiments.analysis.bands import RESAMPLES, times_drawn
-from galton_experiments.analysis.statistics import Interval, Tasks, diverged_lowest
+from galton_experiments.analysis.statistics import Interval, Tasks, diverged_lowest, pairs_above
 
 
 def percentiles(values: Float[np.ndarray, "*any"], pool: Float[np.ndarray, " P"]) -> Float[np.ndarray, "*any"]:
@@ -64,7 +64,7 @@ def improvement(
     require(
         not paired or all(n == m for n, m in sizes), f"ours and theirs have {sizes} runs; pairs need as many of both"
     )
-    above = [_above(a, b) for a, b in zip(ours, theirs, strict=True)]
+    above = [pairs_above(diverged_lowest(a), diverged_lowest(b)) for a, b in zip(ours, theirs, strict=True)]
     mean = np.mean([pairs.mean() for pairs in above])
     if min(min(pairs.shape) for pairs in above) < 2:
         return Interval(mean, np.float64(np.nan), np.float64(np.nan))
@@ -112,12 +112,6 @@ def _drawn_again(
         rows = times_drawn(rng, n, n_resamples).T.astype(float, order="C")
         found.append((rows, rows if paired else times_drawn(rng, m, n_resamples).T.astype(float, order="C")))
     return found
-
-
-def _above(a: Float[np.ndarray, " n"], b: Float[np.ndarray, " m"]) -> Float[np.ndarray, "n m"]:
-    """Compare each of the first with each of the second: 1 if it is above, ½ for a tie, or 0."""
-    ours, theirs = (diverged_lowest(scores) for scores in (a, b))
-    return (ours[:, None] > theirs) + 0.5 * (ours[:, None] == theirs)
 
 
 def best_of(chosen_by: Float[np.ndarray, " N"], worth: Float[np.ndarray, " N"]) -> Float[np.ndarray, " N"]:

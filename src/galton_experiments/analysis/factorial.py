@@ -14,7 +14,7 @@ from jaxtyping import Float, Int
 from galton.errors import require
 from galton_experiments.analysis.aggregates import chances_of_best
 from galton_experiments.analysis.bands import RESAMPLES, times_drawn
-from galton_experiments.analysis.statistics import Interval
+from galton_experiments.analysis.statistics import Interval, pairs_above
 
 Scores = Float[np.ndarray, "methods draws tasks seeds"]
 _AT_ONCE = 500
@@ -105,7 +105,7 @@ def _found(
         found[name] = np.einsum("bmk,bk->bm", found[f"{name}_by_task"], share)
     weights = _weights(rng, len(share), scores.shape[2], scores.shape[3])
     counts = (again.draws[:, :, None] == np.arange(scores.shape[1])).mean(1)
-    same = _pairs(scores, scores[base])
+    same = pairs_above(scores, scores[base])
     found["same_draw"] = np.einsum("mdkst,bd,bk,bks,bkt->bm", same, counts, share, weights, weights, optimize=True)
     return found
 
@@ -160,14 +160,8 @@ def _above(
 ) -> Float[np.ndarray, "B methods tasks"]:
     """P(above the baseline) on each task, where each method has its draw of that task; a tie counts half."""
     methods, tasks = np.arange(scores.shape[0])[:, None], np.arange(scores.shape[2])
-    pairs = _pairs(scores[methods, ours, tasks], scores[base, theirs, tasks][:, None])
+    pairs = pairs_above(scores[methods, ours, tasks], scores[base, theirs, tasks][:, None])
     return np.einsum("bmkst,bks,bkt->bmk", pairs, weights, weights, optimize=True)
-
-
-def _pairs(ours: Float[np.ndarray, "*#any s"], theirs: Float[np.ndarray, "*#any t"]) -> Float[np.ndarray, "*any s t"]:
-    """Compare each of ours with each of theirs: 1 if ours is above, ½ for a tie, or 0."""
-    a, b = ours[..., :, None], theirs[..., None, :]
-    return np.asarray((a > b) + 0.5 * (a == b))
 
 
 def _interval(mean: Float[np.ndarray, "*n"], again: Float[np.ndarray, "B *n"], is_share: bool) -> Interval:

@@ -192,11 +192,14 @@ def holm(p: Sequence[float]) -> Float[np.ndarray, " n"]:
     return adjusted
 
 
+def pairs_above(a: Float[np.ndarray, "*#any n"], b: Float[np.ndarray, "*#any m"]) -> Float[np.ndarray, "*any n m"]:
+    """Compare each of the first with each of the second: 1 if it is above, ½ for a tie, or 0."""
+    ours, theirs = a[..., :, None], b[..., None, :]
+    return np.asarray((ours > theirs) + 0.5 * (ours == theirs))
+
+
 def _share_above(a: Float[np.ndarray, " n"], b: Float[np.ndarray, " m"]) -> float:
-    if not len(a) or not len(b):
-        return math.nan
-    pairs = a[:, None] - b[None, :]
-    return float(((pairs > 0) + 0.5 * (pairs == 0)).mean())
+    return float(pairs_above(a, b).mean()) if len(a) and len(b) else math.nan
 
 
 def fill_forward(curves: Float[np.ndarray, "R L"]) -> Float[np.ndarray, "R L"]:
