@@ -129,9 +129,13 @@ def physics(task, n_envs, n_steps=30):
 
 def brax(sizes):
     """Brax's PPO with Playground's numbers; its own count of steps a second is read before the device is done."""
-    from beside_brax import mend_jax
+    import jax
+    import jax.numpy as jnp
 
-    mend_jax()
+    if not hasattr(jax, "device_put_replicated"):  # which Brax 0.14 asks for, and JAX 0.10 took away
+        jax.device_put_replicated = lambda tree, devices: jax.tree.map(
+            lambda x: jnp.stack([jnp.asarray(x)] * len(devices)), tree
+        )
     from brax.training.agents.ppo import train as ppo
     from mujoco_playground import dm_control_suite, wrapper
     from mujoco_playground.config import dm_control_suite_params
