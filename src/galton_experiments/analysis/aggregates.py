@@ -77,7 +77,9 @@ def improvement(
     low, high = np.quantile(np.clip(total / len(above), 0, 1), (0.025, 0.975))
     by_task = [float(pairs.mean()) for pairs in above]
     if high - low < 1e-9 and max(by_task) - min(by_task) > 1e-9:
-        return ByTask.of(mean, by_task)
+        found = ByTask(mean, np.float64(np.nan), np.float64(np.nan))
+        found.by_task = by_task
+        return found
     return Interval(mean, low, high)
 
 
@@ -89,13 +91,6 @@ class ByTask(Interval):
 
     by_task: Sequence[float]
     """The number of each task."""
-
-    @classmethod
-    def of(cls, mean: np.float64, by_task: Sequence[float]) -> "ByTask":
-        """The mean of these numbers."""
-        found = cls(mean, np.float64(np.nan), np.float64(np.nan))
-        found.by_task = by_task
-        return found
 
     def __format__(self, spec: str) -> str:
         """The numbers of all tasks, in their order."""
@@ -122,9 +117,8 @@ def best_of(chosen_by: Float[np.ndarray, " N"], worth: Float[np.ndarray, " N"]) 
         worth: what each draw is worth where it is chosen. Given the same scores this is the expected maximum, which
             flatters; given other runs' scores of the same draws it doesn't.
     """
-    n = len(chosen_by)
-    order = np.lexsort((-np.arange(n), chosen_by))[::-1]  # the first is chosen wherever it is in the subset
-    return np.asarray(chances_of_best(n) @ worth[order])
+    order = np.argsort(-chosen_by, kind="stable")  # the first is chosen wherever it is in the subset
+    return np.asarray(chances_of_best(len(order)) @ worth[order])
 
 
 def chances_of_best(n: int) -> Float[np.ndarray, "N N"]:

@@ -13,7 +13,6 @@ from galton.decimals import fitting
 from galton.envs.base import Environment
 from galton.losses import LOSSES
 from galton.training.train import Result
-from galton_experiments.analysis.plain import plain
 from galton_experiments.analysis.plots import (
     colors_of,
     draw_level,
@@ -57,11 +56,6 @@ class Row:
     compile_seconds: float
     diverged: int
     runs: int
-
-    def record(self) -> dict[str, object]:
-        """The row for JSON, with null for what is not known."""
-        record: dict[str, object] = plain(self)
-        return record
 
 
 def rest_of(env: Environment | None, at_rest: float | None) -> float | None:

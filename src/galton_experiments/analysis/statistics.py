@@ -202,13 +202,6 @@ def _share_above(a: Float[np.ndarray, " n"], b: Float[np.ndarray, " m"]) -> floa
     return float(pairs_above(a, b).mean()) if len(a) and len(b) else math.nan
 
 
-def fill_forward(curves: Float[np.ndarray, "R L"]) -> Float[np.ndarray, "R L"]:
-    """Each NaN replaced by the last known value before it, where there is one."""
-    known = ~np.isnan(curves)
-    last = np.maximum.accumulate(np.where(known, np.arange(curves.shape[1]), 0), axis=1)
-    return np.take_along_axis(curves, last, axis=1)
-
-
 def fill_start(curves: Float[np.ndarray, "R L"]) -> Float[np.ndarray, "R L"]:
     """Each NaN before a run's first known value replaced by that: no episode had ended until then."""
     first = (~np.isnan(curves)).argmax(1)[:, None]
@@ -219,9 +212,10 @@ def fill_start(curves: Float[np.ndarray, "R L"]) -> Float[np.ndarray, "R L"]:
 def fill_until(
     curves: Float[np.ndarray, "R L"], steps: Int[np.ndarray, " L"], diverged_at: Int[np.ndarray, " R"]
 ) -> Float[np.ndarray, "R L"]:
-    """`fill_forward`, but NaN from the step where a run diverged; −1 for one that did not."""
+    """Each NaN replaced by the last known value before it; NaN from the step where a run diverged, −1 if it did not."""
+    last = np.maximum.accumulate(np.where(np.isnan(curves), 0, np.arange(curves.shape[1])), axis=1)
     gone = (diverged_at >= 0)[:, None] & (steps >= diverged_at[:, None])
-    return np.where(gone, np.nan, fill_forward(curves))
+    return np.where(gone, np.nan, np.take_along_axis(curves, last, axis=1))
 
 
 def diverged_lowest(scores: Float[np.ndarray, "*any"]) -> Float[np.ndarray, "*any"]:

@@ -164,11 +164,11 @@ def sections(found: Found, drawn_already: Mapping[str, Figure]) -> list[Section]
     same = "A mark is a draw, square for an anchor. Above the line it has a higher score under the method."
     same = f"{same} {figures.few(found)}".strip()
     return [
-        Section("above", f"P(above {base}) by {metric}", "", None, above(found), _TEXT),
-        Section("above-by-task", f"P(above {base}) on each task", "", None, above_by_task(found)),
+        Section("above", f"P(above {base}) by {metric}", table=above(found), paragraphs=_TEXT),
+        Section("above-by-task", f"P(above {base}) on each task", table=above_by_task(found)),
         Section("same-draw", "The same draw under both methods", same, drawn_already["same-draw"]),
         Section("best-of-n", "What tuning brings", _BEST_OF, drawn_already.get("best-of-n"), best_of(found)),
-        Section("draws", f"Every draw, by {metric}", "", None, drawn(found), (_DRAWS,)),
+        Section("draws", f"Every draw, by {metric}", table=drawn(found), paragraphs=(_DRAWS,)),
     ]
 
 

@@ -17,7 +17,7 @@ from galton_experiments.benchmark.runs import Runs, gather
 from galton_experiments.benchmark.stages import Part, Stage, afterwards, tuning, width
 from galton_experiments.sweep.engine import CarryOut, Trained, train_stage
 from galton_experiments.sweep.parquet import record_of
-from galton_experiments.sweep.shard import finished, read
+from galton_experiments.sweep.shard import tables_of
 from galton_experiments.sweep.store import Store
 from galton_experiments.sweep.study import Setting, canonical
 
@@ -187,13 +187,11 @@ def _speeds(part: Part, sweeps: Sequence[Trained]) -> dict[str, float]:
     """
     costs: dict[Setting, list[tuple[float, float]]] = {}
     for place, plan in sweeps:
-        for done in finished(place, plan).values():
-            table = read(place, done)
-            if table is not None:
-                record, n = record_of(table), table.num_rows
-                for i in table.column("setting").to_pylist():
-                    cost = record["env_steps"] / n, record["train_seconds"] / n
-                    costs.setdefault(plan.study.settings[i], []).append(cost)
+        for table in tables_of(place, plan):
+            record, n = record_of(table), table.num_rows
+            for i in table.column("setting").to_pylist():
+                cost = record["env_steps"] / n, record["train_seconds"] / n
+                costs.setdefault(plan.study.settings[i], []).append(cost)
     speeds = {}
     for method in dict.fromkeys(entry.method for entry in part.entries):
         own = {entry.setting for entry in part.entries if entry.method == method}

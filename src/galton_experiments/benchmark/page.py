@@ -53,8 +53,8 @@ def page(found: Found, drawn: Mapping[str, Figure]) -> str:
     in_stages = found.protocol.design == "stages"
     sections = (_of_stages if in_stages else factorial_page.sections)(found, drawn)
     sections += [
-        Section("budget", "What each method was given", "", None, tables.budget(found)),
-        Section("prior", "What was searched", "", None, tables.prior(found), (_file(found),)),
+        Section("budget", "What each method was given", table=tables.budget(found)),
+        Section("prior", "What was searched", table=tables.prior(found), paragraphs=(_file(found),)),
     ]
     return render(found.protocol.title, (), (), sections, Answer(sentences(found)))
 
@@ -62,28 +62,19 @@ def page(found: Found, drawn: Mapping[str, Figure]) -> str:
 def _of_stages(found: Found, drawn: Mapping[str, Figure]) -> list[Section]:
     """The sections of what the stages found."""
     sections: list[Section] = []
-    for stage, title in tables.STAGES.items():
-        if stage in found.standings:
-            heading = f"Scores by {tables.metric(found)}: {title}"
-            shown = drawn.get("scores") if not sections else None
-            text: tuple[str, ...] = () if sections else (_SCORE, _AGAINST)
-            sections.append(Section(f"scores-{stage}", heading, "", shown, tables.scores(found, stage), text))
-    for stage, title in tables.STAGES.items():
-        if stage in found.standings:
-            text = (_RETURNS,) if stage == next(iter(found.standings)) else ()
-            sections.append(
-                Section(
-                    f"returns-{stage}",
-                    f"{tables.metric(found).capitalize()}: {title}",
-                    "",
-                    None,
-                    tables.returns(found, stage),
-                    text,
-                )
-            )
-            if len(found.protocol.methods) > 2:
-                name = f"pairs-{stage}"
-                sections.append(Section(name, f"Each two methods: {title}", table=tables.pairs(found, stage)))
+    metric, there = tables.metric(found), {stage: t for stage, t in tables.STAGES.items() if stage in found.standings}
+    for stage, title in there.items():
+        shown = drawn.get("scores") if not sections else None
+        text: tuple[str, ...] = () if sections else (_SCORE, _AGAINST)
+        table = tables.scores(found, stage)
+        sections.append(Section(f"scores-{stage}", f"Scores by {metric}: {title}", "", shown, table, text))
+    for i, (stage, title) in enumerate(there.items()):
+        text = () if i else (_RETURNS,)
+        table = tables.returns(found, stage)
+        sections.append(Section(f"returns-{stage}", f"{metric.capitalize()}: {title}", "", None, table, text))
+        if len(found.protocol.methods) > 2:
+            name = f"pairs-{stage}"
+            sections.append(Section(name, f"Each two methods: {title}", table=tables.pairs(found, stage)))
     if "curves" in drawn:
         caption = (
             "Shared settings on fresh seeds: the mean of all runs that have not diverged so far, and its 95% interval. "
@@ -93,7 +84,7 @@ def _of_stages(found: Found, drawn: Mapping[str, Figure]) -> list[Section]:
     if "best-of-n" in drawn:
         caption = f"{_BEST_OF} {few(found)}".rstrip()
         sections.append(Section("best-of-n", "What tuning brings", caption, drawn["best-of-n"], tables.best_of(found)))
-    return [*sections, Section("selected", "What was selected", "", None, tables.settings(found))]
+    return [*sections, Section("selected", "What was selected", table=tables.settings(found))]
 
 
 def _file(found: Found) -> str:

@@ -75,12 +75,10 @@ class Runs:
         """Environment steps of all runs together."""
         return int(self._of(method, role)["final_step"].to_numpy().sum(dtype=np.int64))
 
-    def curves(
-        self, method: str, role: Role, curve: str = "judged"
-    ) -> tuple[Int[np.ndarray, " L"], Float[np.ndarray, "runs L"]]:
-        """The log points and one of CURVES of each run; NaN once it has diverged."""
+    def curves(self, method: str, role: Role) -> tuple[Int[np.ndarray, " L"], Float[np.ndarray, "runs L"]]:
+        """The log points, and the curve that judges each run; NaN once it has diverged."""
         own = self._of(method, role)
-        return steps(own), curves(own, curve)
+        return steps(own), curves(own, "judged")
 
     def save(self, digest: str) -> bytes:
         """The whole file; the same bytes for the same runs."""

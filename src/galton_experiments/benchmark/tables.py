@@ -1,8 +1,7 @@
 """A benchmark's results are put into tables, for the terminal and for the page alike."""
 
 import math
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -111,19 +110,14 @@ def scores(found: Found, stage: Stage) -> Table:
     return Table(headings, rows)
 
 
-def speeds(found: Found, made: Mapping[str, Any]) -> Table:
-    """Environment steps a second of one worker while it trained each method's draws, by task.
-
-    Args:
-        found: what there is.
-        made: the folder's record of how its parts were made.
-    """
-    tasks = [each.part for each in found.tuning if each.part.name in made]
+def speeds(found: Found) -> Table:
+    """Environment steps a second of one worker while it trained each method's draws, by task."""
+    tasks = [task for task in found.protocol.tuning if task.name in found.speeds]
     rows = [
-        [method.label, *(f"{made[part.name]['steps_per_second'][method.name]:,.0f}" for part in tasks)]
+        [method.label, *(f"{found.speeds[task.name][method.name]:,.0f}" for task in tasks)]
         for method in found.protocol.methods
     ]
-    return Table(["method", *(part.task.label for part in tasks)], rows)
+    return Table(["method", *(task.label for task in tasks)], rows)
 
 
 def pairs(found: Found, stage: Stage) -> Table:

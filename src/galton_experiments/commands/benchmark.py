@@ -16,7 +16,7 @@ from galton.errors import UsageError, require, require_integer
 from galton_experiments.benchmark import factorial_page, report, stages, tables
 from galton_experiments.benchmark.answer import sentences
 from galton_experiments.benchmark.draws import draws
-from galton_experiments.benchmark.folder import made, train
+from galton_experiments.benchmark.folder import train
 from galton_experiments.benchmark.found import Found
 from galton_experiments.benchmark.protocol import Protocol
 from galton_experiments.benchmark.reading import read
@@ -118,7 +118,7 @@ def _show(protocol: Protocol, latest: list[Found], store: Store, done: bool) -> 
             _print(console, f"{metric}: {title}, compared with {base}", tables.returns_in_brief(found, stage))
         best_of = factorial_page.best_of if protocol.design == "factorial" else tables.best_of
         _print(console, "score of the best of n draws", best_of(found))
-        _print(console, "environment steps a second of a worker, tuning", tables.speeds(found, made(store)))
+        _print(console, "environment steps a second of a worker, tuning", tables.speeds(found))
         console.print("\n".join(sentences(found)))
         print(f"report: {store.url}/{report.PAGE}")
     if not done:

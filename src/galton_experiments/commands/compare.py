@@ -28,6 +28,7 @@ from galton.tasks import task_of
 from galton.training.size import check_size
 from galton.training.train import Result, train
 from galton_experiments.analysis.comparison import Row, curves, label_of, learning_curves, named, summarise, verdicts
+from galton_experiments.analysis.plain import plain
 from galton_experiments.analysis.plots import save
 from galton_experiments.commands._compare_view import table
 from galton_experiments.sweep.grid import bases
@@ -168,7 +169,7 @@ def _keep(
     given = {"env": options.env, "losses": options.losses, "seeds": options.seeds}
     own = {"settings": {name: setting.record() for name, setting in settings.items()}, "command": command_line()}
     write_settings(folder, given | options.training.record() | own)
-    files.write(folder / SUMMARY, (json.dumps([row.record() for row in rows], indent=2) + "\n").encode())
+    files.write(folder / SUMMARY, (json.dumps(plain(rows), indent=2) + "\n").encode())
     with files.replacing(folder / CURVES) as scratch:
         pq.write_table(curves(results), scratch)
     title = f"{task_of(options.env).title}: mean of {options.seeds} runs and 95% CI"

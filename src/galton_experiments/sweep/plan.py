@@ -5,7 +5,6 @@ import functools
 import hashlib
 import itertools
 import sys
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -86,7 +85,9 @@ class Plan:
             require(ours == theirs, f"{name} is {theirs!r}, but the plan has {ours!r}; name another folder")
         place = {known: i for i, known in enumerate(self.study.settings)}
         if all(module in sys.modules for module in study.imports):  # else the workers may know losses that we don't
-            _check_trainable([wanted for wanted in study.settings if not (self.n_runs and wanted in place)])
+            for wanted in study.settings:
+                if not (self.n_runs and wanted in place):
+                    _ = wanted.agent  # what training would refuse is refused now: a plan stands in the way of others
         for wanted in study.settings:
             place.setdefault(wanted, len(place))
         settings, trials = tuple(place), max(study.trials, self.study.trials if self.n_runs else 0)
@@ -258,12 +259,6 @@ def _check(plan: Plan) -> None:
     programs: dict[Program, int] = {}
     group = np.array([programs.setdefault(s.program, len(programs)) for s in plan.study.settings])[setting]
     require((np.diff(group)[steps[1:] == 0] == 0).all(), "a shard of it has settings of several programs")
-
-
-def _check_trainable(settings: Sequence[Setting]) -> None:
-    """Raise UsageError for a setting that training would refuse: what is planned once stands in the way of others."""
-    for setting in settings:
-        _ = setting.agent
 
 
 def _check_width(shard_width: Any) -> None:

@@ -8,11 +8,11 @@ import numpy as np
 import pyarrow as pa
 from jaxtyping import Float
 
-from galton.errors import UsageError, require
+from galton.errors import require
 from galton.words import vocabulary
 from galton_experiments.sweep.parquet import to_bytes
 from galton_experiments.sweep.plan import Plan
-from galton_experiments.sweep.shard import finished, read
+from galton_experiments.sweep.shard import tables_of
 from galton_experiments.sweep.store import Store
 from galton_experiments.sweep.study import Setting, Study, filled
 
@@ -40,12 +40,7 @@ def collect(store: Store, plan: Plan) -> pa.Table:
     Raises:
         UsageError: a shard's file was damaged.
     """
-    parts = []
-    for done in finished(store, plan).values():
-        table = read(store, done)
-        if table is None:
-            raise UsageError(f"{done.file} in {store.url} was damaged; run the sweep again to replace it")
-        parts.append(table.replace_schema_metadata(None))
+    parts = [table.replace_schema_metadata(None) for table in tables_of(store, plan)]
     require(bool(parts), f"out is {store.url}, where no shard is done yet")
     runs = pa.concat_tables(same_columns(parts)).sort_by([("setting", "ascending"), ("trial", "ascending")])
     records = filled([setting.record() for setting in plan.study.settings], vocabulary().usual)

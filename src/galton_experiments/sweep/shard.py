@@ -8,7 +8,7 @@ import json
 import re
 import sys
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +21,7 @@ import galton
 from galton.devices import use_all_cores
 from galton.envs.find import find
 from galton.envs.registry import read_constants
-from galton.errors import require
+from galton.errors import UsageError, require
 from galton.extras import import_all
 from galton.saving.provenance import machine, versions
 from galton.training.log import Log
@@ -73,12 +73,10 @@ class Report:
 
     index: int
     setting: list[int]
-    trial: list[int]
     final_training_return: list[float]
     """The final return of each run; NaN for one that diverged."""
     steps: int
     """The environment steps that were trained, all runs together."""
-    compile_seconds: float
     train_seconds: float
 
 
@@ -208,18 +206,13 @@ def tabulate(shard: Shard, result: Result) -> pa.Table:
 def report(index: int, table: pa.Table) -> Report:
     """The report of a shard, from its table."""
     record = record_of(table)
-    names = ("setting", "trial", "final_training_return")
-    lists = (table.column(name).to_pylist() for name in names)
-    return Report(index, *lists, *(record[name] for name in ("env_steps", "compile_seconds", "train_seconds")))
+    setting, final = (table.column(name).to_pylist() for name in ("setting", "final_training_return"))
+    return Report(index, setting, final, record["env_steps"], record["train_seconds"])
 
 
 def provenance(store: Store, plan: Plan) -> dict[str, object]:
     """Say what made a finished sweep: versions and machines, each once, and the seconds of all workers together."""
-    records = []
-    for done in finished(store, plan).values():
-        table = read(store, done)
-        if table is not None:
-            records.append(record_of(table))
+    records = [record_of(table) for table in tables_of(store, plan)]
     found = {json.dumps(record["versions"], sort_keys=True) for record in records}
     return {
         "versions": [json.loads(text) for text in sorted(found)],
@@ -255,6 +248,15 @@ def read(store: Store, done: Done) -> pa.Table | None:
     where, remedy = f"{FOLDER}/{done.file} in {store.url}", "run the sweep again, which trains its runs anew"
     told = "not what this sweep's workers write"
     return opened(data, where, functools.partial(check, done), told, f"remove the file and {remedy}")
+
+
+def tables_of(store: Store, plan: Plan) -> Iterator[pa.Table]:
+    """The tables of all finished shards; UsageError where a file was damaged."""
+    for done in finished(store, plan).values():
+        table = read(store, done)
+        if table is None:
+            raise UsageError(f"{done.file} in {store.url} was damaged; run the sweep again to replace it")
+        yield table
 
 
 def check(done: Done, table: pa.Table, record: dict[str, Any]) -> pa.Table:

@@ -9,6 +9,7 @@ import pytest
 from galton import make_agent, train
 from galton.envs import LQR, MountainCar
 from galton_experiments.analysis.comparison import curves, learning_curves, summarise, verdicts
+from galton_experiments.analysis.plain import plain
 from galton_experiments.analysis.plots import save
 
 SMALL = {"n_bins": 4, "net_arch": (), "n_steps": 5}
@@ -48,7 +49,7 @@ def test_rows_leave_diverged_runs_out_of_the_means_and_count_them(results):
 
 def test_a_row_is_json_with_null_for_what_is_not_known():
     (row,) = summarise({"gaussian": result("gaussian", [-3.0])}, MountainCar())
-    record = json.loads(json.dumps(row.record(), allow_nan=False))
+    record = json.loads(json.dumps(plain(row), allow_nan=False))
     assert record["training_return"] == {"mean": -3.0, "low": None, "high": None}
     assert record["rest_to_optimum"] is None
 

@@ -8,8 +8,8 @@ from galton_experiments.analysis.statistics import (
     against,
     compare,
     difference_interval,
-    fill_forward,
     fill_start,
+    fill_until,
     holm,
     least_p,
     mean_interval,
@@ -196,7 +196,8 @@ def test_fill_start_carries_the_first_known_value_back_and_nothing_else():
     )
 
 
-def test_fill_forward_carries_the_last_known_value():
+def test_fill_until_carries_the_last_known_value():
     nan = np.nan
     curves = np.array([[nan, 1, nan, nan, 2, nan], [3, nan, nan, 4, nan, nan]])
-    np.testing.assert_array_equal(fill_forward(curves), [[nan, 1, 1, 1, 2, 2], [3, 3, 3, 4, 4, 4]])
+    filled = fill_until(curves, np.arange(6), np.array([-1, 4]))
+    np.testing.assert_array_equal(filled, [[nan, 1, 1, 1, 2, 2], [3, 3, 3, 4, nan, nan]])

@@ -14,7 +14,7 @@ SETTINGS = expand([{"loss": "gaussian", "learning_rate": [0.1, 0.2]}], {})
 
 
 def report(setting, value):
-    return Report(0, [setting], [0], [value], steps=100, compile_seconds=0.0, train_seconds=1.0)
+    return Report(0, [setting], [value], steps=100, train_seconds=1.0)
 
 
 def shown(view):
