@@ -88,8 +88,7 @@ class Bins:
         arrays = {"low": low64, "high": high64, "edges": edges, "centers": centers, "width": width}
         arrays["edges_rest"] = edges - edges.astype(dtype)
         own = {name: value.astype(dtype) for name, value in arrays.items()}
-        for name, value in (own | {"n_bins": n_bins, "bin_centers": bin_centers}).items():
-            object.__setattr__(self, name, value)
+        vars(self).update(own | {"n_bins": n_bins, "bin_centers": bin_centers})
 
     def encode(self, action: Float[Array, "*batch d"]) -> Int[Array, "*batch d"]:
         """The index, 0 … k − 1, of the bin that holds each entry of an action.
@@ -117,8 +116,7 @@ class Bins:
     def only(self, i: int) -> "Bins":
         """The bins of one dimension."""
         own = object.__new__(Bins)
-        for name, value in vars(self).items():
-            object.__setattr__(own, name, value[i : i + 1] if isinstance(value, np.ndarray) else value)
+        vars(own).update({n: x[i : i + 1] if isinstance(x, np.ndarray) else x for n, x in vars(self).items()})
         return own
 
     def clip(self, action: Float[Array, "*batch d"]) -> Float[Array, "*batch d"]:
@@ -146,8 +144,7 @@ class GridBins(Bins):
     def __init__(self, axes: Bins) -> None:
         d, k = axes.centers.shape
         centers = np.stack(np.meshgrid(*axes.centers, indexing="ij")).reshape(d, -1)
-        for name, value in (vars(axes) | {"axes": axes, "n_bins": k**d, "centers": centers}).items():
-            object.__setattr__(self, name, value)
+        vars(self).update(vars(axes) | {"axes": axes, "n_bins": k**d, "centers": centers})
 
     def encode(self, action: Float[Array, "*batch d"]) -> Int[Array, "*batch 1"]:
         """The index, 0 … k^d − 1, of the cell that holds an action."""
@@ -207,8 +204,7 @@ class PlacedBins(Bins):
         middles = (placed[1:] + placed[:-1]) / 2
         edges = np.concatenate([self.low, middles, self.high])[None]
         own = {"edges": edges, "centers": kept[None], "edges_rest": edges - edges.astype(kept.dtype)}
-        for name, value in own.items():
-            object.__setattr__(self, name, value.astype(kept.dtype))
+        vars(self).update({name: value.astype(kept.dtype) for name, value in own.items()})
 
     def encode(self, action: Float[Array, "*batch d"]) -> Int[Array, "*batch d"]:
         """The index of the bin that holds each entry of an action: the number of inner edges at or below it."""
@@ -261,8 +257,7 @@ class UnevenBins(Bins):
         own |= {"edges_rest": np.zeros_like(own["edges"]), "n_bins": k, "bin_centers": "inside", "sizes": sizes}
         own["valid"] = np.arange(k) < np.array(sizes)[:, None]
         own["is_choice"] = np.array([not isinstance(part, Bins) or i in ordered for i, part in enumerate(dimensions)])
-        for name, value in (own | {"dimensions": tuple(dimensions), "etas": etas}).items():
-            object.__setattr__(self, name, value)
+        vars(self).update(own | {"dimensions": tuple(dimensions), "etas": etas})
 
     encode = PlacedBins.encode
 

@@ -164,18 +164,13 @@ class HistogramPolicy(BinnedPolicy):
         Raises:
             UsageError: a box that can't be cut into so many bins, or choices or masks that don't go with a setting.
         """
-        require(
-            not self.ordered or type(self) is HistogramPolicy,
-            f"ordered is {self.ordered}; it goes with policy 'histogram', not {self.label!r}",
-        )
+        for name in ("ordered", "per_entry"):
+            told = f"{name} is {getattr(self, name)}; it goes with policy 'histogram', not {self.label!r}"
+            require(not getattr(self, name) or type(self) is HistogramPolicy, told)
         for name in self.ordered:
             of_name = box.called(name)
             told = f"ordered names {name!r}, which is no choice of the action; its entries are {', '.join(box.told)}"
             require(bool(of_name) and set(of_name) <= set(box.choices), told)
-        require(
-            not self.per_entry or type(self) is HistogramPolicy,
-            f"per_entry is {self.per_entry}; it goes with policy 'histogram', not {self.label!r}",
-        )
         policy = super().on(box)
         for name in ("exploration", "bin_sample") if box.n_values or box.n_mask or self.per_entry else ():
             value, usual = getattr(self, name), getattr(HistogramPolicy, name)
