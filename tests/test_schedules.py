@@ -90,6 +90,7 @@ def test_a_text_that_describes_none_is_refused_with_what_would(text):
         ({"learning_rate": Linear(1.0, -1.0)}, "a number of learning_rate is -1.0; it must be finite, and 0 or more"),
         ({"learning_rate": "linear(1, 0, 0)"}, r"learning_rate is 'linear\(1, 0, 0\)'; it must be a number, or"),
         ({"decay_steps": Linear(1.0, 2.0)}, "decay_steps is Linear.*; give one number"),
+        ({"learning_rate": "step(1, 0, linear(0, 9, 9))"}, r"learning_rate is 'step\(.*\)'; it must be a number, or"),
         ({"learning_rate": Linear(1.0, 0.0), "decay_steps": 9}, "decay_steps is 9.0 beside a schedule"),
         ({"policy": "smoothed", "eta": Linear(1.0, 0.5)}, "eta is Linear.*; say over how many steps"),
         ({"n_bins": Linear(10, 20)}, "n_bins is Linear.*; it must be an integer"),

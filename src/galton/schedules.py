@@ -87,6 +87,7 @@ class Step(Schedule):
     """
 
     label = "step"
+    fixed: ClassVar[tuple[str, ...]] = ("at_step",)
 
     before: Number_ = 0.0
     """The number before that step."""

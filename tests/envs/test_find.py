@@ -46,6 +46,9 @@ def test_a_record_that_lacks_a_member_is_told_which():
         find(without("random_return", "noise", "action_low"))
     with pytest.raises(UsageError, match=r"env is Hill\(\); give a Gymnasium id"):
         find(without(*({*MEMBERS} - {"reset", "step"})))  # what only resets and steps may be of any library
+    of_gym = type("Hill", (type(without(*({*MEMBERS} - {"reset", "step"}))),), {"action_space": 1})()
+    with pytest.raises(UsageError, match=r"env is Hill\(\); give a Gymnasium id"):
+        find(of_gym)
 
 
 def of_shape(name, shape):

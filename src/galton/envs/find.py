@@ -116,10 +116,10 @@ def _find_mujoco(name: str, kwargs: dict[str, Any]) -> Task | None:
 
 def _refuse_unfinished(env: object) -> None:
     """Name what a record of the user's own still needs; one with `reset` and `step` alone may be of any library."""
-    members = {name for name in vars(Environment) if not name.startswith("_")}
-    lacking = missing(env)
-    if members - set(lacking) <= {"reset", "step"}:
+    has = {name for name in vars(Environment) if not name.startswith("_") and hasattr(env, name)}
+    if has <= {"reset", "step"}:
         return
+    lacking = missing(env)
     record = f"env is {shown(env)}, a record that"
     if lacking:
         remedy = "give it all of galton.envs.Environment; a return that is not known is None"

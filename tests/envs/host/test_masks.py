@@ -213,6 +213,20 @@ def test_a_mask_that_a_vector_environment_does_not_tell_is_missed():
         ).learn(64)
 
 
+@pytest.mark.parametrize("library", ["gymnasium", "sb3"])
+def test_a_vector_environments_method_that_raises_is_blamed(library, monkeypatch):
+    env = vectors("method")[library]()
+    model = galton.A2C(env, n_steps=16, net_arch=(8,), seed=0)
+
+    def masks():
+        raise ZeroDivisionError("the shelf")
+
+    for copy in env.envs:
+        monkeypatch.setattr(copy.unwrapped, "action_masks", masks)
+    with pytest.raises(BrokenEnvironmentError, match=r", step \d: action_masks raised ZeroDivisionError: the shelf"):
+        model.learn(64)
+
+
 def test_a_mask_of_no_use_is_refused_at_once():
     class Odd(Shop):
         def _move(self):

@@ -114,8 +114,9 @@ class VectorEnvs:
     def _masks(self, infos: Any) -> Any:
         """The masks of all copies in their present states; None for one that tells none."""
         if self._has_method:
-            vector = isinstance(self._envs, VectorEnv)
-            return self._envs.unwrapped.call(masks.METHOD) if vector else self._envs.env_method(masks.METHOD)
+            ask = self._envs.unwrapped.call if isinstance(self._envs, VectorEnv) else self._envs.env_method
+            with blame(f"{self._where()}: {masks.METHOD}"):
+                return ask(masks.METHOD)
         if isinstance(infos, dict):
             return infos.get(masks.KEY, [None] * self._envs.num_envs)
         return [info.get(masks.KEY) for info in infos]
