@@ -55,12 +55,12 @@ class Fake:
     def __init__(self, *means):
         self.num_timesteps, self.means, self.saved, self.n_yardsticks = 0, list(means), [], 0
 
-    def evaluate(self, n_episodes, env=None):
+    def evaluate(self, n_episodes, env, env_kwargs):
         assert (n_episodes, env) == (2, "other")
         mean = self.means.pop(0)
         return np.array([mean - 1, mean + 1])
 
-    def yardsticks(self, env=None):
+    def yardsticks(self, env, env_kwargs):
         assert env == "other"
         self.n_yardsticks += 1
         return Yardsticks(-1.0, -2.5)

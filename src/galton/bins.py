@@ -14,6 +14,7 @@ from galton.fields import as_numbers
 
 MU = 255
 """The μ of telephony (ITU-T G.711): in the middle bins of a μ-law are 1 + μ times as fine as at the bounds."""
+Centers = Literal["inside", "bounds"]
 Bound = float | int | Sequence[float | int] | np.ndarray | np.generic
 
 
@@ -52,12 +53,10 @@ class Bins:
     """The action that each bin stands for: its middle, or the bound itself where a bin at an end stands for that."""
     width: Float[np.ndarray, " d"]
     """The distance between two centers, which is the width of all bins but of those that end at a bound's center."""
-    bin_centers: Literal["inside", "bounds"]
+    bin_centers: Centers
     """The place of the centers of the first and last bin: inside the box, or on its bounds."""
 
-    def __init__(
-        self, low: Bound, high: Bound, n_bins: int, bin_centers: Literal["inside", "bounds"] = "inside"
-    ) -> None:
+    def __init__(self, low: Bound, high: Bound, n_bins: int, bin_centers: Centers = "inside") -> None:
         low64, high64 = (np.atleast_1d(as_numbers(*bound)) for bound in (("low", low), ("high", high)))
         bounds = f"low is {low64} and high is {high64}"
         require(

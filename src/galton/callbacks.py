@@ -24,12 +24,13 @@ import numpy as np
 
 from galton.agents import words_of, written
 from galton.envs.find import find
+from galton.envs.jax_task import JaxTask
 from galton.envs.task import check_same_spaces
 from galton.errors import is_number, require, require_integer
 from galton.extras import needed
 from galton.saving import files
 from galton.saving.model_file import best_before
-from galton.training.evaluate import Kept, kept
+from galton.training.evaluate import Kept
 from galton.training.yardsticks import Yardsticks
 
 Log = dict[str, float]
@@ -65,7 +66,7 @@ class Evaluate:
         require(self.env is not None or not self.env_kwargs, f"env_kwargs is {self.env_kwargs}; give env with it")
         self.best, self.latest = -math.inf, math.nan
         self.yardsticks: Yardsticks | None = None
-        self._on = self._named
+        self._on: tuple[Any, Any] = (self.env, self.env_kwargs)
         self._run: object = None
 
     def check(self, model: Any) -> None:
@@ -80,13 +81,12 @@ class Evaluate:
         else:
             task = find(self.env, **(self.env_kwargs or {}))
             check_same_spaces(task, model.actions, model.observations)
-            self._on = (kept(task, self.n_episodes),)
+            self._on = (task if isinstance(task, JaxTask) else Kept(task, self.n_episodes), None)
         if self.best_model is not None:
             written(words_of(model.agent))
             path = Path(self.best_model)
             files.check_place("best_model", path)
-            before = best_before(path, model.env_name, model.agent, model.seed, model.num_timesteps)
-            self.best = max(self.best, before)
+            self.best = max(self.best, best_before(path, run, model.num_timesteps))
 
     def __call__(self, model: Any, log: Log) -> None:
         """Evaluate, and save the model if its mean return is the best so far."""
@@ -114,11 +114,7 @@ class Evaluate:
     def _let_go(self) -> None:
         if isinstance(self._on[0], Kept):
             self._on[0].close()
-        self._on = self._named
-
-    @property
-    def _named(self) -> tuple[Any, ...]:
-        return (self.env, self.env_kwargs) if self.env_kwargs else (self.env,)
+        self._on = (self.env, self.env_kwargs)
 
 
 @dataclasses.dataclass

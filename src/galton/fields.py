@@ -7,13 +7,17 @@ tuple of any of them, or one of these or None.
 import contextlib
 import functools
 import types
-from collections.abc import Callable, Hashable, Iterable, Mapping, Set
-from typing import Annotated, Any, Literal, NamedTuple, get_args, get_origin, get_type_hints
+from collections.abc import Callable, Iterable, Mapping, Set
+from typing import Annotated, Any, Literal, NamedTuple, TypeVar, cast, get_args, get_origin, get_type_hints
 
 import numpy as np
 from jaxtyping import Bool, Float, Shaped
 
 from galton.errors import UsageError, require, require_integer
+
+CallableT = TypeVar("CallableT", bound=Callable[..., Any])
+cached = cast("Callable[[CallableT], CallableT]", functools.cache)
+"""functools.cache for functions of a class, which mypy takes for one without a hash where its objects have none."""
 
 
 class AtLeast(NamedTuple):
@@ -62,8 +66,8 @@ def checked(name: str, value: object, annotation: Any) -> Any:
     return value
 
 
-@functools.cache
-def annotations(record: Hashable) -> dict[str, Any]:
+@cached
+def annotations(record: type) -> dict[str, Any]:
     """The annotation of each field of a record, with its bounds."""
     return get_type_hints(record, include_extras=True)
 

@@ -16,13 +16,13 @@ from jaxtyping import Array, Float
 
 from galton import kernels
 from galton.bins import UnevenBins
-from galton.errors import require, unknown
+from galton.errors import require, require_word
 from galton.kernels import Weights
 from galton.parts import Part, unusual
 from galton.policies.base import Distribution, Family
 from galton.policies.histogram import Histogram
 from galton.policies.mixed import Mixed
-from galton.targets import Eta
+from galton.targets import Eta, Tails
 from galton.types import Bonus, Positive
 
 Losses = Float[Array, "*batch"]
@@ -108,7 +108,7 @@ class HLGauss(Loss):
     eta: Positive = 0.25
     """The width η = σ / bin width (§4.2). Where it follows the policy (eta_rule) this is the factor of the policy's
     standard deviation."""
-    target_tails: Literal["rescaled", "edges", "reflected"] = "rescaled"
+    target_tails: Tails = "rescaled"
     """Target mass beyond the box: the rest is rescaled to sum to 1 (eq. 6), the first and last bin get it, or it is
     folded back."""
     eta_rule: Literal["fixed", "policy"] = "fixed"
@@ -230,6 +230,5 @@ LOSSES: dict[str, type[Loss]] = {
 
 def find_loss(name: str) -> type[Loss]:
     """The entry of that name; UsageError lists the names if there is none."""
-    if name not in LOSSES:
-        raise unknown("loss", name, LOSSES)
+    require_word("loss", name, LOSSES)
     return LOSSES[name]

@@ -27,7 +27,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from galton.errors import require
-from galton.fields import Within, annotations, checked
+from galton.fields import Within, annotations, cached, checked
 
 PartT = TypeVar("PartT", bound="Part")
 _COMPUTED = (jax.core.Tracer, jax.ShapeDtypeStruct)
@@ -117,12 +117,10 @@ class Part:
         super().__init_subclass__(**options)
         dataclasses.dataclass(frozen=True)(cls)
         no_type_check(cls.__init__)  # its fields are checked by `checked`, whose errors users read
-        jax.tree_util.register_pytree_with_keys(
-            cls, functools.partial(_flatten_with_keys, cls), functools.partial(_unflatten, cls), _flatten
-        )
+        jax.tree_util.register_pytree_with_keys(cls, _flatten_with_keys, functools.partial(_unflatten, cls), _flatten)
 
     def __post_init__(self) -> None:
-        for name, annotation in _annotations(type(self)).items():
+        for name, annotation in annotations(type(self)).items():
             if _is_part(annotation):
                 checked(name, getattr(self, name), annotation)
         for name, annotation in settings(type(self)).items():
@@ -153,15 +151,11 @@ class Part:
         return cast("PartT", dataclasses.replace(cast("Any", self), **fields))
 
 
+@cached
 def settings(part: type[Part]) -> dict[str, Any]:
     """The settings that a kind of part owns, each with its annotation."""
-    if part not in _SETTINGS:
-        told, names = _annotations(part), [field.name for field in dataclasses.fields(cast("Any", part))]
-        _SETTINGS[part] = {name: told[name] for name in names if not _is_part(told[name]) and told[name] != Box | None}
-    return _SETTINGS[part]
-
-
-_SETTINGS: dict[type[Part], dict[str, Any]] = {}
+    told, names = annotations(part), [field.name for field in dataclasses.fields(cast("Any", part))]
+    return {name: told[name] for name in names if not _is_part(told[name]) and told[name] != Box | None}
 
 
 def is_number(annotation: Any) -> bool:
@@ -183,7 +177,7 @@ def trimmed(part: PartT) -> PartT:
 
     Its program then has no trace of them.
     """
-    told, changed = _annotations(type(part)), dict[str, Any]()
+    told, changed = annotations(type(part)), dict[str, Any]()
     for name, annotation in told.items():
         value = getattr(part, name, None)
         if isinstance(value, Part):
@@ -197,20 +191,12 @@ def _is_part(annotation: Any) -> bool:
     return isinstance(annotation, type) and issubclass(annotation, Part)
 
 
-def _annotations(part: type[Part]) -> dict[str, Any]:
-    return annotations(cast("Any", part))
-
-
-_FIELDS: dict[type[Part], tuple[tuple[str, ...], tuple[str, ...]]] = {}
-
-
+@cached
 def _fields(part: type[Part]) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """The fields of a part that are leaves or branches, and those that are its structure."""
-    if part not in _FIELDS:
-        told, names = _annotations(part), [field.name for field in dataclasses.fields(cast("Any", part))]
-        inside = tuple(name for name in names if is_number(told[name]) or _is_part(told[name]))
-        _FIELDS[part] = inside, tuple(name for name in names if name not in inside)
-    return _FIELDS[part]
+    told, names = annotations(part), [field.name for field in dataclasses.fields(cast("Any", part))]
+    inside = tuple(name for name in names if is_number(told[name]) or _is_part(told[name]))
+    return inside, tuple(name for name in names if name not in inside)
 
 
 def _flatten(part: Part) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
@@ -218,16 +204,15 @@ def _flatten(part: Part) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
     return tuple(getattr(part, name) for name in inside), tuple(getattr(part, name) for name in structure)
 
 
-def _flatten_with_keys(cls: type[Part], part: Part) -> tuple[tuple[tuple[Any, Any], ...], tuple[Any, ...]]:
+def _flatten_with_keys(part: Part) -> tuple[tuple[tuple[Any, Any], ...], tuple[Any, ...]]:
     children, structure = _flatten(part)
-    return tuple(zip(map(jax.tree_util.GetAttrKey, _fields(cls)[0]), children, strict=True)), structure
+    return tuple(zip(map(jax.tree_util.GetAttrKey, _fields(type(part))[0]), children, strict=True)), structure
 
 
 def _unflatten(cls: type[PartT], structure: tuple[Any, ...], children: tuple[Any, ...]) -> PartT:
     part = object.__new__(cls)
     inside, outside = _fields(cls)
-    for name, value in (*zip(inside, children, strict=True), *zip(outside, structure, strict=True)):
-        object.__setattr__(part, name, value)
+    vars(part).update(zip((*inside, *outside), (*children, *structure), strict=True))
     return part
 
 

@@ -4,7 +4,7 @@ import math
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-from galton.errors import require, unknown
+from galton.errors import require, require_word
 
 GAUSSIAN, CLASSIFICATION, RN_D = "gaussian", "classification", "rn-d"
 PLAYGROUND, PAPER = "playground", "paper"
@@ -182,10 +182,8 @@ def find_preset(name: str | None, loss: Any, algorithm: str) -> Preset:
     Raises:
         UsageError: there is none of that name, or it is for another loss or algorithm.
     """
-    name = name or (USUAL.get(algorithm, PAPER) if loss is None else PAPER)
-    name = present(name)
-    if name not in PRESETS:
-        raise unknown("preset", name, PRESETS)
+    name = present(name or (USUAL.get(algorithm, PAPER) if loss is None else PAPER))
+    require_word("preset", name, PRESETS)
     known = PRESETS[name]
     told = f"preset is {name!r}, which is for {' and '.join(known)}, not {algorithm!r}; take one of these algorithms"
     require(not known or algorithm in known, told)

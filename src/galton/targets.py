@@ -8,13 +8,12 @@ from jax import lax
 from jax.scipy.special import erf
 from jaxtyping import Array, Float, Int
 
-from galton.bins import Bins, PlacedBins
+from galton.bins import Bins, Centers, PlacedBins
 from galton.errors import require, require_word
 
 Eta = float | int | Float[Array, "*entries"]
 """HL-Gauss's width, one for all or one for each entry of the actions."""
 Tails = Literal["rescaled", "edges", "reflected"]
-Centers = Literal["inside", "bounds"]
 
 _SQRT2 = 2**0.5
 FEW = 256

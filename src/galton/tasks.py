@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import NamedTuple
 
-from galton.envs.registry import find_task, is_known
+from galton.envs.registry import is_known, key_of
 
 
 class Task(NamedTuple):
@@ -77,7 +77,7 @@ def settings_of(env: object) -> dict[str, object]:
 
 def task_of(env: str) -> Task:
     """The task on that environment, by either of its names; for any other environment the paper's usual settings."""
-    env = find_task(env)[0] if is_known(env) else env
+    env = key_of(env)
     if env.partition(":")[0] in ("brax", "playground", "mjx"):  # their resets are slow
         return Task(env, env, config={"resets": "first"})
     other = Task(env, env) if is_known(env) else _outside(env, env)

@@ -7,7 +7,7 @@ Every name belongs to the parts that have a setting of that name. Which parts th
 import functools
 import math
 from collections.abc import Collection, Mapping
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple
 
 from galton import schedules
 from galton.algorithms import ALGORITHMS, CREDITS, ENTROPIES, Agent, Algorithm, Rollout, find_algorithm
@@ -164,7 +164,7 @@ def chosen(words: Words) -> dict[str, Part | type[Part]]:
         name = words.get(word, usual)
         if word == "policy" and name == "auto":
             name = found["loss"].policy
-        kind = annotations(cast("Any", Agent))[field]
+        kind = annotations(Agent)[field]
         found[field] = checked(word, name, kind) if isinstance(name, Part) else registry[_key(word, name, registry)]
     return found
 

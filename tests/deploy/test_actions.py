@@ -41,7 +41,7 @@ def test_the_action_of_outputs_is_that_of_their_distribution(name):
         graph = Graph(params)
         chosen = ACTIONS[name](graph, OBSERVATION, policy)
         graph.add("Min", graph.add("Max", chosen.action, LOW), HIGH, name=ACTION)
-        content = encode(Decision(graph, (policy.n_outputs,), (2,), LOW, HIGH, chosen))
+        content = encode(Decision(graph, (policy.n_outputs,), LOW, HIGH, chosen))
         (found,) = onnxruntime.InferenceSession(content).run([ACTION], {OBSERVATION: outputs})
         expected = policy.distribution(outputs, params).deterministic_action()
         np.testing.assert_allclose(found, expected, rtol=1e-5, atol=1e-5)

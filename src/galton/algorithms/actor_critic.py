@@ -20,7 +20,7 @@ from galton.types import Learner, Params, Transition
 
 
 def init(key: Key[Array, ""], agent: Agent, observation_size: int) -> Learner:
-    """New networks and the optimizer's first state. Not under vmap (see `init_mlp`)."""
+    """New networks and the optimizer's first state. Not under vmap (see `networks.last_layer`)."""
     actor_key, critic_key = jax.random.split(key)
     network, policy, critic, rollout = agent.network, agent.policy, agent.critic, agent.rollout
     n_in = observation_size - agent.box.n_mask

@@ -15,7 +15,7 @@ from galton.algorithms import ALGORITHMS, find_algorithm
 from galton.cli._reading import search_here
 from galton.cli._words import Fills
 from galton.envs.find import find
-from galton.envs.registry import ENVS, find_task, is_known, read_constants
+from galton.envs.registry import ENVS, key_of, read_constants
 from galton.envs.task import Task
 from galton.losses import LOSSES
 from galton.models.settings import all_words
@@ -109,7 +109,7 @@ DEVICES = re.compile(r"^(con|prn|aux|nul|com\d|lpt\d)(?=\.|$)", re.IGNORECASE)
 
 def short_name(env: str) -> str:
     """The name of an environment in that of a folder: our own of the task, or the id without what a path can't hold."""
-    return find_task(env)[0] if is_known(env) else plain_name(env, LONGEST)
+    return plain_name(key_of(env), LONGEST)
 
 
 def plain_name(name: str, longest: int = SHORTER) -> str:

@@ -6,7 +6,7 @@ import importlib
 import re
 from collections.abc import Iterator, Sequence
 from types import ModuleType
-from typing import Annotated, get_args, get_origin, get_type_hints
+from typing import Annotated, NamedTuple, get_args, get_origin, get_type_hints
 
 from galton.cli._interrupts import leaving_at_once
 from galton.errors import UsageError
@@ -19,11 +19,10 @@ ELSEWHERE = ("loss", "algorithm")
 """The words that each command has as options of its own."""
 
 
-class Fills:
+class Fills(NamedTuple):
     """In the annotation of an option: what the functions that it is for call it, where that is another name."""
 
-    def __init__(self, argument: str) -> None:
-        self.argument = argument
+    argument: str
 
 
 def options_of(record: type) -> dict[str, str]:
@@ -39,7 +38,7 @@ def options_of(record: type) -> dict[str, str]:
     inner: dict[str, str] = {}
     for name, hint in get_type_hints(record, include_extras=True).items():
         kind, *marks = get_args(hint) if get_origin(hint) is Annotated else (hint,)
-        if dataclasses.is_dataclass(kind) or hasattr(kind, "_fields"):
+        if dataclasses.is_dataclass(kind):
             inner |= options_of(kind)
             continue
         if get_origin(kind) is dict:  # of settings by name, each of which is an option

@@ -30,10 +30,9 @@ class Decision(NamedTuple):
     graph: Graph
     observation_shape: tuple[int, ...]
     """Of one observation: as the environment has it where it is a Box, else that of the flat vector."""
-    action_shape: tuple[int, ...]
-    """Of one action: as the environment has it where it is a Box, else that of the flat vector."""
     low: Float[np.ndarray, "*shape"]
-    """The lower bounds of the action in float32, none below those of the environment."""
+    """The lower bounds of the action in float32, none below those of the environment; of its shape where that is a Box,
+    else flat."""
     high: Float[np.ndarray, "*shape"]
     """The upper bounds of the action in float32, none above those of the environment."""
     chosen: Chosen
@@ -72,7 +71,7 @@ def decide(model: Model) -> Decision:
     low, high = bounds(model.actions)
     shaped = graph.add("Reshape", chosen.action, np.array([0, *low.shape]))
     graph.add("Min", graph.add("Max", shaped, low), high, name=ACTION)
-    return Decision(graph, shape, low.shape, low, high, chosen, n_mask)
+    return Decision(graph, shape, low, high, chosen, n_mask)
 
 
 def bounds(actions: Actions) -> tuple[Float[np.ndarray, "*shape"], Float[np.ndarray, "*shape"]]:

@@ -12,7 +12,7 @@ from pathlib import Path
 from types import ModuleType
 
 import numpy as np
-from gymnasium.spaces import Box, Dict, Discrete, MultiDiscrete, Tuple
+from gymnasium.spaces import Box, Discrete, MultiDiscrete
 from gymnasium.spaces.utils import flatdim
 
 from galton import normalization
@@ -122,15 +122,12 @@ def encode(decision: Decision) -> bytes:
     onnx = _onnx()
     helper, float32 = onnx.helper, onnx.TensorProto.FLOAT
     graph = decision.graph
+    inputs = {OBSERVATION: decision.observation_shape} | ({MASK: (decision.n_mask,)} if decision.n_mask else {})
     described = helper.make_graph(
         [helper.make_node(node.operator, node.inputs, [node.output], **node.attributes) for node in graph.nodes],
         "policy",
-        [
-            helper.make_tensor_value_info(name, float32, [BATCH, *shape])
-            for name, shape in ((OBSERVATION, decision.observation_shape), (MASK, (decision.n_mask,)))
-            if name == OBSERVATION or decision.n_mask
-        ],
-        [helper.make_tensor_value_info(ACTION, float32, [BATCH, *decision.action_shape])],
+        [helper.make_tensor_value_info(name, float32, [BATCH, *shape]) for name, shape in inputs.items()],
+        [helper.make_tensor_value_info(ACTION, float32, [BATCH, *decision.low.shape])],
         [_tensor(onnx, name, array) for name, array in graph.constants.items()],
     )
     opset = helper.make_operatorsetid("", OPSET)
@@ -184,7 +181,7 @@ def contract(
         "output": {
             "name": ACTION,
             "dtype": "float32",
-            "shape": [BATCH, *decision.action_shape],
+            "shape": [BATCH, *decision.low.shape],
             "units": "the environment's own",
             "low": decision.low.tolist(),
             "high": decision.high.tolist(),
@@ -239,23 +236,21 @@ def _source(model: Model) -> dict[str, object]:
     }
 
 
-def _entries(space: Space, where: tuple[str | int, ...] = (), first: int = 0) -> Iterator[dict[str, object]]:
+def _entries(space: Space) -> Iterator[dict[str, object]]:
     """The entries of the flat observation that each part of the environment's is, in order; `to` is left out."""
-    if isinstance(space, Dict | Tuple):
-        for name, part in space.spaces.items() if isinstance(space, Dict) else enumerate(space.spaces):
-            yield from _entries(part, (*where, name), first)
-            first += flatdim(part)
-        return
-    entry: dict[str, object] = {"part": list(where), "from": first, "to": first + flatdim(space)}
-    if isinstance(space, Box):
-        yield entry | {"encoding": "as it is", "low": _finite(space.low), "high": _finite(space.high)}
-    elif isinstance(space, Discrete):
-        yield entry | {"encoding": "one-hot", "first": int(space.start), "sizes": [int(space.n)]}
-    elif isinstance(space, MultiDiscrete):
-        sizes, starts = (np.ravel(of).tolist() for of in (space.nvec, space.start))
-        yield entry | {"encoding": "one-hot, one after the other", "first": starts, "sizes": sizes}
-    else:
-        yield entry | {"encoding": "0 or 1"}
+    first = 0
+    for keys, leaf in leaves(space):
+        entry: dict[str, object] = {"part": list(keys), "from": first, "to": first + flatdim(leaf)}
+        first += flatdim(leaf)
+        if isinstance(leaf, Box):
+            yield entry | {"encoding": "as it is", "low": _finite(leaf.low), "high": _finite(leaf.high)}
+        elif isinstance(leaf, Discrete):
+            yield entry | {"encoding": "one-hot", "first": int(leaf.start), "sizes": [int(leaf.n)]}
+        elif isinstance(leaf, MultiDiscrete):
+            sizes, starts = (np.ravel(of).tolist() for of in (leaf.nvec, leaf.start))
+            yield entry | {"encoding": "one-hot, one after the other", "first": starts, "sizes": sizes}
+        else:
+            yield entry | {"encoding": "0 or 1"}
 
 
 def _finite(bound: np.ndarray) -> list[float | None] | float | None:

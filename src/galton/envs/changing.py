@@ -17,7 +17,7 @@ from jaxtyping import Array, Bool, Float, Int, Key
 from galton.envs.bandit import OneState
 from galton.envs.base import box
 from galton.envs.lqr import LQR, riccati
-from galton.errors import require, require_integer
+from galton.errors import require, require_integer, require_word
 
 
 class Moment(NamedTuple):
@@ -77,8 +77,7 @@ class DriftingBandit(_Changing, OneState):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        kinds = ("jump", "sine", "walk", "still")
-        require(self.change in kinds, f"change is {self.change!r}; choose from {', '.join(kinds)}")
+        require_word("change", self.change, ("jump", "sine", "walk", "still"))
         require_integer("period", self.period, 1)
         require_integer("seed", self.seed, 0)
         require(0 < self.size <= FARTHEST, f"size is {self.size}; it must be greater than 0, and {FARTHEST} or less")
@@ -150,8 +149,7 @@ class SwitchingLQR(_Changing):
     observation_low, observation_high = LQR().observation_low, LQR().observation_high
 
     def __post_init__(self) -> None:
-        kinds = ("reversal", "rotation", "radius", "cost")
-        require(self.change in kinds, f"change is {self.change!r}; choose from {', '.join(kinds)}")
+        require_word("change", self.change, ("reversal", "rotation", "radius", "cost"))
         require_integer("period", self.period, 1)
         _ = self.phases
 

@@ -17,11 +17,6 @@ from galton.envs.host.moves import Moves
 from galton.envs.host.observations import Observations
 from galton.errors import UsageError, require, require_integer
 
-ENDS = ("low", "high")
-"""The ends of a box, as a record's bounds are called."""
-NAMES = ("observation", "reward", "terminated")
-"""The names of what a step of a record gives."""
-
 
 @jax.tree_util.register_pytree_node_class
 class JaxTask:
@@ -81,7 +76,7 @@ class JaxTask:
     def _box(self, kind: str) -> Box:
         """The box between bounds that may be arrays of any kind, lists or numbers."""
         with jax.ensure_compile_time_eval():  # jax.numpy makes them inside of a program, too
-            low, high = (np.asarray(getattr(self.record, f"{kind}_{end}"), np.float32) for end in ENDS)
+            low, high = (np.asarray(getattr(self.record, f"{kind}_{end}"), np.float32) for end in ("low", "high"))
         return Box(np.atleast_1d(low), np.atleast_1d(high))
 
     @property
@@ -111,6 +106,11 @@ class JaxTask:
         """The first state of the next episode: a fresh one, with what the record carries over into it."""
         return self.record.carried(ended, fresh) if self.is_carried else fresh
 
+    def begun_anew(self, ended: Bool[Array, " N"], states: PyTree[Array], fresh: PyTree[Array]) -> PyTree[Array]:
+        """The states of N copies; where an episode has ended, the first of the next one, from a fresh state."""
+        first = jax.vmap(self.carried)(states, fresh)
+        return jax.tree.map(lambda new, old: jax.vmap(jnp.where)(ended, new, old), first, states)
+
     def metrics(self, state: PyTree[Array]) -> dict[str, Float[Array, ""]]:
         """The numbers that the record tells of a state for the log, by the names of its columns."""
         of_record: Any = getattr(self.record, "metrics", None)
@@ -130,11 +130,7 @@ class JaxTask:
         self, state: PyTree[Array], action: Float[Array, " d"], noise: PyTree[Array]
     ) -> tuple[PyTree[Array], Float[Array, ""], Bool[Array, ""]]:
         """One step of the record under a policy's action, as the record's space has it, clipped into its box."""
-        if getattr(self.record, "action_space", None) is not None:
-            return self.record.step(state, self.actions.to_env(action), noise)
-        scale = np.float32(self.action_scale)
-        low, high = (jnp.asarray(getattr(self.record, f"action_{end}"), jnp.float32) for end in ENDS)
-        return self.record.step(state, jnp.clip(action, low * scale, high * scale) / scale, noise)
+        return self.record.step(state, self.actions.to_env(action), noise)
 
     def __eq__(self, other: object) -> bool:
         """Say whether the same programs serve both, on equal arrays."""
@@ -187,7 +183,7 @@ def check(task: JaxTask) -> None:
         place = f"state{jax.tree_util.keystr(path)}"
         require(was == now, f"{a_record} {place} is {was} after reset and {now} after step; {_ALIKE}")
     shapes = ((task.observations.size - task.observations.n_mask,), (), ())
-    for name, shape, told in zip(NAMES, shapes, given, strict=True):
+    for name, shape, told in zip(("observation", "reward", "terminated"), shapes, given, strict=True):
         require(told.shape == shape, f"{a_record} {name} has shape {told.shape}; it must have shape {shape}")
     require(told.dtype == bool, f"{a_record} terminated is of {told.dtype}; it must be of bool, as by terminated > 0.5")
 
@@ -290,8 +286,7 @@ def _step(
     ended = terminated | truncated
 
     def renewed(states: PyTree[Array]) -> PyTree[Array]:
-        fresh = jax.vmap(task.carried)(states, jax.vmap(env.reset)(reset_keys))
-        return jax.tree.map(lambda f, s: jax.vmap(jnp.where)(ended, f, s), fresh, states)
+        return task.begun_anew(ended, states, jax.vmap(env.reset)(reset_keys))
 
     states = jax.lax.cond(ended.any(), renewed, lambda states: states, states)
     return (

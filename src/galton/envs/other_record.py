@@ -1,6 +1,7 @@
 """The records of tasks that other libraries have: what all of them have alike."""
 
 import abc
+import functools
 from typing import Any, ClassVar
 
 import jax
@@ -33,7 +34,7 @@ class OtherRecord(abc.ABC):
         """No bound, since not all tasks keep those that their library tells."""
         return -self.observation_high
 
-    @property
+    @functools.cached_property
     def observation_high(self) -> Float[np.ndarray, " o"]:
         """No bound, since not all tasks keep those that their library tells."""
         return box(np.inf, jax.eval_shape(lambda key: self.observe(self.reset(key)), jax.random.key(0)).size)

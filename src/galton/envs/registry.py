@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple, cast
 
 import gymnasium
 
-from galton.errors import UsageError, unknown
+from galton.errors import UsageError, require_word
 
 if TYPE_CHECKING:
     from galton.envs.base import Environment
@@ -41,17 +41,14 @@ ENVS = {
 """Our own environments, by the names that commands and `make` take; each is registered with Gymnasium too."""
 
 
-def find_task(name: str) -> tuple[str, Entry]:
-    """The key in ENVS and the entry, by either of its names; UsageError lists the names if there is none."""
-    for key, task in ENVS.items():
-        if name in (key, task.gymnasium_id):
-            return key, task
-    raise unknown("environment", name, ENVS)
+def key_of(name: str) -> str:
+    """The key in ENVS of one of our own environments, by either of its names; any other name as it is."""
+    return next((key for key, entry in ENVS.items() if name in (key, entry.gymnasium_id)), name)
 
 
 def is_known(name: str) -> bool:
-    """True if `find_task` knows the name."""
-    return any(name in (key, task.gymnasium_id) for key, task in ENVS.items())
+    """True if it is a name of one of our own environments."""
+    return key_of(name) in ENVS
 
 
 def make(name: str, **constants: object) -> "Environment":
@@ -65,8 +62,9 @@ def make(name: str, **constants: object) -> "Environment":
     if name.partition(":")[0] in LIBRARIES:
         given = {constant: _tuples(value) for constant, value in constants.items()}
         return cast("Environment", importlib.import_module("galton.envs.others").make(name, **given))
-    _, task = find_task(name)
-    module, record = task.record.split(":")
+    key = key_of(name)
+    require_word("environment", key, ENVS)
+    module, record = ENVS[key].record.split(":")
     cls = getattr(importlib.import_module(module), record)
     known = [field.name for field in dataclasses.fields(cls)]
     for constant in constants:

@@ -49,8 +49,8 @@ def learn(
     n_updates: int,
     callback: object,
     progress_bar: bool,
-    printed: bool = False,
-    decay_from: int | None = None,
+    printed: bool,
+    decay_from: int | None,
 ) -> None:
     """Train for so many updates with callbacks of SB3's and ours; UsageError for one that can't be called."""
     first, size, start = model.num_timesteps, model.agent.rollout.size, time.perf_counter()

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Key
 
-from galton.bins import Bins, PlacedBins, UnevenBins, stacked
+from galton.bins import Bins, Centers, PlacedBins, UnevenBins, stacked
 from galton.errors import require
 from galton.fields import AtLeast
 from galton.parts import Box
@@ -32,7 +32,7 @@ class BinnedPolicy(Policy):
 
     n_bins: Annotated[int, AtLeast(2)] = 100
     """Bins per action dimension, k (§4.1)."""
-    bin_centers: Literal["inside", "bounds"] = "inside"
+    bin_centers: Centers = "inside"
     """The bins are all of one width, so that their centers lie inside the box (§4.1), or the first and last center
     are the box's bounds, so that the bins at the ends are half as wide."""
     exploration: Exploration = "softmax"
@@ -227,7 +227,7 @@ def started(initial_policy: str, bins: Bins, shift: Float[Array, "*d 1"], std: F
 def _bins(
     box: Box,
     n_bins: int,
-    bin_centers: Literal["inside", "bounds"],
+    bin_centers: Centers,
     ordered: tuple[str, ...],
     per_entry: tuple[str, ...],
     precision: str,

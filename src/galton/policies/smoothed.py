@@ -1,6 +1,6 @@
 """The smoothed softmax policy: neighbouring bins share what the network says, in the policy and not in the target."""
 
-from typing import ClassVar, Literal
+from typing import ClassVar
 
 import jax.numpy as jnp
 from jaxtyping import Array, Float
@@ -24,7 +24,7 @@ class SmoothedPolicy(HistogramPolicy):
 
     eta: Positive = 0.25
     """The width of the moving average, in bins."""
-    target_tails: Literal["rescaled", "edges", "reflected"] = "rescaled"
+    target_tails: targets.Tails = "rescaled"
     """Mass beyond the box: the rest is rescaled to sum to 1, it is folded back, or the bin at that end gets it."""
 
     def init(self) -> tuple[Float[Array, " dk"], Params]:

@@ -16,7 +16,7 @@ from galton.errors import MALFORMED, CheckpointError, NewerVersionError, UsageEr
 from galton.networks import MLP, SimBa
 from galton.parts import settings as settings_of
 from galton.policies.per_entry import most_bins
-from galton.records import FIRST_FIELDS, refuse_unknown
+from galton.records import FIRST_FIELDS, Fields, refuse_unknown
 from galton.saving import checkpoint, files
 from galton.saving.checkpoint import Settings
 from galton.words import vocabulary
@@ -68,10 +68,11 @@ def existing(path: Path) -> Path:
     return next((file for file in meant if file.is_file()), path)
 
 
-def best_before(path: Path, env_name: str, agent: Agent, seed: int, step: int) -> float:
-    """The mean return of the best model that the run of this agent and seed kept here up to this step; −inf for none.
+def best_before(path: Path, run: tuple[str, int, Fields], step: int) -> float:
+    """The mean return of the best model that this run kept here up to this step; −inf for none.
 
-    A file of anything else is nobody's best: whoever keeps a better model writes over it.
+    A run is the name of its environment, its seed and its agent's words. A file of anything else is nobody's best:
+    whoever keeps a better model writes over it.
     """
     path = existing(path)
     if not path.is_file():
@@ -80,8 +81,7 @@ def best_before(path: Path, env_name: str, agent: Agent, seed: int, step: int) -
         saved = opened(path)
     except (CheckpointError, UsageError):
         return -math.inf
-    of_run = (saved.settings["env"], saved.settings["seed"], words_of(saved.agent))
-    same = of_run == (env_name, seed, words_of(agent))
+    same = run == (saved.settings["env"], saved.settings["seed"], words_of(saved.agent))
     earlier = saved.settings["step"] <= step
     return float(saved.arrays[SCORE]) if same and earlier and SCORE in saved.arrays else -math.inf
 

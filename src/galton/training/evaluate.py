@@ -16,7 +16,7 @@ from galton.envs.host.layers import has_no_limit
 from galton.envs.host.statistics import frozen
 from galton.envs.jax_task import JaxTask
 from galton.envs.task import Task
-from galton.errors import BrokenEnvironmentError, require
+from galton.errors import BrokenEnvironmentError, UsageError
 from galton.training.rollout import start_episodes
 from galton.types import Learner
 
@@ -46,12 +46,11 @@ def copies(task: Task, n_copies: int, n_threads: int = 1) -> HostEnvironments:
     envs = task.make(n_copies, n_threads)
     if any(moves.are_watched for moves in envs.moves):
         envs.close()
-    require(
-        not any(moves.are_watched for moves in envs.moves),
-        f"{task.name} is being trained on and can't be copied, and evaluation would move it in the middle of an "
-        "episode; evaluate on an environment of its own: evaluate(env=...) or Evaluate(env=...) takes an id or a "
-        "function that makes it",
-    )
+        raise UsageError(
+            f"{task.name} is being trained on and can't be copied, and evaluation would move it in the middle of an "
+            "episode; evaluate on an environment of its own: evaluate(env=...) or Evaluate(env=...) takes an id or a "
+            "function that makes it"
+        )
     return envs
 
 
@@ -88,11 +87,6 @@ def opened(task: Task, n_episodes: int) -> Iterator[tuple[HostEnvironments, int]
             envs.close()
 
 
-def kept(task: Task, n_episodes: int) -> Task:
-    """A task for many evaluations of so many episodes; one in JAX needs no copies to be kept."""
-    return task if isinstance(task, JaxTask) else Kept(task, n_episodes)
-
-
 def play(
     name: str,
     envs: HostEnvironments,
@@ -123,19 +117,17 @@ def play(
                     returns[i].append(collected[i])
                 collected[i], length[i] = 0.0, 0
             if (length[active] >= MAX_STEPS).any():
-                break
-            observation = steps.observation
-        else:
-            if cut:
-                warnings.warn(
-                    f"{name} has no time limit, and an episode of evaluation was cut after {LONG:,} steps; {LIMIT_IT}",
-                    stacklevel=2,
+                raise BrokenEnvironmentError(
+                    f"{name}: an episode of evaluation did not end in {MAX_STEPS:,} steps; give the environment a time "
+                    "limit (gymnasium.wrappers.TimeLimit) or turn evaluation off"
                 )
-            return np.concatenate([*map(np.array, returns)])
-    raise BrokenEnvironmentError(
-        f"{name}: an episode of evaluation did not end in {MAX_STEPS:,} steps; give the environment a time limit "
-        "(gymnasium.wrappers.TimeLimit) or turn evaluation off"
-    )
+            observation = steps.observation
+    if cut:
+        warnings.warn(
+            f"{name} has no time limit, and an episode of evaluation was cut after {LONG:,} steps; {LIMIT_IT}",
+            stacklevel=2,
+        )
+    return np.concatenate([*map(np.array, returns)])
 
 
 def evaluate(

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int, Key, PyTree
+from jaxtyping import Array, Float, Int, Key, PyTree
 
 from galton import normalization
 from galton.algorithms import Agent, Rollout, Scalars, actor_critic
@@ -78,11 +78,6 @@ def _beginnings(noise: Noise, rollout: Rollout) -> tuple[Noise, Callable[[Episod
     return noise._replace(fresh_states=turn), lambda _, chosen: jax.tree.map(lambda x: x[chosen], pool)
 
 
-def _begun_anew(done: Bool[Array, " N"], fresh: PyTree[Array], states: PyTree[Array]) -> PyTree[Array]:
-    """The states, but fresh ones where an episode has ended."""
-    return jax.vmap(lambda d, f, s: jax.tree.map(lambda f, s: jnp.where(d, f, s), f, s))(done, fresh, states)
-
-
 Carry = tuple[EpisodeState, normalization.Normalizer]
 """The state that a rollout carries from step to step."""
 
@@ -111,7 +106,7 @@ def rollout(
         truncated = (length >= env.max_episode_steps) & ~terminated
         done = terminated | truncated
         following = EpisodeState(
-            _begun_anew(done, jax.vmap(task.carried)(states, beginning(episodes, noise.fresh_states)), states),
+            task.begun_anew(done, states, beginning(episodes, noise.fresh_states)),
             jnp.where(done, 0, length),
             jnp.where(done, 0.0, collected),
             z,

@@ -66,7 +66,7 @@ def keys_of(seed: UInt[Array, ""]) -> Key[Array, "4"]:
 def begin(
     agent: Agent, observation_size: int, seed: UInt[Array, ""], metrics: Sequence[str] = ()
 ) -> tuple[RunState, Array]:
-    """A new run, and the key of its first episodes. Not under vmap (see `init_mlp`).
+    """A new run, and the key of its first episodes. Not under vmap (see `networks.last_layer`).
 
     The names are those of the numbers that its environment tells of itself.
     """

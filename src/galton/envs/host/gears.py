@@ -5,13 +5,13 @@ episode. It is a part of the state that is saved, and evaluation begins where tr
 robot is another one: `change` says how.
 """
 
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import gymnasium
 import numpy as np
 from jaxtyping import Float
 
-from galton.errors import require, require_integer
+from galton.errors import require_integer, require_word
 from galton.extras import needed
 
 with needed("a robot whose gears change", "mujoco", "imageio"):  # which Gymnasium imports with it
@@ -19,7 +19,6 @@ with needed("a robot whose gears change", "mujoco", "imageio"):  # which Gymnasi
 
 Change = Literal["reversal", "leg", "friction", "cosine"]
 
-_CHANGES = ("reversal", "leg", "friction", "cosine")
 _STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 _LEGS = {"HalfCheetah-v5": (0, 1, 2), "Ant-v5": (2, 3)}
 """The actuators of HalfCheetah's hind leg and of Ant's left front leg."""
@@ -50,8 +49,8 @@ class Gears(gymnasium.Env[np.ndarray, np.ndarray]):
         render_mode: str | None = None,
         **kwargs: Any,
     ) -> None:
-        require(robot in _LEGS, f"robot is {robot!r}; choose from {', '.join(_LEGS)}")
-        require(change in _CHANGES, f"change is {change!r}; choose from {', '.join(_CHANGES)}")
+        require_word("robot", robot, _LEGS)
+        require_word("change", change, get_args(Change))
         require_integer("period", period, 1)
         made: Any = gymnasium.make(robot, render_mode=render_mode, **kwargs)
         self.robot = made.unwrapped
