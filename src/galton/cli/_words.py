@@ -38,7 +38,7 @@ def options_of(record: type) -> dict[str, str]:
     inner: dict[str, str] = {}
     for name, hint in get_type_hints(record, include_extras=True).items():
         kind, *marks = get_args(hint) if get_origin(hint) is Annotated else (hint,)
-        if dataclasses.is_dataclass(kind):
+        if isinstance(kind, type) and dataclasses.is_dataclass(kind):
             inner |= options_of(kind)
             continue
         if get_origin(kind) is dict:  # of settings by name, each of which is an option

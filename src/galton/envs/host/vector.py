@@ -114,7 +114,8 @@ class VectorEnvs:
     def _masks(self, infos: Any) -> Any:
         """The masks of all copies in their present states; None for one that tells none."""
         if self._has_method:
-            ask = self._envs.unwrapped.call if isinstance(self._envs, VectorEnv) else self._envs.env_method
+            vector = isinstance(self._envs, VectorEnv)
+            ask = self._envs.unwrapped.call if vector else self._envs.env_method
             with blame(f"{self._where()}: {masks.METHOD}"):
                 return ask(masks.METHOD)
         if isinstance(infos, dict):
