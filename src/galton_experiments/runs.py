@@ -127,7 +127,7 @@ class Summary:
         setting = pa.array(place[table.column("setting").to_numpy()])
         table = table.set_column(table.column_names.index("setting"), "setting", setting)
         study = dataclasses.replace(self.study, settings=tuple(settings), trials=trials)
-        return Summary(study, self.provenance, table)
+        return Summary(study, self.provenance, table.sort_by([("setting", "ascending"), ("trial", "ascending")]))
 
     def is_paired_with(self, other: "Summary") -> bool:
         """Say whether trial t has the same seed in both."""

@@ -142,14 +142,17 @@ def test_a_changed_summary_is_refused_or_gives_the_right_numbers(summary, tmp_pa
     assert found.best.keys() <= summary.best.keys()
 
 
-def test_parts_and_runs_beside_one_another(summary):
+def test_parts_and_runs_beside_one_another(summary, tmp_path):
     """Those of some settings, in their order, and as many trials of two sweeps as both have."""
     first, *others = STUDY.settings
     turned = summary.part([*others[::-1], first])
     assert turned.study.settings == (*others[::-1], first)
     for setting in STUDY.settings:
         ours, theirs = (each.final("sigma")[each.rows(setting)] for each in (turned, summary))
-        np.testing.assert_array_equal(np.sort(ours), np.sort(theirs))
+        np.testing.assert_array_equal(ours, theirs)
+    turned.save(Store(str(tmp_path)), "turned.parquet")
+    found = Summary.load(Store(str(tmp_path)), "turned.parquet")
+    np.testing.assert_array_equal(found.final("sigma"), turned.final("sigma"))
     fewer = summary.part(others, trials=1)
     joined = summary.part([first]).joined(fewer)
     assert (joined.study.trials, joined.table.num_rows) == (1, len(STUDY.settings))
