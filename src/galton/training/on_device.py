@@ -317,10 +317,7 @@ def _seeds(agent: Agent) -> jax.ShapeDtypeStruct:
 
 
 def _begin_all(layout: Layout) -> Callable[[JaxTask, Agent, UInt[Array, " R"]], DeviceState]:
-    """Make new runs: all at once, but on a CPU one after the other, without a batch axis.
-
-    `networks.last_layer` says why.
-    """
+    """Make new runs: all at once, but on a CPU one after the other, without a batch axis (`networks.last_layer`)."""
     if layout.mesh.devices.flat[0].platform != "cpu":
         return jax.vmap(begin_on_device, (None, 0, 0))
     return lambda task, agent, seeds: jax.lax.map(lambda run: begin_on_device(task, *run), (agent, seeds))
