@@ -1,6 +1,7 @@
 """Our batched MuJoCo tasks against Gymnasium's, number by number."""
 
 import contextlib
+import re
 from pathlib import Path
 
 import gymnasium
@@ -141,17 +142,10 @@ def test_a_simulation_that_mujoco_reset_is_reported(name, poison):
         envs.step(np.zeros((3, envs._actions.low.size), np.float32))
 
 
-def test_the_documents_list_each_task_with_its_sizes():
-    lines = (Path(__file__).parents[3] / "docs" / "own_environment.md").read_text().splitlines()
-    rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in lines if line.startswith("| `")]
-    found = {cells[0].strip("`"): cells[1:] for cells in rows if cells[0].endswith("-v5`")}
-    assert found.keys() == MUJOCO_FUNCTIONS.keys()
-    for name, (actions_told, observations, steps, ends) in found.items():
-        task = find(name)
-        low, high = task.actions.space.low, task.actions.space.high
-        assert actions_told == f"{len(low)} in [{low.min():g}, {high.max():g}]"
-        assert (observations, steps) == (str(task.observations.space.shape[0]), str(task.max_episode_steps))
-        assert (ends == "never") == (MUJOCO_FUNCTIONS[name].ended is None)
+def test_the_documents_name_each_task():
+    text = (Path(__file__).parents[3] / "docs" / "own_environment.md").read_text()
+    told = text.partition("## MuJoCo's, in batches")[2].partition("run in batches")[0]
+    assert set(re.findall(r"`(\S+-v5)`", told)) == MUJOCO_FUNCTIONS.keys()
 
 
 def test_a_wrong_argument_is_told_in_gymnasiums_words():
