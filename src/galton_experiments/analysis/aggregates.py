@@ -54,10 +54,10 @@ def improvement(
     """P(X > Y), the chance that a run of the first is above one of the second on a task that is drawn at random.
 
     A tie counts half. The interval is that of percentiles when the runs of each task and side are drawn again, each
-    side by itself; NaN if a task has fewer than two of either, and a `ByTask` where it is a point although tasks
-    differ. A diverged run, NaN, is below all others. Paired, run i of both sides had the same seed, and the two are
-    drawn together: what a seed does to both is then not taken for a difference. (What drawing pairs again adds to the
-    mean is known, and taken off.)
+    side by itself; NaN if a task has fewer than two of either, or all together fewer than five, and a `ByTask` where it
+    is a point although tasks differ. A diverged run, NaN, is below all others. Paired, run i of both sides had the same
+    seed, and the two are drawn together: what a seed does to both is then not taken for a difference. (What drawing
+    pairs again adds to the mean is known, and taken off.)
     """
     require(len(ours) == len(theirs) > 0, f"ours has {len(ours)} tasks and theirs {len(theirs)}; give the same ones")
     sizes = [(len(a), len(b)) for a, b in zip(ours, theirs, strict=True)]
@@ -66,7 +66,7 @@ def improvement(
     )
     above = [pairs_above(diverged_lowest(a), diverged_lowest(b)) for a, b in zip(ours, theirs, strict=True)]
     mean = np.mean([pairs.mean() for pairs in above])
-    if min(min(pairs.shape) for pairs in above) < 2:
+    if min(min(pairs.shape) for pairs in above) < 2 or min(map(sum, zip(*sizes, strict=True))) < 5:
         return Interval(mean, np.float64(np.nan), np.float64(np.nan))
     total = np.zeros(n_resamples)
     again = _drawn_again(tuple(pairs.shape for pairs in above), n_resamples, seed, paired)

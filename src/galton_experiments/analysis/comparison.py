@@ -23,7 +23,15 @@ from galton_experiments.analysis.plots import (
     over_steps,
     panels,
 )
-from galton_experiments.analysis.statistics import Comparison, Interval, compare, fill_until, mean_interval
+from galton_experiments.analysis.statistics import (
+    ALPHA,
+    Comparison,
+    Interval,
+    compare,
+    fill_until,
+    least_p,
+    mean_interval,
+)
 from galton_experiments.analysis.verdicts import WORDS, decide
 
 Results = Mapping[str, Result]
@@ -102,7 +110,7 @@ def verdicts(results: Results, baseline: str = "gaussian") -> list[str]:
     The baseline is the first of that loss.
 
     Runs of one seed are pairs, a diverged run counts as the worst of all, and the p values of the rank tests are
-    adjusted for all sentences by Holm's method.
+    adjusted for all sentences by Holm's method. Where none of these could be clear, runs are too few.
     """
     found: dict[str, Comparison] = {}
     baseline = next((name for name in results if name.partition(",")[0] == baseline), baseline)
@@ -117,8 +125,13 @@ def verdicts(results: Results, baseline: str = "gaussian") -> list[str]:
                 sentence = f"{label_of(loss)} − {label_of(baseline)}, {name} return"
                 found[sentence] = compare(ours, theirs, paired=True)
     decided = decide(found)
+    n = min((len(result.seeds) for result in results.values()), default=0)
+    few = least_p(n, n, paired=True) * sum(not math.isnan(each.p) for each in found.values()) >= ALPHA
     form = fitting(*(each.difference.mean for each in found.values()))
-    return [f"{what}: {each.difference:+{form}}: {WORDS[decided[what].mark]}" for what, each in found.items()]
+    return [
+        f"{what}: {each.difference:+{form}}: {WORDS['?' if few else decided[what].mark]}"
+        for what, each in found.items()
+    ]
 
 
 def learning_curves(results: Results, env: Environment | None, title: str) -> Figure:

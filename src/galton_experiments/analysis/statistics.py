@@ -155,7 +155,8 @@ def within(a: Float[np.ndarray, " n"], b: Float[np.ndarray, " m"], margin: float
     """Test whether the means of two samples differ by less than a margin: Schuirmann's two one-sided t tests.
 
     Its `difference` is what is left of the margin, negative where they differ by more; `above` is whether any is; `p`
-    is that of the test at the nearer end of the margin, the weaker one. NaN where `compare` has too few runs.
+    is that of the test at the nearer end of the margin, the weaker one, two-sided, which is twice as strict. NaN where
+    `compare` has too few runs.
     """
     a, b = _known(a, b, paired)
     mean = _mean_difference(a, b, paired)

@@ -186,12 +186,12 @@ def _speeds(part: Part, sweeps: Sequence[Trained]) -> dict[str, float]:
     Runs that are trained together share their time evenly; in a narrow shard each has more of it than in a wide one.
     """
     costs: dict[Setting, list[tuple[float, float]]] = {}
-    for place, plan in sweeps:
-        for table in tables_of(place, plan):
+    for each in sweeps:
+        for table in tables_of(each.store, each.plan):
             record, n = record_of(table), table.num_rows
             for i in table.column("setting").to_pylist():
                 cost = record["env_steps"] / n, record["train_seconds"] / n
-                costs.setdefault(plan.study.settings[i], []).append(cost)
+                costs.setdefault(each.plan.study.settings[i], []).append(cost)
     speeds = {}
     for method in dict.fromkeys(entry.method for entry in part.entries):
         own = {entry.setting for entry in part.entries if entry.method == method}

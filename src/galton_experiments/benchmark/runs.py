@@ -122,7 +122,8 @@ def gather(part: Part, tables: Sequence[pa.Table], selection: Selection) -> Runs
         unknown = sum(np.isnan(each) and row["diverged_at"] < 0 for each, row in zip(finals, rows, strict=True))
         told = (
             f"tasks.{part.task.name} has {unknown:,} runs in whose {rows[0]['steps'][-1]:,} steps no episode ended, so "
-            "nothing judges them; give the task more steps, or selection.metric = 'evaluation_return'"
+            "nothing judges them; give the task more steps, or selection.metric = 'evaluation_return', and another "
+            "folder"
         )
         require(unknown == 0 or curve != "judged", told)
         found[f"final_{curve}"] = finals

@@ -40,7 +40,7 @@ def sweep(
     shard_width: int | None = None,
     extend: bool = False,
 ) -> pa.Table:
-    """Train the runs of a study that `out` lacks; then the table of all of them, as `results.collect` tells.
+    """Train the runs of a study that `out` lacks; then the table of them, as `results.collect` tells.
 
     What `parquet.record_of` reads of the table says how the runs were made: versions, machines, seconds.
 
@@ -67,20 +67,21 @@ def sweep(
         else:
             with processes(places) as executor:
                 run(store, plan, executor, lambda: len(places))
-        table = Trained(store, plan).table()
-        results.save(store, table.replace_schema_metadata(None))
-        return table
+        results.save(store, results.collect(store, plan))
+        return Trained(store, plan, study).table()
 
 
 class Trained(NamedTuple):
-    """A study that was trained: the folder of its runs, and their plan."""
+    """A study that was trained: the folder of its runs, and the plan there, which may have more of them."""
 
     store: Store
     plan: Plan
+    study: Study
 
     def table(self) -> pa.Table:
-        """A row for each run, as `results.collect` tells, and in its record how they were made."""
-        return with_record(results.collect(self.store, self.plan), provenance(self.store, self.plan))
+        """A row for each run of the study, as `results.collect` tells, and in its record how they were made."""
+        own = results.of_study(results.collect(self.store, self.plan), self.plan.study, self.study)
+        return with_record(own, provenance(self.store, self.plan))
 
 
 def train_stage(
@@ -108,8 +109,8 @@ def train_stage(
             there = FILE in place.names("")
             plan = prepare(place, study, None if there else width(study) if callable(width) else width, extend=False)
             carry_out(place, plan)
-        found.append(Trained(place, plan))
-    return found if all(len(finished(*each)) == each.plan.n_shards for each in found) else []
+        found.append(Trained(place, plan, study))
+    return found if all(len(finished(each.store, each.plan)) == each.plan.n_shards for each in found) else []
 
 
 def prepare(store: Store, study: Study, shard_width: int | None, extend: bool) -> Plan:

@@ -52,6 +52,17 @@ def collect(store: Store, plan: Plan) -> pa.Table:
     ).combine_chunks()
 
 
+def of_study(table: pa.Table, planned: Study, study: Study) -> pa.Table:
+    """The runs of a study out of those of a plan that covers it, whose settings may have another order."""
+    numbers = {planned.settings.index(setting): i for i, setting in enumerate(study.settings)}
+    theirs, trial = (table.column(name).to_numpy() for name in ("setting", "trial"))
+    setting = np.array([numbers.get(i, -1) for i in theirs.tolist()], theirs.dtype)
+    own = np.flatnonzero((setting >= 0) & (trial < study.trials))
+    place = table.column_names.index("setting")
+    renumbered = table.set_column(place, table.field(place), pa.array(setting))
+    return renumbered.take(own[np.lexsort((trial[own], setting[own]))]).combine_chunks()
+
+
 def same_columns(tables: Sequence[pa.Table]) -> list[pa.Table]:
     """The tables with the same columns each: curves that one of them lacks are NaN in it.
 
@@ -77,15 +88,16 @@ def save(store: Store, table: pa.Table) -> None:
 
 
 def best_settings(study: Study, table: pa.Table) -> dict[str, Best]:
-    """For each loss, among the settings whose trials are all there; one with a diverged trial comes last."""
+    """For each loss, among the settings whose trials are all there; the more trials diverged, the later it comes."""
     columns = ("setting", "final_training_return", "final_evaluation_return")
     setting, training, evaluation = (table.column(name).to_numpy() for name in columns)
-    means = mean_returns(study, table)
+    means, n = mean_returns(study, table), len(study.settings)
+    diverged = np.bincount(setting[np.isnan(training)], minlength=n)
     found: dict[str, Best] = {}
     for loss in dict.fromkeys(s["loss"] for s in study.settings):
         own = [s for s in means if s["loss"] == loss]
         if own:
-            best = max(own, key=lambda s: means[s])
+            best = max(own, key=lambda s: (-diverged[study.settings.index(s)], means[s]))
             rows = setting == study.settings.index(best)
             found[loss] = Best(best, training[rows], evaluation[rows], len(own))
     return found

@@ -90,8 +90,11 @@ def test_a_diverged_run_is_below_all_others():
     assert percentiles(np.array([NAN, 0.0]), np.array([NAN, 0.0])).tolist() == [0.25, 0.75]
 
 
-def test_one_run_of_a_task_gives_no_interval():
-    one, many = [np.array([1.0]), np.array([1.0, 2.0])], [np.array([1.0, 2.0])] * 2
+def test_one_run_of_a_task_or_fewer_than_five_of_all_give_no_interval():
+    one, many = [np.array([1.0]), np.arange(9.0)], [np.array([1.0, 2.0]), np.arange(9.0)]
+    two = np.array([1.0, 2.0])
+    assert np.isnan(improvement([two, two], [two - 5, two - 5]).low)
+    assert np.isfinite(improvement([two] * 3, [two - 5] * 3).low)
     for interval in (interquartile_mean(one), improvement(one, many), improvement(many, one)):
         assert np.isfinite(interval.mean)
         assert np.isnan(interval.low)

@@ -32,8 +32,8 @@ def test_the_table_fits_a_terminal_and_holds_every_loss():
 def test_what_is_not_known_is_left_out_or_a_dash_and_what_diverged_is_said():
     assert "optimum" not in text(row("gaussian"))
     assert "—" in text(row("gaussian"), row("hl-gauss", share=0.5))
-    assert "left out of the means" in text(row("gaussian", diverged=3))
-    assert "left out of the means" not in text(row("gaussian"))
+    assert "left out of these means" in text(row("gaussian", diverged=3))
+    assert "left out of these means" not in text(row("gaussian"))
 
 
 def test_returns_of_any_scale_can_be_told_apart():

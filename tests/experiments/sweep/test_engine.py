@@ -80,6 +80,17 @@ def test_the_table_has_every_run_with_its_setting(reference):
     assert len(set(table.column("seed").to_pylist())) == 12
 
 
+def test_a_study_finds_its_own_runs_in_a_folder_that_has_more_in_another_order(reference):
+    store = Store(str(reference))
+    fewer = dataclasses.replace(STUDY, settings=SETTINGS[2::-1], trials=2)
+    with store.lock():
+        plan = engine.prepare(store, fewer, None, extend=False)
+    table = engine.Trained(store, plan, fewer).table()
+    rows = [(r["setting"], r["setting.loss"], r["setting.learning_rate"], r["trial"]) for r in table.to_pylist()]
+    assert rows == [(i, s["loss"], s["learning_rate"], t) for i, s in enumerate(fewer.settings) for t in range(2)]
+    assert engine.Trained(store, plan, STUDY).table().equals(results.collect(store, plan))
+
+
 @pytest.mark.parametrize("width", [1, pytest.param(2, marks=pytest.mark.optimised), 4])
 def test_neither_order_nor_workers_change_a_byte(tmp_path, reference, width):
     store = Store(str(tmp_path))
@@ -275,6 +286,10 @@ def test_a_setting_with_a_diverged_or_missing_trial_does_not_win(reference):
 
     assert winner([1e3, 1e3, 1e3]) == SETTINGS[0]
     assert winner([1e3, 1e3, np.nan]) == SETTINGS[1]
+    finals[3:6] = [np.nan, np.nan, 1e3]
+    assert winner([1e3, 1e3, np.nan]) == SETTINGS[0]
+    assert winner([np.nan] * 3) == SETTINGS[1]
+    finals[3:6] = 0
     assert winner([1e3, 1e3, 1e3], begin=1) == SETTINGS[1]
 
 
