@@ -14,7 +14,7 @@ from galton.policies.smoothed import SmoothedPolicy
 
 pytestmark = pytest.mark.usefixtures("double")
 
-SIZES = [(2, 0.3), (10, 0.25), (10, 2.0), (50, 4.48), (100, 20.0)]
+SIZES = [(2, 0.3), (10, 0.25), (10, 2.0), (50, 4.48), (100, 20.0), (12, 4.0), (12, 4.001), (10, 20.0), (41, 33.0)]
 
 
 def kernel(k, eta, tails="reflected", centers="inside"):
@@ -23,7 +23,8 @@ def kernel(k, eta, tails="reflected", centers="inside"):
 
 def by_definition(k, eta):
     """Each bin's Gaussian, cut at all edges as far as it reaches, and what lies beyond folded back."""
-    edges = np.arange(-6 * k, 6 * k + 1)
+    reach = k * round(6 + 9 * eta / k)
+    edges = np.arange(-reach, reach + 1)
     found = np.zeros((k, k))
     for j in range(k):
         mass = np.diff(scipy.stats.norm.cdf(edges, j + 0.5, eta))

@@ -67,8 +67,8 @@ class SquaredErrorCritic(Critic):
 class Classifier(Critic):
     """n logits over bins of equal width between value_min and value_max, trained by a cross-entropy.
 
-    The value is the mean of the bin centers under the softmax. A return outside of the support is trained as the
-    nearest center's.
+    The value is the mean of the bin centers under the softmax. A return beyond the first or last center is trained
+    as that center's.
     """
 
     init_scale: ClassVar[float] = 0.01

@@ -39,7 +39,7 @@ class AliasedObservation(UserWarning):
 
 
 class WideGaussian(UserWarning):
-    """A Gaussian's σ has outgrown the action box in training, and most of its actions are clipped."""
+    """A Gaussian's σ, the same in every state, has outgrown the action box, and most of its actions are clipped."""
 
 
 def require_integer(name: str, value: object, least: int) -> None:

@@ -20,7 +20,7 @@ TINY = 1e-30
 
 @functools.singledispatch
 def of_action(bins: Bins, own: Histogram, action: Float[Array, "*batch d"], eta: Eta, tails: Tails) -> Weights:
-    """A Gaussian histogram of σ = η bin widths around each action of a histogram over these bins."""
+    """A Gaussian histogram of σ = η bin widths around each action, or its bin's center where centers are sampled."""
     if own.choices.is_masked:
         return _of_each_action(bins, own, action, eta, tails)
     if own.samples_centers:

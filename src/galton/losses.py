@@ -19,7 +19,7 @@ from galton.bins import UnevenBins
 from galton.errors import require, require_word
 from galton.kernels import Weights
 from galton.parts import Part, unusual
-from galton.policies.base import Distribution, Family
+from galton.policies.base import Distribution, Family, Sequential
 from galton.policies.histogram import Histogram
 from galton.policies.mixed import Mixed
 from galton.targets import Eta, Tails
@@ -56,7 +56,10 @@ class Loss(Part, abc.ABC):
         """The loss of each action."""
 
     def target(self, distribution: Any, action: Float[Array, "*batch d"]) -> Weights | None:
-        """The weights of a cross-entropy, which PPO takes from the policy that sampled; None for other losses."""
+        """The weights of a cross-entropy; None for other losses.
+
+        PPO's smoothed ratio and TRPO take them from the policy that sampled.
+        """
 
     def bias(self, distribution: Any) -> Weights | float:
         """Return what an error of the baseline adds to the mean logit gradient, for each unit that it is off."""
@@ -129,7 +132,7 @@ class HLGauss(Loss):
         return cross_entropy(distribution, self.target(distribution, action))
 
     def target(self, distribution: Histogram, action: Float[Array, "*batch d"]) -> Weights:
-        """A Gaussian histogram of σ = η bin widths around the sampled action, which PPO keeps."""
+        """A Gaussian histogram of σ = η bin widths around the action, or its bin's center where centers are sampled."""
         eta = self.width(distribution)
         return kernels.of_action(distribution.bins, distribution, action, eta, self.target_tails)
 
@@ -215,7 +218,7 @@ def as_log_prob(loss: Loss, distribution: Distribution, action: Float[Array, "*b
     loss of eqs 4–6, and exp(log_prob − old) is PPO's true ratio with the loss's gradient. `galton.torch.Histogram` has
     the same for PyTorch.
     """
-    own = loss(distribution, action)
+    own = loss(distribution.given(action) if isinstance(distribution, Sequential) else distribution, action)
     found: Losses = lax.stop_gradient(distribution.log_prob(action)) - (own - lax.stop_gradient(own))
     return found
 

@@ -1,5 +1,6 @@
 """From a continuous action to the histogram that a softmax policy is trained towards (§2.3, §4.2)."""
 
+import math
 from typing import Any, Literal, get_args
 
 import jax
@@ -29,8 +30,8 @@ def one_hot(bins: Bins, action: Float[Array, "*batch d"]) -> Float[Array, "*batc
 def two_hot(bins: Bins, value: Float[Array, "*batch d"]) -> Float[Array, "*batch d k"]:
     """The histogram whose mean is the value: the two centers around it share the mass by their distance.
 
-    The weight of a center is 1 less its distance in widths, and at least 0. A value beyond the first or the last center
-    counts as that center.
+    Centers are equally far apart. The weight of one is 1 less its distance in widths, and at least 0. A value beyond
+    the first or the last center counts as that center.
     """
     within = jnp.clip(value, bins.centers[:, 0], bins.centers[:, -1])
     return jnp.maximum(1 - jnp.abs(bins.centers - within[..., None]) / bins.width[:, None], 0.0)
@@ -162,13 +163,20 @@ def _folded(
 ) -> Float[Array, "*batch n"]:
     """Σ_m φ(step + 2km), the mass of a bin so many steps away under a Gaussian of σ = η that comes round after 2k bins.
 
-    Of the rounds three are added up, from 3k + ½ bins below to 3k − ½ above. Where η is more than about k/3 the
-    others count as well, and these three are scaled to be all.
+    Up to η = k/3 three rounds are all that float64 can tell, and from there on eight waves of its Fourier series.
     """
-    period, scale = 2 * n_bins, _column(eta) * _SQRT2
+    period, width = 2 * n_bins, _column(eta)
     step = (step + n_bins) % period - n_bins
+    scale = jnp.minimum(width, n_bins / 3) * _SQRT2
     mass = sum(erf((step + 0.5 + m * period) / scale) - erf((step - 0.5 + m * period) / scale) for m in (-1, 0, 1))
-    return jnp.maximum(mass, 0.0) / (erf((3 * n_bins + 0.5) / scale) + erf((3 * n_bins - 0.5) / scale))
+    wide, cosine = jnp.full_like(mass, 0.5), jnp.cos(math.pi / n_bins * step)
+    before, wave = jnp.ones_like(cosine), cosine
+    for n in range(1, 9):  # cos(n x) = 2 cos(x) cos((n − 1) x) − cos((n − 2) x)
+        angle = math.pi * n / n_bins
+        of_bin = math.sin(angle / 2) / (angle / 2)  # a bin's mass is an average over its width
+        wide = wide + of_bin * jnp.exp(-0.5 * (angle * width) ** 2) * wave
+        before, wave = wave, 2 * cosine * wave - before
+    return jnp.where(width > n_bins / 3, wide / n_bins, jnp.maximum(mass, 0.0) / 2)
 
 
 def _mirrored(bins: Bins, action: Float[Array, "*batch d"], eta: Eta) -> Float[Array, "*batch d k"]:

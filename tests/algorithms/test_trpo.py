@@ -70,6 +70,11 @@ def test_without_anything_to_gain_the_policy_stays_and_the_critic_learns():
     assert after.params["critic"][-1]["bias"][0] > 1e-3
 
 
+def test_the_entropy_bonus_is_no_part_of_the_policy_loss():
+    agent, learner, batch = setup("gaussian", ent_coef=0.1, normalize_advantage=True, **OWN)
+    np.testing.assert_allclose(update(agent, learner, batch)[1]["policy_loss"], 0, atol=1e-6)
+
+
 def test_a_line_search_goes_back_until_the_bound_holds():
     """Where all actions are the mean, and better than expected, a step takes s from both log σ, 1 at first.
 

@@ -10,7 +10,7 @@ from scipy import stats
 
 import galton
 from galton.algorithms import actor_critic
-from galton.losses import HLGaussCentred, HLOneHot
+from galton.losses import HLGaussCentred, HLOneHot, as_log_prob
 from galton.parts import Box
 from galton.policies import AutoregressivePolicy, HistogramPolicy, Sequential
 from galton.policies.autoregressive import PREFIXES, stratified
@@ -205,3 +205,18 @@ def test_the_features_keep_their_rate_beside_a_head_whose_rate_follows_the_width
     outputs = jnp.asarray(RNG.normal(size=(6, len(OUTPUTS))), jnp.float32)
     seen = plain.distribution(outputs[:, : D * K], {})
     np.testing.assert_array_equal(ours.head_rates(seen), [*plain.head_rates(seen), *np.ones(M)])
+
+
+@pytest.mark.parametrize("loss", [HLOneHot(), HLGaussCentred(eta=1.0)])
+def test_a_loss_may_stand_in_the_place_of_its_log_probability(loss):
+    policy, params, action = policy_of(), params_of(), jnp.asarray(CENTERS[5], jnp.float32)
+
+    def told(outputs):
+        return as_log_prob(loss, policy.distribution(outputs, params), action)
+
+    def given(outputs):
+        return -loss(policy.distribution(outputs, params).given(action), action)
+
+    outputs = jnp.asarray(OUTPUTS, jnp.float32)
+    np.testing.assert_allclose(told(outputs), policy.distribution(outputs, params).log_prob(action), rtol=1e-6)
+    np.testing.assert_allclose(jax.grad(told)(outputs), jax.grad(given)(outputs), rtol=1e-6)

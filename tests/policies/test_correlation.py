@@ -142,6 +142,16 @@ class Silent(Policy):
     gaussian, distribution = GaussianPolicy.gaussian, GaussianPolicy.distribution
 
 
+@pytest.mark.parametrize("double", [False, True])
+def test_the_first_and_the_last_number_of_a_uniform_draw_are_finite_noise(double):
+    with jax.enable_x64(double):
+        policy, step = policy_of("uniform"), float(jnp.finfo(jnp.zeros(()).dtype).eps)
+        drawn = jnp.array([[0.0, 0.5], [1 - step, 1 - step]])
+        noise, z = continued(policy, drawn, jnp.zeros((2, 2)), jnp.array([True, True]), 0.5)
+        assert np.isfinite(z).all()
+        assert (np.asarray(noise) < 1).all()
+
+
 def test_a_policy_that_does_not_say_how_its_noise_is_distributed_is_refused_by_name(monkeypatch):
     monkeypatch.setitem(POLICIES, "silent", Silent)
     check_correlation(Silent(), None)

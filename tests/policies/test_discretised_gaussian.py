@@ -7,6 +7,7 @@ import pytest
 from scipy.special import log_softmax
 
 from galton import UsageError
+from galton.policies import Histogram
 
 from ..agents import agent
 
@@ -65,6 +66,28 @@ def test_three_sums_tell_what_the_array_of_logits_would(far):
     found = told(mean, log_std), jax.jacobian(lambda *x: jax.tree.map(jnp.sum, told(*x)), (0, 1))(mean, log_std)
     for ours, theirs in zip(jax.tree.leaves(found), jax.tree.leaves(expected), strict=True):
         np.testing.assert_allclose(ours, theirs, rtol=2e-5, atol=2e-5 * max(1.0, abs(np.asarray(theirs)).max()))
+
+
+def test_an_action_that_is_no_center_has_the_likelihood_of_its_bin():
+    policy = policy_of("discretised-gaussian", log_std_init=-1.0)
+    found = policy.distribution(jnp.array([[0.3, 3.0], [-0.2, 5.0]]), policy.init()[1])
+    action = jnp.array([[0.17, 2.03], [1.4, 9.0]])
+    expected = Histogram(found.bins, found.logits).log_prob(action)
+    np.testing.assert_allclose(found.log_prob(action), expected, rtol=1e-4)
+
+
+@pytest.mark.parametrize("log_std", [-10.0, -14.0, -20.0, -40.0])
+def test_however_narrow_it_is_nothing_is_infinite(log_std):
+    policy = policy_of("discretised-gaussian", n_bins=100, log_std_init=log_std, box_units=1.0)
+    log_std, mean = policy.init()[1]["log_std"], jnp.array([0.005, 0.306])
+
+    def told(mean, log_std):
+        found = policy.distribution(mean, {"log_std": log_std})
+        return found.log_prob(found.deterministic_action()) + found.entropy()
+
+    found = told(mean, log_std), *jax.grad(told, (0, 1))(mean, log_std)
+    np.testing.assert_allclose(found[0], 0, atol=1e-6)
+    assert all(np.isfinite(x).all() for x in found)
 
 
 def test_a_mean_beyond_the_box_puts_its_mass_on_the_last_bin():

@@ -128,7 +128,7 @@ class TRPO(Algorithm):
         return kept | {"critic": params["critic"]}, {
             "entropy": jnp.mean(old.entropy()),
             "grad_norm": optax.tree.norm(gradient),
-            "policy_loss": -before,
+            "policy_loss": -jnp.mean(weight),
             "kl": jnp.where(found.is_good, found.kl, 0.0),
             "step_share": jnp.where(found.is_good, found.share, 0.0),
         }

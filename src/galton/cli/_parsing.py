@@ -23,7 +23,7 @@ OptionsT = TypeVar("OptionsT")
 
 COMMON = (
     *("env", "loss", "losses", "preset", "algorithm", "seed", "seeds", "out", "overwrite", "resume", "training"),
-    *("steps", "eval_episodes", "n_envs", "learning_rate", "gamma"),
+    *("steps", "eval_episodes", "n_envs", "learning_rate", "gamma", "save_every", "tensorboard"),
 )
 """These options of a command are shown by `--help`, and the rest too by `--help-all`."""
 

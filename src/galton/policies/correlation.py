@@ -19,9 +19,6 @@ from galton.errors import UsageError
 from galton.policies.base import Correlatable, Marginal, Policy
 from galton.types import Number
 
-_HALF_A_STEP = 2.0**-24
-"""Of jax.random.uniform in float32, whose numbers are multiples of 2⁻²³ from 0 on: Φ⁻¹ is taken in between."""
-
 
 def check_correlation(policy: Policy, correlation: Number | Float[np.ndarray, " R"] | None) -> None:
     """Raise UsageError where noise is to be correlated and the policy doesn't say how it is distributed."""
@@ -77,12 +74,17 @@ def _step(
     fresh = jnp.sqrt((1 - rho) * (1 + rho))
 
     def next_z(marginal: Marginal, x: Float[Array, "..."], z: Float[Array, "..."]) -> Float[Array, "..."]:
-        epsilon = ndtri(x + _HALF_A_STEP) if marginal == "uniform" else x
+        epsilon = ndtri(x + _half_a_step(x)) if marginal == "uniform" else x
         return jnp.where(begins, epsilon, rho * z + fresh * epsilon)
 
     def noise(marginal: Marginal, x: Float[Array, "..."], z: Float[Array, "..."]) -> Float[Array, "..."]:
-        correlated = jnp.minimum(ndtr(z), 1 - _HALF_A_STEP) if marginal == "uniform" else z
+        correlated = jnp.minimum(ndtr(z), 1 - _half_a_step(z)) if marginal == "uniform" else z
         return jnp.where(rho > 0, correlated, x)
 
     after = jax.tree.map(next_z, marginals, drawn, before)
     return jax.tree.map(noise, marginals, drawn, after), after
+
+
+def _half_a_step(x: Float[Array, "..."]) -> float:
+    """Half a step of jax.random.uniform, whose numbers are multiples of ε from 0 on: Φ⁻¹ is taken in between."""
+    return float(np.finfo(x.dtype).eps) / 2

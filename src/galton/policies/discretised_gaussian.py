@@ -31,7 +31,8 @@ class Bell(NamedTuple):
     def nearest(self) -> Float[Array, "*batch d"]:
         """The center that is nearest to the mean; no gradient flows through it."""
         first, width, last = self.centers[:, 0], self.centers[:, 1] - self.centers[:, 0], self.centers.shape[1] - 1
-        return first + width * jnp.clip(jnp.round((jax.lax.stop_gradient(self.mean) - first) / width), 0, last)
+        index = jnp.clip(jnp.round((jax.lax.stop_gradient(self.mean) - first) / width), 0, last).astype(int)
+        return self.centers[jnp.arange(len(self.centers)), index]
 
     def excess(
         self, center: Float[Array, "..."], nearest: Float[Array, "..."]
@@ -79,6 +80,7 @@ def _moments(bell: Bell, n: int) -> list[Array]:
     """
     bins_first = bell.centers.T.reshape(-1, *[1] * (bell.mean.ndim - 1), bell.mean.shape[-1])
     s, e = bell.excess(bins_first, bell.nearest())
+    e = jnp.clip(e, 0.0, 400.0)  # where σ is tiny: a weight of e^−200 is 0, and 0 times an infinite e would be NaN
     weights = jnp.exp(-0.5 * e)
     total = weights.sum(0)
     return [jnp.log(total), *((weights * x).sum(0) / total for x in (e, s, e * s, e**2)[: n - 1])]
@@ -102,7 +104,7 @@ class DiscretisedGaussian(Histogram):
 
     def log_prob_of_bins(self, action: Float[Array, "*batch d"]) -> Float[Array, "*batch"]:
         """Σ_l log π_l of the bin that holds the action."""
-        center = action if self.samples_centers else self.bins.decode(self.bins.encode(action))
+        center = self.bins.decode(self.bins.encode(action))
         _, excess = self.bell.excess((center - self.bell.shift) / self.bell.scale, self.bell.nearest())
         return (-0.5 * excess - self.sums.log_total).sum(-1)
 

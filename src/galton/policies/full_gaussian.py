@@ -16,7 +16,8 @@ from galton.types import Params
 class FullGaussian(Gaussian):
     """N(mean, L Lᵀ) with the lower triangular factor L, unbounded: the environment clips what leaves the box.
 
-    `log_std` is the logarithm of the diagonal of L; where no two dimensions are correlated this is log σ.
+    `log_std` is the logarithm of the diagonal of L; where no two dimensions are correlated this is log σ, and
+    `sigma` is σ.
     """
 
     lower: Float[Array, " n"] = dataclasses.field(kw_only=True)

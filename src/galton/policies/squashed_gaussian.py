@@ -57,8 +57,8 @@ class SquashedGaussian:
         """Σ_l log σ_l + ½ log 2πe + log h_l + E log(1 − tanh² u_l).
 
         The mean has no closed form. It is computed by the trapezoidal rule with 33 nodes: to float32's rounding for
-        σ ≤ 2, to 5e-5 for σ = e and to 2e-3 for σ = 4. Tails have their density here and not their mass, so that it is
-        less than −E log_prob by .004 for a mean of 0 and σ = 2, and by .11 for σ = e.
+        σ ≤ 1.5, to 2e-6 for σ = 2, to 5e-5 for σ = e and to 2e-3 for σ = 4. Tails have their density here and not
+        their mass, so that it is less than −E log_prob by .004 for a mean of 0 and σ = 2, and by .11 for σ = e.
         """
         slope = (log_slope(self._nodes()) * _P.astype(self.mean.dtype)).sum(-1)
         return (slope + self.log_std + LOG_SQRT_2PI + 0.5 + np.log(self._half())).sum(-1)

@@ -101,10 +101,10 @@ def _kernel(
     n_bins: int, eta: float, tails: Tails, centers: Centers, dtype: torch.dtype, device: torch.device
 ) -> Float[Tensor, "k k"]:
     index = torch.arange(n_bins, dtype=torch.float64)
-    scale = eta * math.sqrt(2)
     if tails == "reflected":
         there, back = index - index[:, None], index + index[:, None] + 1
-        return (_folded(n_bins, there, scale) + _folded(n_bins, back, scale)).to(device, dtype)
+        return (_folded(n_bins, there, eta) + _folded(n_bins, back, eta)).to(device, dtype)
+    scale = eta * math.sqrt(2)
     ends = 0.5 if centers == "inside" else 0.0
     inner = torch.erf((index[1:] - 0.5 - index[:, None]) / scale)
     low, high = -torch.ones(n_bins, 1, dtype=torch.float64), torch.ones(n_bins, 1, dtype=torch.float64)
@@ -114,16 +114,19 @@ def _kernel(
     return (mass / (high - low)).to(device, dtype)
 
 
-def _folded(n_bins: int, step: Tensor, scale: float) -> Tensor:
-    """The mass of a bin so many steps away, of three rounds of 2k bins, which are scaled to be all."""
+def _folded(n_bins: int, step: Tensor, eta: float) -> Tensor:
+    """The mass of a bin so many steps away, of three rounds of 2k bins; of a wide Gaussian by its Fourier series."""
     period = 2 * n_bins
     step = (step + n_bins) % period - n_bins
+    if eta > n_bins / 3:
+        waves = math.pi * torch.arange(1, 9, dtype=step.dtype) / n_bins
+        heights = torch.exp(-((waves * eta) ** 2) / 2) * torch.sinc(waves / (2 * math.pi))
+        return (0.5 + (heights * torch.cos(waves * step[..., None])).sum(-1)) / n_bins
+    scale = eta * math.sqrt(2)
     rounds = [
         torch.erf((step + 0.5 + m * period) / scale) - torch.erf((step - 0.5 + m * period) / scale) for m in (-1, 0, 1)
     ]
-    return sum(rounds, torch.zeros_like(step)) / (
-        math.erf((3 * n_bins + 0.5) / scale) + math.erf((3 * n_bins - 0.5) / scale)
-    )
+    return sum(rounds, torch.zeros_like(step)) / 2
 
 
 @functools.lru_cache(maxsize=64)
