@@ -117,7 +117,7 @@ def work(url: str, index: int, name: str | None = None) -> Report:
         kept=begun.kept(),
         devices=jax.devices()[:1],  # a split would change the last bits
     )
-    table = tabulate(shard, result)
+    table = tabulate(shard, result, _versions(tuple(study.modules)))
     data = to_bytes(table)
     store.write(f"{FOLDER}/{index:07d}-{shard.name}-{checksum(data)}.parquet", data)
     begun.forget()
@@ -171,13 +171,26 @@ class _Begun:
 
 @functools.cache
 def _made_by(modules: tuple[str, ...]) -> str:
-    """The versions, with a checksum of sources in the place of the commit: Galton's own and those of these modules."""
-    sources = sorted(Path(galton.__file__).parent.rglob("*.py"))
-    sources += [Path(file) for file in (getattr(sys.modules.get(name), "__file__", None) for name in modules) if file]
-    return json.dumps(versions() | {"commit": checksum(b"".join(source.read_bytes() for source in sources))})
+    """The versions, with a checksum of Galton's own sources in the place of the commit."""
+    own = _checksum_of(sorted(Path(galton.__file__).parent.rglob("*.py")))
+    return json.dumps(_versions(modules) | {"commit": own})
 
 
-def tabulate(shard: Shard, result: Result) -> pa.Table:
+@functools.cache
+def _versions(modules: tuple[str, ...]) -> dict[str, str | None]:
+    """The versions of Galton and what it needs, and where the study has modules of its own a checksum of their sources.
+
+    They are those of the first time that a process asks: what it has imported does not change with its file.
+    """
+    files = [file for name in modules if (file := getattr(sys.modules.get(name), "__file__", None))]
+    return versions() | ({"modules": _checksum_of(map(Path, files))} if files else {})
+
+
+def _checksum_of(sources: Iterable[Path]) -> str:
+    return checksum(b"".join(source.read_bytes() for source in sources))
+
+
+def tabulate(shard: Shard, result: Result, made_by: dict[str, str | None]) -> pa.Table:
     """A table of one row per run: what it is, its final numbers and its curves. Machine and times are its metadata."""
     n = len(shard.seeds)
     content: dict[str, object] = {
@@ -197,7 +210,7 @@ def tabulate(shard: Shard, result: Result) -> pa.Table:
         "compile_seconds": result.compile_seconds,
         "train_seconds": result.train_seconds,
         "finished": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
-        "versions": versions(),
+        "versions": made_by,
         "machine": machine(),
     }
     return with_record(pa.table(content), record)
@@ -210,7 +223,7 @@ def report(index: int, table: pa.Table) -> Report:
     return Report(index, setting, final, record["env_steps"], record["train_seconds"])
 
 
-def provenance(store: Store, plan: Plan) -> dict[str, object]:
+def provenance(store: Store, plan: Plan) -> dict[str, Any]:
     """Say what made a finished sweep: versions and machines, each once, and the seconds of all workers together."""
     records = [record_of(table) for table in tables_of(store, plan)]
     found = {json.dumps(record["versions"], sort_keys=True) for record in records}

@@ -11,6 +11,7 @@ import pytest
 import galton
 from galton.errors import UsageError
 from galton.training.on_device import DevicePopulation
+from galton_experiments.commands.sweep._folder import conclude
 from galton_experiments.sweep import shard
 from galton_experiments.sweep.grid import expand
 from galton_experiments.sweep.plan import Plan
@@ -134,6 +135,18 @@ def test_what_was_kept_is_left_alone_where_it_is_damaged_or_of_another_version(p
     assert list(finished(store, plan)) == [0]
 
 
+def test_the_results_say_so_where_a_module_changed_between_two_shards(planned, monkeypatch, capsys):
+    store, plan = planned
+    for index, source in enumerate(("x = 1.0", "x = 1.0", "x = 0.0", "x = 0.0")):
+        monkeypatch.setattr(shard, "_versions", lambda _, source=source: {"galton": "1", "modules": source})
+        work(store.url, index)
+        if index == 1:
+            conclude(store, plan)
+            assert capsys.readouterr().err == ""
+    conclude(store, plan)
+    assert capsys.readouterr().err == ("galton: 2 versions of the code trained these runs; they differ in modules\n")
+
+
 def test_a_module_that_changed_is_another_version(tmp_path, monkeypatch):
     (tmp_path / "own_loss_of_a_shard.py").write_text("x = 1.0")
     monkeypatch.syspath_prepend(tmp_path)
@@ -142,6 +155,7 @@ def test_a_module_that_changed_is_another_version(tmp_path, monkeypatch):
     told = shard._made_by(modules)
     (tmp_path / "own_loss_of_a_shard.py").write_text("x = 0.0")
     shard._made_by.cache_clear()
+    shard._versions.cache_clear()
     assert len({before, told, shard._made_by(modules)}) == 3
     assert shard._made_by(()) == before
 

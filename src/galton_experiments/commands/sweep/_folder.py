@@ -17,6 +17,7 @@ from galton.losses import find_loss
 from galton_experiments.sweep import results
 from galton_experiments.sweep.plan import Plan
 from galton_experiments.sweep.results import Best
+from galton_experiments.sweep.shard import provenance
 from galton_experiments.sweep.store import Store
 from galton_experiments.sweep.study import Study
 
@@ -73,6 +74,12 @@ def conclude(store: Store, plan: Plan) -> None:
         plain_console().print(winners(plan.study, results.best_settings(plan.study, table)))
     runs = f"{table.num_rows:,}" if table.num_rows == plan.n_runs else f"{table.num_rows:,} of {plan.n_runs:,}"
     print(f"{runs} runs: {store.url}/{results.FILE}")
+    made_by = provenance(store, plan)["versions"]
+    if len(made_by) > 1:
+        changed = ", ".join(sorted({name for one in made_by for name in one if one[name] != made_by[0].get(name)}))
+        print(
+            f"galton: {len(made_by)} versions of the code trained these runs; they differ in {changed}", file=sys.stderr
+        )
 
 
 def winners(study: Study, best: dict[str, Best]) -> Table:
