@@ -53,6 +53,8 @@ def page(found: Found, drawn: Mapping[str, Figure]) -> str:
     in_stages = found.protocol.design == "stages"
     sections = (_of_stages if in_stages else factorial_page.sections)(found, drawn)
     sections += [
+        Section("tasks", "What was trained", table=tables.tasks(found), paragraphs=(tables.trained(found),)),
+        Section("fixed", "What was fixed", table=tables.fixed(found)),
         Section("budget", "What each method was given", table=tables.budget(found)),
         Section("prior", "What was searched", table=tables.prior(found), paragraphs=(_file(found),)),
     ]

@@ -35,6 +35,45 @@ def metric(found: Found) -> str:
     return METRICS[found.protocol.selection.metric]
 
 
+def trained(found: Found) -> str:
+    """Say how many runs there are of what, and which part of them judges."""
+    protocol = found.protocol
+    budget, last = protocol.budget, protocol.selection.last
+    said = f"Each draw has {_count(budget.seeds, 'seed')} on each tuning task"
+    if protocol.design == "stages":
+        said += f", and what is selected has {_count(budget.fresh_seeds, 'fresh seed')} on every task"
+    part = f"over the last {last:.0%} of its log points" if last < 1 else "over all its log points"
+    return f"{said}. A run is judged by its mean {metric(found)} {part}. The baseline is {protocol.baseline.label}."
+
+
+def _count(n: int, what: str) -> str:
+    return f"{n:,} {what}{'s' * (n != 1)}"
+
+
+def tasks(found: Found) -> Table:
+    """Tabulate the tasks, with the length of their runs and how often these are evaluated."""
+    in_stages = found.protocol.design == "stages"
+    headings = ["task", "environment", "part", "steps", *["steps, fresh seeds"] * in_stages]
+    rows = []
+    for task in found.protocol.tasks:
+        arguments = ", ".join(f"{name}={value!r}" for name, value in task.env_kwargs.items())
+        rows.append([task.label, f"{task.env}({arguments})" if arguments else task.env])
+        rows[-1] += ["held out" if task.held_out else "tuning", "—" if task.held_out else f"{task.steps(False):,}"]
+        rows[-1] += [f"{task.steps(True):,}"] * in_stages
+        rows[-1] += [f"{task.budget.logs}", f"{task.budget.eval_episodes}"]
+    return Table([*headings, "log points", "episodes at each"], rows)
+
+
+def fixed(found: Found) -> Table:
+    """Tabulate what no draw changes, and for whom."""
+    protocol = found.protocol
+    owners = [("all", protocol.fixed), *((method.label, method.fixed) for method in protocol.methods)]
+    owners += [(f"all on {task.label}", task.fixed) for task in protocol.tasks]
+    return Table(
+        ["for", "what"], [[who, ", ".join(f"{n} {of.told()}" for n, of in own.items())] for who, own in owners if own]
+    )
+
+
 def budget(found: Found) -> Table:
     """Tabulate each method's budget: draws, and in each stage environment steps, every run counted as if alone."""
     headings = ["method", "draws", "different settings"]

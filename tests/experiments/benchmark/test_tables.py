@@ -134,3 +134,17 @@ def test_the_table_of_priors_says_who_draws_what():
 
 def test_what_is_not_finite_is_null_in_json():
     assert plain({"a": (float("nan"), 1.5), "b": [float("-inf")]}) == {"a": [None, 1.5], "b": [None]}
+
+
+def test_it_says_how_many_runs_there_were_of_what_and_what_no_draw_changed():
+    known = found(0.0)
+    said = tables.trained(known)
+    assert said.startswith("Each draw has 2 seeds on each tuning task, and what is selected has 8 fresh seeds on every")
+    assert "by its mean deterministic return over the last 10% of its log points. The baseline is Gaussian." in said
+    assert tables.tasks(known).rows[1:] == [
+        ["noisy", "bandit(noise_std=5.0)", "tuning", "200", "300", "2", "1"],
+        ["four", "bandit(d=4)", "held out", "—", "100", "2", "1"],
+    ]
+    rows = tables.fixed(known).rows
+    assert rows[:2] == [["all", "n_steps 5, net_arch []"], ["Gaussian", "loss gaussian"]]
+    assert rows[-1] == ["all on noisy", "n_envs 2"]
