@@ -14,8 +14,9 @@ from galton_experiments.benchmark.protocol import Method
 from galton_experiments.benchmark.standings import UNKNOWN, with_worst
 from galton_experiments.page.page import Section, Table
 
-_FEWEST = 5
-"""Of tasks. With fewer, intervals that draw tasks again are too narrow."""
+_FEWEST = 8
+"""Of tasks. With fewer, intervals that draw tasks again are too narrow: with five, one in ten equal ones is clear.
+"""
 _WAYS = {
     "top_quarter": "best quarter of draws",
     "one_setting": "one setting",

@@ -182,14 +182,13 @@ def returns(found: Found, stage: Stage) -> Table:
 
 def returns_in_brief(found: Found, stage: Stage) -> Table:
     """The same of the shared settings alone, methods below their task: a terminal is narrow."""
-    rows = []
+    rows, diverged = [], _HEADINGS.index("diverged")
     for name, task in _tasks(found, stage).items():
         rows.append([task, *[""] * (len(_HEADINGS) - 1)])
         for method in found.protocol.methods:
             cells = _returns(found, stage, name, method, "shared")
-            rows.append(
-                [f"  {method.label}", *(cells[i] for i, heading in enumerate(_HEADINGS) if heading != "diverged")]
-            )
+            gone = cells.pop(diverged)
+            rows.append([f"  {method.label}{f' ({gone} diverged)' if gone not in ('0', '—') else ''}", *cells])
     return Table(["task, method", *(heading for heading in _HEADINGS if heading != "diverged")], rows)
 
 

@@ -138,7 +138,7 @@ def test_the_page_and_the_record_have_all_answers():
 
 
 def test_with_tasks_enough_it_is_said_who_is_clearly_ahead():
-    more = {f"tasks__more{i}": {"env": "bandit", "env_kwargs": {"noise_std": float(i)}} for i in (1, 2)}
+    more = {f"tasks__more{i}": {"env": "bandit", "env_kwargs": {"noise_std": float(i)}} for i in range(1, 6)}
     many = protocol(**FACTORIAL, **ANCHORS, **more)
     for better, words in ((30.0, "clearly ahead"), (-30.0, "clearly behind"), (0.0, "Neither is clearly ahead")):
         said = sentences(found(better, many, {}))

@@ -116,7 +116,7 @@ def test_tables_have_a_row_for_each_method_and_task():
         assert heading not in tables.scores(known, "held-out").headings
     assert len(tables.returns(known, "fresh").rows) == 2 * 3 * 2
     assert [row[0] for row in tables.returns_in_brief(known, "fresh").rows][:5] == [
-        *("bandit", "  Gaussian", "  bins", "  ppo"),
+        *("bandit", "  Gaussian", "  bins", "  ppo (1 diverged)"),
         "noisy",
     ]
     pairs = tables.pairs(known, "held-out").rows
