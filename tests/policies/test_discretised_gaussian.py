@@ -77,7 +77,7 @@ def test_an_action_that_is_no_center_has_the_likelihood_of_its_bin():
 
 
 @pytest.mark.parametrize("log_std", [-10.0, -14.0, -20.0])
-def test_however_narrow_it_is_nothing_is_infinite(log_std):
+def test_far_narrower_than_a_bin_it_has_finite_numbers(log_std):
     policy = policy_of("discretised-gaussian", n_bins=100, log_std_init=log_std, box_units=1.0)
     log_std, mean = policy.init()[1]["log_std"], jnp.array([0.005, 0.306])
 

@@ -54,10 +54,10 @@ def improvement(
     """P(X > Y), the chance that a run of the first is above one of the second on a task that is drawn at random.
 
     A tie counts half. The interval is that of percentiles when the runs of each task and side are drawn again, each
-    side by itself; NaN if a task has fewer than two of either, or all together fewer than five, and a `ByTask` where it
-    is a point although tasks differ. A diverged run, NaN, is below all others. Paired, run i of both sides had the same
-    seed, and the two are drawn together: what a seed does to both is then not taken for a difference. (What drawing
-    pairs again adds to the mean is known, and taken off.)
+    side by itself; NaN if a task has fewer than two of either, or one side fewer than five over all tasks, and a
+    `ByTask` where it is a point although tasks differ. A diverged run, NaN, is below all others. Paired, run i of both
+    sides had the same seed, and the two are drawn together: what a seed does to both is then not taken for a
+    difference. (What drawing pairs again adds to the mean is known, and taken off.)
     """
     require(len(ours) == len(theirs) > 0, f"ours has {len(ours)} tasks and theirs {len(theirs)}; give the same ones")
     sizes = [(len(a), len(b)) for a, b in zip(ours, theirs, strict=True)]

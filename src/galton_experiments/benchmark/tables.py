@@ -42,7 +42,7 @@ def trained(found: Found) -> str:
     said = f"Each draw has {_count(budget.seeds, 'seed')} on each tuning task"
     if protocol.design == "stages":
         said += f", and what is selected has {_count(budget.fresh_seeds, 'fresh seed')} on every task"
-    part = f"over the last {last:.0%} of its log points" if last < 1 else "over all its log points"
+    part = f"over the last {100 * last:g}% of its log points" if last < 1 else "over all its log points"
     return f"{said}. A run is judged by its mean {metric(found)} {part}. The baseline is {protocol.baseline.label}."
 
 
@@ -53,21 +53,24 @@ def _count(n: int, what: str) -> str:
 def tasks(found: Found) -> Table:
     """Tabulate the tasks, with the length of their runs and how often these are evaluated."""
     in_stages = found.protocol.design == "stages"
-    headings = ["task", "environment", "part", "steps", *["steps, fresh seeds"] * in_stages]
+    headings = ["task", "environment", "steps", *["steps, fresh seeds"] * in_stages, "log points", "episodes at each"]
     rows = []
     for task in found.protocol.tasks:
         arguments = ", ".join(f"{name}={value!r}" for name, value in task.env_kwargs.items())
         rows.append([task.label, f"{task.env}({arguments})" if arguments else task.env])
-        rows[-1] += ["held out" if task.held_out else "tuning", "—" if task.held_out else f"{task.steps(False):,}"]
+        rows[-1].append("held out" if task.held_out else f"{task.steps(False):,}")
         rows[-1] += [f"{task.steps(True):,}"] * in_stages
         rows[-1] += [f"{task.budget.logs}", f"{task.budget.eval_episodes}"]
-    return Table([*headings, "log points", "episodes at each"], rows)
+    return Table(headings, rows)
 
 
 def fixed(found: Found) -> Table:
     """Tabulate what no draw changes, and for whom."""
     protocol = found.protocol
-    owners = [("all", protocol.fixed), *((method.label, method.fixed) for method in protocol.methods)]
+    owners = [
+        ("all, unless said below", protocol.fixed),
+        *((method.label, method.fixed) for method in protocol.methods),
+    ]
     owners += [(f"all on {task.label}", task.fixed) for task in protocol.tasks]
     return Table(
         ["for", "what"], [[who, ", ".join(f"{n} {of.told()}" for n, of in own.items())] for who, own in owners if own]
@@ -188,7 +191,7 @@ def returns_in_brief(found: Found, stage: Stage) -> Table:
         for method in found.protocol.methods:
             cells = _returns(found, stage, name, method, "shared")
             gone = cells.pop(diverged)
-            rows.append([f"  {method.label}{f' ({gone} diverged)' if gone not in ('0', '—') else ''}", *cells])
+            rows.append([f"  {method.label}{f' ({gone} diverged)' if gone != '0' else ''}", *cells])
     return Table(["task, method", *(heading for heading in _HEADINGS if heading != "diverged")], rows)
 
 

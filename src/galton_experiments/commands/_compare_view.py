@@ -38,7 +38,7 @@ def _notes(rows: list[Row], env: Environment | None, at_rest: float | None) -> l
     """Return the notes below the table; one on the optimum only with an environment that knows it."""
     notes = ["final returns: mean over runs ± 95% CI, last 5% of training"]
     if any(row.diverged for row in rows):
-        notes.append("diverged runs are left out of these means; in the sentences below they count as the worst of all")
+        notes.append("diverged runs are left out of these means; in the verdicts they count as the worst of all")
     if env is not None:
         rest = rest_of(env, at_rest)
         what = "doing nothing" if rest == at_rest else "acting at random"

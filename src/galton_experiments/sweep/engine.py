@@ -67,8 +67,9 @@ def sweep(
         else:
             with processes(places) as executor:
                 run(store, plan, executor, lambda: len(places))
-        results.save(store, results.collect(store, plan))
-        return Trained(store, plan, study).table()
+        whole = results.collect(store, plan)
+        results.save(store, whole)
+        return Trained(store, plan, study).own(whole)
 
 
 class Trained(NamedTuple):
@@ -80,7 +81,11 @@ class Trained(NamedTuple):
 
     def table(self) -> pa.Table:
         """A row for each run of the study, as `results.collect` tells, and in its record how they were made."""
-        own = results.of_study(results.collect(self.store, self.plan), self.plan.study, self.study)
+        return self.own(results.collect(self.store, self.plan))
+
+    def own(self, whole: pa.Table) -> pa.Table:
+        """The same out of the table of all runs in the folder."""
+        own = results.of_study(whole, self.plan.study, self.study)
         return with_record(own, provenance(self.store, self.plan))
 
 

@@ -54,7 +54,8 @@ def collect(store: Store, plan: Plan) -> pa.Table:
 
 def of_study(table: pa.Table, planned: Study, study: Study) -> pa.Table:
     """The runs of a study out of those of a plan that covers it, whose settings may have another order."""
-    numbers = {planned.settings.index(setting): i for i, setting in enumerate(study.settings)}
+    places = {setting: i for i, setting in enumerate(planned.settings)}
+    numbers = {places[setting]: i for i, setting in enumerate(study.settings)}
     theirs, trial = (table.column(name).to_numpy() for name in ("setting", "trial"))
     setting = np.array([numbers.get(i, -1) for i in theirs.tolist()], theirs.dtype)
     own = np.flatnonzero((setting >= 0) & (trial < study.trials))
@@ -91,14 +92,14 @@ def best_settings(study: Study, table: pa.Table) -> dict[str, Best]:
     """For each loss, among the settings whose trials are all there; the more trials diverged, the later it comes."""
     columns = ("setting", "final_training_return", "final_evaluation_return")
     setting, training, evaluation = (table.column(name).to_numpy() for name in columns)
-    means, n = mean_returns(study, table), len(study.settings)
-    diverged = np.bincount(setting[np.isnan(training)], minlength=n)
+    means, places = mean_returns(study, table), {setting: i for i, setting in enumerate(study.settings)}
+    diverged = np.bincount(setting[np.isnan(training)], minlength=len(places))
     found: dict[str, Best] = {}
     for loss in dict.fromkeys(s["loss"] for s in study.settings):
         own = [s for s in means if s["loss"] == loss]
         if own:
-            best = max(own, key=lambda s: (-diverged[study.settings.index(s)], means[s]))
-            rows = setting == study.settings.index(best)
+            best = max(own, key=lambda s: (-diverged[places[s]], means[s]))
+            rows = setting == places[best]
             found[loss] = Best(best, training[rows], evaluation[rows], len(own))
     return found
 

@@ -137,6 +137,7 @@ def test_what_was_kept_is_left_alone_where_it_is_damaged_or_of_another_version(p
 
 def test_the_results_say_so_where_a_module_changed_between_two_shards(planned, monkeypatch, capsys):
     store, plan = planned
+    monkeypatch.setattr(shard, "_made_by", lambda _: "nothing is kept")
     for index, source in enumerate(("x = 1.0", "x = 1.0", "x = 0.0", "x = 0.0")):
         monkeypatch.setattr(shard, "_versions", lambda _, source=source: {"galton": "1", "modules": source})
         work(store.url, index)

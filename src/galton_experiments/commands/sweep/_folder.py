@@ -76,9 +76,11 @@ def conclude(store: Store, plan: Plan) -> None:
     print(f"{runs} runs: {store.url}/{results.FILE}")
     made_by = provenance(store, plan)["versions"]
     if len(made_by) > 1:
-        changed = ", ".join(sorted({name for one in made_by for name in one if one[name] != made_by[0].get(name)}))
+        names = sorted(name for name in {name for one in made_by for name in one} if name.isidentifier())
+        changed = [name for name in names if any(one.get(name) != made_by[0].get(name) for one in made_by)]
         print(
-            f"galton: {len(made_by)} versions of the code trained these runs; they differ in {changed}", file=sys.stderr
+            f"galton: {len(made_by)} versions of the code trained these runs; they differ in {', '.join(changed)}",
+            file=sys.stderr,
         )
 
 
