@@ -174,7 +174,7 @@ def outside() -> dict[str, Record]:
             lowest["calls"],
             f"calls as they must be with {len(lowest['declared'])} libraries, and {lowest['tests']}",
             *("tools/lowest.py", "make lowest", lowest),
-            at_least=18,
+            at_least=20,
         ),
         "pythons": record(
             f"The wheel works with all its extras under Python {', '.join(matrix)}; Box2D has no wheel for 3.14.",
