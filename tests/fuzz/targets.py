@@ -20,6 +20,7 @@ from galton_experiments.benchmark.draws import draws, setting
 from galton_experiments.benchmark.reading import read
 from galton_experiments.sweep import shard
 from galton_experiments.sweep.grid import read_grid
+from galton_experiments.sweep.parquet import record_of
 from galton_experiments.sweep.plan import FILE, Plan
 from galton_experiments.sweep.results import collect
 from galton_experiments.sweep.store import Store, checksum
@@ -89,8 +90,9 @@ def _shard(folder: Path) -> None:
     table = shard.read(store, done)
     assert table is not None
     assert shard.report(0, table).index == 0
-    assert collect(store, plan).num_rows == table.num_rows
-    assert shard.provenance(store, plan)
+    found = collect(store, plan)
+    assert found.num_rows == table.num_rows
+    assert record_of(found)
 
 
 def _grid(folder: Path) -> None:

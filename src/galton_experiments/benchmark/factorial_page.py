@@ -15,7 +15,7 @@ from galton_experiments.benchmark.standings import UNKNOWN, with_worst
 from galton_experiments.page.page import Section, Table
 
 _FEWEST = 8
-"""Of tasks. With fewer, intervals that draw tasks again are too narrow: of five, one in ten equal ones is clear."""
+"""Of tasks. With fewer, intervals that draw tasks again are too narrow."""
 _WAYS = {
     "top_quarter": "best quarter of draws",
     "one_setting": "one setting",

@@ -12,9 +12,8 @@ import pyarrow as pa
 from galton.errors import UsageError
 from galton_experiments.sweep import results
 from galton_experiments.sweep.executors import ATTEMPTS, WorkerDiedError, one_per_core, processes
-from galton_experiments.sweep.parquet import with_record
 from galton_experiments.sweep.plan import FILE, Plan
-from galton_experiments.sweep.shard import Report, discard, finished, provenance, read, report, work
+from galton_experiments.sweep.shard import Report, discard, finished, read, report, work
 from galton_experiments.sweep.store import Store
 from galton_experiments.sweep.study import Program, Study
 
@@ -69,7 +68,7 @@ def sweep(
                 run(store, plan, executor, lambda: len(places))
         whole = results.collect(store, plan)
         results.save(store, whole)
-        return Trained(store, plan, study).own(whole)
+        return results.of_study(whole, plan.study, study)
 
 
 class Trained(NamedTuple):
@@ -81,12 +80,7 @@ class Trained(NamedTuple):
 
     def table(self) -> pa.Table:
         """A row for each run of the study, as `results.collect` tells, and in its record how they were made."""
-        return self.own(results.collect(self.store, self.plan))
-
-    def own(self, whole: pa.Table) -> pa.Table:
-        """The same out of the table of all runs in the folder."""
-        own = results.of_study(whole, self.plan.study, self.study)
-        return with_record(own, provenance(self.store, self.plan))
+        return results.of_study(results.collect(self.store, self.plan), self.plan.study, self.study)
 
 
 def train_stage(

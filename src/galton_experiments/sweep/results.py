@@ -1,8 +1,9 @@
 """A sweep's results are the table of all runs, the best setting of each loss, and the study that checks it."""
 
 import dataclasses
+import json
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pyarrow as pa
@@ -10,7 +11,7 @@ from jaxtyping import Float
 
 from galton.errors import require
 from galton.words import vocabulary
-from galton_experiments.sweep.parquet import to_bytes
+from galton_experiments.sweep.parquet import record_of, to_bytes, with_record
 from galton_experiments.sweep.plan import Plan
 from galton_experiments.sweep.shard import tables_of
 from galton_experiments.sweep.store import Store
@@ -35,21 +36,36 @@ class Best(NamedTuple):
 def collect(store: Store, plan: Plan) -> pa.Table:
     """One row per run that is done, by setting and trial: its setting, its final numbers, its curves.
 
-    The bytes depend on the runs alone, not on when, where or in which order they were trained.
+    Its record is the `provenance`. All else depends on the runs alone, not on when, where or in which order they were
+    trained.
 
     Raises:
         UsageError: a shard's file was damaged.
     """
-    parts = [table.replace_schema_metadata(None) for table in tables_of(store, plan)]
-    require(bool(parts), f"out is {store.url}, where no shard is done yet")
+    tables = [*tables_of(store, plan)]
+    require(bool(tables), f"out is {store.url}, where no shard is done yet")
+    parts = [table.replace_schema_metadata(None) for table in tables]
     runs = pa.concat_tables(same_columns(parts)).sort_by([("setting", "ascending"), ("trial", "ascending")])
     records = filled([setting.record() for setting in plan.study.settings], vocabulary().usual)
     mixed = {name for record in records for name, value in record.items() if isinstance(value, str)}  # schedules, too
     settings = pa.Table.from_pylist([r | {name: str(r[name]) for name in mixed} for r in records])
-    return pa.table(
+    whole = pa.table(
         {f"setting.{name}": settings.column(name).take(runs.column("setting")) for name in settings.column_names}
         | {name: runs.column(name) for name in runs.column_names}
-    ).combine_chunks()
+    )
+    return with_record(whole.combine_chunks(), provenance(tables))
+
+
+def provenance(shards: Sequence[pa.Table]) -> dict[str, Any]:
+    """Say what made these shards: versions and machines, each once, and the seconds of all workers together."""
+    records = [record_of(table) for table in shards]
+    found = {json.dumps(record["versions"], sort_keys=True) for record in records}
+    return {
+        "versions": [json.loads(text) for text in sorted(found)],
+        "machines": sorted({record["machine"] for record in records}),
+        "train_seconds": round(sum(record["train_seconds"] for record in records)),
+        "compile_seconds": round(sum(record["compile_seconds"] for record in records)),
+    }
 
 
 def of_study(table: pa.Table, planned: Study, study: Study) -> pa.Table:
@@ -82,8 +98,8 @@ def same_columns(tables: Sequence[pa.Table]) -> list[pa.Table]:
 
 
 def save(store: Store, table: pa.Table) -> None:
-    """Write the table as results.parquet, unless that is what is there: a folder may be for reading alone."""
-    data = to_bytes(table)
+    """Write the table, less its record, as results.parquet, unless that is there: a folder may be for reading alone."""
+    data = to_bytes(table.replace_schema_metadata(None))
     if FILE not in store.names("") or store.read(FILE) != data:
         store.write(FILE, data)
 

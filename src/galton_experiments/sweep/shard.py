@@ -223,18 +223,6 @@ def report(index: int, table: pa.Table) -> Report:
     return Report(index, setting, final, record["env_steps"], record["train_seconds"])
 
 
-def provenance(store: Store, plan: Plan) -> dict[str, Any]:
-    """Say what made a finished sweep: versions and machines, each once, and the seconds of all workers together."""
-    records = [record_of(table) for table in tables_of(store, plan)]
-    found = {json.dumps(record["versions"], sort_keys=True) for record in records}
-    return {
-        "versions": [json.loads(text) for text in sorted(found)],
-        "machines": sorted({record["machine"] for record in records}),
-        "train_seconds": round(sum(record["train_seconds"] for record in records)),
-        "compile_seconds": round(sum(record["compile_seconds"] for record in records)),
-    }
-
-
 def finished(store: Store, plan: Plan) -> dict[int, Done]:
     """The shards of this plan that are there, by their names alone; a file of other runs does not count."""
     found: dict[int, Done] = {}

@@ -12,6 +12,7 @@ from galton.saving import files
 from galton_experiments.sweep import engine, results
 from galton_experiments.sweep.executors import WorkerDiedError
 from galton_experiments.sweep.grid import expand
+from galton_experiments.sweep.parquet import record_of
 from galton_experiments.sweep.plan import Plan
 from galton_experiments.sweep.shard import FOLDER, finished
 from galton_experiments.sweep.store import Store
@@ -88,7 +89,8 @@ def test_a_study_finds_its_own_runs_in_a_folder_that_has_more_in_another_order(r
     table = engine.Trained(store, plan, fewer).table()
     rows = [(r["setting"], r["setting.loss"], r["setting.learning_rate"], r["trial"]) for r in table.to_pylist()]
     assert rows == [(i, s["loss"], s["learning_rate"], t) for i, s in enumerate(fewer.settings) for t in range(2)]
-    assert engine.Trained(store, plan, STUDY).table().equals(results.collect(store, plan))
+    assert record_of(table)["versions"]
+    assert engine.Trained(store, plan, STUDY).table().equals(results.collect(store, plan), check_metadata=True)
 
 
 @pytest.mark.parametrize("width", [1, pytest.param(2, marks=pytest.mark.optimised), 4])

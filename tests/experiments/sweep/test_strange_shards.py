@@ -10,7 +10,7 @@ from galton_experiments.sweep.grid import expand
 from galton_experiments.sweep.parquet import from_bytes, record_of, to_bytes, with_record
 from galton_experiments.sweep.plan import Plan
 from galton_experiments.sweep.results import collect
-from galton_experiments.sweep.shard import FOLDER, finished, provenance, work
+from galton_experiments.sweep.shard import FOLDER, finished, work
 from galton_experiments.sweep.store import Store, checksum
 from galton_experiments.sweep.study import Study
 
@@ -49,7 +49,7 @@ def strange(done, tmp_path):
 def refused(strange, content, said):
     store, plan, _, put = strange
     file = put(content)
-    for use in (collect, engine.verified, provenance):
+    for use in (collect, engine.verified):
         with pytest.raises(UsageError) as told:
             use(store, plan)
         for word in (file, said, "remove the file and run the sweep again"):
@@ -121,7 +121,6 @@ def test_a_changed_shard_is_refused_or_gives_the_right_numbers(strange, done, se
     error = None
     try:
         found = collect(store, plan)
-        provenance(store, plan)
         engine.verified(store, plan)
     except UsageError as refusal:
         error = refusal

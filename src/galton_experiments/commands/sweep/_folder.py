@@ -15,9 +15,9 @@ from galton.errors import UsageError
 from galton.extras import import_all
 from galton.losses import find_loss
 from galton_experiments.sweep import results
+from galton_experiments.sweep.parquet import record_of
 from galton_experiments.sweep.plan import Plan
 from galton_experiments.sweep.results import Best
-from galton_experiments.sweep.shard import provenance
 from galton_experiments.sweep.store import Store
 from galton_experiments.sweep.study import Study
 
@@ -74,7 +74,7 @@ def conclude(store: Store, plan: Plan) -> None:
         plain_console().print(winners(plan.study, results.best_settings(plan.study, table)))
     runs = f"{table.num_rows:,}" if table.num_rows == plan.n_runs else f"{table.num_rows:,} of {plan.n_runs:,}"
     print(f"{runs} runs: {store.url}/{results.FILE}")
-    made_by = provenance(store, plan)["versions"]
+    made_by = record_of(table)["versions"]
     if len(made_by) > 1:
         names = sorted(name for name in {name for one in made_by for name in one} if name.isidentifier())
         changed = [name for name in names if any(one.get(name) != made_by[0].get(name) for one in made_by)]
