@@ -19,6 +19,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 import galton
 from galton.callbacks import Evaluate, StopOnReward
 from galton.envs.host.carried import remember
+from galton.models.acting import returns_on
 from galton.models.file import InexactResume
 
 SETTINGS = {"n_steps": 64, "batch_size": 64, "n_epochs": 1, "gamma": 0.9, "learning_rate": 1e-2, "box_units": 1}
@@ -253,3 +254,102 @@ def test_yardsticks_are_played_where_evaluation_is():
     before = model.yardsticks().doing_nothing
     model.population.environments.layers[0][-1].level = np.array([2.0])
     np.testing.assert_allclose(model.yardsticks().doing_nothing, 2 * before, rtol=1e-6)
+
+
+class Shared(Views):
+    """What it sees is an array that a simulator holds too; `bonus` is paid at each step, which somebody may change."""
+
+    def __init__(self):
+        super().__init__()
+        self.simulated, self.bonus = [np.zeros(2)], 0.0
+        self.state = self.simulated[0]
+
+    def reset(self, *, seed=None, options=None):
+        self.simulated[0][:] = 0.0
+        self.n = 0
+        return self.state.astype(np.float32), {}
+
+    def step(self, action):
+        self.simulated[0][:] += 1
+        self.n += 1
+        return self.state.astype(np.float32), float(self.state[0]) + self.bonus, False, self.n >= 4, {}
+
+
+def test_an_array_that_a_simulator_holds_too_stays_one():
+    model = galton.A2C(Shared, "gaussian", n_envs=1, n_steps=5)
+    np.testing.assert_array_equal(model.evaluate(2), [10, 10])
+    model.advance(1)
+    np.testing.assert_array_equal(model.evaluate(2), [10, 10])
+
+
+def test_what_was_given_and_taken_back_is_not_kept_by_the_copies():
+    model = galton.A2C(Shared, "gaussian", n_envs=1, n_steps=5)
+    for bonus in (0.0, 1.0, 0.0):
+        model.population.environments.layers[0][-1].bonus = bonus
+        np.testing.assert_array_equal(model.evaluate(2), [10 + 4 * bonus] * 2)
+
+
+class Rising(Falling):
+    """The stage rises wherever an episode ends, and is what a step earns."""
+
+    def __init__(self):
+        self.stage = self.reward = 0
+
+    def step(self, action):
+        answer = super().step(action)
+        self.stage += self.t == 10
+        return answer[0], float(self.stage), *answer[2:]
+
+    def reset(self, **options):
+        answer, self.stage = super().reset(**options), self.stage
+        self.stage -= 1  # which Falling counts up at each reset
+        return answer
+
+
+def test_the_stage_of_a_curriculum_is_trainings_in_each_evaluation():
+    model = galton.A2C(Rising, "gaussian", n_envs=1, n_steps=10)
+    for stage in range(3):
+        for _ in range(3):  # episodes of evaluation raise it for themselves alone
+            np.testing.assert_array_equal(model.evaluate(2), [10 * stage + 1] * 2)
+        model.advance(1)
+
+
+class Early(Falling):
+    """Only its first ten steps earn something, and it never ends."""
+
+    def step(self, action):
+        return *super().step(action)[:1], float(self.t <= 10), False, False, {}
+
+
+@pytest.mark.filterwarnings("ignore:.*no time limit")
+def test_each_episode_without_an_end_begins_with_a_reset(monkeypatch):
+    monkeypatch.setattr("galton.training.evaluate.LONG", 30)
+    model = galton.PPO(Falling, "gaussian", **SETTINGS)
+    np.testing.assert_array_equal(model.evaluate(5, env=Early()), [10] * 5)
+    two = SyncVectorEnv([Early] * 2, autoreset_mode=AutoresetMode.SAME_STEP)
+    np.testing.assert_array_equal(model.evaluate(5, env=two), [10] * 5)
+
+
+class Table:
+    """As pandas and polars have them: a mean, a count and an update, which are methods."""
+
+    mean = var = count = update = lambda self: np.zeros(3)
+
+
+def test_a_table_is_no_running_statistics(tmp_path):
+    def made():
+        env = Falling()
+        env.prices = Table()
+        return env
+
+    model = galton.PPO(made, "gaussian", **SETTINGS)
+    model.learn(64, progress_bar=False)
+    np.testing.assert_array_equal(model.evaluate(2), [-30, -30])
+    assert galton.check_env(made).ok
+    model.save(tmp_path / "model")
+
+
+def test_evaluation_in_jax_after_more_steps_than_32_bits_count():
+    model = galton.A2C("bandit", "gaussian")
+    given = model.env, model.agent, model.learner, 2, 0
+    np.testing.assert_array_equal(returns_on(*given, 2**32 + 5, []), returns_on(*given, 5, []))

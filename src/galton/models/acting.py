@@ -48,7 +48,7 @@ def returns_on(
     each copy that the model is trained on, where there are some.
     """
     if isinstance(task, JaxTask):
-        key = jax.random.fold_in(jax.random.key(seed), step)
+        key = jax.random.fold_in(jax.random.key(seed), step % 2**32)
         return np.asarray(_evaluated(key, task, agent, learner, n_episodes))
     with opened(task, n_episodes) as (envs, n_copies):
         for i, layers in enumerate(envs.layers):

@@ -1,6 +1,7 @@
 """Evaluation: whole episodes of the policy that does not explore, and what they return."""
 
 import contextlib
+import itertools
 import warnings
 from collections.abc import Callable, Iterator
 
@@ -99,6 +100,26 @@ def play(
     Statistics of wrappers stay what they are, and rewards are those that the environment gives. An episode without a
     time limit is cut after LONG steps, with a warning; BrokenEnvironmentError where one with a limit does not end.
     """
+    found, cut = _until_cut(name, envs, seeds, act, n_episodes)
+    while len(found) < n_episodes:  # an episode that was cut goes on, so the next begins with a reset
+        seeds = np.random.SeedSequence([int(seed) for seed in seeds]).generate_state(len(seeds))
+        found += _until_cut(name, envs, seeds, act, n_episodes - len(found))[0]
+    if cut:
+        warnings.warn(
+            f"{name} has no time limit, and an episode of evaluation was cut after {LONG:,} steps; {LIMIT_IT}",
+            stacklevel=2,
+        )
+    return np.array(found)
+
+
+def _until_cut(
+    name: str,
+    envs: HostEnvironments,
+    seeds: Integer[np.ndarray, " M"],
+    act: Callable[[Float[np.ndarray, "M o"]], Float[np.ndarray, "M d"]],
+    n_episodes: int,
+) -> tuple[list[float], bool]:
+    """The returns of so many episodes after a reset, copy by copy; fewer if one was cut, and whether one was."""
     n, cut = len(seeds), False
     endless = np.array([has_no_limit(layers) for layers in envs.layers] or [False] * n)
     returns: list[list[float]] = [[] for _ in range(n)]
@@ -111,23 +132,20 @@ def play(
             collected += as_given(steps.reward)
             length += 1
             too_long = endless & active & (length >= LONG)
-            cut |= bool(too_long.any())
             for i in np.flatnonzero(steps.terminated | steps.truncated | too_long):
                 if active[i]:
                     returns[i].append(collected[i])
                 collected[i], length[i] = 0.0, 0
+            if too_long.any():
+                cut = True
+                wanted = np.minimum(wanted, [len(own) + (t > 0) for own, t in zip(returns, length, strict=True)])
             if (length[active] >= MAX_STEPS).any():
                 raise BrokenEnvironmentError(
                     f"{name}: an episode of evaluation did not end in {MAX_STEPS:,} steps; give the environment a time "
                     "limit (gymnasium.wrappers.TimeLimit) or turn evaluation off"
                 )
             observation = steps.observation
-    if cut:
-        warnings.warn(
-            f"{name} has no time limit, and an episode of evaluation was cut after {LONG:,} steps; {LIMIT_IT}",
-            stacklevel=2,
-        )
-    return np.concatenate([*map(np.array, returns)])
+    return list(itertools.chain(*returns)), cut
 
 
 def evaluate(

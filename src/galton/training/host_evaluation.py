@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float, Integer
 
 from galton.envs.host.base import HostEnvironments
-from galton.envs.host.carried import Remembered, carry, changed
+from galton.envs.host.carried import Remembered, beside, carry
 from galton.envs.task import Task
 from galton.parts import Box
 from galton.training.evaluate import copies, play
@@ -20,6 +20,7 @@ class Evaluator:
     def __init__(self, task: Task, n_runs: int, n_threads: int) -> None:
         self._task, self._n_runs, self._n_threads = task, n_runs, n_threads
         self._envs: HostEnvironments | None = None
+        self._begun: list[Remembered] = []
         self._n_episodes = 0
 
     def make(self, n_episodes: int) -> HostEnvironments:
@@ -27,7 +28,7 @@ class Evaluator:
         if self._envs is None or self._n_episodes != n_episodes:
             self.close()
             self._envs = copies(self._task, self._n_runs * n_episodes, self._n_threads)
-            self._n_episodes = n_episodes
+            self._begun, self._n_episodes = [], n_episodes
         return self._envs
 
     def evaluate(
@@ -47,15 +48,14 @@ class Evaluator:
         return yardsticks(self._task.name, envs, self._n_runs * self._n_episodes, box)
 
     def _of_now(self, n: int, trained: Sequence[list[Any]], at_first: Sequence[Remembered]) -> HostEnvironments:
-        """The copies for n episodes of each run, each like one of training's by now.
-
-        What a copy has learnt or been given is in the layers of training's copies, and is not what they had `at_first`.
-        """
+        """The copies for n episodes of each run, each like one of training's by now."""
         envs, n_envs = self.make(n), len(trained) // self._n_runs
         like = [i // n * n_envs + i % n % n_envs for i in range(len(envs.layers))]
-        since = {copy: changed(trained[copy], at_first[copy]) for copy in {*like}}
-        for copy, layers in zip(like, envs.layers, strict=True):
-            carry(trained[copy], since[copy], layers)
+        if not self._begun and like:
+            envs.reset(np.arange(len(like)))
+            self._begun = [beside(layers, at_first[copy]) for copy, layers in zip(like, envs.layers, strict=True)]
+        for copy, layers, first in zip(like, envs.layers, self._begun, strict=True):
+            carry(trained[copy], at_first[copy], layers, first)
         return envs
 
     def close(self) -> None:

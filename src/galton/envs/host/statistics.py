@@ -28,8 +28,9 @@ _MISSING = object()
 
 
 def is_statistics(value: Any) -> bool:
-    """True for running statistics."""
-    return all(hasattr(value, name) for name in (*MOMENTS, "update")) and hasattr(value, "__dict__")
+    """True for running statistics, but not for a table, whose mean is a method."""
+    has_all = all(hasattr(value, name) for name in (*MOMENTS, "update")) and hasattr(value, "__dict__")
+    return has_all and not callable(value.mean)
 
 
 def statistics_of(layers: Layers) -> dict[str, Any]:
