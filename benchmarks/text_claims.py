@@ -173,7 +173,8 @@ def exploring(agents, task, n_updates, key, first):
     def update(i, carry):
         episodes, (own, *others) = carry
         key = jax.random.fold_in(training, i)
-        episodes, own, batch, _, _ = rollout(task, explorer, own, episodes, draw_noise(key, task, explorer))
+        episodes, normalizer, batch, _, _ = rollout(task, explorer, own, episodes, draw_noise(key, task, explorer))
+        own = own._replace(normalizer=normalizer)
         observation, following = actor_critic.flatten(batch.observation), actor_critic.flatten(batch.next_observation)
         values, next_values = (actor_critic.value(explorer, own.params, each) for each in (observation, following))
         advantage = actor_critic.advantages(explorer, values, next_values, batch)

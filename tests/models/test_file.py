@@ -1,6 +1,9 @@
+import dataclasses
 import itertools
 import zipfile
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -8,6 +11,7 @@ from galton import A2C, PPO, CheckpointError, Model, UsageError, algorithms
 from galton.envs import LQR
 
 from ..envs.host.walks import Closing
+from ..training.slide import Slide
 
 SMALL = {"preset": "paper", "n_bins": 10, "net_arch": (8,)}
 
@@ -105,3 +109,28 @@ def test_a_path_that_names_no_file_or_a_folder_is_told_so(model, tmp_path):
         model.save(tmp_path / "x.d")
     with pytest.raises(UsageError, match=r"path is .*nothing, which does not exist"):
         A2C.load(tmp_path / "nothing")
+
+
+@dataclasses.dataclass(frozen=True)
+class Short(Slide):
+    """Its state is in bfloat16, which files do not have."""
+
+    def reset(self, key):
+        return super().reset(key).astype(jnp.bfloat16)
+
+    def step(self, state, action, noise):
+        following, reward, ends = super().step(state, action.astype(jnp.bfloat16), noise)
+        return following.astype(jnp.bfloat16), reward.astype(jnp.float32), ends
+
+    def observe(self, state):
+        return state.astype(jnp.float32)
+
+
+def test_a_state_in_bfloat16_goes_on_to_the_same_bits(tmp_path):
+    model = A2C(Short(), "gaussian", net_arch=(4,), n_steps=5)
+    model.advance(1)
+    loaded = A2C.load(model.save(tmp_path / "model"), Short())
+    for one in (model, loaded):
+        one.advance(1)
+    for ours, theirs in zip(*(jax.tree.leaves(one.get_parameters()) for one in (model, loaded)), strict=True):
+        np.testing.assert_array_equal(ours, theirs)

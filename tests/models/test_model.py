@@ -8,7 +8,7 @@ import galton
 from galton import A2C, DivergenceError, UsageError
 from galton.envs import LQR
 
-from ..envs.host.walks import Tall
+from ..envs.host.walks import Tall, Walk
 
 SMALL = {"preset": "paper", "n_bins": 10, "net_arch": (8,), "n_steps": 5}
 QUIET = {"progress_bar": False}
@@ -177,3 +177,31 @@ def test_every_seed_can_predict_and_an_observation_that_does_not_fit_is_refused(
     for wrong in (*map(np.zeros, (3, (1, 1, 2), (), (2, 3))), "ab", None, [[0], [0, 1]], [np.nan, 0]):
         with pytest.raises(UsageError, match="observation is"):
             model.predict(wrong)
+
+
+class Once(Walk):
+    """A simulator that blows up once, in its 103rd step, to a number that float32 still holds but not its square."""
+
+    n = 0
+
+    def observe(self):
+        self.n += 1
+        return np.full(2, 1e25 if self.n == 103 else self.position, np.float32)
+
+
+class Deaf(Once):
+    def step(self, action):
+        return super().step(np.zeros(1))
+
+
+@pytest.mark.parametrize(("env", "told"), [(Once, "could not take the policy's action"), (Deaf, "the gradient was")])
+def test_an_observation_that_overflows_the_statistics_leaves_those_before_it(env, told, tmp_path):
+    model = A2C(env, "gaussian", n_steps=5, net_arch=(8,), normalize_observation=True)
+    model.learn(50, **QUIET)
+    with pytest.raises(DivergenceError, match=told):
+        model.learn(100, **QUIET)
+    moments = model.learner.normalizer.observation
+    assert all(np.isfinite(leaf).all() for leaf in moments)
+    loaded = A2C.load(model.save(tmp_path / "model"))
+    seen = np.zeros((1, 2), np.float32)
+    np.testing.assert_array_equal(*(m.predict(seen, deterministic=True)[0] for m in (loaded, model)))

@@ -27,7 +27,7 @@ def new(seed=0):
 
 
 def update(run, batch, **numbers):
-    return learnt(agent(WORDS, numbers, **BOX), run, batch, FINISHED)
+    return learnt(agent(WORDS, numbers, **BOX), run, run.learner.normalizer, batch, FINISHED)
 
 
 def batch(scale=1.0):
@@ -72,7 +72,7 @@ def test_an_update_has_a_key_of_its_own():
     agent = AGENT.replace(algorithm=Spy())
     for _ in range(3):
         rollouts.append(numbers(rollout_key(AGENT, run)))
-        run = learn(agent, run, batch(), FINISHED)
+        run = learn(agent, run, run.learner.normalizer, batch(), FINISHED)
     assert len({*seen, *rollouts}) == 6
 
 
@@ -186,5 +186,5 @@ def test_an_update_sees_the_policy_that_sampled_its_batch_where_the_policy_has_a
     scheduled = agent(words, **BOX).replace(algorithm=Spy())
     run = begin(scheduled, 2, jnp.uint32(0))[0]
     for _ in range(2):
-        run = learn(scheduled, run, batch(), FINISHED)
+        run = learn(scheduled, run, run.learner.normalizer, batch(), FINISHED)
     assert seen == [(1.0, 2.0), (4.0, 2.0)]

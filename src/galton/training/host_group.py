@@ -14,8 +14,8 @@ from galton.envs.host.carried import go_on, remember
 from galton.envs.host.moves import Watch
 from galton.envs.host.statistics import MOMENTS, scaling_rewards, set_moments, statistics_of, unscaled
 from galton.envs.task import Task
-from galton.errors import BrokenEnvironmentError, SharedEnvironment
-from galton.normalization import from_origin_on_host, in_new_episodes
+from galton.errors import BrokenEnvironmentError, DivergenceError, SharedEnvironment
+from galton.normalization import Normalizer, from_origin_on_host, in_new_episodes
 from galton.parts import at
 from galton.policies.correlation import nothing_before
 from galton.training.evaluate import LIMIT_IT, LONG
@@ -110,7 +110,7 @@ class Group:
             received = reward, reward > 0, zeros, zeros
             self._acting.receive(self._now, normalizer, *received)
             self._acting.receive_and_act(self._now, params, normalizer, noise, t, *before, *received)
-        runs = self._programs.learn(self._numbers, runs, self._batch, _empty_finished(self._whole))
+        runs = self._programs.learn(self._numbers, runs, normalizer, self._batch, _empty_finished(self._whole))
         jax.block_until_ready(self._programs.log(self._numbers, runs, self._batch))
 
     def advance(self, n_updates: int) -> None:
@@ -129,8 +129,8 @@ class Group:
         self._interrupted, longest = True, self._length.max()
         with unscaled(self._scaled) as self._as_given:
             for _ in range(n_updates):
-                self._batch, finished = self._rollout()
-                self.runs = self._programs.learn(self._numbers, self.runs, self._batch, finished)
+                normalizer, self._batch, finished = self._rollout()
+                self.runs = self._programs.learn(self._numbers, self.runs, normalizer, self._batch, finished)
         self._interrupted = False
         if longest < LONG <= self._length.max():
             warnings.warn(
@@ -139,8 +139,8 @@ class Group:
                 stacklevel=2,
             )
 
-    def _rollout(self) -> tuple[Transition, Finished]:
-        """T steps of the P · N environments; numpy arrays `[P, T, N, ...]`."""
+    def _rollout(self) -> tuple[Normalizer, Transition, Finished]:
+        """T steps of the P · N environments, numpy arrays `[P, T, N, ...]`, and the normaliser after them."""
         batch, finished = _empty_batch(self._whole, *self._sizes), _empty_finished(self._whole)
         noise, learner = self._programs.prepare(self._numbers, self.runs), self.runs.learner
         programs, now, params, normalizer = self._acting, self._now, _acting(learner.params), learner.normalizer
@@ -168,8 +168,7 @@ class Group:
             values = (observation, action, reward, final, steps.terminated, steps.truncated)
             for column, value in zip(batch, values, strict=True):
                 column[:, t] = value
-        self.runs = self.runs._replace(learner=learner._replace(normalizer=normalizer))
-        return batch, finished
+        return normalizer, batch, finished
 
     def _noise_before(self) -> tuple[PyTree[Array], np.ndarray | tuple[()]]:
         """The noise that the next goes on from and where it begins anew; nothing where noise is not correlated."""
@@ -181,7 +180,16 @@ class Group:
             raise BrokenEnvironmentError(
                 f"{self._task.name} was reset or stepped by somebody else in the middle of a rollout; give each its own"
             )
-        steps = self.environments.step(action)
+        try:
+            steps = self.environments.step(action)
+        except BrokenEnvironmentError as error:
+            if np.isfinite(action).all():
+                raise
+            raise DivergenceError(
+                f"{self._task.name} could not take the policy's action, which was not finite, in the update after step "
+                f"{self.step:,}; the model keeps what it had learnt. An observation beyond 1e19 overflows the "
+                "statistics that normalise it: bound it in the environment"
+            ) from error
         self._watch.renew()
         return steps
 

@@ -64,8 +64,8 @@ class HostPrograms:
         self.receive_and_act = quick(jax.vmap(of(_receive_and_act), (0, 0, 0, 0, None, 0, 0, 0, 0, 0, 0)))
         """(agent, params, normalizers, noise, t, before, begins, and what `receive` takes behind the normalizers) →
         what `receive` and `act` return: one call for two."""
-        self.learn = jax.jit(over_runs(side_by_side, of(learn), (0, 0, 0, 0)))
-        """(agent, runs, batch `[P, T, N]`, finished) → runs."""
+        self.learn = jax.jit(over_runs(side_by_side, of(learn), (0, 0, 0, 0, 0)))
+        """(agent, runs, normalizers after the rollout, batch `[P, T, N]`, finished) → runs."""
         self.log = jax.jit(jax.vmap(of(read_log)))
         """(agent, runs, batch) → runs and logs."""
         self.now = jax.jit(jax.vmap(of(_now)))

@@ -55,9 +55,8 @@ class DeviceState(NamedTuple):
 def iteration(task: JaxTask, agent: Agent, state: DeviceState, noise: Noise) -> tuple[DeviceState, Transition]:
     """One round of the training loop: act for n_steps steps, then learn from them. The rollout is returned too."""
     now = at(agent, step_of(agent, state.run.updates))
-    episodes, learner, batch, finished, metrics = rollout(task, now, state.run.learner, state.episodes, noise)
-    run = learn(agent, state.run._replace(learner=learner), batch, finished, metrics)
-    return DeviceState(run, episodes), batch
+    episodes, normalizer, batch, finished, metrics = rollout(task, now, state.run.learner, state.episodes, noise)
+    return DeviceState(learn(agent, state.run, normalizer, batch, finished, metrics), episodes), batch
 
 
 def iterate(
@@ -236,14 +235,17 @@ class DevicePopulation:
 
 
 def _plain(leaf: Array) -> Array:
-    """Return a leaf that can be fetched from a device: of random keys their numbers."""
-    return jax.random.key_data(leaf) if jnp.issubdtype(leaf.dtype, jax.dtypes.prng_key) else leaf
+    """Return a leaf that a file can hold: of random keys their numbers, and numbers that numpy hasn't in float32."""
+    if jnp.issubdtype(leaf.dtype, jax.dtypes.prng_key):
+        return jax.random.key_data(leaf)
+    return leaf.astype(jnp.float32) if leaf.dtype.kind == "V" else leaf  # bfloat16 and what is shorter
 
 
 def _as_was(like: Array, leaf: np.ndarray) -> Array | np.ndarray:
-    """Return what `_plain` made such a leaf into as it was: numbers of keys as random keys."""
-    is_key = jnp.issubdtype(like.dtype, jax.dtypes.prng_key)
-    return jax.random.wrap_key_data(jnp.asarray(leaf), impl=jax.random.key_impl(like)) if is_key else leaf
+    """Return what `_plain` made such a leaf into as it was."""
+    if jnp.issubdtype(like.dtype, jax.dtypes.prng_key):
+        return jax.random.wrap_key_data(jnp.asarray(leaf), impl=jax.random.key_impl(like))
+    return leaf.astype(like.dtype)
 
 
 class _Programs(NamedTuple):

@@ -84,8 +84,8 @@ Carry = tuple[EpisodeState, normalization.Normalizer]
 
 def rollout(
     task: JaxTask, agent: Agent, learner: Learner, episodes: EpisodeState, noise: Noise
-) -> tuple[EpisodeState, Learner, Transition, Finished, Scalars]:
-    """T steps of each environment, reset where an episode ends; the learner's statistics grow on the way.
+) -> tuple[EpisodeState, normalization.Normalizer, Transition, Finished, Scalars]:
+    """T steps of each environment, reset where an episode ends; the normaliser's statistics grow on the way.
 
     The last is what the environments tell of themselves, each number's mean over the rollout.
     """
@@ -125,4 +125,4 @@ def rollout(
         return (following, normalizer), (told, Finished(done, collected, length), jax.vmap(task.metrics)(states))
 
     (episodes, normalizer), (transitions, finished, metrics) = jax.lax.scan(step, (episodes, learner.normalizer), noise)
-    return episodes, learner._replace(normalizer=normalizer), transitions, finished, jax.tree.map(jnp.mean, metrics)
+    return episodes, normalizer, transitions, finished, jax.tree.map(jnp.mean, metrics)

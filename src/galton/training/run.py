@@ -15,6 +15,7 @@ from jaxtyping import Array, Float, Int, Key, PyTree, UInt
 from galton import schedules
 from galton.algorithms import Agent, Scalars, actor_critic
 from galton.errors import require
+from galton.normalization import Normalizer
 from galton.parts import at
 from galton.training.diagnosis import diagnose
 from galton.training.log import Finished, Log, Tally, nothing, summarise, tally
@@ -92,11 +93,17 @@ def rollout_key(agent: Agent, run: RunState, ahead: Int[Array, ""] | int = 0) ->
 
 
 def learn(
-    agent: Agent, run: RunState, batch: Transition, finished: Finished, metrics: Scalars | None = None
+    agent: Agent,
+    run: RunState,
+    normalizer: Normalizer,
+    batch: Transition,
+    finished: Finished,
+    metrics: Scalars | None = None,
 ) -> RunState:
     """The run after one update on a rollout `[T, N]`, with its step, its tally and a first divergence noted.
 
-    What the environment tells of itself, the means over the rollout, joins the scalars of the update.
+    The normaliser is that after the rollout. What the environment tells of itself, the means over the rollout, joins
+    the scalars of the update.
     """
     frozen = run.diverged_at >= 0
     updates = run.updates + 1
@@ -107,14 +114,14 @@ def learn(
         policy=at(agent.policy, step_of(agent, run.updates)),  # the one that sampled the batch
         **{name: getattr(now, name).at(step, frozen) for name in ("algorithm", "entropy", "optimizer")},
     )
-    learner, told = now.algorithm.update(now, run.learner, batch, key)
+    learner, told = now.algorithm.update(now, run.learner._replace(normalizer=normalizer), batch, key)
     wanted = f"whose update tells {', '.join(sorted(told))}; its scalars are {', '.join(sorted(agent.scalars))}"
     require(told.keys() == {*agent.scalars}, f"algorithm is {now.algorithm.name!r}, {wanted}")
     finite = jnp.isfinite(told["grad_norm"])
-    before, after = (of.memory["algorithm"] for of in (run.learner, learner))
-    kept = jax.tree.map(lambda old, new: jnp.where(frozen | ~finite, old, new), before, after)
+    before, after = ((of.memory["algorithm"], of.normalizer) for of in (run.learner, learner))
+    kept, normalizer = jax.tree.map(lambda old, new: jnp.where(frozen | ~finite, old, new), before, after)
     return run._replace(
-        learner=learner.remembering(algorithm=kept),
+        learner=learner.remembering(algorithm=kept)._replace(normalizer=normalizer),
         updates=updates,
         diverged_at=jnp.where(frozen | finite, run.diverged_at, updates),
         tally=jax.tree.map(jnp.add, run.tally, tally(finished, told | (metrics or {}))),
