@@ -46,6 +46,7 @@ Unseeded = kind("Unseeded", reset=unseeded)
 IMAGES = {"observation_space": Box(0, 255, (4, 4, 3), np.uint8)}
 Seeing = kind("Seeing", **IMAGES, observe=lambda self: np.full((4, 4, 3), self.t, np.uint8))
 Nothing = kind("Nothing", step=unrewarded)
+Told = kind("Told", get_state=Walk.observe, set_state=lambda self, state: None)
 Cut = kind("Cut", ends=lambda self: self.t == 5)
 
 
@@ -64,6 +65,7 @@ NOTES = {
     "no reward": (Nothing, "rewards", "0 in each of", "nothing to learn from"),
     "a time limit as an end": (Cut, "ends of episodes", "0 truncated, after 5 steps", "return it as truncated"),
     "statistics": (lambda: NormalizeObservation(Walk()), "statistics", "NormalizeObservation", "normalize_observation"),
+    "a state of another kind": (Told, "resume", "begins new episodes", "get_state returned array"),
     "no state": (Walk, "resume", "begins new episodes", "get_state and set_state"),
 }
 BROKEN = {

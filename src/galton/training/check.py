@@ -235,7 +235,11 @@ def _aliasing(found: bool) -> Finding:
 
 
 def _resume(task: Task, envs: HostEnvironments) -> Finding:
-    if isinstance(task, JaxTask) or envs.get_state() is not None:
+    try:
+        is_exact = isinstance(task, JaxTask) or envs.get_state() is not None
+    except BrokenEnvironmentError as error:
+        return Finding("resume", "keeps what was learnt, and begins new episodes", str(error))
+    if is_exact:
         return Finding("resume", "exact: episodes go on where they were")
     remedy = "exact where it and its wrappers have get_state and set_state (docs/own_environment.md)"
     return Finding(

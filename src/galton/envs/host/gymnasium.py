@@ -112,7 +112,8 @@ class GymnasiumTask:
     def _check(self, env: object) -> Env:
         if not isinstance(env, gymnasium.Env):
             raise UsageError(
-                f"{self.name} is {shown(env)}, not a gymnasium.Env; for an environment of the old gym use shimmy"
+                f"{self.name} is {shown(env)}, not a gymnasium.Env; give a vector environment or a record itself, "
+                "and for an environment of the old gym use shimmy"
             )
         with self._closing_at_failure([env]):
             self._check_spaces(env)
