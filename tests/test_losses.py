@@ -5,7 +5,7 @@ import pytest
 from scipy.special import softmax
 from scipy.stats import multivariate_normal
 
-from galton import LOSSES, Bins, losses, targets
+from galton import LOSSES, Bins, UsageError, losses, targets
 from galton.policies import Gaussian, Histogram
 from galton.policies.histogram import Choices
 
@@ -129,3 +129,11 @@ def test_as_a_log_probability_it_has_the_policys_value_and_its_own_gradient(name
     old = jax.lax.stop_gradient(told(logits))
     of_ratio = jax.grad(lambda logits: -(advantage * jnp.exp(told(logits) - old)).sum())(jnp.asarray(logits))
     np.testing.assert_allclose(of_ratio, found, rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize("setting", [{"negative_target": "one-hot"}, {"diffusion": 0.1}])
+def test_what_a_log_probability_can_not_have_is_refused(setting):
+    logits, action, _ = batch()
+    loss = losses.HLGaussCentred(eta=0.75, **setting)
+    with pytest.raises(UsageError, match=r"can't have its negative_target or diffusion.*loss\.regularizer"):
+        losses.as_log_prob(loss, Histogram(bins(), logits), action)

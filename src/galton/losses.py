@@ -217,8 +217,17 @@ def as_log_prob(loss: Loss, distribution: Distribution, action: Float[Array, "*b
     A program that calls `log_prob` trains with the loss where this stands in its place: −A · log_prob is the weighted
     loss of eqs 4–6, and exp(log_prob − old) is PPO's true ratio with the loss's gradient. `galton.torch.Histogram` has
     the same for PyTorch.
+
+    Raises:
+        UsageError: a loss that is not all of its objective: `negative_target` and `diffusion` are beside it.
     """
-    own = loss(distribution.given(action) if isinstance(distribution, Sequential) else distribution, action)
+    given = distribution.given(action) if isinstance(distribution, Sequential) else distribution
+    require(
+        loss.of_negatives(given, action) is None and loss.regularizer(given) is None,
+        f"loss is {loss}; a log-probability can't have its negative_target or diffusion: leave them out, or add "
+        "loss.of_negatives and loss.regularizer to the objective",
+    )
+    own = loss(given, action)
     found: Losses = lax.stop_gradient(distribution.log_prob(action)) - (own - lax.stop_gradient(own))
     return found
 

@@ -10,6 +10,7 @@ from gymnasium.spaces import Box, Dict, Discrete, MultiBinary, MultiDiscrete, Tu
 
 import galton
 from galton.deploy import export
+from galton.deploy.decision import decide
 
 SPACE = Dict(
     motors=Box(np.float32([-1, 0]), np.float32([1, 4])),
@@ -81,6 +82,10 @@ def test_the_file_acts_as_predict_does(tmp_path, words):
     assert list(parts) == ["motors", "gripper", "gears.0", "gears.1"]
     assert (parts["gripper"]["from"], parts["gripper"]["to"], parts["gripper"]["first"]) == (2, 3, 5)
     assert terms["output"]["high"] == [1, 4, 2, 1, 3, 1, 1]
+
+
+def test_the_rule_for_choices_alone_is_their_mode():
+    assert decide(galton.PPO("CartPole-v1", preset="classification")).chosen.rule == "mode"
 
 
 @pytest.mark.parametrize("words", [{"loss": "gaussian"}, {"loss": "hl-one-hot", "n_bins": 7}])

@@ -9,6 +9,8 @@ import warnings
 from pathlib import Path
 
 import gymnasium
+import jax
+import jax.numpy as jnp
 import numpy as np
 import onnx
 import onnxruntime
@@ -20,6 +22,7 @@ import galton
 from galton import UsageError, deploy
 from galton.deploy.decision import bounds
 from galton.envs.host.actions import Actions
+from galton.policies import Gaussian
 
 from ..envs.host.walks import kind
 from .drifting import HIGH, LOW, Drifting, states, trained
@@ -192,6 +195,31 @@ def test_a_policy_of_ones_own_says_how_its_action_is_computed(monkeypatch, tmp_p
     assert found == pytest.approx(model.predict(observations, deterministic=True)[0], abs=1e-6)
 
 
+class Own(galton.Policy):
+    """A Gaussian whose parameter is called as those of Galton's are, and none of whose settings is."""
+
+    @property
+    def n_outputs(self):
+        return len(self.low)
+
+    def init(self):
+        return jnp.zeros(self.n_outputs), {"log_std": jnp.zeros(self.n_outputs)}
+
+    def noise(self, key, shape):
+        return jax.random.normal(key, (*shape, self.n_outputs))
+
+    def distribution(self, outputs, params):
+        return Gaussian(outputs, params["log_std"], self.low, self.high)
+
+
+def test_a_parameter_of_ones_own_may_have_any_name(monkeypatch, tmp_path):
+    monkeypatch.setitem(galton.POLICIES, "own", Own)
+    monkeypatch.setitem(deploy.ACTIONS, "own", lambda graph, outputs, *_: deploy.Chosen(outputs, "mean", "The mean."))
+    model, observations = model_on("gaussian", policy="own"), states(9, 3)
+    found = run(deploy.export(model, tmp_path / "policy"), observations)
+    assert found == pytest.approx(model.predict(observations, deterministic=True)[0], abs=1e-6)
+
+
 def test_the_contract_names_an_algorithm_of_ones_own(tmp_path):
     class Mine(galton.algorithms.A2C):
         label = "Mine"
@@ -267,6 +295,9 @@ def test_a_path_that_can_not_be_written_and_an_extra_that_is_missing_are_named(s
 def test_the_bounds_are_the_spaces_own_where_they_are_float32_and_every_policy_has_an_export():
     space = Box(np.array([-1.0, 0.3], np.float32), np.array([0.1, 7.7], np.float32))
     np.testing.assert_array_equal(bounds(Actions("here", space)), (space.low, space.high))
+    constant = Box(np.array([-1.0, 0.3]), np.array([1.0, 0.3]), dtype=np.float64)  # float32 has no 0.3
+    low, high = bounds(Actions("here", constant))
+    assert (low <= high).all()
     assert set(deploy.ACTIONS) == set(galton.POLICIES)
 
 

@@ -13,6 +13,7 @@ from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.vec_env import VecNormalize
 
 import galton
+from galton.torch.bins import _cached
 from galton.torch.sb3 import HistogramPolicy, MultiInputHistogramPolicy
 
 BINS = {"n_bins": 9, "eta": 1.0, "net_arch": [16]}
@@ -87,3 +88,24 @@ def test_what_the_policy_can_not_do_is_refused_when_it_is_made():
     boxes = Dict(seen=Box(-1, 1, (3,)))
     with pytest.raises(galton.UsageError, match="take MultiInputHistogramPolicy"):
         HistogramPolicy(boxes, Box(-1, 1, (1,)), lambda _: 1e-3)
+
+
+class Deterministic(torch.nn.Module):
+    """What SB3's guide to exporting wraps a policy in."""
+
+    def __init__(self, policy):
+        super().__init__()
+        self.policy = policy
+
+    def forward(self, rows):
+        return self.policy(rows, deterministic=True)[0]
+
+
+@pytest.mark.filterwarnings("ignore")  # tracing warns of much, and of itself
+def test_it_can_be_traced_before_it_has_computed_anything():
+    _cached.cache_clear()
+    policy = stable_baselines3.PPO(HistogramPolicy, "Pendulum-v1", policy_kwargs=BINS, device="cpu").policy
+    _cached.cache_clear()
+    rows = torch.randn(4, 3)
+    traced = torch.jit.trace(Deterministic(policy).eval(), rows)
+    torch.testing.assert_close(traced(rows), policy(rows, deterministic=True)[0])

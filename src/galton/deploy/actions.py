@@ -98,7 +98,7 @@ def histogram(graph: Graph, outputs: str, policy: BinnedPolicy, name: str = "log
         numbers, mode = (1.0 - bins.is_choice, _by_rule(graph, logits, bins, "mode"))
         action = graph.add("Add", graph.add("Mul", action, numbers), graph.add("Mul", mode, 1.0 - numbers))
     elif rule != "mode":
-        action = _by_rule(graph, logits, bins, "mode")
+        action, rule = _by_rule(graph, logits, bins, "mode"), "mode"
     return Chosen(action, rule, f"{MEANINGS[rule]} {OF_CHOICES}" if not bins.is_choice.all() else OF_CHOICES)
 
 

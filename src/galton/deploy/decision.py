@@ -56,7 +56,7 @@ def decide(model: Model) -> Decision:
     inputs = _normalised(graph, rows, model.learner.normalizer)
     features = BODIES[kind](graph, model.agent.network, params["actor"], inputs)
     policy = at(model.agent.policy, model.num_timesteps)
-    if "log_std" in params:
+    if "log_std" in params and hasattr(policy.head, "log_std_init"):
         learnt = policy.head.replace(log_std_init=np.asarray(params["log_std"]))
         policy = policy.replace(numbers=learnt) if isinstance(policy, MixedPolicy) else learnt
     outputs = linear(
@@ -90,7 +90,7 @@ def _bounds(space: Box) -> tuple[np.ndarray, np.ndarray]:
     low, high = (bound.astype(np.float32) for bound in (space.low, space.high))
     low = np.where(low < space.low, np.nextafter(low, np.float32(np.inf)), low)
     high = np.where(high > space.high, np.nextafter(high, np.float32(-np.inf)), high)
-    return low, high
+    return low, np.maximum(low, high)  # bounds that are one number between two of float32's cross
 
 
 def _masked(graph: Graph, outputs: str, policy: Policy, box: parts.Box) -> str:

@@ -148,5 +148,6 @@ def kernel(
         dtype: of the result, which is computed in float64.
         device: of the result.
     """
-    make = _kernel if torch.compiler.is_compiling() else _cached
+    traced = torch.compiler.is_compiling() or torch.jit.is_tracing()  # type: ignore[attr-defined, no-untyped-call]
+    make = _kernel if traced else _cached
     return make(n_bins, eta, tails, centers, dtype, device)
