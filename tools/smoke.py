@@ -36,6 +36,19 @@ import sys
 heavy = "pyarrow matplotlib jinja2 tensorboardX fsspec".split()
 print([name for name in heavy if name in sys.modules])
 """
+BENCHMARK = """
+from pathlib import Path
+Path("smoke.toml").write_text('''
+title = "Smoke"
+seed = 0
+baseline = "gaussian"
+budget = { settings = 2, seeds = 2, fresh_seeds = 2, steps = 400, logs = 2, eval_episodes = 1 }
+fixed = { algorithm = "a2c", net_arch = [4], n_bins = 5 }
+prior = { learning_rate = { choice = [0.01, 0.1] } }
+methods = { gaussian = { fixed = { loss = "gaussian" } }, bins = { fixed = { loss = "hl-one-hot" } } }
+tasks = { bandit = { env = "bandit" } }
+''')
+"""
 WANDB = """
 import galton
 call = galton.callbacks.WeightsAndBiases(mode="offline", project="smoke")
@@ -56,6 +69,7 @@ CORE = [
     TRAIN,
     Call(f"galton train bandit --out run --resume {TINY} --steps 4000", "run folder: run"),
     Call("galton export run --format card", "card: run/model_card.md"),
+    Call("galton check Pendulum-v1", "it can be trained on"),
 ]
 EXPERIMENTS = [
     Call(
@@ -64,6 +78,8 @@ EXPERIMENTS = [
     Call(("python", "-c", GRID), ""),
     Call(f"galton sweep bandit --grid grid.toml {SWEEP} --out sweep", "sweep"),
     Call("galton sweep status sweep", "done"),
+    Call(("python", "-c", BENCHMARK), ""),
+    Call("galton benchmark smoke.toml --out smoke --workers 1", "report: smoke/index.html"),
 ]
 
 SMOKE = {
