@@ -18,7 +18,7 @@ class Call(NamedTuple):
     code: int = 0
 
 
-TINY = "--steps 400 --logs 2 --eval-episodes 1 --net-arch 4 --n-bins 5"
+TINY = "--steps 400 --logs 2 --eval-episodes 1 --net-arch 4"
 SWEEP = f"--trials 2 --workers 1 {TINY}"
 GRID = """
 from pathlib import Path
