@@ -372,6 +372,12 @@ def test_tensorboard_reads_back_what_was_logged(model, tmp_path):
         np.testing.assert_allclose([value for _, value in read], [value for _, value in finite], rtol=1e-6)
 
 
+def test_two_runs_of_one_second_have_two_tensorboard_files(tmp_path):
+    for _ in range(2):
+        TensorBoard(tmp_path)(Fake(), {"a": 1.0})
+    assert len([*tmp_path.iterdir()]) == 2
+
+
 def full(*_):
     raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 

@@ -8,7 +8,8 @@ import pytest
 import torch
 from stable_baselines3.common.sb2_compat.rmsprop_tf_like import RMSpropTFLike
 
-from galton.optimizers import Adam, AdamW, Optimizer, RMSprop, count
+import galton
+from galton.optimizers import OPTIMIZERS, Adam, AdamW, Optimizer, RMSprop, count
 
 RATE = 0.02
 THEIRS = {
@@ -57,3 +58,24 @@ def test_twenty_steps_are_those_of_torch(ours, theirs):
     assert int(count(state)) == 20
     for found, weight in zip(params.values(), weights, strict=True):
         np.testing.assert_allclose(found, weight.detach(), rtol=1e-5, atol=1e-6)
+
+
+class Lion(Optimizer):
+    """Its memory is in bfloat16, which files do not have."""
+
+    label = "Lion"
+
+    @property
+    def transformation(self):
+        return optax.scale_by_lion(mu_dtype=jnp.bfloat16)
+
+
+def test_a_memory_in_bfloat16_goes_on_to_the_same_bits(tmp_path, monkeypatch):
+    monkeypatch.setitem(OPTIMIZERS, "lion", Lion)
+    model = galton.A2C("bandit", "gaussian", optimizer="lion", learning_rate=1e-3)
+    model.advance(3)
+    loaded = galton.A2C.load(model.save(tmp_path / "model"), "bandit")
+    for one in (model, loaded):
+        one.advance(3)
+    for ours, theirs in zip(*(jax.tree.leaves(one.learner) for one in (model, loaded)), strict=True):
+        np.testing.assert_array_equal(ours, theirs)

@@ -3,6 +3,7 @@
 import functools
 import json
 import math
+from typing import Literal
 
 import jax
 import numpy as np
@@ -12,8 +13,10 @@ import pytest
 import galton
 from galton import A2C, PPO, UsageError, make_agent, schedules
 from galton.agents import read, words_of
+from galton.callbacks import Checkpoint
 from galton.parts import at
 from galton.schedules import Cosine, Linear, Step
+from galton.types import Count, Finite
 from galton_experiments.sweep.grid import expand
 from galton_experiments.sweep.plan import Plan
 from galton_experiments.sweep.results import collect
@@ -65,6 +68,34 @@ def test_a_schedule_comes_back_from_its_text(schedule):
     assert schedules.read("learning_rate", schedules.told(schedule)) == schedule
 
 
+class Stairs(schedules.Schedule):
+    label = "stairs"
+
+    start: Finite = 0.0
+    n_stairs: Count = 4
+    kind: Literal["even", "uneven"] = "even"
+    is_up: bool = False
+
+    def values(self):
+        return (self.start,)
+
+    def __call__(self, step):
+        return self.start / (1 + step // self.n_stairs)
+
+
+def test_one_of_ones_own_may_have_fields_and_a_name_of_any_kind(monkeypatch, tmp_path):
+    rate = Stairs(0.1, 7, "uneven", True)
+    model = A2C("bandit", "gaussian", learning_rate=rate)
+    with pytest.raises(UsageError, match="give its class a line in the registry"):
+        model.learn(5, Checkpoint(tmp_path / "kept", every=5), progress_bar=False)
+    assert model.num_timesteps == 0
+    monkeypatch.setitem(schedules.SCHEDULES, "stair-case", Stairs)
+    assert schedules.told(rate) == "stair_case(0.1, 7, 'uneven', True)"
+    assert schedules.read("learning_rate", schedules.told(rate)) == rate
+    with pytest.raises(UsageError, match=r"is 'stair_case\(0.1, -7\)', whose n_stairs is -7; it must be"):
+        schedules.read("learning_rate", "stair_case(0.1, -7)")
+
+
 @pytest.mark.parametrize(
     "text",
     [
@@ -88,9 +119,9 @@ def test_a_text_that_describes_none_is_refused_with_what_would(text):
     ("words", "message"),
     [
         ({"learning_rate": Linear(1.0, -1.0)}, "a number of learning_rate is -1.0; it must be finite, and 0 or more"),
-        ({"learning_rate": "linear(1, 0, 0)"}, r"learning_rate is 'linear\(1, 0, 0\)'; it must be a number, or"),
+        ({"learning_rate": "linear(1, 0, 0)"}, r"learning_rate is 'linear\(1, 0, 0\)', whose steps is 0"),
         ({"decay_steps": Linear(1.0, 2.0)}, "decay_steps is Linear.*; give one number"),
-        ({"learning_rate": "step(1, 0, linear(0, 9, 9))"}, r"learning_rate is 'step\(.*\)'; it must be a number, or"),
+        ({"learning_rate": "step(1, 0, linear(0, 9, 9))"}, r"learning_rate is 'step\(.*\)', whose at_step is"),
         ({"learning_rate": Linear(1.0, 0.0), "decay_steps": 9}, "decay_steps is 9.0 beside a schedule"),
         ({"policy": "smoothed", "eta": Linear(1.0, 0.5)}, "eta is Linear.*; say over how many steps"),
         ({"n_bins": Linear(10, 20)}, "n_bins is Linear.*; it must be an integer"),

@@ -83,7 +83,7 @@ def written(words: Words) -> Fields:
     """The words to write down, those of version 1 and later unusual ones; UsageError for a part without a name."""
     for name, value in words.items():
         told = f"{name} is {value!r}, and files hold names; give its class a line in the registry of its kind"
-        require(not isinstance(value, Part) or isinstance(value, Schedule), told)
+        require(not isinstance(value, Part) or type(value) in schedules.SCHEDULES.values(), told)
     usual = vocabulary().usual
     return {
         name: words.get(name, value)

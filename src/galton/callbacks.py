@@ -13,6 +13,8 @@ import dataclasses
 import itertools
 import json
 import math
+import os
+import secrets
 import time
 import warnings
 import weakref
@@ -230,7 +232,8 @@ class TensorBoard:
         self.folder = folder
         with files.named("folder", folder):
             Path(folder).mkdir(parents=True, exist_ok=True)
-            self._writer = EventsWriter(f"{folder}/events")
+            # Its names are of whole seconds: two of one folder would write one file.
+            self._writer = EventsWriter(f"{folder}/events", f".{os.getpid()}-{secrets.token_hex(4)}")
         weakref.finalize(self, _close, self._writer)
 
     def __call__(self, model: Any, log: Log) -> None:

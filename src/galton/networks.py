@@ -150,8 +150,7 @@ class FlaxNetwork(Network):
 
     def features(self, layers: Layers, x: Float[Array, "*batch n_in"]) -> Float[Array, "*batch hidden"]:
         """The features are what the module makes of the inputs."""
-        features: Array = self.module.apply(layers[0], x)
-        return features
+        return jnp.asarray(self.module.apply(layers[0], x), float)
 
 
 NETWORKS: dict[str, type[Network]] = {"mlp": MLP, "simba": SimBa}

@@ -4,7 +4,6 @@ Each has a word too, for command lines and files: `linear(3e-4, 0, 1e6)` is `Lin
 """
 
 import ast
-import contextlib
 import dataclasses
 from typing import Annotated, Any, ClassVar, TypeVar
 
@@ -143,8 +142,12 @@ def read(name: str, text: str) -> Schedule:
         UsageError: it describes none.
     """
     made = None
-    with contextlib.suppress(SyntaxError, ValueError, TypeError, KeyError, RecursionError, MemoryError):
+    try:
         made = _made(ast.parse(text[:LONGEST].strip(), mode="eval").body)
+    except UsageError as error:
+        raise UsageError(f"{name} is {text!r}, whose {error}") from None
+    except (SyntaxError, ValueError, TypeError, KeyError, RecursionError, MemoryError):
+        pass
     if not isinstance(made, Schedule):
         raise UsageError(f"{name} is {text!r}; it must be a number, or a schedule such as linear(3e-4, 0, 1e6)")
     return made
@@ -154,20 +157,26 @@ def _made(node: ast.expr) -> Any:
     if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub):
         return -_made(node.operand)
     if not isinstance(node, ast.Call):
-        return float(ast.literal_eval(node)) if not isinstance(node, ast.Name) else {"inf": float("inf")}[node.id]
+        return ast.literal_eval(node) if not isinstance(node, ast.Name) else {"inf": float("inf")}[node.id]
     if not isinstance(node.func, ast.Name) or node.keywords:
         raise SyntaxError
-    return SCHEDULES[node.func.id](*map(_made, node.args))
+    kinds = {key.replace("-", "_"): kind for key, kind in SCHEDULES.items()}
+    return kinds[node.func.id](*map(_made, node.args))
 
 
 def told(schedule: Schedule) -> str:
     """The text of a schedule, which `read` understands; UsageError for one that has no name."""
-    values = [getattr(schedule, field.name) for field in dataclasses.fields(schedule)]
-    shown = [told(value) if isinstance(value, Schedule) else repr(float(value)) for value in values]
+    shown = [_told(getattr(schedule, field.name)) for field in dataclasses.fields(schedule)]
     names = [name for name, kind in SCHEDULES.items() if kind is type(schedule)]
     if not names:
         raise UsageError(f"a schedule is {schedule!r}, and files hold names; give its class a line in SCHEDULES")
-    return f"{names[0]}({', '.join(shown)})"
+    return f"{names[0].replace('-', '_')}({', '.join(shown)})"
+
+
+def _told(value: Any) -> str:
+    if isinstance(value, Schedule):
+        return told(value)
+    return repr(value if isinstance(value, bool | int | str) else float(value))
 
 
 def of_remaining(name: str, value: Any) -> Any:

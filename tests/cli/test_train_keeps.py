@@ -263,6 +263,19 @@ def test_a_resumed_run_with_another_setting_is_refused_and_left_alone(earlier, t
     assert content(out) == earlier
 
 
+def test_a_resumed_run_says_what_it_is_now(earlier, tmp_path, monkeypatch):
+    out = tmp_path / "run"
+    put_in(out, earlier)
+    fewer = dataclasses.replace(small(200), eval_episodes=3)
+    with pytest.raises(UsageError, match=r"eval_episodes is 3, but the run in .* has \d+; give the same options"):
+        galton_train(out, training=fewer, resume=True)
+    assert content(out) == earlier
+    monkeypatch.setattr(sys, "argv", ["galton", "train", "--resume"])
+    galton_train(out, training=small(200), resume=True)
+    now = json.loads((out / "config.json").read_text())
+    assert (now["steps"], now["command"]) == (200, "galton train --resume")
+
+
 def test_a_path_is_printed_as_it_is(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(Model, "learn", lambda model, *_, **__: model)
     monkeypatch.chdir(tmp_path)

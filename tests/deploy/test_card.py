@@ -121,3 +121,7 @@ def test_settings_of_strangers_make_no_other_markdown(odd, model):
     assert lines(text, "## ") == lines(plain, "## ")
     assert len(lines(text, "```")) in (4, 2)  # the command, if it is one, and how to use the policy
     assert {line.count(" | ") for line in lines(text, "| a |")} <= {1}
+
+
+def test_it_loads_the_file_that_it_is_of(model):
+    assert 'galton.Model.load("best_model.safetensors")' in card(model, SETTINGS, POINTS, "best_model.safetensors")

@@ -4,12 +4,15 @@ import json
 import os
 import subprocess
 import sys
+import types
 
 import numpy as np
 import pytest
 from gymnasium.spaces import Box, Dict, Discrete, MultiBinary, MultiDiscrete, Tuple
 
+import galton
 from galton import A2C, CheckpointError, UsageError
+from galton.networks import FlaxNetwork
 from galton.saving import checkpoint
 
 from ..envs.host.walks import Tall, kind
@@ -242,3 +245,36 @@ def test_a_damaged_run_is_refused_where_it_is_to_go_on(model, tmp_path):
     ):
         with pytest.raises(CheckpointError, match="hostile"):
             A2C.load(rewritten(model, tmp_path / "hostile", attack), env="lqr")
+
+
+class Few(FlaxNetwork):
+    """A network that looks at two of its inputs, so that it has far fewer numbers than there are."""
+
+    module = types.SimpleNamespace(init=lambda key, x: {"w": np.ones(1)}, apply=lambda v, x: x[..., :2] * v["w"])
+
+
+def test_a_space_may_have_more_entries_than_the_file_has_numbers(tmp_path, monkeypatch):
+    monkeypatch.setitem(galton.NETWORKS, "few", Few)
+    wide = kind("Wide", observation_space=Box(-1, 1, (3000,)), observe=lambda self: np.zeros(3000, np.float32))
+    model = A2C(wide, "gaussian", network="few", n_steps=2)
+    loaded = A2C.load(model.save(tmp_path / "model"))
+    np.testing.assert_array_equal(loaded.predict(np.zeros(3000), deterministic=True)[0].shape, (1,))
+
+
+def test_a_setting_may_be_longer_than_the_list_of_arrays(tmp_path):
+    parts = Dict({f"motor {i}": Box(-1, 1, ()) for i in range(21)})
+    many = kind("Many", action_space=parts, step=lambda self, action: Tall.step(self, np.zeros(4)))
+    per_motor = {name: dict.fromkeys(parts, value) for name, value in (("n_bins", 5), ("eta", 1.0))}
+    model = A2C(many, "hl-gauss", **per_motor, net_arch=(4,), n_steps=2)
+    assert A2C.load(model.save(tmp_path / "model")).settings == model.settings
+
+
+def test_a_part_of_ones_own_that_is_not_registered_is_named_with_what_to_do(tmp_path, monkeypatch):
+    class Own(galton.LOSSES["hl-one-hot"]):
+        pass
+
+    monkeypatch.setitem(galton.LOSSES, "own", Own)
+    path = A2C("lqr", "own", n_bins=5, net_arch=(4,)).save(tmp_path / "model")
+    monkeypatch.undo()
+    with pytest.raises(UsageError, match=r"the checkpoint's loss has own, .* import the module where the part is reg"):
+        A2C.load(path)

@@ -11,16 +11,15 @@ from typing import Annotated
 import tyro
 
 from galton.agents import in_two, written
-from galton.algorithms import ALGORITHMS, find_algorithm
+from galton.algorithms import find_algorithm
 from galton.cli._reading import search_here
 from galton.cli._words import Fills
 from galton.envs.find import find
 from galton.envs.registry import ENVS, key_of, read_constants
 from galton.envs.task import Task
-from galton.losses import LOSSES
 from galton.models.settings import all_words
 from galton.parts import settings
-from galton.presets import PAPER, PRESETS, Preset
+from galton.presets import PAPER, Preset
 from galton.records import Fields
 from galton.tasks import task_of
 from galton.training.train import check_arguments, check_length
@@ -34,15 +33,13 @@ EnvName = Annotated[
         help=f"one of {', '.join(ENVS)}, or a Gymnasium id (module:Id imports the module first), or module:Class",
     ),
 ]
-_LOSSES, _ALGORITHMS, _PRESETS = ("{" + ",".join(known) + "}" for known in (LOSSES, ALGORITHMS, PRESETS))
-LossName = Annotated[str, tyro.conf.arg(metavar=_LOSSES, help="What is minimised: docs/paper.md has each of them.")]
+LossName = Annotated[str, tyro.conf.arg(help="What is minimised: docs/paper.md has each of them.")]
 AlgorithmName = Annotated[
-    str, tyro.conf.arg(metavar=_ALGORITHMS, help="The algorithm that learns; the defaults of its settings are its own.")
+    str, tyro.conf.arg(help="The algorithm that learns; the defaults of its settings are its own.")
 ]
 PresetName = Annotated[
     str,
     tyro.conf.arg(
-        metavar=_PRESETS,
         help="What the other defaults are: a well-set Gaussian's, those that our benchmark selected for "
         "classification, or the paper's; by default paper where --loss is given, and else gaussian for PPO and "
         "classification for A2C.",

@@ -18,6 +18,9 @@ from tyro.constructors import (
     StructTypeInfo,
 )
 
+from galton.algorithms import ALGORITHMS
+from galton.losses import LOSSES
+from galton.presets import PRESETS
 from galton.types import Number
 
 REGISTRY = ConstructorRegistry()
@@ -128,7 +131,9 @@ def _plain(field: StructFieldSpec) -> StructFieldSpec:
         text = field.helptext() if callable(field.helptext) else field.helptext
         return text and " ".join(text.split())
 
-    marks = [tyro.conf.arg(help_behavior_hint=_default)]
+    known = {"loss": [*LOSSES], "algorithm": [*ALGORITHMS], "preset": [*PRESETS]}.get(field.name)  # of imports too
+    metavar = "{" + ",".join(known) + "}" if known else None
+    marks = [tyro.conf.arg(help_behavior_hint=_default, metavar=metavar)]
     marks += [tyro.conf.Suppress] * bool(_shown.get() and field.name not in _shown.get())
     return dataclasses.replace(field, type=cast("type[object]", Annotated[field.type, *marks]), helptext=told)
 

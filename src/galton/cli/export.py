@@ -49,7 +49,7 @@ def main(arguments: Sequence[str]) -> None:
         path = export(model, out / POLICY, _origin(file, settings))
         print(f"policy: {path}\ncontract: {path.with_suffix('.json')}")
     if "card" in formats:
-        text = card.card(model, settings, points(file.with_name(METRICS)))
+        text = card.card(model, settings, points(file.with_name(METRICS)), file.name)
         with files.named("out", out):
             files.write(out / CARD, text.encode())
         print(f"card: {out / CARD}")

@@ -142,8 +142,11 @@ def _resumed(options: Options, env: Task) -> Model:
         warnings.simplefilter("always", InexactResume)
         model = Model.load(out / MODEL, env)
     there, wanted = _environments(options, env)
+    settings = read_settings(out)
     own = {"env": there, "seed": model.seed} | model.settings
     asked = {"env": wanted, "seed": options.seed, "algorithm": options.algorithm} | words_of(_agent(options))
+    if "eval_episodes" in settings:  # the card counts on them
+        own["eval_episodes"], asked["eval_episodes"] = settings["eval_episodes"], options.training.eval_episodes
     for name in (name for name in asked if name in own):  # with the same parts they have the same settings
         same = asked[name] == own[name]
         require(
@@ -154,7 +157,7 @@ def _resumed(options: Options, env: Task) -> Model:
             print(f"galton: {warning.message}", file=sys.stderr)
         else:
             warnings.showwarning(warning.message, warning.category, warning.filename, warning.lineno)
-    other_logs = read_settings(out).get("logs", options.training.logs) != options.training.logs
+    other_logs = settings.get("logs", options.training.logs) != options.training.logs
     if other_logs and _interval_asked(options.training, model) != _interval(options.training, model):
         every = model.log_interval
         print(f"galton: the run keeps its log points, every {every:,} steps, whatever --logs is", file=sys.stderr)
@@ -196,7 +199,8 @@ def _learn(model: Model, options: Options, record: "_Record") -> None:
         if not (step and record.keeps):
             raise
         if step < last:
-            print(f"galton: interrupted at step {step:,}; the same command with --resume goes on", file=sys.stderr)
+            how = "--resume" + " in the place of --overwrite" * options.overwrite
+            print(f"galton: interrupted at step {step:,}; the same command with {how} goes on", file=sys.stderr)
             sys.exit(130)
     finally:
         if model.num_timesteps and record.keeps:
@@ -254,6 +258,9 @@ class _Record:
         options, out = self._options, self._options.folder
         if options.resume:
             forget_after(self.start, out / METRICS)
+            with files.named("out", out):
+                now = {"steps": options.training.steps, "command": command_line()}
+                write_settings(out, read_settings(out) | now)
             taken.save(out / MODEL)
         else:
             given = {"env": options.env, "loss": options.loss, "preset": options.preset, "seed": options.seed}

@@ -25,7 +25,7 @@ With Galton, which loads a model without running any code of its file:
 ```python
 import galton
 
-model = galton.Model.load("model.safetensors")
+model = galton.Model.load(FILE)
 action, _ = model.predict(observation, deterministic=True)
 ```
 
@@ -36,8 +36,11 @@ Point = Mapping[str, float]
 Table = Sequence[Sequence[str]]
 
 
-def card(model: Model, settings: Mapping[str, Any], points: Sequence[Point]) -> str:
-    """The card of a saved model, from its run's config.json and log points; what is not there is left out."""
+def card(model: Model, settings: Mapping[str, Any], points: Sequence[Point], file: str = "model.safetensors") -> str:
+    """The card of a saved model, from its run's config.json and log points; what is not there is left out.
+
+    The file is the model's, by its name in the folder of the card.
+    """
     env, algorithm = settings.get("env", model.env_name), model.agent.algorithm.label
     parts = [
         _head(str(env), ["continuous-control"] * bool(model.agent.box.numbers)),
@@ -53,7 +56,7 @@ def card(model: Model, settings: Mapping[str, Any], points: Sequence[Point]) -> 
         "## How it was trained",
         *_training(model, settings),
         "## How to use it",
-        USE,
+        USE.replace("FILE", json.dumps(file)),
         *_versions(settings),
     ]
     return "\n\n".join(parts) + "\n"

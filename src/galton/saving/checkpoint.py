@@ -91,8 +91,12 @@ def _check_format(record: Settings) -> None:
 
 
 def flatten(tree: PyTree) -> dict[str, np.ndarray]:
-    """The arrays of a pytree by their place in it, such as actor/0/kernel."""
-    return {_name(path): np.asarray(leaf) for path, leaf in jax.tree_util.tree_leaves_with_path(tree)}
+    """The arrays of a pytree by their place in it, such as actor/0/kernel.
+
+    What numpy has no type for, bfloat16 and shorter ones, is in float32, which holds it exactly.
+    """
+    found = {_name(path): np.asarray(leaf) for path, leaf in jax.tree_util.tree_leaves_with_path(tree)}
+    return {name: leaf.astype(np.float32) if leaf.dtype.kind == "V" else leaf for name, leaf in found.items()}
 
 
 def unflatten(arrays: dict[str, np.ndarray], like: PyTree) -> PyTree:
@@ -104,9 +108,10 @@ def unflatten(arrays: dict[str, np.ndarray], like: PyTree) -> PyTree:
     told = []
     for path, leaf in leaves:
         found = arrays.get(_name(path))
-        if found is not None and (found.dtype.str, np.dtype(leaf.dtype).str) in _LONGER:
-            found = found.astype(leaf.dtype)
         wanted = (leaf.shape, np.dtype(leaf.dtype))
+        if found is not None:
+            is_short = found.dtype == np.float32 and wanted[1].kind == "V"
+            found = found.astype(wanted[1]) if is_short or (found.dtype.str, wanted[1].str) in _LONGER else found
         if found is None or (found.shape, found.dtype) != wanted:
             there = "missing" if found is None else f"{found.shape} {found.dtype}"
             raise CheckpointError(f"{_name(path)} in the checkpoint is {there}; its settings call for {wanted}")

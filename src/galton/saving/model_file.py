@@ -19,10 +19,10 @@ from galton.policies.per_entry import most_bins
 from galton.records import FIRST_FIELDS, Fields, refuse_unknown
 from galton.saving import checkpoint, files
 from galton.saving.checkpoint import Settings
-from galton.words import vocabulary
+from galton.words import CHOICES, vocabulary
 
 MAX_BINS = 10**6
-"""The most bins that settings may call for beyond the numbers in the file."""
+"""The most bins, or entries of a space, that settings may call for beyond the numbers in the file."""
 
 EXAMPLE: Settings = {
     "class": "A2C",
@@ -116,14 +116,20 @@ def _described(path: Path, settings: Settings, arrays: dict[str, np.ndarray]) ->
         refuse_unknown(f"the checkpoint's {part}", settings[part], words)
         missing = [name for name in words if name in FIRST_FIELDS and name not in settings[part]]
         require(not missing, f"{part} lacks {', '.join(missing)}")
+    choices = {choice.word: choice for choice in CHOICES.values()}
     for name, value in settings["config"].items():
-        long = isinstance(value, list) and len(value) > len(arrays)
+        long = name in _SIZES and isinstance(value, list) and len(value) > len(arrays)
         require(not long, f"{name} is {shown(value)}, longer than the list of arrays in the file")
+        if name in choices and isinstance(value, str) and value != choices[name].usual:
+            refuse_unknown(f"the checkpoint's {name}", [value], choices[name].registry)
     agent = read({**settings["config"], **settings["hypers"]})
     n_numbers = sum(array.size for array in arrays.values())
     records = settings["action_space"], settings["observation_space"]
     for record in records:
-        require(n_entries(record) <= n_numbers, f"a space is {shown(record)}, larger than all that is in the file")
+        require(
+            n_entries(record) <= max(n_numbers, MAX_BINS),
+            f"a space is {shown(record)}, larger than all that is in the file",
+        )
     actions = actions_from_json("the checkpoint", records[0])
     observations = Observations("the checkpoint", from_json(records[1]), actions.n_mask)
     step, size, network = settings["step"], agent.rollout.size, agent.network

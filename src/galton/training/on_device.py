@@ -235,17 +235,14 @@ class DevicePopulation:
 
 
 def _plain(leaf: Array) -> Array:
-    """Return a leaf that a file can hold: of random keys their numbers, and numbers that numpy hasn't in float32."""
-    if jnp.issubdtype(leaf.dtype, jax.dtypes.prng_key):
-        return jax.random.key_data(leaf)
-    return leaf.astype(jnp.float32) if leaf.dtype.kind == "V" else leaf  # bfloat16 and what is shorter
+    """Return a leaf that can be fetched from a device: of random keys their numbers."""
+    return jax.random.key_data(leaf) if jnp.issubdtype(leaf.dtype, jax.dtypes.prng_key) else leaf
 
 
 def _as_was(like: Array, leaf: np.ndarray) -> Array | np.ndarray:
-    """Return what `_plain` made such a leaf into as it was."""
-    if jnp.issubdtype(like.dtype, jax.dtypes.prng_key):
-        return jax.random.wrap_key_data(jnp.asarray(leaf), impl=jax.random.key_impl(like))
-    return leaf.astype(like.dtype)
+    """Return what `_plain` made such a leaf into as it was: numbers of keys as random keys."""
+    is_key = jnp.issubdtype(like.dtype, jax.dtypes.prng_key)
+    return jax.random.wrap_key_data(jnp.asarray(leaf), impl=jax.random.key_impl(like)) if is_key else leaf
 
 
 class _Programs(NamedTuple):
