@@ -109,10 +109,14 @@ def test_bins_that_are_masked_too_and_spaces_of_choices_alone(tmp_path):
     observations = rng.uniform(-1, 1, (300, 4)).astype(np.float32)
     joint = galton.PPO(lambda: Robot(Dict(angle=Box(-1, 1, (1,)), on=Discrete(2)), 7), **words).learn(64)
     masks = rng.random((300, 7)) < 0.5
-    masks[:, [2, 5]] = True
+    masks[:, [4, 5]] = True
     session = onnxruntime.InferenceSession(export(joint, tmp_path / "joint"))
     found = rows_of(session, observations, action_mask=masks.astype(np.float32))
-    assert same(as_given(joint, found), joint.predict(observations, deterministic=True, action_masks=masks)[0])
+    expected = joint.predict(observations, deterministic=True, action_masks=masks)[0]
+    assert same(as_given(joint, found), expected)
+    bins = galton.Bins([-1.0], [1.0], 5)
+    assert masks[np.arange(300), np.asarray(bins.encode(expected["angle"]))[:, 0]].all(), "a mean is allowed too"
+    assert not np.isin(expected["angle"], bins.centers).all(), "and it is no mode"
     for loss in ("gaussian", "hl-one-hot"):
         model = galton.PPO(lambda: Robot(Discrete(3)), **words | {"loss": loss}).learn(64)
         session = onnxruntime.InferenceSession(export(model, tmp_path / loss))

@@ -165,3 +165,11 @@ def test_with_gymnasium_a_seed_alone_begins_anew():
 def test_constants_out_of_range(name, constants, told):
     with pytest.raises(UsageError, match=told):
         make(name, **constants)
+
+
+def test_doing_nothing_is_judged_in_the_phase_that_evaluation_plays():
+    model = galton.A2C("switching-lqr", "gaussian", env_kwargs={"change": "radius", "period": 1000}, net_arch=())
+    first = model.yardsticks()
+    model.advance(55)
+    assert model.num_timesteps == 1_100
+    assert model.yardsticks().doing_nothing < 5 * first.doing_nothing  # the second phase's system is unstable

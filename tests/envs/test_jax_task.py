@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from gymnasium.spaces import Discrete
 
 import galton
 from galton.envs.bandit import Bandit
@@ -185,3 +186,27 @@ def test_whole_numbers_are_normalised_as_numbers_and_keys_in_a_state_are_kept(ki
         half = galton.A2C.load(path, env).learn(16, progress_bar=False)
     for ours, theirs in zip(jax.tree.leaves(half.learner), jax.tree.leaves(whole.learner), strict=True):
         np.testing.assert_array_equal(ours, theirs)
+
+
+@dataclasses.dataclass(frozen=True)
+class Masked(LQR):
+    """Three values, of which so many entries say which are allowed; the first two always are."""
+
+    n_entries: int = 3
+
+    action_space = Discrete(3)
+
+    def action_mask(self, state):
+        return jnp.arange(self.n_entries) < 2
+
+    def step(self, state, action, noise):
+        return super().step(state, jnp.zeros(2) + action - 1, noise)
+
+
+def test_a_mask_of_another_length_is_refused_before_training_and_an_entropy_can_not_be_held_beside_one():
+    galton.A2C(Masked(), "hl-one-hot", n_bins=5, n_steps=5, net_arch=()).advance(1)
+    for n in (1, 2, 4):
+        with pytest.raises(UsageError, match=f"action mask has {n} entries; it must have one for each value of each"):
+            galton.A2C(Masked(n_entries=n), "hl-one-hot", n_bins=5)
+    with pytest.raises(UsageError, match="entropy_target is True; where a mask forbids actions"):
+        galton.A2C(Masked(), "hl-one-hot", n_bins=5, entropy_target=True, normalize_advantage=True)

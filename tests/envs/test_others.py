@@ -1,7 +1,10 @@
 """Records of environments that have Brax's protocol or gymnax's: what they carry, and where their arrays go."""
 
 import dataclasses
+import functools
 import os
+import sys
+import types
 from typing import Any, NamedTuple
 
 import jax
@@ -11,6 +14,7 @@ import pytest
 
 import galton
 from galton.algorithms import actor_critic
+from galton.envs import others
 from galton.envs.brax_like import of_brax
 from galton.envs.gymnax_record import Gymnax
 from galton.envs.jax_task import JaxTask
@@ -207,3 +211,18 @@ def test_a_time_limit_takes_nothing_from_the_value():
     params, agent = jax.tree.map(lambda x: x[0], result.learner.params), result.agent.on(JaxTask(record).actions.box)
     value = actor_critic.value(agent, params, record.observe(state))
     np.testing.assert_allclose(value, 1 / (1 - 0.8), rtol=0.03)
+
+
+def test_a_time_limit_of_gymnaxs_own_is_the_records(monkeypatch):
+    discrete = type("Discrete", (), {"n": 2})
+
+    class Walking(Walk):
+        def action_space(self, params):
+            return discrete()
+
+    gymnax = types.SimpleNamespace(registered_envs=["Walk-v1"], make=lambda task: (Walking(), Params()))
+    monkeypatch.setitem(sys.modules, "gymnax", gymnax)
+    made = functools.partial(others._gymnax.__wrapped__, "Walk-v1")
+    for told, limit in (({}, 7), ({"max_steps_in_episode": 5}, 5), ({"max_episode_steps": 9}, 9)):
+        record = made(**told)
+        assert record.max_episode_steps == record.params.max_steps_in_episode == limit

@@ -9,7 +9,7 @@ from scipy.stats import chisquare, norm
 from galton import Bins
 from galton.parts import Box
 from galton.policies import Histogram, HistogramPolicy
-from galton.policies.histogram import Choices, sample_bin
+from galton.policies.histogram import NOWHERE, Choices, sample_bin
 
 SAMPLE = jax.jit(jax.vmap(sample_bin, (None, 0)))
 N = 5_000
@@ -94,6 +94,16 @@ def test_deterministic_actions_are_mode_mean_and_median():
     )(np.log(np.float32([[0.4, 0.05, 0.25, 0.3]])))
     mean = 0.4 * 0.5 + 0.05 * 1.5 + 0.25 * 2.5 + 0.3 * 3.5
     assert [float(action[0]) for action in actions] == [0.5, pytest.approx(mean), 2.5]
+
+
+def test_a_mean_that_a_mask_forbids_is_the_nearest_center_that_it_allows():
+    bins, masked = Bins([-1.0], [1.0], 5), Choices(deterministic_action="mean", is_masked=True)
+    logits = np.log(
+        np.array([[[0.5, 1e-9, 1e-9, 1e-9, 0.5]], [[0.6, 0.2, 0.1, 0.05, 0.05]], [[0.3, 0.1, 0.1, 0.1, 0.4]]])
+    )
+    allowed = np.array([[[1, 0, 0, 0, 1]], [[1, 1, 1, 1, 1]], [[1, 0, 0, 1, 1]]])
+    found = Histogram(bins, jnp.where(allowed > 0, logits, NOWHERE), masked).deterministic_action()
+    np.testing.assert_allclose(found[:, 0], [-0.8, -0.5, 0.4], rtol=1e-6)
 
 
 def test_gaussian_exploration_has_the_policys_moments_and_leaves_the_box():

@@ -4,6 +4,7 @@ import pathlib
 import subprocess
 import sys
 
+import jax
 import pytest
 
 from galton.devices import n_cores
@@ -22,6 +23,17 @@ def made(monkeypatch):
         return [name]
 
     return make, made
+
+
+def test_what_jax_is_set_to_is_part_of_what_is_known(made):
+    make, names = made
+    first = make("a")
+    with jax.default_matmul_precision("highest"):
+        assert make("a") is not first
+    with jax.enable_x64(not jax.config.jax_enable_x64):
+        assert make("a") is not first
+    assert make("a") is first
+    assert names == ["a"] * 3
 
 
 def mapped(monkeypatch, tmp_path, pieces, most=100):

@@ -199,6 +199,8 @@ class Agent(Part):
             UsageError: a box that the policy can't act in.
         """
         policy = acting_on(self.policy, box)
+        told = "entropy_target is True; where a mask forbids actions no share of the box is known: leave it out"
+        require(not (box.n_mask and isinstance(self.entropy, HeldEntropy)), told)
         by_likelihood = self.loss.family == "density" or isinstance(self.loss, HLOneHot)
         require(
             by_likelihood or not isinstance(policy, MixedPolicy),

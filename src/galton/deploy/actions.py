@@ -92,6 +92,8 @@ def histogram(graph: Graph, outputs: str, policy: BinnedPolicy, name: str = "log
     rows = 1 if isinstance(bins, GridBins) else len(bins.centers)
     logits = graph.add("Reshape", outputs, np.array([0, rows, bins.n_bins]), name=name)
     action = _by_rule(graph, logits, bins, rule)
+    if rule == "mean" and policy.choices.is_masked:
+        action = _nearest_allowed(graph, logits, bins, action)
     if not isinstance(bins, UnevenBins) or not bins.is_choice.any():
         return Chosen(action, rule, MEANINGS[rule])
     if rule != "mode" and not bins.is_choice.all():
@@ -150,6 +152,22 @@ def _by_rule(graph: Graph, logits: str, bins: Bins, rule: str) -> str:
     index = graph.add("ArgMax", logits, axis=-1, keepdims=0) if rule == "mode" else _median(graph, logits)
     first = np.arange(len(bins.centers)) * bins.n_bins
     return graph.add("Gather", bins.centers.ravel(), graph.add("Add", index, first))
+
+
+def _nearest_allowed(graph: Graph, logits: str, bins: Bins, action: str) -> str:
+    """The action where its bin is allowed, and else the nearest center of one that is."""
+    d, k = bins.centers.shape
+    allowed = graph.add("Cast", graph.add("Greater", logits, NOWHERE / 2), to=1)
+    wide = graph.add("Reshape", action, np.array([0, d, 1]))
+    above = graph.add("Cast", graph.add("GreaterOrEqual", wide, bins.edges[:, :-1]), to=1)
+    below = graph.add("Cast", graph.add("Less", wide, bins.edges[:, 1:]), to=1)
+    here = graph.add("Mul", allowed, graph.add("Mul", above, below))
+    inside = graph.add("ReduceSum", here, np.array([-1]), keepdims=0)
+    away = graph.add("Mul", graph.add("Sub", 1.0, allowed), -NOWHERE)
+    distance = graph.add("Add", graph.add("Abs", graph.add("Sub", wide, bins.centers)), away)
+    index = graph.add("Add", graph.add("ArgMin", distance, axis=-1, keepdims=0), np.arange(d) * k)
+    near = graph.add("Mul", graph.add("Gather", bins.centers.ravel(), index), graph.add("Sub", 1.0, inside))
+    return graph.add("Add", graph.add("Mul", action, inside), near)
 
 
 def _padded(graph: Graph, outputs: str, bins: UnevenBins) -> str:

@@ -74,6 +74,9 @@ def _kept(env: Any) -> Kept:
     def step(action: Array, *leaves: Array) -> list[Array]:
         return jax.tree.leaves(env.step(jax.tree.unflatten(structure, leaves), action))
 
+    after: Any = jax.tree.structure(jax.eval_shape(env.step, state, action))
+    told = f"env is {type(env).__name__}, whose state is {structure} after reset and {after} after step"
+    require(after == structure, f"{told}; training needs both alike")
     program = jax.make_jaxpr(step)(action, *shapes).jaxpr
     kept, read = set[int](), {*at_obs, *_places(state, "metrics")}
     while not read <= kept:

@@ -11,6 +11,7 @@ import numpy as np
 from gymnasium.spaces import Box
 from jaxtyping import Array, Bool, Float, Int, Integer, Key, PyTree
 
+from galton.envs.host import masks
 from galton.envs.host.actions import Actions
 from galton.envs.host.base import Steps
 from galton.envs.host.moves import Moves
@@ -167,6 +168,8 @@ def check(task: JaxTask) -> None:
         state, reward, ended = task.step(first, jnp.asarray(task.actions.low), record.noise(key))
         return first, state, jnp.asarray(record.observe(state)), reward, ended
 
+    if task.observations.n_mask:
+        masks.n_entries(task.name, np.ones(task.observations.n_mask), task.actions.box)
     a_record = f"env is {task.name}, a record whose"
     require_integer(f"{a_record} max_episode_steps", task.record.max_episode_steps, 1)
     try:
@@ -235,13 +238,13 @@ class RecordEnvironments:
     moves: Sequence[Moves] = ()
     layers: Sequence[list[Any]] = ()
 
-    def __init__(self, task: JaxTask) -> None:
-        self._task = task
+    def __init__(self, task: JaxTask, trained: PyTree[Array] = ()) -> None:
+        self._task, self._trained = task, trained
 
     def reset(self, seeds: Integer[np.ndarray, " M"]) -> Float[np.ndarray, "M o"]:
         """Begin episodes; a copy's seed decides all of its future."""
         self._keys = jax.vmap(jax.random.key)(jnp.asarray(seeds, jnp.uint32))
-        self._state, observation = _reset(self._task, self._keys)
+        self._state, observation = _reset(self._task, self._keys, self._trained)
         self._length, self._n_steps = jnp.zeros(len(seeds), jnp.int32), 0
         return np.asarray(observation)
 
@@ -264,8 +267,11 @@ class RecordEnvironments:
 
 
 @jax.jit
-def _reset(task: JaxTask, keys: Key[Array, " M"]) -> tuple[PyTree[Array], Float[Array, "M o"]]:
+def _reset(task: JaxTask, keys: Key[Array, " M"], trained: PyTree[Array]) -> tuple[PyTree[Array], Float[Array, "M o"]]:
+    """First states, with what outlasts episodes in those of training's copies, each leaf `[N, ...]`, if given."""
     states = jax.vmap(task.record.reset)(keys)
+    if jax.tree.leaves(trained):
+        states = jax.vmap(task.carried)(jax.tree.map(lambda x: x[jnp.arange(len(keys)) % len(x)], trained), states)
     return states, jax.vmap(task.observe)(states)
 
 

@@ -54,8 +54,8 @@ def _gymnax(task: str, /, max_episode_steps: int | None = None, **constants: Any
     name = f"gymnax:{task}"
     _known("gymnax", task, gymnax.registered_envs)
     env, usual = gymnax.make(task)
-    limit = int(usual.max_steps_in_episode) if max_episode_steps is None else max_episode_steps
     params = _made(name, lambda: usual.replace(**constants))
+    limit = int(params.max_steps_in_episode) if max_episode_steps is None else max_episode_steps
     space, own = env.action_space(params), params.replace(max_steps_in_episode=limit)
     kind = type(space).__name__
     require(kind in ("Box", "Discrete"), f"environment {name!r} has actions {kind}; Galton acts in Box and Discrete")
@@ -82,7 +82,7 @@ def _playground(
 
     name = f"playground:{task}"
     _known("playground", task, registry.ALL_ENVS)
-    usual = registry.get_default_config(task).episode_length
+    usual = own.get("episode_length", registry.get_default_config(task).episode_length)
     limit = usual if max_episode_steps is None else max_episode_steps
     env = _made(name, lambda: registry.load(task, config_overrides={"impl": "jax"} | own))
     return of_brax(env, name, limit, observation)

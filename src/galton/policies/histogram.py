@@ -117,15 +117,26 @@ class Histogram:
         return self.bins.at_edge(action)
 
     def deterministic_action(self) -> Float[Array, "*batch d"]:
-        """The center of the most likely bin, the mean of the centers, or the median's center; of a choice the mode."""
+        """The center of the most likely bin, the mean of the centers, or the median's center; of a choice the mode.
+
+        A mean in a bin that a mask forbids becomes the nearest center of one that is allowed.
+        """
         mode = self.bins.decode(self.logits.argmax(-1))
         if self.choices.deterministic_action == "mode":
             return mode
         if self.choices.deterministic_action == "mean":
             action = jnp.clip(self.mean(), self.bins.low, self.bins.high)  # a rounded mean of bounds may lie beyond
+            action = self._nearest_allowed(action) if self.choices.is_masked else action
         else:
             action = self.bins.decode(self._drawn(jnp.full(self.logits.shape[:-1], 0.5)))
         return jnp.where(self.bins.is_choice, mode, action) if isinstance(self.bins, UnevenBins) else action
+
+    def _nearest_allowed(self, action: Float[Array, "*batch d"]) -> Float[Array, "*batch d"]:
+        """The action where its bin is allowed, and else the nearest center of one that is."""
+        allowed = self.allowed
+        distance = jnp.where(allowed, jnp.abs(self.bins.centers - action[..., None]), jnp.inf)
+        inside = jnp.take_along_axis(allowed, self.bins.encode(action)[..., None], -1)[..., 0]
+        return jnp.where(inside, action, self.bins.decode(distance.argmin(-1)))
 
 
 def sample_bin(logits: Float[Array, "*batch k"], u: Float[Array, "*batch"]) -> Int[Array, "*batch"]:

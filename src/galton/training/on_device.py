@@ -15,7 +15,7 @@ from jaxtyping import Array, Float, Int, PyTree, UInt
 
 from galton import normalization
 from galton.algorithms import Agent
-from galton.envs.jax_task import JaxTask
+from galton.envs.jax_task import JaxTask, RecordEnvironments
 from galton.parts import at
 from galton.policies.correlation import nothing_before
 from galton.training.evaluate import evaluate
@@ -41,7 +41,7 @@ from galton.training.run import (
     stored,
 )
 from galton.training.size import check_programs
-from galton.training.yardsticks import Yardsticks, yardsticks_on
+from galton.training.yardsticks import N_EPISODES, Yardsticks, yardsticks
 from galton.types import Learner, Rule, Transition
 
 
@@ -196,8 +196,10 @@ class DevicePopulation:
         """Nothing to check: there are as many copies of the environment as one wants."""
 
     def yardsticks(self) -> Yardsticks:
-        """The returns of doing nothing and of random actions."""
-        return yardsticks_on(self._task, self._agent.box)
+        """The returns of doing nothing and of random actions, where the first run's evaluation plays."""
+        task = self._task
+        trained = jax.tree.map(lambda x: x[0], self._fetch(self._state.episodes.env)) if task.is_carried else ()
+        return yardsticks(task.name, RecordEnvironments(task, trained), N_EPISODES, self._agent.box)
 
     def put(self, learner: Learner) -> None:
         """Go on with something else learnt, each leaf `[R, ...]`, also where a run had diverged."""

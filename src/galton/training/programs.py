@@ -8,7 +8,7 @@ import gc
 import os
 from collections.abc import Callable
 from pathlib import Path
-from typing import ParamSpec, TypeVar, cast
+from typing import Any, ParamSpec, TypeVar
 
 import jax
 
@@ -18,21 +18,31 @@ T = TypeVar("T")
 P = ParamSpec("P")
 
 _MAPS, _MOST = Path("/proc/self/maps"), Path("/proc/sys/vm/max_map_count")
+_CONFIG = "jax_enable_x64", "jax_default_matmul_precision", "jax_default_prng_impl"
 _KEPT: list[Callable[[], None]] = []
 """The functions that empty the caches of programs, one for each cache."""
 
 
 def kept(make: Callable[P, T]) -> Callable[P, T]:
-    """Keep what a function compiles for each of its arguments; room is made before it compiles something new."""
+    """Keep what a function compiles for each of its arguments, and for each of JAX's settings that programs depend on.
 
-    @functools.wraps(make)
-    def with_room(*args: P.args, **kwargs: P.kwargs) -> T:
+    Room is made before it compiles something new.
+    """
+
+    def with_room(_: object, *args: P.args, **kwargs: P.kwargs) -> T:
         make_room()
         return make(*args, **kwargs)
 
-    cached = functools.lru_cache(maxsize=64)(with_room)
+    cached: Any = functools.lru_cache(maxsize=64)(with_room)
+
+    @functools.wraps(make)
+    def of_now(*args: P.args, **kwargs: P.kwargs) -> T:
+        found: T = cached(tuple(getattr(jax.config, name) for name in _CONFIG), *args, **kwargs)
+        return found
+
     _KEPT.append(cached.cache_clear)
-    return cast("Callable[P, T]", cached)
+    setattr(of_now, "cache_info", cached.cache_info)  # noqa: B010
+    return of_now
 
 
 def make_room(share: float = 0.5) -> None:
