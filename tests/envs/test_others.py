@@ -226,3 +226,18 @@ def test_a_time_limit_of_gymnaxs_own_is_the_records(monkeypatch):
     for told, limit in (({}, 7), ({"max_steps_in_episode": 5}, 5), ({"max_episode_steps": 9}, 9)):
         record = made(**told)
         assert record.max_episode_steps == record.params.max_steps_in_episode == limit
+
+
+class Late(Cart):
+    """Its steps tell more than its first state."""
+
+    def step(self, state, action):
+        after = super().step(state, action)
+        return dataclasses.replace(after, metrics=after.metrics | {"distance": jnp.ones(())})
+
+
+def test_a_state_that_steps_change_in_kind_is_refused():
+    with pytest.raises(
+        galton.UsageError, match=r"env is Late, whose state is .* after reset and .*distance.* after st"
+    ):
+        of_brax(Late(), "late", 20)

@@ -71,13 +71,13 @@ def _kept(env: Any) -> Kept:
     at_obs, at_reward, at_done = (_places(state, name) for name in ("obs", "reward", "done"))
     action = jax.eval_shape(lambda: jnp.zeros(env.action_size))
 
-    def step(action: Array, *leaves: Array) -> list[Array]:
-        return jax.tree.leaves(env.step(jax.tree.unflatten(structure, leaves), action))
+    def step(action: Array, *leaves: Array) -> Any:
+        return env.step(jax.tree.unflatten(structure, leaves), action)
 
-    after: Any = jax.tree.structure(jax.eval_shape(env.step, state, action))
-    told = f"env is {type(env).__name__}, whose state is {structure} after reset and {after} after step"
-    require(after == structure, f"{told}; training needs both alike")
-    program = jax.make_jaxpr(step)(action, *shapes).jaxpr
+    traced, told = jax.make_jaxpr(step, return_shape=True)(action, *shapes)
+    program, after = traced.jaxpr, str(jax.tree.structure(told))
+    what = f"env is {type(env).__name__}, whose state is {structure} after reset and {after} after step"
+    require(after == str(structure), f"{what}; training needs both alike")
     kept, read = set[int](), {*at_obs, *_places(state, "metrics")}
     while not read <= kept:
         kept |= read

@@ -139,7 +139,7 @@ def _until_cut(
             if too_long.any():
                 cut = True
                 wanted = np.minimum(wanted, [len(own) + (t > 0) for own, t in zip(returns, length, strict=True)])
-            if (length[active] >= MAX_STEPS).any():
+            if envs.layers and (length[active] >= MAX_STEPS).any():  # others have the limit that they say
                 raise BrokenEnvironmentError(
                     f"{name}: an episode of evaluation did not end in {MAX_STEPS:,} steps; give the environment a time "
                     "limit (gymnasium.wrappers.TimeLimit) or turn evaluation off"
