@@ -160,7 +160,7 @@ class HLGauss(Loss):
         It is fixed share (Herbster & Warmuth, 1998) with a local kernel. An entropy bonus leaves a policy alone that is
         certain already; this one does not.
         """
-        if self.diffusion is None:
+        if self.diffusion is None or (isinstance(self.diffusion, int | float) and self.diffusion == 0):
             return None
         return self.diffusion * cross_entropy(distribution, lax.stop_gradient(self.expected_target(distribution)))
 

@@ -119,7 +119,8 @@ class Sides:
 
         agent = self.agent.replace(algorithm=InTheseOrders(**vars(self.agent.algorithm)))
         none = jnp.zeros((T, N), int)
-        return learn(agent, run, batch, Finished(none > 0, none.astype(float), none))
+        finished = Finished(none > 0, none.astype(float), none)
+        return learn(agent, run, run.learner.normalizer, batch, finished)
 
     def rollout(self):
         """A rollout, and SB3's training on it."""

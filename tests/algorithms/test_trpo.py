@@ -104,7 +104,8 @@ def test_a_run_that_has_diverged_stays_where_it_is():
     agent, _, batch = setup("gaussian", **OWN)
     run, _ = begin(agent, batch.observation.shape[-1], jnp.uint32(0))
     none = jnp.zeros((T, N), int)
-    step = jax.jit(lambda run, batch: learn(agent, run, batch, Finished(none > 0, none.astype(float), none)))
+    finished = Finished(none > 0, none.astype(float), none)
+    step = jax.jit(lambda run, batch: learn(agent, run, run.learner.normalizer, batch, finished))
     gone = step(run, batch._replace(reward=jnp.full((T, N), jnp.nan)))
     assert gone.diverged_at == 1
     for later in (gone, step(gone, batch)):
