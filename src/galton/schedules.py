@@ -141,13 +141,12 @@ def read(name: str, text: str) -> Schedule:
     Raises:
         UsageError: it describes none.
     """
-    made = None
     try:
         made = _made(ast.parse(text[:LONGEST].strip(), mode="eval").body)
     except UsageError as error:
         raise UsageError(f"{name} is {text!r}, whose {error}") from None
     except (SyntaxError, ValueError, TypeError, KeyError, RecursionError, MemoryError):
-        pass
+        made = None
     if not isinstance(made, Schedule):
         raise UsageError(f"{name} is {text!r}; it must be a number, or a schedule such as linear(3e-4, 0, 1e6)")
     return made

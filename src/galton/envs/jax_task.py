@@ -107,6 +107,13 @@ class JaxTask:
         """The first state of the next episode: a fresh one, with what the record carries over into it."""
         return self.record.carried(ended, fresh) if self.is_carried else fresh
 
+    def going_on(self, trained: PyTree[Array], fresh: PyTree[Array]) -> PyTree[Array]:
+        """Fresh states `[M, ...]` with what outlasts episodes in training's copies `[N, ...]`, if any are given."""
+        if not jax.tree.leaves(trained):
+            return fresh
+        m = len(jax.tree.leaves(fresh)[0])
+        return jax.vmap(self.carried)(jax.tree.map(lambda x: x[jnp.arange(m) % len(x)], trained), fresh)
+
     def begun_anew(self, ended: Bool[Array, " N"], states: PyTree[Array], fresh: PyTree[Array]) -> PyTree[Array]:
         """The states of N copies; where an episode has ended, the first of the next one, from a fresh state."""
         first = jax.vmap(self.carried)(states, fresh)
@@ -268,10 +275,7 @@ class RecordEnvironments:
 
 @jax.jit
 def _reset(task: JaxTask, keys: Key[Array, " M"], trained: PyTree[Array]) -> tuple[PyTree[Array], Float[Array, "M o"]]:
-    """First states, with what outlasts episodes in those of training's copies, each leaf `[N, ...]`, if given."""
-    states = jax.vmap(task.record.reset)(keys)
-    if jax.tree.leaves(trained):
-        states = jax.vmap(task.carried)(jax.tree.map(lambda x: x[jnp.arange(len(keys)) % len(x)], trained), states)
+    states = task.going_on(trained, jax.vmap(task.record.reset)(keys))
     return states, jax.vmap(task.observe)(states)
 
 

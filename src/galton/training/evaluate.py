@@ -100,52 +100,40 @@ def play(
     Statistics of wrappers stay what they are, and rewards are those that the environment gives. An episode without a
     time limit is cut after LONG steps, with a warning; BrokenEnvironmentError where one with a limit does not end.
     """
-    found, cut = _until_cut(name, envs, seeds, act, n_episodes)
-    while len(found) < n_episodes:  # an episode that was cut goes on, so the next begins with a reset
-        seeds = np.random.SeedSequence([int(seed) for seed in seeds]).generate_state(len(seeds))
-        found += _until_cut(name, envs, seeds, act, n_episodes - len(found))[0]
+    n, found, cut = len(seeds), list[float](), False
+    endless = np.array([has_no_limit(layers) for layers in envs.layers] or [False] * n)
+    with frozen(envs.layers) as as_given:
+        while len(found) < n_episodes:  # again only after a cut: what was cut goes on, so the next begins with a reset
+            returns: list[list[float]] = [[] for _ in range(n)]
+            wanted = (n_episodes - len(found) + n - 1 - np.arange(n)) // n
+            observation = envs.reset(seeds)
+            collected, length = np.zeros(n), np.zeros(n, int)
+            while (active := np.array([len(own) for own in returns]) < wanted).any():
+                steps = envs.step(act(observation))
+                collected += as_given(steps.reward)
+                length += 1
+                too_long = endless & active & (length >= LONG)
+                for i in np.flatnonzero(steps.terminated | steps.truncated | too_long):
+                    if active[i]:
+                        returns[i].append(collected[i])
+                    collected[i], length[i] = 0.0, 0
+                if too_long.any():
+                    cut = True
+                    wanted = np.minimum(wanted, [len(own) + (t > 0) for own, t in zip(returns, length, strict=True)])
+                if envs.layers and (length[active] >= MAX_STEPS).any():  # others have the limit that they say
+                    raise BrokenEnvironmentError(
+                        f"{name}: an episode of evaluation did not end in {MAX_STEPS:,} steps; give the environment a "
+                        "time limit (gymnasium.wrappers.TimeLimit) or turn evaluation off"
+                    )
+                observation = steps.observation
+            found += itertools.chain(*returns)
+            seeds = np.random.SeedSequence([int(seed) for seed in seeds]).generate_state(n)
     if cut:
         warnings.warn(
             f"{name} has no time limit, and an episode of evaluation was cut after {LONG:,} steps; {LIMIT_IT}",
             stacklevel=2,
         )
     return np.array(found)
-
-
-def _until_cut(
-    name: str,
-    envs: HostEnvironments,
-    seeds: Integer[np.ndarray, " M"],
-    act: Callable[[Float[np.ndarray, "M o"]], Float[np.ndarray, "M d"]],
-    n_episodes: int,
-) -> tuple[list[float], bool]:
-    """The returns of so many episodes after a reset, copy by copy; fewer if one was cut, and whether one was."""
-    n, cut = len(seeds), False
-    endless = np.array([has_no_limit(layers) for layers in envs.layers] or [False] * n)
-    returns: list[list[float]] = [[] for _ in range(n)]
-    wanted = (n_episodes + n - 1 - np.arange(n)) // n
-    with frozen(envs.layers) as as_given:
-        observation = envs.reset(seeds)
-        collected, length = np.zeros(n), np.zeros(n, int)
-        while (active := np.array([len(own) for own in returns]) < wanted).any():
-            steps = envs.step(act(observation))
-            collected += as_given(steps.reward)
-            length += 1
-            too_long = endless & active & (length >= LONG)
-            for i in np.flatnonzero(steps.terminated | steps.truncated | too_long):
-                if active[i]:
-                    returns[i].append(collected[i])
-                collected[i], length[i] = 0.0, 0
-            if too_long.any():
-                cut = True
-                wanted = np.minimum(wanted, [len(own) + (t > 0) for own, t in zip(returns, length, strict=True)])
-            if envs.layers and (length[active] >= MAX_STEPS).any():  # others have the limit that they say
-                raise BrokenEnvironmentError(
-                    f"{name}: an episode of evaluation did not end in {MAX_STEPS:,} steps; give the environment a time "
-                    "limit (gymnasium.wrappers.TimeLimit) or turn evaluation off"
-                )
-            observation = steps.observation
-    return list(itertools.chain(*returns)), cut
 
 
 def evaluate(
@@ -162,9 +150,7 @@ def evaluate(
     """
     reset_key, step_key = jax.random.split(key)
     start, env = start_episodes(reset_key, task, n_episodes), task.record
-    if jax.tree.leaves(trained):
-        ended = jax.tree.map(lambda x: x[jnp.arange(n_episodes) % len(x)], trained)
-        start = start._replace(env=jax.vmap(task.carried)(ended, start.env))
+    start = start._replace(env=task.going_on(trained, start.env))
     noise = jax.vmap(jax.vmap(env.noise))(jax.random.split(step_key, (env.max_episode_steps, n_episodes)))
 
     def running(carry: Carry) -> Array:
