@@ -109,8 +109,9 @@ def verdicts(results: Results, baseline: str = "gaussian") -> list[str]:
 
     The baseline is the first of that loss.
 
-    Runs of one seed are pairs, a diverged run counts as the worst of all, and the p values of the rank tests are
-    adjusted for all sentences by Holm's method. Where none of these could be clear, runs are too few.
+    Runs of one seed are pairs. A diverged run is below all others, and counts as the worst of them in the mean. The p
+    values of the rank tests are adjusted for all sentences by Holm's method. Where none of these could be clear, runs
+    are too few.
     """
     found: dict[str, Comparison] = {}
     baseline = next((name for name in results if name.partition(",")[0] == baseline), baseline)
@@ -120,10 +121,10 @@ def verdicts(results: Results, baseline: str = "gaussian") -> list[str]:
         for loss in finals:
             if loss != baseline and baseline in finals and known.size:
                 ours, theirs = (
-                    np.where(results[name].diverged_at >= 0, known.min(), finals[name]) for name in (loss, baseline)
+                    np.where(results[name].diverged_at >= 0, -np.inf, finals[name]) for name in (loss, baseline)
                 )
                 sentence = f"{label_of(loss)} − {label_of(baseline)}, {name} return"
-                found[sentence] = compare(ours, theirs, paired=True)
+                found[sentence] = compare(ours, theirs, paired=True, worst=known.min())
     decided = decide(found)
     n = min((len(result.seeds) for result in results.values()), default=0)
     few = least_p(n, n, paired=True) * sum(not math.isnan(each.p) for each in found.values()) >= ALPHA

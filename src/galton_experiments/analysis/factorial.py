@@ -68,7 +68,7 @@ def factorial(scores: Scores, baseline: int = 0, n_resamples: int = RESAMPLES, s
     """Compare methods by scores, with 95% intervals: the resamples' percentiles, moved by how far their mean lies off.
 
     Args:
-        scores: percentiles, or other numbers that are comparable between tasks; none may be NaN.
+        scores: percentiles, from 0 to 1; none may be NaN.
         baseline: the place of the method that all others are compared with.
         n_resamples: how often tasks, draws and seeds are drawn again.
         seed: of these draws.

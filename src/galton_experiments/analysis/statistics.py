@@ -121,17 +121,20 @@ _PAIRS = 8
 """With fewer pairs no p of a paired rank test, 2/2ⁿ at least, survives Holm's adjustment for six decisions."""
 
 
-def compare(a: Float[np.ndarray, " n"], b: Float[np.ndarray, " m"], paired: bool = False) -> Comparison:
+def compare(
+    a: Float[np.ndarray, " n"], b: Float[np.ndarray, " m"], paired: bool = False, worst: float = -math.inf
+) -> Comparison:
     """Compare two samples, NaN left out.
 
     The interval is Welch's and the test Mann and Whitney's. Paired, a[i] and b[i] had the same seed: the interval is
     that of the mean difference, and the test exchanges the two of a pair; that of fewer than eight pairs ignores them,
-    which is the more cautious.
+    which is the more cautious. A diverged run is −∞: below all others by rank, and `worst` in the means.
     """
     a, b = _known(a, b, paired)
     p = paired_rank_sum(a, b) if paired and len(a) >= _PAIRS else rank_sum(a, b)
     p = math.nan if least_p(len(a), len(b), paired) >= ALPHA else p
-    return Comparison(_mean_difference(a, b, paired).interval(), p, _share_above(a, b))
+    mean = _mean_difference(np.maximum(a, worst), np.maximum(b, worst), paired)
+    return Comparison(mean.interval(), p, _share_above(a, b))
 
 
 def least_p(n: int, m: int, paired: bool = False) -> float:

@@ -14,6 +14,8 @@ from galton_experiments.benchmark.tables import STAGES
 
 _FEWEST = 8
 """Of runs of one method over all tasks. With fewer, intervals of drawing them again are too narrow."""
+_FEWEST_SEEDS = 3
+"""Of runs of one method on a task, for the same reason."""
 
 
 def sentences(found: Found) -> list[str]:
@@ -48,14 +50,15 @@ def _behind(found: Found, order: Sequence[str], labels: Mapping[str, str]) -> st
     """Name the methods that may be as good as the first, by P(X > Y) over the tuning tasks.
 
     The first of M methods is ahead of some by chance. So each interval is widened as Tukey widens those of all pairs of
-    M means, by the studentised range.
+    M means, by the studentised range; and as variances are for n seeds, since drawing these again is as drawing from
+    a population whose variance is smaller by (n − 1) / n.
     """
-    standings = found.standings["fresh"]
-    if found.protocol.budget.fresh_seeds * len(standings.tasks) < _FEWEST:
+    standings, n = found.standings["fresh"], found.protocol.budget.fresh_seeds
+    if n < _FEWEST_SEEDS or n * len(standings.tasks) < _FEWEST:
         return "There are too few fresh seeds to say which methods are behind it."
     above = standings.above[order[0]]
     of_all, of_two = (stats.studentized_range.ppf(1 - ALPHA, m, np.inf) for m in (len(order), 2))
-    wider = of_all / of_two
+    wider = of_all / of_two * np.sqrt(n / (n - 1))
     behind = {name for name in order[1:] if above[name].mean - wider * (above[name].mean - above[name].low) > 0.5}
     return f"Not clearly behind it: {_list([labels[name] for name in order[1:] if name not in behind])}."
 

@@ -3,6 +3,7 @@
 import dataclasses
 import functools
 import hashlib
+import itertools
 import json
 from collections.abc import Collection, Mapping
 from typing import Annotated, Any, Literal
@@ -186,11 +187,9 @@ def check(protocol: Protocol) -> None:
         require(not timed, f'methods.{method.name} has time, which goes with design = "factorial"; take it out')
     for task in protocol.tasks:
         _check_task(protocol, task)
-        for other in protocol.tuning if task.held_out else ():
-            same = _asks(task) == _asks(other)
-            require(
-                not same, f"tasks.{task.name} is held out, but is the same as tasks.{other.name}; change one of them"
-            )
+    for task, other in itertools.combinations(protocol.tasks, 2):
+        same = _asks(task) == _asks(other)
+        require(not same, f"tasks.{other.name} is the same as tasks.{task.name}; change one of them, or take it out")
     for method in protocol.methods:
         where = f"methods.{method.name}"
         for field in ("loss", "policy"):

@@ -2,20 +2,17 @@
 
 A document says <!-- table: BENCHMARK: NAME --> where one stands, and
 `python -m galton_experiments.benchmark.quoted benchmarks/BENCHMARK.toml results/BENCHMARK DOCUMENT ...` writes it.
-NAME is `returns, fresh`, `returns, held-out`, `all tasks: METHOD; METHOD`, with the methods' names,
-`above: METHOD; METHOD` for P(above the baseline), or, where the labels of all methods are "A, B", `crossed, TASK`: a
-row for each A, a column for each B.
+NAME is `all tasks: METHOD; METHOD`, with the methods' names, `above: METHOD; METHOD` for P(above the baseline), or,
+where the labels of all methods are "A, B", `crossed, TASK`: a row for each A, a column for each B.
 """
 
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from galton_experiments.analysis.statistics import Interval
 from galton_experiments.benchmark.folder import load
 from galton_experiments.benchmark.found import Found
 from galton_experiments.benchmark.reading import read
-from galton_experiments.benchmark.stages import Role, Stage
 from galton_experiments.benchmark.tables import returns_of
 from galton_experiments.page import quotes
 from galton_experiments.sweep.store import Store
@@ -24,11 +21,9 @@ from galton_experiments.sweep.store import Store
 def tables(file: Path, folder: str) -> Callable[[str], str | None]:
     """Return a lookup of tables by file and name: None of another file, or where its stages are not done."""
     found, name = load(Store(folder), read(file)), file.stem
-    known = {f"{name}: returns, {stage}": _returns(found, stage) for stage in found.standings}
-    if "fresh" in found.standings:
-        known[f"{name}: returns, fresh, a setting for each task"] = _returns(found, "fresh", "per-task")
+    known: dict[str, str] = {}
     if all(", " in method.label for method in found.protocol.methods) and "fresh" in found.standings:
-        known |= {f"{name}: crossed, {task}": _crossed(found, task) for task in found.standings["fresh"].tasks}
+        known = {f"{name}: crossed, {task}": _crossed(found, task) for task in found.standings["fresh"].tasks}
     of_some: dict[str, Callable[[Sequence[str]], str]] = {}
     if found.standings:
         of_some[f"{name}: all tasks"] = lambda names: _of_methods(found, names)
@@ -40,23 +35,6 @@ def tables(file: Path, folder: str) -> Callable[[str], str | None]:
         return of_some[kind](names.split("; ")) if kind in of_some else known.get(wanted)
 
     return table
-
-
-def _returns(found: Found, stage: Stage, role: Role = "shared") -> str:
-    """Score, P(above the baseline) and returns of every method's settings, the best score first."""
-    standings, base = found.standings[stage], found.protocol.baseline.name
-    shared = {m: of[base] for m, of in standings.above.items() if m != base}
-    above = shared if role == "shared" else standings.above_per_task
-    labels = {task.name: task.label for task in found.protocol.tasks}
-    ranked = sorted(found.protocol.methods, key=lambda method: -float(standings.scores[method.name][role].judged.mean))
-    rows = []
-    for method in ranked:
-        score = standings.scores[method.name][role].judged
-        chance = "—" if method.name == base else f"{above[method.name]:.2f}"
-        of_tasks = [returns_of(standings, task, method, role) for task in standings.tasks]
-        rows.append([method.label, f"{_even(score):.2f}", chance, *of_tasks])
-    against = f"P(above {found.protocol.baseline.label})"
-    return quotes.markdown(["method", "score", against, *(labels[task] for task in standings.tasks)], rows)
 
 
 def _above(found: Found, names: Sequence[str]) -> str:
@@ -95,12 +73,6 @@ def _crossed(found: Found, task: str) -> str:
     rows, columns = map(dict.fromkeys, zip(*(label.rsplit(", ", 1) for label in cells), strict=True))
     lines = [[row, *(cells.get(f"{row}, {column}", "—") for column in columns)] for row in rows]
     return quotes.markdown(["", *columns], lines)
-
-
-def _even(interval: Interval) -> Interval:
-    """The interval with both ends as far from the mean, for a narrow table."""
-    half = (interval.high - interval.low) / 2
-    return Interval(interval.mean, interval.mean - half, interval.mean + half)
 
 
 if __name__ == "__main__":

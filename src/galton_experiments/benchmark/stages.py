@@ -110,9 +110,8 @@ def _part(protocol: Protocol, stage: Stage, task: Task, entries: list[Entry]) ->
 
 def check(protocol: Protocol, drawn: Draws) -> None:
     """Raise UsageError, before anything is trained, for a task that can't be made or a draw that can't be trained."""
-    first = {method.name: 0 for method in protocol.methods}
-    selected = Selected(first, {task.name: first for task in protocol.tuning})
-    for part in [*tuning(protocol, drawn), *afterwards(protocol, drawn, selected)]:
+    later = [afterwards(protocol, drawn, _all(protocol, i)) for i in range(protocol.budget.settings)]
+    for part in [*tuning(protocol, drawn), *later[0]]:
         where = f"tasks.{part.task.name}"
         try:
             box = find(part.task.env, **read_constants(part.studies[0].env_kwargs)).actions.box
@@ -123,6 +122,12 @@ def check(protocol: Protocol, drawn: Draws) -> None:
                 entry.setting.agent.on(box)
             except UsageError as error:
                 raise UsageError(f"methods.{entry.method} on {where}: {error}") from None
+
+
+def _all(protocol: Protocol, i: int) -> Selected:
+    """The draw i is selected of every method, for all tasks together and for each."""
+    each = {method.name: i for method in protocol.methods}
+    return Selected(each, {task.name: each for task in protocol.tuning})
 
 
 def width(study: Study) -> int:

@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from galton_experiments.analysis.aggregates import improvement, interquartile_mean
 from galton_experiments.analysis.bands import RESAMPLES, mean_band
-from galton_experiments.analysis.statistics import Interval, compare, mean_interval
+from galton_experiments.analysis.statistics import Interval, compare, diverged_lowest, mean_interval
 from galton_experiments.analysis.verdicts import decide
 from galton_experiments.benchmark.protocol import Protocol
 from galton_experiments.benchmark.runs import CURVES, Runs
@@ -159,11 +159,10 @@ def _of(scores: Judged, method: str, row: int) -> list[Float[np.ndarray, " trial
 def _versus(finals: Judged, filled: Judged, method: str, base: str) -> dict[str, Versus]:
     """Each task by itself. A diverged run is below all others by rank, and is the worst of them in the mean."""
     found = {}
-    for task, runs in filled.items():
-        ours, theirs = (runs[name][0] for name in (method, base))
-        lost, lost_too = (np.isnan(finals[task][name][0]) for name in (method, base))
-        ranked = compare(ours - lost, theirs - lost_too, paired=True)
-        found[task] = compare(ours, theirs, paired=True)._replace(p=ranked.p, above=ranked.above)
+    for task, runs in finals.items():
+        ours, theirs = (diverged_lowest(runs[name][0]) for name in (method, base))
+        worst = min(float(of_method.min()) for of_method in filled[task].values())
+        found[task] = compare(ours, theirs, paired=True, worst=worst)
     decided = decide(found)
     return {task: Versus(each.difference, each.direction, each.above, decided[task].p) for task, each in found.items()}
 

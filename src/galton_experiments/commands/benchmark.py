@@ -27,6 +27,7 @@ from galton_experiments.sweep.engine import CarryOut
 from galton_experiments.sweep.plan import Plan
 from galton_experiments.sweep.shard import finished
 from galton_experiments.sweep.store import Store
+from galton_experiments.sweep.study import module_of
 
 
 @dataclasses.dataclass(frozen=True)
@@ -42,7 +43,7 @@ class Options:
     """The folder, by default runs/benchmark-FILE; or an address that fsspec opens, such as s3://bucket/folder."""
     shard_width: int | None = None
     """Runs that are trained side by side by one worker, for what is not planned yet; by default as make
-    shards few and even, up to 16, or 32 on environments outside JAX."""
+    shards few and even, up to 16 on Galton's own environments and 32 on others."""
     plan_only: bool = False
     """Write the plans of tuning, or of the later stages, and stop: their shards are for `galton sweep shard`."""
     imports: tuple[str, ...] = ()
@@ -63,7 +64,7 @@ def main(arguments: Sequence[str]) -> None:
         require_integer("shard_width", options.shard_width, 1)
     import_typed(options.imports)
     protocol = read(options.file, import_of_file)
-    of_tasks = [task.env.partition(":")[0] for task in protocol.tasks if ":" in task.env]
+    of_tasks = [module for task in protocol.tasks for module in module_of(task.env)]
     import_of_file(list(dict.fromkeys(of_tasks)))
     more = " ".join(sorted(set(options.imports) - {*protocol.imports, *of_tasks}))
     require(not more, f"imports is {more}, which no worker would import; name it among the imports of {options.file}")

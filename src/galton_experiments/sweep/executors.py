@@ -1,6 +1,7 @@
 """Worker processes that may die, as an Executor of concurrent.futures."""
 
 import contextlib
+import copy
 import multiprocessing
 import multiprocessing.connection
 import multiprocessing.context
@@ -8,6 +9,7 @@ import os
 import queue
 import signal
 import threading
+import traceback
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, Future
 from typing import Any, NamedTuple, TypeAlias, TypeVar
@@ -114,13 +116,14 @@ class Processes(Executor):
                 future.cancel()
             if not future.set_running_or_notify_cancel():
                 continue
+            last: Exception | None = None
             for _ in range(ATTEMPTS):
                 try:
                     connection = connection or self._start(number, place)
                     connection.send((fn, args))
                     value, error = connection.recv()
-                except (EOFError, OSError):  # it died
-                    connection = None
+                except (EOFError, OSError) as end:  # it died, or could not be started
+                    connection, last = None, end
                     if self._closed.is_set():
                         error = WorkerDiedError("stopped")
                         break
@@ -130,7 +133,7 @@ class Processes(Executor):
                 else:
                     break
             else:
-                error = WorkerDiedError(f"{fn.__name__}{args} killed {ATTEMPTS} workers one after the other")
+                error = WorkerDiedError(f"{fn.__name__}{args} killed {ATTEMPTS} workers one after the other: {last!r}")
             if error is None:
                 future.set_result(value)
             else:
@@ -180,13 +183,23 @@ def _live(connection: Pipe, place: Place) -> None:
         try:
             answer = fn(*args), None
         except Exception as error:
-            answer = None, error
+            answer = None, _told(error, traceback.format_exc())
         try:
             connection.send(answer)
         except OSError:
             return
         except Exception as error:  # what can't be pickled
             connection.send((None, RuntimeError(repr(answer[1] or error))))
+
+
+def _told(error: Exception, trace: str) -> Exception:
+    """The error with its traceback, which isn't sent; its words alone where it can't be made again from what is."""
+    try:
+        copy.copy(error)
+    except Exception:
+        error = RuntimeError(repr(error))
+    error.add_note(trace)
+    return error
 
 
 def _end_with_parent() -> None:

@@ -62,7 +62,7 @@ class Plan:
     def create(cls, study: Study, shard_width: int | np.integer | None = None) -> "Plan":
         """The runs of a study, grouped by their programs, in shards of `shard_width`.
 
-        By default 16, or 32 on environments outside JAX, which is fastest.
+        By default 16 on Galton's own environments and 32 on others.
 
         Raises:
             UsageError: a width out of range, or a setting that can't be trained.

@@ -9,7 +9,7 @@ import numpy as np
 import pyarrow as pa
 from jaxtyping import Float
 
-from galton.errors import require
+from galton.errors import UsageError, require
 from galton.words import vocabulary
 from galton_experiments.sweep.parquet import record_of, to_bytes, with_record
 from galton_experiments.sweep.plan import Plan
@@ -100,21 +100,30 @@ def same_columns(tables: Sequence[pa.Table]) -> list[pa.Table]:
 def save(store: Store, table: pa.Table) -> None:
     """Write the table, less its record, as results.parquet, unless that is there: a folder may be for reading alone."""
     data = to_bytes(table.replace_schema_metadata(None))
-    if FILE not in store.names("") or store.read(FILE) != data:
+    try:
+        known = store.read(FILE) == data
+    except (FileNotFoundError, UsageError):  # none, or one that can't be read
+        known = False
+    if not known:
         store.write(FILE, data)
 
 
 def best_settings(study: Study, table: pa.Table) -> dict[str, Best]:
-    """For each loss, among the settings whose trials are all there; the more trials diverged, the later it comes."""
+    """For each loss, among the settings whose trials are all there, the one with the fewest diverged trials.
+
+    Of several it is that with the highest mean final training return of the others.
+    """
     columns = ("setting", "final_training_return", "final_evaluation_return")
     setting, training, evaluation = (table.column(name).to_numpy() for name in columns)
-    means, places = mean_returns(study, table), {setting: i for i, setting in enumerate(study.settings)}
-    diverged = np.bincount(setting[np.isnan(training)], minlength=len(places))
+    places, lost = {setting: i for i, setting in enumerate(study.settings)}, np.isnan(training)
+    count, diverged = (np.bincount(of, minlength=len(places)) for of in (setting, setting[lost]))
+    total = np.bincount(setting[~lost], training[~lost], len(places))
+    means = total / np.maximum(count - diverged, 1)
     found: dict[str, Best] = {}
     for loss in dict.fromkeys(s["loss"] for s in study.settings):
-        own = [s for s in means if s["loss"] == loss]
+        own = [s for s, i in places.items() if s["loss"] == loss and count[i] == study.trials]
         if own:
-            best = max(own, key=lambda s: (-diverged[places[s]], means[s]))
+            best = max(own, key=lambda s: (-diverged[places[s]], means[places[s]]))
             rows = setting == places[best]
             found[loss] = Best(best, training[rows], evaluation[rows], len(own))
     return found

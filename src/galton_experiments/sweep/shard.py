@@ -23,6 +23,7 @@ from galton.envs.find import find
 from galton.envs.registry import read_constants
 from galton.errors import UsageError, require
 from galton.extras import import_all
+from galton.saving import files
 from galton.saving.provenance import machine, versions
 from galton.training.log import Log
 from galton.training.train import Kept, Result, log_points, train
@@ -99,14 +100,15 @@ def work(url: str, index: int, name: str | None = None) -> Report:
     import_all(Plan.imports(store))
     plan = Plan.load(store)
     shard = plan.get(index)
-    begun = _Begun(store, f"{index:07d}-{shard.name}", plan.study.modules)
     require(
         name in (None, shard.name),
         f"out is {url}, whose plan was replaced meanwhile; give each sweep a folder of its own",
     )
     study = plan.study
+    env = find(study.env, **read_constants(study.env_kwargs))  # imports its module, which is among the versions
+    begun = _Begun(store, f"{index:07d}-{shard.name}", study.modules)
     result = train(
-        find(study.env, **read_constants(study.env_kwargs)),
+        env,
         shard.agent,
         shard.seeds.tolist(),
         study.steps,
@@ -140,9 +142,10 @@ class _Begun:
             return
         if (found := arrays()) is not None:
             data = safetensors.numpy.save(found, {"versions": self._made_by})
-            earlier, file = self._files(), f"{self._name}-{checksum(data)}.begun"
-            self._store.write(f"{FOLDER}/{file}", data)
-            self._remove(set(earlier) - {file})
+            if len(data) <= files.DATA:  # more could not be read again
+                earlier, file = self._files(), f"{self._name}-{checksum(data)}.begun"
+                self._store.write(f"{FOLDER}/{file}", data)
+                self._remove(set(earlier) - {file})
         self._next = time.monotonic() + EVERY
 
     def kept(self) -> Kept | None:
@@ -182,8 +185,14 @@ def _versions(modules: tuple[str, ...]) -> dict[str, str | None]:
 
     They are those of the first time that a process asks: what it has imported does not change with its file.
     """
-    files = [file for name in modules if (file := getattr(sys.modules.get(name), "__file__", None))]
-    return versions() | ({"modules": _checksum_of(map(Path, files))} if files else {})
+    found = [file for name in modules if (file := getattr(sys.modules.get(name), "__file__", None))]
+    sources = [source for file in map(Path, found) for source in _sources(file)]
+    return versions() | ({"modules": _checksum_of(sources)} if sources else {})
+
+
+def _sources(file: Path) -> list[Path]:
+    """The file of a module, or all those of a package."""
+    return sorted(file.parent.rglob("*.py")) if file.name == "__init__.py" else [file]
 
 
 def _checksum_of(sources: Iterable[Path]) -> str:

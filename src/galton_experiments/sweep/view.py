@@ -56,13 +56,13 @@ class View:
 
     def _best(self) -> Table:
         table = Table("loss", "best setting so far", "final training return", "runs", box=None)
-        best: dict[str, tuple[int, float, int]] = {}
+        best: dict[str, tuple[float, float, int, int]] = {}
         for i, values in list(self._returns.items()):  # the sweep adds to it from another thread
-            loss, mean = self._plan.study.settings[i]["loss"], float(np.mean(values))
-            mean = -np.inf if np.isnan(mean) else mean
-            if loss not in best or mean > best[loss][1]:
-                best[loss] = i, mean, len(values)
-        for loss, (i, mean, n) in sorted(best.items()):
+            loss, lost = self._plan.study.settings[i]["loss"], np.isnan(values)
+            mean = -np.inf if lost.all() else float(np.nanmean(values))
+            this = (-float(lost.mean()), mean, len(values), i)
+            best[loss] = this if loss not in best else max(best[loss], this, key=lambda each: each[:2])
+        for loss, (_, mean, n, i) in sorted(best.items()):
             brief = self._plan.study.settings[i].brief(self._plan.study.varied)
             table.add_row(find_loss(loss).label, brief, f"{mean:{fitting(mean)}}", str(n))
         return table

@@ -107,6 +107,13 @@ def test_a_loss_whose_runs_diverge_is_not_better_by_the_others(results):
     assert {s.rsplit(": ", 1)[1] for s in verdicts(three)} == {"too few runs"}
 
 
+def test_a_diverged_run_is_below_the_worst_that_did_not_diverge():
+    base = [-500.0] * 8 + [-100.0] * 4
+    known = {"gaussian": result("gaussian", base), "hl-gauss": result("hl-gauss", base, diverged=range(12))}
+    assert [s.rsplit(": ", 1)[1] for s in verdicts(known)] == ["worse"] * 2
+    assert verdicts(known)[0].startswith("HL-Gauss − Gaussian, training return: −133.3")
+
+
 def test_a_run_in_which_no_episode_ended_is_unknown_and_no_worst_run():
     known = {
         "gaussian": result("gaussian", [np.nan] * 8),

@@ -55,7 +55,9 @@ WRONG = [
     ),
     ({"methods__bins__search__algorithm": {"choice": ["a2c", "ppo"]}}, "methods.bins.search has algorithm; make a"),
     ({"prior__algorithm": {"choice": ["a2c", "ppo"]}}, "prior has algorithm, whose defaults would not be drawn with"),
-    ({"methods__bins__label": "$x$"}, "methods.bins.label is '\\$x\\$'; it must be words without dollar signs"),
+    ({"methods__bins__label": "$x$"}, "methods.bins.label is '\\$x\\$'; it must be words on one line, without"),
+    ({"methods__bins__label": "_bins"}, "methods.bins.label is '_bins'; it must be words"),
+    ({"methods__bins__label": "a\nb"}, "methods.bins.label is 'a.*b'; it must be words"),
     ({"methods__bins__fixed__loss": ["hl-gauss"]}, "methods.bins has loss .*; it must be a name"),
     ({"fixed__vf_coef": 10**400}, "methods.gaussian on tasks.bandit: "),
     (
@@ -68,7 +70,8 @@ WRONG = [
         {"prior__learning_rate": {"choice": ["a", "b"]}, "tasks__bandit__scale": {"learning_rate": 2.5}},
         "methods.gaussian on tasks.bandit: ",
     ),
-    ({"tasks__again": {"env": "bandit", "held_out": True}}, "tasks.again is held out, but is the same as tasks.bandit"),
+    ({"tasks__again": {"env": "bandit", "held_out": True}}, "tasks.again is the same as tasks.bandit; change one"),
+    ({"tasks__again": {"env": "bandit"}}, "tasks.again is the same as tasks.bandit; change one"),
     ({"budget__settings": 50_000}, "budget.settings times the number of methods is 150,000; draw 100,000 settings at"),
     ({"tasks": {}}, r"tasks is missing; add a \[tasks.NAME\] table for each"),
     ({"tasks__bandit": None, "tasks__noisy": None}, r"tasks has none to tune on; add a \[tasks.NAME\] table without"),
@@ -218,3 +221,11 @@ def test_the_hash_is_of_content_and_order_alone(tmp_path):
     turned = changed()
     turned["methods"] = dict(reversed(turned["methods"].items()))
     assert of_record(turned).digest != protocol().digest
+
+
+def test_every_draw_that_may_be_selected_is_checked_on_the_later_tasks():
+    known = protocol(budget__settings=8, tasks__four__scale={"gamma": 1.003})
+    drawn = draws(known)
+    assert stages.afterwards(known, drawn, stages._all(known, 0))
+    with pytest.raises(UsageError, match=r"methods.* on tasks.four: gamma is 1\.0.*; it must be"):
+        stages.check(known, drawn)

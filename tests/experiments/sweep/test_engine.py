@@ -1,14 +1,18 @@
 """Plans carried out in this process, and what is found in the end."""
 
 import dataclasses
+import re
+import shutil
 import time
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 
 import numpy as np
 import pytest
+from rich.console import Console
 
 from galton.errors import UsageError
 from galton.saving import files
+from galton_experiments.commands.sweep._folder import winners
 from galton_experiments.sweep import engine, results
 from galton_experiments.sweep.executors import WorkerDiedError
 from galton_experiments.sweep.grid import expand
@@ -291,8 +295,32 @@ def test_a_setting_with_a_diverged_or_missing_trial_does_not_win(reference):
     finals[3:6] = [np.nan, np.nan, 1e3]
     assert winner([1e3, 1e3, np.nan]) == SETTINGS[0]
     assert winner([np.nan] * 3) == SETTINGS[1]
+    finals[3:6] = [np.nan, 1e3, 1e3]
+    assert winner([1e2, 1e2, np.nan]) == SETTINGS[1]
     finals[3:6] = 0
     assert winner([1e3, 1e3, 1e3], begin=1) == SETTINGS[1]
+
+
+def test_the_table_of_winners_counts_the_runs_that_are_in_no_mean(reference):
+    plan = Plan.load(Store(str(reference)))
+    finals = np.array([1.0, 1.5, np.nan], np.float32)
+    best = {"gaussian": results.Best(SETTINGS[0], finals, finals, 2)}
+    console = Console(width=200)
+    with console.capture() as capture:
+        console.print(winners(plan.study, best))
+    assert "diverged ┃ of settings" in capture.get()
+    assert re.search(r"1 │ +2 │\n", capture.get())
+
+
+def test_a_table_that_cannot_be_read_is_written_again(reference, tmp_path, monkeypatch):
+    shutil.copytree(reference, tmp_path, dirs_exist_ok=True)
+    store = Store(str(tmp_path))
+    table = results.collect(store, Plan.load(store))
+    (tmp_path / results.FILE).write_bytes(b"")
+    with monkeypatch.context() as patched:
+        patched.setattr(files, "DATA", -1)
+        results.save(store, table)
+    assert (tmp_path / results.FILE).read_bytes() == (reference / results.FILE).read_bytes()
 
 
 def test_a_rerun_has_the_winners_and_none_of_the_seeds(reference):

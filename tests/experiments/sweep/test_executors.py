@@ -36,6 +36,15 @@ def fail():
     raise UsageError("on purpose")
 
 
+class TwoPartsError(Exception):
+    def __init__(self, one, two):
+        super().__init__(f"{one} and {two}")
+
+
+def fail_in_two_parts():
+    raise TwoPartsError("this", "that")
+
+
 def unpicklable():
     return lambda: None
 
@@ -88,8 +97,11 @@ def test_a_call_that_kills_every_worker_is_given_up(two, monkeypatch):
 
 
 def test_an_exception_comes_back_as_it_was(two):
-    with pytest.raises(UsageError, match="on purpose"):
+    with pytest.raises(UsageError, match="on purpose") as told:
         two.submit(fail).result()
+    assert 'raise UsageError("on purpose")' in told.value.__notes__[0]
+    with pytest.raises(RuntimeError, match=r"TwoPartsError.*this and that"):
+        two.submit(fail_in_two_parts).result()
     with pytest.raises(RuntimeError, match="pickle"):
         two.submit(unpicklable).result()
     assert two.submit(abs, -3).result() == 3

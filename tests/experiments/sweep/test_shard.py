@@ -2,6 +2,7 @@
 
 import dataclasses
 import importlib
+import types
 
 import jax
 import numpy as np
@@ -14,6 +15,7 @@ from galton.training.on_device import DevicePopulation
 from galton_experiments.commands.sweep._folder import conclude
 from galton_experiments.sweep import shard
 from galton_experiments.sweep.grid import expand
+from galton_experiments.sweep.parquet import record_of
 from galton_experiments.sweep.plan import Plan
 from galton_experiments.sweep.shard import FOLDER, finished, read, work
 from galton_experiments.sweep.store import Store
@@ -146,6 +148,40 @@ def test_the_results_say_so_where_a_module_changed_between_two_shards(planned, m
             assert capsys.readouterr().err == ""
     conclude(store, plan)
     assert capsys.readouterr().err == ("galton: 2 versions of the code trained these runs; they differ in modules\n")
+
+
+def test_what_could_not_be_read_again_is_not_kept(planned, monkeypatch):
+    store, _ = planned
+    end_at(monkeypatch, 1)
+    monkeypatch.setattr(shard, "files", types.SimpleNamespace(DATA=10))
+    with pytest.raises(Ended):
+        work(store.url, 0)
+    assert store.names(FOLDER) == []
+
+
+def test_the_module_of_an_environment_is_a_version_though_the_worker_imports_it(tmp_path, monkeypatch):
+    text = "import gymnasium\n\ndef make():\n    return gymnasium.make('Pendulum-v1', max_episode_steps=50)\n"
+    (tmp_path / "own_task_of_a_shard.py").write_text(text)
+    monkeypatch.syspath_prepend(tmp_path)
+    shard._versions.cache_clear()
+    store = Store(str(tmp_path / "sweep"))
+    plan = Plan.create(Study("own_task_of_a_shard:make", expand([TINY], {})[:1], 1, 60, logs=1), 1)
+    plan.save(store)
+    work(store.url, 0)
+    assert "modules" in record_of(read(store, finished(store, plan)[0]))["versions"]
+
+
+def test_a_change_in_a_package_is_another_version(tmp_path, monkeypatch):
+    package = tmp_path / "own_parts_of_a_shard"
+    package.mkdir()
+    (package / "__init__.py").write_text("from own_parts_of_a_shard import losses")
+    (package / "losses.py").write_text("x = 1.0")
+    monkeypatch.syspath_prepend(tmp_path)
+    importlib.import_module(package.name)
+    told = shard._versions((package.name,))
+    (package / "losses.py").write_text("x = 0.0")
+    shard._versions.cache_clear()
+    assert shard._versions((package.name,)) != told
 
 
 def test_a_module_that_changed_is_another_version(tmp_path, monkeypatch):

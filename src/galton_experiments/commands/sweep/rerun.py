@@ -24,6 +24,8 @@ class Options(Folder):
     """Of the study; not the sweep's own."""
     workers: int | None = None
     """Processes, by default one per core."""
+    extend: bool = False
+    """Add more trials to a folder that has some."""
 
 
 def main(arguments: Sequence[str]) -> None:
@@ -38,7 +40,7 @@ def main(arguments: Sequence[str]) -> None:
     best = results.best_settings(known.study, table)
     study = results.rerun(known.study, best, options.trials, options.seed)
     with target.lock():
-        plan = engine.prepare(target, study, known.shard_width, extend=False)
+        plan = engine.prepare(target, study, known.shard_width, options.extend)
         with workers(one_per_core(options.workers)) as carry_out:
             carry_out(target, plan)
         conclude(target, plan)

@@ -44,7 +44,7 @@ class Options:
     """The folder, by default runs/sweep-ENV or runs/sweep-ENV-ALGORITHM; or an address that fsspec opens, such as
     s3://bucket/folder."""
     shard_width: int | None = None
-    """Runs that are trained side by side by one worker; by default 16, or 32 on environments outside JAX."""
+    """Runs that are trained side by side by one worker; by default 16 on Galton's own environments, 32 on others."""
     extend: bool = False
     """Add to the plan that the folder holds what it lacks of this grid."""
     plan_only: bool = False
