@@ -24,7 +24,6 @@ from galton_experiments.sweep.executors import Processes, one_per_core
 from galton_experiments.sweep.grid import find_grid
 
 TRIALS, RUNS, LOG_POINTS = 20, 16, 4
-MUJOCO = ("Reacher-v5", "HalfCheetah-v5", "Ant-v5")
 
 
 def seconds_per_step(env, setting):

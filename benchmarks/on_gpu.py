@@ -50,9 +50,9 @@ STAGES = {
     "brax": (UNTUNED, 0.5),
     "heads": (UNTUNED, 0.9),
 }
+"""The flags that XLA gets, and the share of the time. What one leaves over goes to those after it."""
 NAMED = ("playground", "brax", "heads")
 """The stages that run only where they are named."""
-"""The flags that XLA gets, and the share of the time. What one leaves over goes to those after it."""
 
 
 def a2c(sizes):

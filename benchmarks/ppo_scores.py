@@ -31,7 +31,7 @@ FIRST_STD = {"HalfCheetah-v5": -0.5, "Reacher-v5": -0.5, "Ant-v5": -2.0}
 """The logarithm of the first σ on each task.
 
 Tried, with the return of each seed: on HalfCheetah log σ₀ = −0.5, 5,288 (100) and 6,879 (101); on Ant log σ₀ = −0.5,
-855 (100) and 1,410 (101), and −2, 2,543 (100); on Reacher log σ₀ = −0.5, −4.2 (100) and −4.0 (101). Nothing else was
+854 (100) and 1,410 (101), and −2, 2,543 (100); on Reacher log σ₀ = −0.5, −4.2 (100) and −4.0 (101). Nothing else was
 tried.
 """
 

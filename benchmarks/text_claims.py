@@ -1,4 +1,4 @@
-"""Six sentences of the paper's text, each with a small study of its own, on fresh seeds.
+"""Seven sentences of the paper's text by six small studies, on fresh seeds.
 
 Where nothing else is said an agent is A2C with the settings that App. C.2's grid selected for the loss (WINNERS), but
 that HL-Gauss has η = .25 on the LQR: the grid's choice there is .01, which is HL-1-Hot.

@@ -31,7 +31,7 @@ class Thermostat(gymnasium.Env):
 
 
 if __name__ == "__main__":
-    galton.use_all_cores()
+    galton.use_all_cores(runs=1)
     model = galton.A2C(
         lambda: gymnasium.wrappers.TimeLimit(Thermostat(), 48),
         loss="hl-gauss-centred",

@@ -169,6 +169,22 @@ def test_a_callback_sets_what_trainings_environments_are_like_as_in_sb3():
         A2C("lqr", "gaussian").get_env().env_method("begin", 1)
 
 
+class Reads(BaseCallback):
+    def _on_step(self):
+        self.seen = self.model.n_envs, self.model.n_steps, self.model.gamma
+        return True
+
+
+def test_a_callback_reads_settings_as_attributes_and_others_are_told_where_they_are(model):
+    reads, settings = Reads(), model.settings
+    model.learn(8, reads, progress_bar=False)
+    assert reads.seen == (settings["n_envs"], settings["n_steps"], settings["gamma"])
+    with pytest.raises(AttributeError, match=r"no 'gamma'; model.settings\['gamma'\] is its setting"):
+        _ = model.gamma
+    with pytest.raises(AttributeError, match="has no attribute 'gammas'"):
+        _ = model.gammas
+
+
 class Slower(BaseCallback):
     def _on_step(self):
         self.model.learning_rate = 1e-5

@@ -76,14 +76,15 @@ class Callbacks:
 
 
 class Facade:
-    """Our model as SB3's callbacks know theirs; all that is not here is the model's own."""
+    """Our model as SB3's callbacks know theirs; all that is not here is the model's own, or one of its settings."""
 
     def __init__(self, model: Any) -> None:
         self._model = model
         self.num_timesteps = model.num_timesteps
 
     def __getattr__(self, name: str) -> Any:
-        return getattr(self._model, name)
+        own, settings = hasattr(self._model, name), self._model.settings
+        return settings[name] if name in settings and not own else getattr(self._model, name)
 
     def __setattr__(self, name: str, value: object) -> None:
         own = name in ("_model", "num_timesteps")

@@ -1,4 +1,4 @@
-"""Each loss's best setting on each task: the table of the page, and that of the README."""
+"""Each loss's best setting on each task: the table of the page, and that of docs/reproduce.md."""
 
 from collections.abc import Mapping
 
@@ -35,7 +35,7 @@ def clear(trained: Trained) -> dict[tuple[str, str], str]:
 
 
 def ahead(trained: Trained) -> set[tuple[str, str]]:
-    """Find what the README sets in bold: a loss clearly ahead of the Gaussian, or the Gaussian clearly ahead of all."""
+    """Find what is in bold: a loss clearly ahead of the Gaussian, or the Gaussian clearly ahead of all."""
     given = clear(trained)
     found = {key for key, mark in given.items() if mark == "✓"}
     for task in trained.judged:
@@ -99,11 +99,6 @@ def _deterministic(summary: Summary, loss: str) -> tuple[list[str], list[str]]:
     over_training = mean_return(summary, loss)
     noise = mean_return(summary, loss, "evaluation_return") - over_training
     return returns, [told_mean(over_training), told_mean(noise)]
-
-
-def _fresh(again: Summary, loss: str) -> list[str]:
-    """The final training return on fresh seeds, and its median, which a few runs that fail do not move."""
-    return [_final(again, loss), _plain(float(np.median(final_return(again, loss))))]
 
 
 def _final(summary: Summary, loss: str, metric: str = "training_return") -> str:

@@ -33,7 +33,7 @@ EnvName = Annotated[
         help=f"one of {', '.join(ENVS)}, or a Gymnasium id (module:Id imports the module first), or module:Class",
     ),
 ]
-LossName = Annotated[str, tyro.conf.arg(help="What is minimised: docs/paper.md has each of them.")]
+LossName = Annotated[str, tyro.conf.arg(help="What is minimised: docs/losses.md has each of them.")]
 AlgorithmName = Annotated[
     str, tyro.conf.arg(help="The algorithm that learns; the defaults of its settings are its own.")
 ]
@@ -41,8 +41,8 @@ PresetName = Annotated[
     str,
     tyro.conf.arg(
         help="What the other defaults are: a well-set Gaussian's, those that our benchmark selected for "
-        "classification, or the paper's; by default paper where --loss is given, and else gaussian for PPO and "
-        "classification for A2C.",
+        "classification, or the paper's; by default paper where --loss is given, and else classification for A2C "
+        "and gaussian for the others.",
     ),
 ]
 

@@ -1,6 +1,6 @@
 """A model as one looks at it: its agent, its spaces, where it stands and what it has learnt."""
 
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from galton.agents import in_two, words_of, written
 from galton.algorithms import Agent
@@ -39,6 +39,14 @@ class Base:
     def __setattr__(self, name: str, value: object) -> None:
         require(name not in vocabulary().usual, f"{name} can't be set: {KEPT}")
         super().__setattr__(name, value)
+
+    if not TYPE_CHECKING:
+
+        def __getattr__(self, name):
+            """Say where a setting is, which in SB3 is an attribute."""
+            if name in vocabulary().usual:
+                raise AttributeError(f"{type(self).__name__} has no {name!r}; model.settings[{name!r}] is its setting")
+            return self.__getattribute__(name)  # whose error it is
 
     def __repr__(self) -> str:
         told = {"n_envs": self.agent.rollout.n_envs} | unusual(self.agent) | {"seed": self.seed}

@@ -26,6 +26,8 @@ HINTS = {
     "eval_env": "give learn(callback=galton.callbacks.Evaluate(env=...))",
     "reset_num_timesteps": "a model always counts on; make a new one to begin again",
     "tb_log_name": "give callback=galton.callbacks.TensorBoard(folder)",
+    "target_kl": "PPO has it; TRPO's is max_kl, which is sb3-contrib's target_kl times the numbers of an action",
+    "sub_sampling_factor": "every step of a rollout counts in TRPO's matrix",
     "custom_objects": "a file holds settings and numbers, and no objects",
     "print_system_info": "a file loads on any system",
     "force_reset": "the run goes on where it was; set_env(env) begins new episodes",
