@@ -22,8 +22,9 @@ _SCORE = (
 )
 _AGAINST = (
     "P(above) is the chance that a run is above one of the baseline's on a task that is drawn at random; a tie counts "
-    "half. Its interval draws the runs of one seed together. With own settings both have the setting that was selected "
-    "for the task. Sensitivity is what that gains over one setting for all tasks, by the same scores."
+    "half. Its interval draws the runs of one seed together, and is too narrow with few seeds. With own settings both "
+    "have the setting that was selected for the task. Sensitivity is what that gains over one setting for all tasks, "
+    "by the same scores."
 )
 _RETURNS = (
     "Returns are means over fresh seeds with Student's 95% interval; a diverged run counts as the worst that any "
@@ -32,6 +33,7 @@ _RETURNS = (
     "eight. Difference, P and p are those of shared settings against the baseline's. Each method's p values are "
     "adjusted for the tasks of the stage by Holm's method."
 )
+_COUNTED = ("A run of a setting that was selected for all tasks and for its own is counted twice, and trained once.",)
 _BEST_OF = (
     "The mean over all subsets of n draws, exactly, of the score of the draw that is best among them. With several "
     "seeds the draw is chosen by all but one of them and judged by that one, so that the best does not flatter."
@@ -55,7 +57,7 @@ def page(found: Found, drawn: Mapping[str, Figure]) -> str:
     sections += [
         Section("tasks", "What was trained", table=tables.tasks(found), paragraphs=(tables.trained(found),)),
         Section("fixed", "What was fixed", table=tables.fixed(found)),
-        Section("budget", "What each method was given", table=tables.budget(found)),
+        Section("budget", "What each method was given", table=tables.budget(found), paragraphs=_COUNTED * in_stages),
         Section("prior", "What was searched", table=tables.prior(found), paragraphs=(_file(found),)),
     ]
     return render(found.protocol.title, (), (), sections, Answer(sentences(found)))

@@ -97,7 +97,7 @@ class Prior:
             low, high = self.values
             text = f"{self.kind} {low:g} … {high:g}"
         else:
-            text = ", ".join(f"{value:g}" if isinstance(value, float) else f"{value}" for value in self.values)
+            text = ", ".join(f"{value:.12g}" if isinstance(value, float) else f"{value}" for value in self.values)
         return f"{text} × steps" if self.in_steps else text
 
 

@@ -65,7 +65,7 @@ class Runs:
             found.append(_final(row["judged"][:n], row["diverged_at"] if gone else -1, last))
             if np.isnan(found[-1]) and not gone:
                 return None
-        return np.array(found).reshape(-1, self.part.trials)
+        return np.array(found, np.float32).astype(float).reshape(-1, self.part.trials)  # as `finals` are kept
 
     def diverged(self, method: str, role: Role) -> int:
         """Count the runs that diverged."""

@@ -53,7 +53,8 @@ def _count(n: int, what: str) -> str:
 def tasks(found: Found) -> Table:
     """Tabulate the tasks, with the length of their runs and how often these are evaluated."""
     in_stages = found.protocol.design == "stages"
-    headings = ["task", "environment", "steps", *["steps, fresh seeds"] * in_stages, "log points", "episodes at each"]
+    headings = ["task", "environment", "steps, at least", *["steps, fresh seeds, at least"] * in_stages]
+    headings += ["log points, at most", "episodes at each"]
     rows = []
     for task in found.protocol.tasks:
         arguments = ", ".join(f"{name}={value!r}" for name, value in task.env_kwargs.items())
@@ -127,7 +128,7 @@ def settings(found: Found) -> Table:
 def drawn_as_text(drawn: Fields) -> str:
     """The values of a draw in a line."""
     return ", ".join(
-        f"{name} {value:g}" if isinstance(value, float) else f"{name} {value}" for name, value in drawn.items()
+        f"{name} {value:.12g}" if isinstance(value, float) else f"{name} {value}" for name, value in drawn.items()
     )
 
 
