@@ -93,6 +93,12 @@ def test_with_fewer_environments_a_rollout_is_as_long_in_whole_minibatches(made_
             PPO("lqr", **{"n_envs": 3} | {name: 0})
 
 
+def test_so_many_environments_that_a_rollout_has_hardly_a_step_are_told():
+    with pytest.warns(UserWarning, match=r"n_envs is 1,024, and a rollout stays as long as it was, so n_steps is 2;"):
+        assert PPO("lqr", n_envs=1024).agent.rollout.size == 2048
+    assert PPO("lqr", n_envs=1024, n_steps=2, batch_size=64).agent.rollout.size == 2048
+
+
 def test_models_and_commands_have_the_same_presets(monkeypatch):
     monkeypatch.setattr("galton.models.model.Run", lambda *settings: None)
     numbers = ((None, None), (3, None), (10, 80))

@@ -30,6 +30,8 @@ from galton.training.yardsticks import Yardsticks, yardsticks_on
 from galton.words import refuse_idle, vocabulary
 
 ModelT = TypeVar("ModelT", bound="Model")
+FEW_STEPS = 5
+"""The least n_steps that comes of n_envs without a word; over fewer, advantages are mostly the critic's opinion."""
 
 
 class Model(Base):
@@ -76,6 +78,9 @@ class Model(Base):
         words = all_words(chosen, found, n_envs, settings, env, task.given)
         if loss is None:  # who names none may think that it is another one
             refuse_idle(words, settings)
+        if n_envs and "n_steps" not in settings and words["n_steps"] < FEW_STEPS:
+            told = f"so n_steps is {words['n_steps']}; give n_steps too, and a batch_size that suits it"
+            warnings.warn(f"n_envs is {n_envs:,}, and a rollout stays as long as it was, {told}", stacklevel=2)
         self._begin(task, read(words), seed)
         self.verbose = verbose
 
