@@ -217,3 +217,8 @@ def test_what_training_would_refuse_is_not_planned_but_an_old_plan_of_it_is_read
     old = dataclasses.replace(plan, study=study(settings=(wrong,), logs=1))
     old.save(store)
     assert prepare(store, old.study, None, extend=False).names == old.names
+
+
+def test_the_name_of_a_library_in_jax_is_no_module():
+    assert study(env="mjx:HalfCheetah", imports=("own",)).modules == ("own",)
+    assert study(env="mine:Boat-v0", imports=("own",)).modules == ("own", "mine")
