@@ -15,6 +15,7 @@ import gymnasium
 
 from galton.errors import UsageError
 from galton.extras import is_instance_of
+from galton.words import CHOOSING, vocabulary
 
 
 def is_callback(callback: object) -> bool:
@@ -83,8 +84,8 @@ class Facade:
         self.num_timesteps = model.num_timesteps
 
     def __getattr__(self, name: str) -> Any:
-        own, settings = hasattr(self._model, name), self._model.settings
-        return settings[name] if name in settings and not own else getattr(self._model, name)
+        settings = self._model.settings if name in vocabulary().usual.keys() - CHOOSING else {}
+        return settings[name] if name in settings else getattr(self._model, name)
 
     def __setattr__(self, name: str, value: object) -> None:
         own = name in ("_model", "num_timesteps")

@@ -94,8 +94,9 @@ def test_with_fewer_environments_a_rollout_is_as_long_in_whole_minibatches(made_
 
 
 def test_so_many_environments_that_a_rollout_has_hardly_a_step_are_told():
-    with pytest.warns(UserWarning, match=r"n_envs is 1,024, and a rollout stays as long as it was, so n_steps is 2;"):
+    with pytest.warns(UserWarning, match=r"n_envs is 1,024, and a rollout .*, so n_steps is 2;") as told:
         assert PPO("lqr", n_envs=1024).agent.rollout.size == 2048
+    assert told[0].filename == __file__
     assert PPO("lqr", n_envs=1024, n_steps=2, batch_size=64).agent.rollout.size == 2048
 
 

@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 
 from galton.cli._reading import search_here
-from galton.envs.registry import read_constants
+from galton.envs.registry import module_of, read_constants
 from galton.errors import UsageError, require
 from galton.saving import files
 from galton.saving.model_file import existing
@@ -40,7 +40,7 @@ def environment_of(file: Path, env: str | None, env_kwargs: str | None) -> tuple
     if not isinstance(name, str):
         raise UsageError(f"env is {name!r} in {beside}; it must be a name")
     require(
-        env is not None or ":" not in name,
+        env is not None or not module_of(name),
         f"env is {name} in {beside}, which imports a module; give it with --env if you trust it",
     )
     if ":" in name:

@@ -41,6 +41,12 @@ ENVS = {
 """Our own environments, by the names that commands and `make` take; each is registered with Gymnasium too."""
 
 
+def module_of(env: str) -> tuple[str, ...]:
+    """The module of an environment that is called `module:Id`, in a tuple; none of others, or of a JAX library's."""
+    module, colon, _ = env.partition(":")
+    return (module,) if colon and module not in LIBRARIES else ()
+
+
 def key_of(name: str) -> str:
     """The key in ENVS of one of our own environments, by either of its names; any other name as it is."""
     return next((key for key, entry in ENVS.items() if name in (key, entry.gymnasium_id)), name)

@@ -20,7 +20,7 @@ from galton.training.population import Population
 from galton.training.remedy import remedy
 from galton.training.train import check_seed
 from galton.types import Learner, Params
-from galton.words import vocabulary
+from galton.words import CHOOSING, vocabulary
 
 BaseT = TypeVar("BaseT", bound="Base")
 
@@ -44,7 +44,7 @@ class Base:
 
         def __getattr__(self, name):
             """Say where a setting is, which in SB3 is an attribute."""
-            if name in vocabulary().usual:
+            if "agent" in vars(self) and name in self.settings.keys() - CHOOSING:
                 raise AttributeError(f"{type(self).__name__} has no {name!r}; model.settings[{name!r}] is its setting")
             return self.__getattribute__(name)  # whose error it is
 

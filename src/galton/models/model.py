@@ -78,9 +78,10 @@ class Model(Base):
         words = all_words(chosen, found, n_envs, settings, env, task.given)
         if loss is None:  # who names none may think that it is another one
             refuse_idle(words, settings)
-        if n_envs and "n_steps" not in settings and words["n_steps"] < FEW_STEPS:
+        if "n_steps" not in settings and words["n_steps"] < FEW_STEPS:
             told = f"so n_steps is {words['n_steps']}; give n_steps too, and a batch_size that suits it"
-            warnings.warn(f"n_envs is {n_envs:,}, and a rollout stays as long as it was, {told}", stacklevel=2)
+            said = f"n_envs is {words['n_envs']:,}, and a rollout stays as long as it was, {told}"
+            warnings.warn(said, stacklevel=2 + (type(self) is not Model))
         self._begin(task, read(words), seed)
         self.verbose = verbose
 

@@ -8,6 +8,7 @@ import json
 from collections.abc import Collection, Mapping
 from typing import Annotated, Any, Literal
 
+from galton.envs.registry import key_of
 from galton.errors import UsageError, require
 from galton.fields import Within
 from galton.losses import LOSSES
@@ -188,7 +189,8 @@ def check(protocol: Protocol) -> None:
     for task in protocol.tasks:
         _check_task(protocol, task)
     for task, other in itertools.combinations(protocol.tasks, 2):
-        same = _asks(task) == _asks(other)
+        tuned = not task.held_out and not other.held_out
+        same = _asks(task) == _asks(other) and (not tuned or task.steps(False) == other.steps(False))
         require(not same, f"tasks.{other.name} is the same as tasks.{task.name}; change one of them, or take it out")
     for method in protocol.methods:
         where = f"methods.{method.name}"
@@ -257,7 +259,7 @@ def _check_factorial(protocol: Protocol) -> None:
 
 def _asks(task: Task) -> tuple[object, ...]:
     """All that a task's runs on fresh seeds depend on."""
-    return task.env, task.env_kwargs, task.fixed, task.scale, task.steps(fresh=True)
+    return key_of(task.env), task.env_kwargs, task.fixed, task.scale, task.steps(fresh=True)
 
 
 def _check_task(protocol: Protocol, task: Task) -> None:

@@ -181,7 +181,7 @@ def _scale(where: str, given: object) -> dict[str, float]:
 
 def _label(where: str, name: str, table: Record) -> str:
     label = table.get("label", name)
-    right = isinstance(label, str) and bool(label) and label.isprintable()
+    right = isinstance(label, str) and len(label.splitlines()) == 1
     # between dollars figures would show formulas, and legends leave out what begins with _
     right = right and "$" not in label and not label.startswith("_")
     require(right, f"{where}.label is {label!r}; it must be words on one line, without dollar signs or a _ before them")

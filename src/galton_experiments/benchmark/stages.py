@@ -1,18 +1,20 @@
 """Each stage of a benchmark trains the settings of every method on a task, as studies of a sweep."""
 
 import dataclasses
+import itertools
 import json
 from typing import Literal, NamedTuple
 
 from galton.envs.find import find
 from galton.envs.registry import is_known, read_constants
 from galton.errors import UsageError
+from galton.parts import Box
 from galton.training.log import MEAN_ACTION_RETURN
 from galton.training.train import log_points
 from galton_experiments.benchmark.draws import Draws, setting
 from galton_experiments.benchmark.protocol import Protocol, Task
 from galton_experiments.benchmark.selection import Selected
-from galton_experiments.sweep.study import Setting, Study
+from galton_experiments.sweep.study import Program, Setting, Study
 
 Stage = Literal["tuning", "fresh", "held-out"]
 Role = Literal["draw", "shared", "per-task"]
@@ -110,18 +112,23 @@ def _part(protocol: Protocol, stage: Stage, task: Task, entries: list[Entry]) ->
 
 def check(protocol: Protocol, drawn: Draws) -> None:
     """Raise UsageError, before anything is trained, for a task that can't be made or a draw that can't be trained."""
-    later = [afterwards(protocol, drawn, _all(protocol, i)) for i in range(protocol.budget.settings)]
-    for part in [*tuning(protocol, drawn), *later[0]]:
-        where = f"tasks.{part.task.name}"
+    boxes: dict[str, Box] = {}
+    known = set[tuple[str, Program]]()
+    later = (part for i in range(protocol.budget.settings) for part in afterwards(protocol, drawn, _all(protocol, i)))
+    for part in itertools.chain(tuning(protocol, drawn), later):
+        name = part.task.name
         try:
-            box = find(part.task.env, **read_constants(part.studies[0].env_kwargs)).actions.box
+            if name not in boxes:
+                boxes[name] = find(part.task.env, **read_constants(part.studies[0].env_kwargs)).actions.box
         except UsageError as error:
-            raise UsageError(f"{where}: {error}") from None
-        for entry in {entry.setting.program: entry for entry in part.entries}.values():
-            try:
-                entry.setting.agent.on(box)
-            except UsageError as error:
-                raise UsageError(f"methods.{entry.method} on {where}: {error}") from None
+            raise UsageError(f"tasks.{name}: {error}") from None
+        for entry in part.entries:
+            if (name, entry.setting.program) not in known:
+                known.add((name, entry.setting.program))
+                try:
+                    entry.setting.agent.on(boxes[name])
+                except UsageError as error:
+                    raise UsageError(f"methods.{entry.method} on tasks.{name}: {error}") from None
 
 
 def _all(protocol: Protocol, i: int) -> Selected:

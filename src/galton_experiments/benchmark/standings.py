@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from galton_experiments.analysis.aggregates import improvement, interquartile_mean
 from galton_experiments.analysis.bands import RESAMPLES, mean_band
-from galton_experiments.analysis.statistics import Interval, compare, diverged_lowest, mean_interval
+from galton_experiments.analysis.statistics import Interval, compare, mean_interval
 from galton_experiments.analysis.verdicts import decide
 from galton_experiments.benchmark.protocol import Protocol
 from galton_experiments.benchmark.runs import CURVES, Runs
@@ -160,8 +160,9 @@ def _versus(finals: Judged, filled: Judged, method: str, base: str) -> dict[str,
     """Each task by itself. A diverged run is below all others by rank, and is the worst of them in the mean."""
     found = {}
     for task, runs in finals.items():
-        ours, theirs = (diverged_lowest(runs[name][0]) for name in (method, base))
         worst = min(float(of_method.min()) for of_method in filled[task].values())
+        lowest = worst if np.isnan(worst) else -np.inf  # where all of a task diverged nothing is known
+        ours, theirs = (np.where(np.isnan(runs[name][0]), lowest, runs[name][0]) for name in (method, base))
         found[task] = compare(ours, theirs, paired=True, worst=worst)
     decided = decide(found)
     return {task: Versus(each.difference, each.direction, each.above, decided[task].p) for task, each in found.items()}

@@ -12,6 +12,7 @@ from rich.table import Table as View
 
 from galton.cli._progress import plain_console
 from galton.cli._reading import import_typed, read_options
+from galton.envs.registry import module_of
 from galton.errors import UsageError, require, require_integer
 from galton_experiments.benchmark import factorial_page, report, stages, tables
 from galton_experiments.benchmark.answer import sentences
@@ -27,7 +28,6 @@ from galton_experiments.sweep.engine import CarryOut
 from galton_experiments.sweep.plan import Plan
 from galton_experiments.sweep.shard import finished
 from galton_experiments.sweep.store import Store
-from galton_experiments.sweep.study import module_of
 
 
 @dataclasses.dataclass(frozen=True)

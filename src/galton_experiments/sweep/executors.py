@@ -180,16 +180,20 @@ def _live(connection: Pipe, place: Place) -> None:
         except EOFError:
             return
         answer: tuple[object, Exception | None]
+        trace = ""
         try:
             answer = fn(*args), None
         except Exception as error:
-            answer = None, _told(error, traceback.format_exc())
+            trace = traceback.format_exc()
+            answer = None, _told(error, trace)
         try:
             connection.send(answer)
         except OSError:
             return
         except Exception as error:  # what can't be pickled
-            connection.send((None, RuntimeError(repr(answer[1] or error))))
+            told = RuntimeError(repr(answer[1] or error))
+            told.add_note(trace)
+            connection.send((None, told))
 
 
 def _told(error: Exception, trace: str) -> Exception:

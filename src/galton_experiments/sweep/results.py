@@ -21,10 +21,10 @@ FILE = "results.parquet"
 
 
 class Best(NamedTuple):
-    """The setting of a loss with the highest mean final training return over its trials (App. C.2)."""
+    """The best setting of a loss is that with the highest mean final training return over its trials (App. C.2)."""
 
     setting: Setting
-    """The setting with the highest mean."""
+    """As `best_settings` chooses it."""
     final_training_return: Float[np.ndarray, " trials"]
     """The final mean of each trial in training."""
     final_evaluation_return: Float[np.ndarray, " trials"]
@@ -109,9 +109,9 @@ def save(store: Store, table: pa.Table) -> None:
 
 
 def best_settings(study: Study, table: pa.Table) -> dict[str, Best]:
-    """For each loss, among the settings whose trials are all there, the one with the fewest diverged trials.
+    """For each loss, among the settings whose trials are all there, the one with the fewest trials without a return.
 
-    Of several it is that with the highest mean final training return of the others.
+    A diverged one has none. Of several settings it is that with the highest mean of the other final training returns.
     """
     columns = ("setting", "final_training_return", "final_evaluation_return")
     setting, training, evaluation = (table.column(name).to_numpy() for name in columns)

@@ -5,6 +5,7 @@ import dataclasses
 import datetime
 import functools
 import json
+import math
 import re
 import sys
 import time
@@ -142,10 +143,12 @@ class _Begun:
             return
         if (found := arrays()) is not None:
             data = safetensors.numpy.save(found, {"versions": self._made_by})
-            if len(data) <= files.DATA:  # more could not be read again
-                earlier, file = self._files(), f"{self._name}-{checksum(data)}.begun"
-                self._store.write(f"{FOLDER}/{file}", data)
-                self._remove(set(earlier) - {file})
+            if self._store.local and len(data) > files.DATA:  # which could not be read again
+                self._next = math.inf
+                return
+            earlier, file = self._files(), f"{self._name}-{checksum(data)}.begun"
+            self._store.write(f"{FOLDER}/{file}", data)
+            self._remove(set(earlier) - {file})
         self._next = time.monotonic() + EVERY
 
     def kept(self) -> Kept | None:
@@ -185,14 +188,17 @@ def _versions(modules: tuple[str, ...]) -> dict[str, str | None]:
 
     They are those of the first time that a process asks: what it has imported does not change with its file.
     """
-    found = [file for name in modules if (file := getattr(sys.modules.get(name), "__file__", None))]
-    sources = [source for file in map(Path, found) for source in _sources(file)]
+    sources = [source for name in modules for source in _sources(name)]
     return versions() | ({"modules": _checksum_of(sources)} if sources else {})
 
 
-def _sources(file: Path) -> list[Path]:
-    """The file of a module, or all those of a package."""
-    return sorted(file.parent.rglob("*.py")) if file.name == "__init__.py" else [file]
+def _sources(name: str) -> list[Path]:
+    """The files of the package that a module is in, or its own."""
+    for known in (name.partition(".")[0], name):
+        if file := getattr(sys.modules.get(known), "__file__", None):
+            path = Path(file)
+            return sorted(path.parent.rglob("*.py")) if path.name == "__init__.py" else [path]
+    return []
 
 
 def _checksum_of(sources: Iterable[Path]) -> str:

@@ -12,7 +12,7 @@ import numpy as np
 from galton import schedules
 from galton.agents import parts_of, read, written
 from galton.algorithms import Agent
-from galton.envs.registry import LIBRARIES
+from galton.envs.registry import module_of
 from galton.errors import require
 from galton.fields import AtLeast, annotations, as_numbers, checked
 from galton.losses import find_loss
@@ -241,12 +241,6 @@ _FIRST_FIELDS = frozenset(
     {"env", "settings", "trials", "steps", "logs", "eval_episodes", "env_kwargs", "seed", "imports"}
 )
 """The fields that version 0.1.0 wrote, always; later ones are left out where they have their defaults."""
-
-
-def module_of(env: str) -> tuple[str, ...]:
-    """The module of an environment that is called `module:Id`, in a tuple; none of others, or of a JAX library's."""
-    module, colon, _ = env.partition(":")
-    return (module,) if colon and module not in LIBRARIES else ()
 
 
 def canonical(record: object) -> str:

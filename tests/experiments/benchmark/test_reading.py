@@ -71,7 +71,7 @@ WRONG = [
         "methods.gaussian on tasks.bandit: ",
     ),
     ({"tasks__again": {"env": "bandit", "held_out": True}}, "tasks.again is the same as tasks.bandit; change one"),
-    ({"tasks__again": {"env": "bandit"}}, "tasks.again is the same as tasks.bandit; change one"),
+    ({"tasks__again": {"env": "galton/Bandit-v0"}}, "tasks.again is the same as tasks.bandit; change one"),
     ({"budget__settings": 50_000}, "budget.settings times the number of methods is 150,000; draw 100,000 settings at"),
     ({"tasks": {}}, r"tasks is missing; add a \[tasks.NAME\] table for each"),
     ({"tasks__bandit": None, "tasks__noisy": None}, r"tasks has none to tune on; add a \[tasks.NAME\] table without"),
@@ -223,8 +223,28 @@ def test_the_hash_is_of_content_and_order_alone(tmp_path):
     assert of_record(turned).digest != protocol().digest
 
 
+def test_a_program_of_another_draw_is_checked_on_the_later_tasks_too():
+    bins = {"loss": "hl-one-hot", "policy": "joint"}
+    known = protocol(
+        budget__settings=8,
+        methods__bins={"fixed": bins, "search": {"n_bins": {"choice": [5, 100]}}},
+        tasks__four__env="Hopper-v5",
+        tasks__four__env_kwargs={},
+        methods__ppo=None,
+        prior__clip_range=None,
+    )
+    drawn = draws(known)
+    assert {draw["n_bins"] for draw in drawn["bins"]} == {5, 100}
+    with pytest.raises(UsageError, match=r"methods\.bins on tasks\.four: n_bins is 100"):
+        stages.check(known, drawn)
+
+
+def test_tuning_tasks_of_other_lengths_may_share_fresh_runs():
+    assert protocol(tasks__again={"env": "bandit", "steps": 150, "fresh_steps": 100}).tuning
+
+
 def test_every_draw_that_may_be_selected_is_checked_on_the_later_tasks():
-    known = protocol(budget__settings=8, tasks__four__scale={"gamma": 1.003})
+    known = protocol(budget__settings=8, tasks__four__scale={"gamma": 1.003}, methods__ppo=None, prior__clip_range=None)
     drawn = draws(known)
     assert stages.afterwards(known, drawn, stages._all(known, 0))
     with pytest.raises(UsageError, match=r"methods.* on tasks.four: gamma is 1\.0.*; it must be"):

@@ -308,8 +308,9 @@ def test_the_table_of_winners_counts_the_runs_that_are_in_no_mean(reference):
     console = Console(width=200)
     with console.capture() as capture:
         console.print(winners(plan.study, best))
-    assert "diverged ┃ of settings" in capture.get()
-    assert re.search(r"1 │ +2 │\n", capture.get())
+    text = capture.get()
+    assert "no return ┃ of settings" in text
+    assert re.search(r"1 │ +2 │\n", text)
 
 
 def test_a_table_that_cannot_be_read_is_written_again(reference, tmp_path, monkeypatch):

@@ -33,6 +33,15 @@ def test_a_setting_that_diverged_is_not_the_best_so_far(monkeypatch):
     assert "-3.00" in shown(view)
 
 
+def test_the_best_so_far_has_lost_the_fewest_runs_and_then_the_highest_mean(monkeypatch):
+    view = View(Plan.create(Study("bandit", SETTINGS, 2, 100)))
+    for i, value in ((0, 5.0), (0, float("nan")), (1, -3.0), (1, float("nan"))):
+        view.tell([report(i, value)], False)
+    assert "learning rate 0.1" in shown(view)
+    view.tell([report(1, -4.0)], False)
+    assert "learning rate 0.2" in shown(view)
+
+
 def test_a_clock_that_stands_still_divides_by_nothing(monkeypatch):
     monkeypatch.setattr(time, "monotonic", lambda: 5.0)
     assert View(Plan.create(Study("bandit", SETTINGS, 1, 100))).line() == "0 of 2 runs"

@@ -86,18 +86,17 @@ def conclude(store: Store, plan: Plan) -> None:
 
 
 def winners(study: Study, best: dict[str, Best]) -> Table:
-    """A table of a study's best settings, a row for each loss; diverged runs are counted, and in no mean."""
+    """A table of a study's best settings, a row for each loss; those without a return are in no mean, but counted."""
     from galton_experiments.analysis.statistics import mean_interval  # scipy takes a second, which `status` needn't
 
     table = Table(title="best setting per loss, by mean final training return: mean and 95% CI")
-    for heading in ("loss", "setting", "training return", "evaluation return", "diverged", "of settings"):
+    for heading in ("loss", "setting", "training return", "evaluation return", "no return", "of settings"):
         table.add_column(heading, justify="left" if heading in ("loss", "setting") else "right")
     for loss, winner in best.items():
         training, evaluation = (
             f"{mean_interval(values):{fitting(*values)}}"
             for values in (winner.final_training_return, winner.final_evaluation_return)
         )
-        diverged = str(np.isnan(winner.final_training_return).sum())
-        setting = winner.setting.brief(study.varied)
-        table.add_row(find_loss(loss).label, setting, training, evaluation, diverged, str(winner.n_settings))
+        lost, setting = str(np.isnan(winner.final_training_return).sum()), winner.setting.brief(study.varied)
+        table.add_row(find_loss(loss).label, setting, training, evaluation, lost, str(winner.n_settings))
     return table
