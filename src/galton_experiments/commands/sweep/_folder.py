@@ -90,13 +90,15 @@ def winners(study: Study, best: dict[str, Best]) -> Table:
     from galton_experiments.analysis.statistics import mean_interval  # scipy takes a second, which `status` needn't
 
     table = Table(title="best setting per loss, by mean final training return: mean and 95% CI")
-    for heading in ("loss", "setting", "training return", "evaluation return", "no return", "of settings"):
+    lost = {loss: int(np.isnan(winner.final_training_return).sum()) for loss, winner in best.items()}
+    some = ["no return"] * any(lost.values())
+    for heading in ("loss", "setting", "training return", "evaluation return", *some, "of settings"):
         table.add_column(heading, justify="left" if heading in ("loss", "setting") else "right")
     for loss, winner in best.items():
         training, evaluation = (
             f"{mean_interval(values):{fitting(*values)}}"
             for values in (winner.final_training_return, winner.final_evaluation_return)
         )
-        lost, setting = str(np.isnan(winner.final_training_return).sum()), winner.setting.brief(study.varied)
-        table.add_row(find_loss(loss).label, setting, training, evaluation, lost, str(winner.n_settings))
+        setting, counts = winner.setting.brief(study.varied), (*[lost[loss]] * len(some), winner.n_settings)
+        table.add_row(find_loss(loss).label, setting, training, evaluation, *map(str, counts))
     return table
