@@ -140,6 +140,8 @@ class Section:
     """The numbers below the figure."""
     paragraphs: Sequence[str] = ()
     """Sentences above the table."""
+    is_first: bool = False
+    """True if it stands before the claims."""
 
     def __post_init__(self) -> None:
         fits = re.fullmatch("[a-z][a-z0-9-]*", self.name) is not None
@@ -189,7 +191,8 @@ def render(
         order={verdict: i for i, verdict in enumerate(VERDICTS)},
         marks=MARKS,
         mark_colors={mark: _COLORS.get(mark, len(VERDICTS) - 1) for mark in MARKS},
-        sections=sections,
+        first=[section for section in sections if section.is_first],
+        sections=[section for section in sections if not section.is_first],
         titles=titles,
         images=images,
         policy=f"default-src 'none'; img-src data:; style-src {_hash(style)}; base-uri 'none'; form-action 'none'",

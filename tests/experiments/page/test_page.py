@@ -76,11 +76,11 @@ def matrix(**changes):
     return dataclasses.replace(Matrix("task", ["ends higher", "learns faster"], rows), **changes)
 
 
-def test_the_answer_comes_first_then_the_claims_the_contents_and_the_sections():
-    sections = [Section("curves", "Curves", "A caption.")]
+def test_the_answer_comes_first_then_what_is_first_the_claims_the_contents_and_the_sections():
+    sections = [Section("curves", "Curves", "A caption."), Section("before", "Before", table=matrix(), is_first=True)]
     answer = Answer(["It depends.", "On much."], matrix(narrow=True), "A note.", figure(), "In small.")
     text = render("A title", ["First.", "Second."], [claim(section=None)], sections, answer)
-    parts = ["A title</h1>", "It depends.", "5 of 6", "On much.", "A note.", "In small.", ">Claims<"]
+    parts = ["A title</h1>", "It depends.", "5 of 6", "On much.", "A note.", "In small.", ">Before<", ">Claims<"]
     places = [text.index(part) for part in [*parts, "Second.", "It works.", ">Contents<", "A caption."]]
     assert places == sorted(places)
 
