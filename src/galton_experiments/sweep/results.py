@@ -9,7 +9,7 @@ import numpy as np
 import pyarrow as pa
 from jaxtyping import Float
 
-from galton.errors import UsageError, require
+from galton.errors import require
 from galton.words import vocabulary
 from galton_experiments.sweep.parquet import record_of, to_bytes, with_record
 from galton_experiments.sweep.plan import Plan
@@ -100,11 +100,7 @@ def same_columns(tables: Sequence[pa.Table]) -> list[pa.Table]:
 def save(store: Store, table: pa.Table) -> None:
     """Write the table, less its record, as results.parquet, unless that is there: a folder may be for reading alone."""
     data = to_bytes(table.replace_schema_metadata(None))
-    try:
-        known = store.read(FILE) == data
-    except (FileNotFoundError, UsageError):  # none, or one that can't be read
-        known = False
-    if not known:
+    if FILE not in store.names("") or store.read(FILE) != data:
         store.write(FILE, data)
 
 

@@ -2,7 +2,6 @@
 
 import dataclasses
 import re
-import shutil
 import time
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 
@@ -311,17 +310,6 @@ def test_the_table_of_winners_counts_the_runs_that_are_in_no_mean(reference):
     text = capture.get()
     assert "no return ┃ of settings" in text
     assert re.search(r"1 │ +2 │\n", text)
-
-
-def test_a_table_that_cannot_be_read_is_written_again(reference, tmp_path, monkeypatch):
-    shutil.copytree(reference, tmp_path, dirs_exist_ok=True)
-    store = Store(str(tmp_path))
-    table = results.collect(store, Plan.load(store))
-    (tmp_path / results.FILE).write_bytes(b"")
-    with monkeypatch.context() as patched:
-        patched.setattr(files, "DATA", -1)
-        results.save(store, table)
-    assert (tmp_path / results.FILE).read_bytes() == (reference / results.FILE).read_bytes()
 
 
 def test_a_rerun_has_the_winners_and_none_of_the_seeds(reference):
