@@ -84,8 +84,8 @@ class Facade:
         self.num_timesteps = model.num_timesteps
 
     def __getattr__(self, name: str) -> Any:
-        settings = self._model.settings if name in vocabulary().usual.keys() - CHOOSING else {}
-        return settings[name] if name in settings else getattr(self._model, name)
+        is_setting = name in vocabulary().usual and name not in CHOOSING and name in self._model.settings
+        return self._model.settings[name] if is_setting else getattr(self._model, name)
 
     def __setattr__(self, name: str, value: object) -> None:
         own = name in ("_model", "num_timesteps")

@@ -1,12 +1,14 @@
 """A module in the current folder runs if the command line names it, and never because a file does."""
 
 import importlib
+import json
 import subprocess
 import sys
 
 import gymnasium
 import pytest
 
+from galton.cli._runs import environment_of
 from galton.errors import UsageError
 from galton_experiments.sweep.grid import expand
 from galton_experiments.sweep.plan import Plan
@@ -114,3 +116,17 @@ def test_the_command_itself_keeps_the_rule(here, arguments, code, found):
     planned(here, imports=("in_the_folder",))
     done = subprocess.run([sys.executable, "-m", "galton", *arguments], capture_output=True, text=True)
     assert (done.returncode, ran(here)) == (code, found), done.stderr
+
+
+def test_a_runs_library_in_jax_brings_nothing_of_the_current_folder_and_its_own_module_must_be_named(here):
+    def of_run(env, typed=None):
+        (here / "config.json").write_text(json.dumps({"env": env, "env_kwargs": {}}))
+        return environment_of(here / "model.safetensors", typed, None)
+
+    before = [*sys.path]
+    assert of_run("brax:ant") == ("brax:ant", {})
+    with pytest.raises(UsageError, match="which imports a module; give it with --env if you trust it"):
+        of_run("in_the_folder:Own-v0")
+    assert sys.path == before
+    of_run("in_the_folder:Own-v0", "in_the_folder:Own-v0")
+    assert sys.path != before

@@ -43,7 +43,7 @@ def environment_of(file: Path, env: str | None, env_kwargs: str | None) -> tuple
         env is not None or not module_of(name),
         f"env is {name} in {beside}, which imports a module; give it with --env if you trust it",
     )
-    if ":" in name:
+    if module_of(name):
         search_here()
     return name, read_constants(json.dumps(known.get("env_kwargs", {})) if env_kwargs is None else env_kwargs)
 

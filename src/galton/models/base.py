@@ -44,7 +44,7 @@ class Base:
 
         def __getattr__(self, name):
             """Say where a setting is, which in SB3 is an attribute."""
-            if "agent" in vars(self) and name in self.settings.keys() - CHOOSING:
+            if "agent" in vars(self) and name in self.settings and name not in CHOOSING:
                 raise AttributeError(f"{type(self).__name__} has no {name!r}; model.settings[{name!r}] is its setting")
             return self.__getattribute__(name)  # whose error it is
 

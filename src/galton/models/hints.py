@@ -50,7 +50,7 @@ def refuse_policy(model: str, env: object, loss: object) -> None:
 
 def unexpected(function: str, name: str, known: str = "") -> TypeError:
     """The error for a keyword argument that a function does not take."""
-    hint = known if known == KEPT else HINTS.get(name) or known
+    hint = known or HINTS.get(name, "")
     return TypeError(f"{function}() got an unexpected keyword argument {name!r}{hint and f'; {hint}'}")
 
 

@@ -21,7 +21,7 @@ from galton.models.acting import exploit, explore, returns_on
 from galton.models.base import Base
 from galton.models.hints import KEPT, of_class, refuse_policy, unexpected
 from galton.models.learning import learn, updates_for
-from galton.models.settings import all_words
+from galton.models.settings import all_words, told_of_few_steps, usual
 from galton.models.state import Arrays, Loaded, Run
 from galton.presets import find_preset
 from galton.training.programs import check_process
@@ -30,8 +30,6 @@ from galton.training.yardsticks import Yardsticks, yardsticks_on
 from galton.words import refuse_idle, vocabulary
 
 ModelT = TypeVar("ModelT", bound="Model")
-FEW_STEPS = 5
-"""The least n_steps that comes of n_envs without a word; over fewer, advantages are mostly the critic's opinion."""
 
 
 class Model(Base):
@@ -78,10 +76,8 @@ class Model(Base):
         words = all_words(chosen, found, n_envs, settings, env, task.given)
         if loss is None:  # who names none may think that it is another one
             refuse_idle(words, settings)
-        if "n_steps" not in settings and words["n_steps"] < FEW_STEPS:
-            told = f"so n_steps is {words['n_steps']}; give n_steps too, and a batch_size that suits it"
-            said = f"n_envs is {words['n_envs']:,}, and a rollout stays as long as it was, {told}"
-            warnings.warn(said, stacklevel=2 + (type(self) is not Model))
+        if told := told_of_few_steps(words, settings, usual(chosen, env, found)):
+            warnings.warn(told, stacklevel=2 + (type(self) is not Model))
         self._begin(task, read(words), seed)
         self.verbose = verbose
 

@@ -7,7 +7,7 @@ from typing import Any
 from galton.agents import words_of
 from galton.algorithms import Agent, Algorithm
 from galton.errors import did_you_mean, require_integer
-from galton.models.hints import unexpected
+from galton.models.hints import HINTS, unexpected
 from galton.presets import PAPER, Preset
 from galton.records import Fields
 from galton.tasks import settings_of
@@ -15,6 +15,8 @@ from galton.words import from_sb3, idle, vocabulary, without_idle
 
 Choice = type[Algorithm] | Algorithm
 """An algorithm of ALGORITHMS, or one whose numbers are its own."""
+_FEW_STEPS = 5
+"""Over fewer steps advantages are mostly the critic's opinion."""
 
 
 def _word(algorithm: Choice) -> Any:
@@ -57,7 +59,7 @@ def all_words(
     for name in settings:
         if name not in known:
             known_ones = did_you_mean(name, known).lstrip("; ") or f"it takes {', '.join(known)}"
-            raise unexpected(algorithm.label, name, known_ones)
+            raise unexpected(algorithm.label, name, "" if name in HINTS else known_ones)
     settings = from_sb3(settings)
     copies = _usual(algorithm, env, preset)["n_envs"]
     n_envs = (ready or copies) if n_envs is None else n_envs
@@ -68,6 +70,14 @@ def all_words(
     given |= {"loss": preset.loss, "n_envs": n_envs, "algorithm": _word(algorithm)}
     usual_ones = {name: value for name, value in known.items() if name not in settings}
     return without_idle(given, usual_ones)
+
+
+def told_of_few_steps(words: Fields, settings: Fields, known: Fields) -> str:
+    """Say that so many environments leave a rollout hardly a step, where nobody said how many; "" where it has some."""
+    if "n_steps" in settings or words["n_steps"] >= min(_FEW_STEPS, known["n_steps"]):
+        return ""
+    told = f"n_envs is {words['n_envs']:,}, and a rollout stays as long as it was, so n_steps is {words['n_steps']}"
+    return f"{told}; give n_steps too, and a batch_size that suits it"
 
 
 def _as_long(rollout: int, n_envs: Any, batch_size: Any) -> int:

@@ -180,30 +180,22 @@ def _live(connection: Pipe, place: Place) -> None:
         except EOFError:
             return
         answer: tuple[object, Exception | None]
-        trace = ""
         try:
             answer = fn(*args), None
         except Exception as error:
-            trace = traceback.format_exc()
-            answer = None, _told(error, trace)
+            error.add_note(traceback.format_exc())  # which is not sent
+            answer = None, error
         try:
+            copy.copy(answer[1])
             connection.send(answer)
         except OSError:
             return
-        except Exception as error:  # what can't be pickled
-            told = RuntimeError(repr(answer[1] or error))
-            told.add_note(trace)
+        except Exception as error:  # what can't be pickled, or made again
+            failed = answer[1] or error
+            told = RuntimeError(repr(failed))
+            for note in getattr(failed, "__notes__", ()):
+                told.add_note(note)
             connection.send((None, told))
-
-
-def _told(error: Exception, trace: str) -> Exception:
-    """The error with its traceback, which isn't sent; its words alone where it can't be made again from what is."""
-    try:
-        copy.copy(error)
-    except Exception:
-        error = RuntimeError(repr(error))
-    error.add_note(trace)
-    return error
 
 
 def _end_with_parent() -> None:

@@ -1,41 +1,30 @@
 """One shard: trained, and committed as one Parquet file whose name holds its checksum."""
 
-import contextlib
 import dataclasses
 import datetime
 import functools
-import json
-import math
 import re
-import sys
-import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from pathlib import Path
+from collections.abc import Iterator
 from typing import Any
 
 import jax
 import numpy as np
 import pyarrow as pa
-import safetensors.numpy
 
-import galton
 from galton.devices import use_all_cores
 from galton.envs.find import find
 from galton.envs.registry import read_constants
 from galton.errors import UsageError, require
 from galton.extras import import_all
-from galton.saving import files
-from galton.saving.provenance import machine, versions
+from galton.saving.provenance import machine
 from galton.training.log import Log
-from galton.training.train import Kept, Result, log_points, train
+from galton.training.train import Result, log_points, train
 from galton_experiments.sweep import columns
+from galton_experiments.sweep.begun import FOLDER, Begun, versions_of
 from galton_experiments.sweep.parquet import opened, record_of, to_bytes, with_record
 from galton_experiments.sweep.plan import Plan, Shard
 from galton_experiments.sweep.store import Store, checksum
 
-FOLDER = "shards"
-EVERY = 120.0
-"""Seconds between two times that a shard which was begun is kept."""
 NEEDED = (
     *("setting", "trial", "seed", "diverged_at", "steps", "final_training_return", "final_evaluation_return"),
     *(name for name in Log._fields if name != "scalars"),
@@ -107,7 +96,7 @@ def work(url: str, index: int, name: str | None = None) -> Report:
     )
     study = plan.study
     env = find(study.env, **read_constants(study.env_kwargs))  # imports its module, which is among the versions
-    begun = _Begun(store, f"{index:07d}-{shard.name}", study.modules)
+    begun = Begun(store, f"{index:07d}-{shard.name}", study.modules)
     result = train(
         env,
         shard.agent,
@@ -120,89 +109,11 @@ def work(url: str, index: int, name: str | None = None) -> Report:
         kept=begun.kept(),
         devices=jax.devices()[:1],  # a split would change the last bits
     )
-    table = tabulate(shard, result, _versions(tuple(study.modules)))
+    table = tabulate(shard, result, versions_of(tuple(study.modules)))
     data = to_bytes(table)
     store.write(f"{FOLDER}/{index:07d}-{shard.name}-{checksum(data)}.parquet", data)
     begun.forget()
     return report(index, table)
-
-
-class _Begun:
-    """A shard that was begun is kept in a file whose name holds its checksum.
-
-    So a worker that is ended loses no more than EVERY seconds, or the way to the next log point.
-    """
-
-    def __init__(self, store: Store, name: str, modules: Sequence[str]) -> None:
-        self._store, self._name, self._next = store, name, time.monotonic() + EVERY
-        self._made_by = _made_by(tuple(modules))
-
-    def keep(self, arrays: Callable[[], Kept | None]) -> None:
-        """Write it, if the last time was long ago and the environments can tell their states."""
-        if time.monotonic() < self._next:
-            return
-        if (found := arrays()) is not None:
-            data = safetensors.numpy.save(found, {"versions": self._made_by})
-            if self._store.local and len(data) > files.DATA:  # which could not be read again
-                self._next = math.inf
-                return
-            earlier, file = self._files(), f"{self._name}-{checksum(data)}.begun"
-            self._store.write(f"{FOLDER}/{file}", data)
-            self._remove(set(earlier) - {file})
-        self._next = time.monotonic() + EVERY
-
-    def kept(self) -> Kept | None:
-        """The arrays that are kept, of this process's versions and sources; None where there are none, or damaged."""
-        for file in self._files():
-            with contextlib.suppress(FileNotFoundError):
-                data = self._store.read(f"{FOLDER}/{file}")
-                if file == f"{self._name}-{checksum(data)}.begun":
-                    length = int.from_bytes(data[:8], "little")
-                    if json.loads(data[8 : 8 + length])["__metadata__"]["versions"] == self._made_by:
-                        return safetensors.numpy.load(data)
-        return None
-
-    def forget(self) -> None:
-        """Remove what is kept."""
-        self._remove(self._files())
-
-    def _files(self) -> list[str]:
-        names = self._store.names(FOLDER)
-        return [name for name in names if name.startswith(self._name) and name.endswith(".begun")]
-
-    def _remove(self, names: Iterable[str]) -> None:
-        for name in names:
-            self._store.remove(f"{FOLDER}/{name}")
-
-
-@functools.cache
-def _made_by(modules: tuple[str, ...]) -> str:
-    """The versions, with a checksum of Galton's own sources in the place of the commit."""
-    own = _checksum_of(sorted(Path(galton.__file__).parent.rglob("*.py")))
-    return json.dumps(_versions(modules) | {"commit": own})
-
-
-@functools.cache
-def _versions(modules: tuple[str, ...]) -> dict[str, str | None]:
-    """The versions of Galton and what it needs, and where the study has modules of its own a checksum of their sources.
-
-    They are those of the first time that a process asks: what it has imported does not change with its file.
-    """
-    sources = [source for name in modules for source in _sources(name)]
-    return versions() | ({"modules": _checksum_of(sources)} if sources else {})
-
-
-def _sources(name: str) -> list[Path]:
-    """The files of the package that a module is in, or its own."""
-    for known in (name.partition(".")[0], name):
-        if file := getattr(sys.modules.get(known), "__file__", None):
-            path = Path(file)
-            return sorted(path.parent.rglob("*.py")) if path.name == "__init__.py" else [path]
-    return []
-
-
-def _checksum_of(sources: Iterable[Path]) -> str:
-    return checksum(b"".join(source.read_bytes() for source in sources))
 
 
 def tabulate(shard: Shard, result: Result, made_by: dict[str, str | None]) -> pa.Table:

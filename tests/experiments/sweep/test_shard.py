@@ -13,7 +13,7 @@ import galton
 from galton.errors import UsageError
 from galton.training.on_device import DevicePopulation
 from galton_experiments.commands.sweep._folder import conclude
-from galton_experiments.sweep import shard
+from galton_experiments.sweep import begun, shard
 from galton_experiments.sweep.grid import expand
 from galton_experiments.sweep.parquet import record_of
 from galton_experiments.sweep.plan import Plan
@@ -78,13 +78,13 @@ def end_at(monkeypatch, point):
     """Keep a shard at every log point, and end its worker at that one."""
     points = iter(range(1, 10))
 
-    def keep(self, arrays, own=shard._Begun.keep):
+    def keep(self, arrays, own=begun.Begun.keep):
         own(self, arrays)
         if next(points) == point:
             raise Ended
 
-    monkeypatch.setattr(shard, "EVERY", 0.0)
-    monkeypatch.setattr(shard._Begun, "keep", keep)
+    monkeypatch.setattr(begun, "EVERY", 0.0)
+    monkeypatch.setattr(begun.Begun, "keep", keep)
 
 
 def curves(store, plan):
@@ -123,15 +123,15 @@ def test_what_was_kept_is_left_alone_where_it_is_damaged_or_of_another_version(p
     with pytest.raises(Ended):
         work(store.url, 0)
     (file,) = store.names(FOLDER)
-    begun = shard._Begun(store, file.rpartition("-")[0], plan.study.modules)
-    assert begun.kept() is not None
+    kept = begun.Begun(store, file.rpartition("-")[0], plan.study.modules)
+    assert kept.kept() is not None
     with monkeypatch.context() as patched:
-        patched.setattr(begun, "_made_by", "another version")
-        assert begun.kept() is None
+        patched.setattr(kept, "_made_by", "another version")
+        assert kept.kept() is None
     content = bytearray((store.local / FOLDER / file).read_bytes())
     content[-1] ^= 1
     store.write(f"{FOLDER}/{file}", bytes(content))
-    assert begun.kept() is None
+    assert kept.kept() is None
     work(store.url, 0)
     assert [name for name in store.names(FOLDER) if name.endswith(".begun")] == []
     assert list(finished(store, plan)) == [0]
@@ -139,9 +139,9 @@ def test_what_was_kept_is_left_alone_where_it_is_damaged_or_of_another_version(p
 
 def test_the_results_say_so_where_a_module_changed_between_two_shards(planned, monkeypatch, capsys):
     store, plan = planned
-    monkeypatch.setattr(shard, "_made_by", lambda _: "nothing is kept")
+    monkeypatch.setattr(begun, "made_by", lambda _: "nothing is kept")
     for index, source in enumerate(("x = 1.0", "x = 1.0", "x = 0.0", "x = 0.0")):
-        monkeypatch.setattr(shard, "_versions", lambda _, source=source: {"galton": "1", "modules": source})
+        monkeypatch.setattr(shard, "versions_of", lambda _, source=source: {"galton": "1", "modules": source})
         work(store.url, index)
         if index == 1:
             conclude(store, plan)
@@ -153,7 +153,7 @@ def test_the_results_say_so_where_a_module_changed_between_two_shards(planned, m
 def test_what_could_not_be_read_again_is_not_kept(planned, monkeypatch):
     store, _ = planned
     end_at(monkeypatch, 1)
-    monkeypatch.setattr(shard, "files", types.SimpleNamespace(DATA=10))
+    monkeypatch.setattr(begun, "files", types.SimpleNamespace(DATA=10))
     with pytest.raises(Ended):
         work(store.url, 0)
     assert store.names(FOLDER) == []
@@ -163,7 +163,7 @@ def test_the_module_of_an_environment_is_a_version_though_the_worker_imports_it(
     text = "import gymnasium\n\ndef make():\n    return gymnasium.make('Pendulum-v1', max_episode_steps=50)\n"
     (tmp_path / "own_task_of_a_shard.py").write_text(text)
     monkeypatch.syspath_prepend(tmp_path)
-    shard._versions.cache_clear()
+    begun.versions_of.cache_clear()
     store = Store(str(tmp_path / "sweep"))
     plan = Plan.create(Study("own_task_of_a_shard:make", expand([TINY], {})[:1], 1, 60, logs=1), 1)
     plan.save(store)
@@ -178,23 +178,23 @@ def test_a_change_in_a_package_is_another_version(tmp_path, monkeypatch):
     (package / "losses.py").write_text("x = 1.0")
     monkeypatch.syspath_prepend(tmp_path)
     importlib.import_module(package.name)
-    told = shard._versions((package.name,))
+    told = begun.versions_of((package.name,))
     (package / "losses.py").write_text("x = 0.0")
-    shard._versions.cache_clear()
-    assert shard._versions((package.name,)) != told
+    begun.versions_of.cache_clear()
+    assert begun.versions_of((package.name,)) != told
 
 
 def test_a_module_that_changed_is_another_version(tmp_path, monkeypatch):
     (tmp_path / "own_loss_of_a_shard.py").write_text("x = 1.0")
     monkeypatch.syspath_prepend(tmp_path)
     importlib.import_module("own_loss_of_a_shard")
-    before, modules = shard._made_by(()), ("own_loss_of_a_shard",)
-    told = shard._made_by(modules)
+    before, modules = begun.made_by(()), ("own_loss_of_a_shard",)
+    told = begun.made_by(modules)
     (tmp_path / "own_loss_of_a_shard.py").write_text("x = 0.0")
-    shard._made_by.cache_clear()
-    shard._versions.cache_clear()
-    assert len({before, told, shard._made_by(modules)}) == 3
-    assert shard._made_by(()) == before
+    begun.made_by.cache_clear()
+    begun.versions_of.cache_clear()
+    assert len({before, told, begun.made_by(modules)}) == 3
+    assert begun.made_by(()) == before
 
 
 def test_a_files_metadata_tells_versions_and_machine(planned):
